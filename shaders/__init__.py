@@ -1,0 +1,1 @@
+"""GLSL sources, one pass a file; installed as the package player.shaders."""
