@@ -1,0 +1,114 @@
+"""Files that are whole or absent: temporary names, fsync, rename, checksums."""
+
+import hashlib
+import os
+import shutil
+import tempfile
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from player.errors import InputError
+
+MAX_TOML_BYTES = 4 << 20
+
+
+@contextmanager
+def replacing_file(path: Path) -> Iterator[Path]:
+    """Yield a temporary path beside `path` (same suffix); on success it replaces `path`, else it is removed."""
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
+    try:
+        yield temporary
+        flush(temporary)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def replacing_folder(folder: Path) -> Iterator[Path]:
+    """Yield an empty folder beside `folder`; on success it takes the place of `folder`, else it is removed.
+
+    The previous folder stays untouched until every file of the new one is on disk.
+    """
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    stage = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".partial", dir=folder.parent))
+    stage.chmod(0o755)  # mkdtemp's 0700 would lock out whoever may read the parent
+    try:
+        yield stage
+        for path in stage.rglob("*"):
+            flush(path)
+        if folder.exists():
+            previous = stage.with_suffix(".previous")
+            folder.rename(previous)
+            stage.rename(folder)
+            shutil.rmtree(previous)
+        else:
+            stage.rename(folder)
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+
+
+def flush(path: Path) -> None:
+    """Force a file or folder to disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def sha256_of(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def describe_files(folder: Path) -> dict[str, dict[str, Any]]:
+    """Size and SHA-256 of every file below `folder`, by relative POSIX path: what `check_file` compares with."""
+    return {
+        path.relative_to(folder).as_posix(): {"bytes": path.stat().st_size, "sha256": sha256_of(path)}
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def check_file(folder: Path, name: str, described: dict[str, dict[str, Any]], fix: str) -> Path:
+    """The path of `name` if it is, byte for byte, the file that was described; InputError ending in `fix` otherwise."""
+    path = folder / name
+    expected = described.get(name)
+    if not isinstance(expected, dict):
+        raise InputError(f"{folder}: its table of files does not list {name}; {fix}")
+    if not path.is_file():
+        raise InputError(f"{path}: missing; {fix}")
+    size = path.stat().st_size
+    if size != expected.get("bytes"):
+        raise InputError(
+            f"{path}: {size} bytes, expected {expected.get('bytes')}: the file is damaged or was replaced; {fix}"
+        )
+    if sha256_of(path) != expected.get("sha256"):
+        raise InputError(
+            f"{path}: its SHA-256 differs from the recorded one: the file is damaged or was replaced; {fix}"
+        )
+    return path
+
+
+def write_toml(path: Path, table: dict[str, Any]) -> None:
+    path.write_text(tomli_w.dumps(table), encoding="utf-8")
+
+
+def read_toml(path: Path, fix: str) -> dict[str, Any]:
+    """Parse a TOML file; InputError ending in `fix` when it is missing, too large or no TOML."""
+    try:
+        if path.stat().st_size > MAX_TOML_BYTES:
+            raise InputError(f"{path}: {path.stat().st_size} bytes, at most {MAX_TOML_BYTES} are read; {fix}")
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: missing; {fix}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not valid TOML ({error}); {fix}") from None
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; {fix}") from None

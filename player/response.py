@@ -1,0 +1,118 @@
+"""Transfer curves: how code values become light, for projectors and for pictures.
+
+A *response* maps a code value (0..1, what goes over the cable) to linear drive (0..1). Shaders use tables only, so that
+an analytic curve and a measured one take the same path; player/reference.py reads the same tables.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from player.errors import InputError
+
+TABLE_SIZE = 1024
+_SRGB_KNEE = 0.04045
+
+
+@dataclass(frozen=True)
+class Response:
+    """A monotone curve per channel, code value -> linear light, both 0..1.
+
+    kind : "linear", "srgb", "gamma" (with `gamma`) or "table" (with `table`: (samples, 1 or 3), equally spaced codes).
+    Raises InputError when the curve cannot be inverted: gamma out of 0.1..10, a table that falls or stays within 0..1.
+    """
+
+    kind: str
+    gamma: float = 1.0
+    table: tuple[tuple[float, ...], ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("linear", "srgb", "gamma", "table"):
+            raise InputError(f"response {self.kind!r}: expected linear, srgb, a gamma such as 2.2, or a table")
+        if self.kind == "gamma" and not 0.1 <= self.gamma <= 10:
+            raise InputError(f"response: gamma {self.gamma}, expected 0.1 to 10")
+        if self.kind == "table":
+            _check_table(self.table)
+
+    def to_linear(self, codes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Linear light of code values; the last axis is the channel."""
+        if self.kind == "table":
+            table = np.array(self.table, np.float64)
+            grid = np.linspace(0, 1, len(table))
+            return np.stack([np.interp(codes[..., i], grid, table[:, i % table.shape[1]]) for i in range(3)], axis=-1)
+        return _analytic(self.kind, self.gamma, codes)
+
+    def inverse_table(self) -> NDArray[np.float32]:
+        """Code values for linear light at light = (i / (n − 1))², i = 0 … n − 1: (n, 3).
+
+        Equal steps of √light follow the curves' steepness near black: for sRGB and gammas up to 2.4, linear
+        interpolation in the table is off by less than a tenth of an 8-bit code value.
+        """
+        light = np.linspace(0, 1, TABLE_SIZE) ** 2
+        if self.kind != "table":
+            codes = _analytic_inverse(self.kind, self.gamma, light)
+            return np.repeat(codes[:, None], 3, axis=1).astype(np.float32)
+        table = np.array(self.table, np.float64)
+        grid = np.linspace(0, 1, len(table))
+        columns = (table[:, i % table.shape[1]] for i in range(3))
+        return np.stack([np.interp(light, column, grid) for column in columns], axis=-1).astype(np.float32)
+
+    def to_toml(self) -> object:
+        """What calibration.toml holds: a name, a gamma or a table."""
+        return {"gamma": self.gamma, "table": [list(row) for row in self.table]}.get(self.kind, self.kind)
+
+
+def parse_response(value: object) -> Response:
+    """`"linear"`, `"srgb"`, a gamma (number or its text), or a table of rising values -> Response."""
+    if isinstance(value, str) and value in ("linear", "srgb"):
+        return Response(value)
+    if isinstance(value, list):
+        try:
+            rows = tuple(tuple(float(v) for v in (row if isinstance(row, list) else [row])) for row in value)
+        except (TypeError, ValueError):
+            raise InputError("response: a table holds numbers, or rows of three numbers") from None
+        return Response("table", table=rows)
+    try:
+        return Response("gamma", gamma=float(value))  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise InputError(f"response {value!r}: expected linear, srgb, a gamma such as 2.2, or a table") from None
+
+
+def transfer_table(transfer: str) -> NDArray[np.float32]:
+    """Linear light of picture code values i / (n − 1): (n,). BT.1886 with zero black is a gamma of 2.4."""
+    gammas = {"bt1886": 2.4, "gamma22": 2.2, "gamma28": 2.8}
+    codes = np.linspace(0, 1, TABLE_SIZE)
+    kind = "gamma" if transfer in gammas else transfer
+    return _analytic(kind, gammas.get(transfer, 1.0), codes).astype(np.float32)
+
+
+def _analytic(kind: str, gamma: float, codes: NDArray[np.float64]) -> NDArray[np.float64]:
+    if kind == "linear":
+        return codes
+    if kind == "gamma":
+        return np.asarray(codes**gamma)
+    return np.where(codes <= _SRGB_KNEE, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)  # IEC 61966-2-1
+
+
+def _analytic_inverse(kind: str, gamma: float, light: NDArray[np.float64]) -> NDArray[np.float64]:
+    if kind == "linear":
+        return light
+    if kind == "gamma":
+        return np.asarray(light ** (1 / gamma))
+    return np.where(light <= _SRGB_KNEE / 12.92, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)
+
+
+def _check_table(table: tuple[tuple[float, ...], ...]) -> None:
+    values = np.array(table, np.float64) if len({len(row) for row in table}) == 1 else np.empty(0)
+    if values.ndim != 2 or len(values) < 2 or values.shape[1] not in (1, 3):
+        raise InputError("response: a table has at least two rows of one or three numbers")
+    if (
+        not np.isfinite(values).all()
+        or values[0].any()
+        or np.any(values[-1] != 1)
+        or np.any(np.diff(values, axis=0) <= 0)
+    ):
+        raise InputError(
+            "response: a table rises strictly from 0 to 1 in each column (subtract black, divide by white)"
+        )
