@@ -1,0 +1,39 @@
+"""Build programs from the GLSL files of player.shaders: defines in, errors out with the file's own line numbers."""
+
+import re
+from collections.abc import Mapping
+from importlib import resources
+
+import moderngl
+
+VERTEX = "fullscreen.vert"
+
+
+class ShaderError(RuntimeError):
+    """A shader of ours does not compile on this driver: an internal fault, with file and line."""
+
+
+def read_source(name: str) -> str:
+    """The text of a shader as installed."""
+    return resources.files("player.shaders").joinpath(name).read_text(encoding="utf-8")
+
+
+def with_defines(source: str, defines: Mapping[str, int | None]) -> str:
+    """Insert `#define NAME VALUE` after the #version line, keeping the file's line numbers."""
+    version, _, rest = source.partition("\n")
+    lines = [f"#define {name}{'' if value is None else f' {value}'}" for name, value in defines.items()]
+    return "\n".join([version, *lines, "#line 2", rest])
+
+
+def build_program(
+    context: moderngl.Context, name: str, defines: Mapping[str, int | None] | None = None
+) -> moderngl.Program:
+    """Compile and link one fragment shader with the full-screen triangle."""
+    try:
+        return context.program(
+            vertex_shader=read_source(VERTEX), fragment_shader=with_defines(read_source(name), defines or {})
+        )
+    except moderngl.Error as error:
+        line = re.search(r"\b0[:(](\d+)", str(error))
+        where = f"{name}:{line.group(1)}" if line else name
+        raise ShaderError(f"shaders/{where}: {' '.join(str(error).split())}") from error

@@ -1,0 +1,69 @@
+"""Rendering without a window: every frame of a medium through a renderer into a file."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from player.calibration import Calibration
+from player.command import track
+from player.content import camera_psnr
+from player.errors import InputError
+from player.output import open_output
+from player.renderer import Renderer
+from player.stats import Stats
+from player.video import MediaReader
+
+
+def render_to_file(
+    reader: MediaReader,
+    renderer: Renderer,
+    calibration: Calibration,
+    output: Path,
+    view: str,
+    *,
+    compensate: bool,
+    frames: int | None,
+    white: float,
+) -> Stats:
+    """Render up to `frames` frames of an open medium into `output`; returns what was counted and timed.
+
+    For the camera's view the stats hold the mean PSNR against the desired picture inside the mask.
+    Raises InputError if the medium breaks off; the output is then removed.
+    """
+    stats, quality = Stats(), []
+    with open_output(output, reader.info.frames_per_second) as sink:
+        wanted = 1 if sink.single else frames
+        for index in track(_count(wanted), "rendering", wanted):
+            start = time.perf_counter()
+            frame = reader.next_frame()
+            if frame is None:
+                break
+            decoded = time.perf_counter()
+            renderer.upload(frame)
+            reader.release(frame)
+            uploaded = time.perf_counter()
+            renderer.render(view, compensate=compensate, frame=index)
+            renderer.finish()
+            rendered = time.perf_counter()
+            sink.write(renderer)
+            stats.frames += 1
+            for stage, seconds in (
+                ("wait", decoded - start),
+                ("decode", frame.decode_s),
+                ("upload", uploaded - decoded),
+                ("gpu", rendered - uploaded),
+                ("write", time.perf_counter() - rendered),
+            ):
+                stats.add(stage, seconds)
+            if view == "camera":
+                quality.append(camera_psnr(renderer.desired(), renderer.linear(), calibration.mask, white))
+        if stats.frames == 0:
+            raise InputError(f"{reader.info.path}: no frame to render; check --start and --frames")
+    if quality:
+        stats.facts["camera_psnr_db"] = float(np.mean(quality))
+    return stats
+
+
+def _count(limit: int | None) -> range:
+    return range(limit if limit is not None else 1 << 62)

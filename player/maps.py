@@ -1,0 +1,133 @@
+"""The folder correction/ of a calibration: every row map that the player uses, and the manifest, written last.
+
+correction : T⁺ of the near light, camera picture -> projector picture (the thesis' correction map).
+transport : near light, projector picture -> camera picture (what the camera will see).
+far : the far light's factors D, M, U, if the room has any: projector picture -> cells -> cells -> camera picture.
+undo : D' and M', which predict the far light of a *compensated* picture from the desired one, so that it can be
+subtracted before T⁺: p = T⁺ (b − U M' D' b), the fixed point of p = T⁺ (b − U M D p); see tools/inverse/far_light.py.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from player import row_map
+from player.calibration import StoredCalibration
+from player.errors import InputError
+from player.files import check_file, describe_files, read_toml, replacing_folder, write_toml
+from player.row_map import RowMap
+
+FORMAT = 1
+FOLDER, MANIFEST = "correction", "manifest.toml"
+
+
+@dataclass(frozen=True)
+class FarMaps:
+    """gather: picture -> cells; mix: cells -> cells; scatter: cells -> camera. Cells are a picture of height 1."""
+
+    gather: RowMap
+    mix: RowMap
+    scatter: RowMap
+
+
+@dataclass(frozen=True)
+class RoomMaps:
+    """Everything that the frame loop multiplies with.
+
+    white : the radiance level that most of the room can reach (`--white auto`).
+    details : what the builder wrote beside: options, clusters, bounds.
+    """
+
+    correction: RowMap
+    transport: RowMap
+    far: FarMaps | None
+    undo: FarMaps | None
+    white: float
+    details: dict[str, Any] = field(default_factory=dict)
+
+    def named(self) -> dict[str, RowMap]:
+        """Every distinct map with the folder it is stored in, relative to correction/."""
+        maps = {".": self.correction, "transport": self.transport}
+        if self.far is not None and self.undo is not None:
+            maps |= {"far_gather": self.far.gather, "far_mix": self.far.mix, "far_scatter": self.far.scatter}
+            maps |= {"undo_gather": self.undo.gather, "undo_mix": self.undo.mix}  # U is shared: far_scatter
+        return maps
+
+
+def write_maps(maps: RoomMaps, stored: StoredCalibration) -> Path:
+    """Replace the calibration's correction/ folder as a whole; returns its path."""
+    folder = stored.folder / FOLDER
+    with replacing_folder(folder) as stage:
+        sizes = {name: row_map.write(packed, stage / name) for name, packed in maps.named().items()}
+        manifest = {
+            "format": FORMAT,
+            "calibration": stored.fingerprint,
+            "white": maps.white,
+            **maps.details,
+            "maps": sizes,
+            "files": describe_files(stage),
+        }
+        write_toml(stage / MANIFEST, manifest)
+    return folder
+
+
+def read_maps(stored: StoredCalibration) -> RoomMaps:
+    """Read and check correction/; InputError with the command that rebuilds it if anything is missing or damaged."""
+    folder = stored.folder / FOLDER
+    fix = f"rebuild it with: build-correction-map {stored.folder}"
+    manifest = read_toml(folder / MANIFEST, fix)
+    _check_manifest(manifest, stored, folder / MANIFEST, fix)
+    sizes = manifest["maps"]
+    maps = {name: _read_map(folder, name, sizes[name], manifest["files"], fix) for name in sizes}
+    if not {".", "transport"} <= maps.keys():
+        raise InputError(f"{folder / MANIFEST}: does not list the correction and transport maps; {fix}")
+    far = undo = None
+    if "far_mix" in maps:
+        far, undo = _far_maps(maps, folder, fix)
+    details = {key: value for key, value in manifest.items() if key not in ("maps", "files")}
+    result = RoomMaps(maps["."], maps["transport"], far, undo, float(manifest["white"]), details)
+    _check_shapes(result, stored, folder, fix)
+    return result
+
+
+def _check_manifest(manifest: dict[str, Any], stored: StoredCalibration, path: Path, fix: str) -> None:
+    if manifest.get("format") != FORMAT:
+        raise InputError(f"{path}: format {manifest.get('format')!r}, this version reads {FORMAT}; {fix}")
+    if manifest.get("calibration") != stored.fingerprint:
+        raise InputError(f"{path}: made for another state of {stored.folder}/calibration.toml; {fix}")
+    tables = all(isinstance(manifest.get(key), dict) for key in ("maps", "files"))
+    white = manifest.get("white")
+    if not (tables and isinstance(white, float) and 0 < white < float("inf")):
+        raise InputError(f"{path}: lacks its maps, its files or a positive white level; {fix}")
+
+
+def _read_map(folder: Path, name: str, sizes: Any, files: dict[str, Any], fix: str) -> RowMap:
+    if not isinstance(sizes, dict):
+        raise InputError(f"{folder / MANIFEST}: the map {name!r} has no sizes; {fix}")
+    for file in ("lookup.exr", "entries.exr", *(["index.exr"] if sizes.get("wide_index") else [])):
+        check_file(folder, (Path(name) / file).as_posix(), files, fix)
+    return row_map.read(folder / name, sizes, fix)
+
+
+def _far_maps(maps: dict[str, RowMap], folder: Path, fix: str) -> tuple[FarMaps, FarMaps]:
+    try:
+        far = FarMaps(maps["far_gather"], maps["far_mix"], maps["far_scatter"])
+        return far, FarMaps(maps["undo_gather"], maps["undo_mix"], far.scatter)
+    except KeyError as error:
+        raise InputError(f"{folder / MANIFEST}: does not list the map {error}; {fix}") from None
+
+
+def _check_shapes(maps: RoomMaps, stored: StoredCalibration, folder: Path, fix: str) -> None:
+    camera, projector = stored.calibration.camera.shape, stored.calibration.projector.shape
+    chains = [(maps.correction, camera, projector), (maps.transport, projector, camera)]
+    if maps.far is not None and maps.undo is not None:
+        cells = maps.far.mix.output_shape
+        chains += [(maps.far.gather, projector, cells), (maps.far.mix, cells, cells)]
+        chains += [(maps.far.scatter, cells, camera)]
+        chains += [(maps.undo.gather, camera, cells), (maps.undo.mix, cells, cells)]
+    for packed, source, output in chains:
+        if (packed.source_shape, packed.output_shape) != (source, output):
+            raise InputError(
+                f"{folder}: a map goes from {packed.source_shape} to {packed.output_shape} (height, width), "
+                f"the calibration needs {source} to {output}; {fix}"
+            )

@@ -1,0 +1,79 @@
+"""What both backends offer: a frame goes in, a view of it comes out. gl/renderer.py and cpu_renderer.py implement it."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from player.calibration import Calibration
+from player.errors import InputError
+from player.maps import RoomMaps
+from player.placement import Placement, fit
+from player.video import Frame, PixelFormat
+
+VIEWS = ("projector", "camera", "split")
+DITHERS = ("ordered", "noise", "none")
+
+
+@dataclass(frozen=True)
+class Room:
+    """What a renderer needs to know of a room.
+
+    white : camera radiance of a white picture.  dither : one of DITHERS.
+    """
+
+    calibration: Calibration
+    maps: RoomMaps
+    white: float
+    dither: str = "ordered"
+
+
+class Renderer(Protocol):
+    """open, then upload and render as often as you like, then read what is needed; release at the end."""
+
+    def open(self, pixels: PixelFormat) -> None:
+        """Prepare for frames of one format; raises InputError if they do not suit the room."""
+
+    def upload(self, frame: Frame) -> None:
+        """Take a frame's planes; the frame may be released afterwards."""
+
+    def render(self, view: str, *, compensate: bool, frame: int = 0) -> None:
+        """Compute a view of the uploaded frame: the projector's picture, the camera's, or both halves of the camera's."""
+
+    def encoded(self) -> NDArray[np.uint8]:
+        """The rendered view as 8-bit code values: the projector's response, or sRGB with white = 1 for the camera."""
+
+    def linear(self) -> NDArray[np.float32]:
+        """The rendered view in linear light: drive 0..1, or camera radiance."""
+
+    def desired(self) -> NDArray[np.float32]:
+        """The camera radiance that is asked for, (camera height, camera width, 3)."""
+
+    def finish(self) -> None:
+        """Wait until everything asked for has been computed."""
+
+    def release(self) -> None:
+        """Give back what the renderer holds."""
+
+
+def shown_shape(pixels: PixelFormat) -> tuple[int, int]:
+    """(height, width) of the picture once it is turned upright."""
+    turned = pixels.rotation % 180 == 90
+    return (pixels.width, pixels.height) if turned else (pixels.height, pixels.width)
+
+
+def place(pixels: PixelFormat, target: tuple[int, int]) -> Placement:
+    """Where the upright picture stands in a target (height, width)."""
+    aspect = pixels.pixel_aspect
+    return fit(shown_shape(pixels), 1 / aspect if pixels.rotation % 180 == 90 else aspect, target)
+
+
+def check_radiance_size(pixels: PixelFormat, calibration: Calibration) -> None:
+    """An OpenEXR picture is the camera's radiance as it is: InputError unless it has the camera's size."""
+    camera = calibration.camera
+    if pixels.layout == "radiance" and (pixels.height, pixels.width) != camera.shape:
+        raise InputError(
+            f"an OpenEXR picture of {pixels.width}x{pixels.height} pixels, the camera has "
+            f"{camera.width}x{camera.height}: it is taken as radiance pixel by pixel, so resize it or save it as PNG"
+        )

@@ -1,0 +1,58 @@
+#version 330 core
+// Linear light -> 8-bit code values: the inverse response, then dithering.
+//
+// Inputs: `picture`, linear RGB; `inverse_response`, code values over √light 0..1 (width samples, height 1).
+// Defines: DITHER_ORDERED (8×8 Bayer), DITHER_NOISE (a hash of pixel, channel and frame), or neither: rounding.
+// Output: code / 255.
+// CPU twin: encode in player/reference.py.
+uniform sampler2D picture;
+uniform sampler2D inverse_response;
+uniform float scale;      // light of a white pixel, 1 for drive
+#ifdef DITHER_NOISE
+uniform uint frame;
+#endif
+
+out vec4 encoded;
+
+vec3 code_of(vec3 light) {
+    int last = textureSize(inverse_response, 0).x - 1;
+    vec3 position = sqrt(clamp(light, 0.0, 1.0)) * float(last);
+    ivec3 low = min(ivec3(position), last - 1);
+    vec3 share = position - vec3(low);
+    vec3 code;
+    for (int i = 0; i < 3; ++i) {
+        code[i] = mix(texelFetch(inverse_response, ivec2(low[i], 0), 0)[i],
+                      texelFetch(inverse_response, ivec2(low[i] + 1, 0), 0)[i], share[i]);
+    }
+    return code;
+}
+
+#if defined(DITHER_ORDERED)
+vec3 threshold(ivec2 at) {
+    // The Bayer matrix by bit interleaving: bits of x^y and y, from the lowest up, become the rank's highest bits.
+    int x = at.x ^ at.y, y = at.y, rank = 0;
+    for (int bit = 0; bit < 3; ++bit) {
+        rank = (rank << 2) | (((x >> bit) & 1) << 1) | ((y >> bit) & 1);
+    }
+    return vec3((float(rank) + 0.5) / 64.0);
+}
+#elif defined(DITHER_NOISE)
+uint scramble(uint v) {  // the PCG hash (Jarzynski and Olano 2020)
+    v = v * 747796405u + 2891336453u;
+    v = ((v >> ((v >> 28u) + 4u)) ^ v) * 277803737u;
+    return (v >> 22u) ^ v;
+}
+vec3 threshold(ivec2 at) {
+    uint seed = scramble(uint(at.x) + scramble(uint(at.y) + scramble(frame)));
+    uvec3 noise = uvec3(scramble(seed), scramble(seed + 1u), scramble(seed + 2u));
+    return (vec3(noise >> 9u) + 0.5) / 8388608.0;
+}
+#else
+vec3 threshold(ivec2 at) { return vec3(0.5); }
+#endif
+
+void main() {
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    vec3 code = code_of(texelFetch(picture, at, 0).rgb / scale);
+    encoded = vec4(floor(min(code * 255.0 + threshold(at), 255.0)) / 255.0, 1.0);
+}

@@ -1,0 +1,70 @@
+#version 330 core
+// Decoded planes -> linear RGB, upright.
+//
+// Inputs: three single-channel planes, integer codes (or float radiance), row 0 at the top; `transfer`, a table of linear
+//   light over the code value 0..1 (width samples, height 1).
+// Defines: LAYOUT_YUV, LAYOUT_RGB or LAYOUT_RADIANCE.
+// Output: linear RGB, 0..1 (radiance as it is), one texel a displayed pixel.
+// CPU twin: planes_to_linear in player/reference.py.
+#ifdef LAYOUT_RADIANCE
+uniform sampler2D plane_0, plane_1, plane_2;
+#else
+uniform usampler2D plane_0, plane_1, plane_2;
+#endif
+uniform sampler2D transfer;
+uniform ivec2 stored_size;     // of plane 0, before rotation
+uniform ivec2 chroma_size;     // of planes 1 and 2
+uniform ivec2 subsampling;     // luma pixels per chroma sample
+uniform vec2 chroma_offset;    // chroma coordinate of luma pixel 0
+uniform vec3 black, span;      // code values of 0 and of 1 per component
+uniform mat3 to_rgb;
+uniform int quarter_turns;     // counter-clockwise, applied for display
+
+out vec4 linear_rgb;
+
+ivec2 stored_position(ivec2 shown) {
+    ivec2 last = stored_size - 1;
+    if (quarter_turns == 1) return ivec2(last.x - shown.y, shown.x);
+    if (quarter_turns == 2) return last - shown;
+    if (quarter_turns == 3) return ivec2(shown.y, last.y - shown.x);
+    return shown;
+}
+
+#ifdef LAYOUT_YUV
+vec2 chroma(ivec2 at) {
+    vec2 position = vec2(at) / vec2(subsampling) + chroma_offset;
+    ivec2 low = ivec2(floor(position));
+    vec2 share = position - vec2(low);
+    ivec2 last = chroma_size - 1;
+    ivec2 a = clamp(low, ivec2(0), last), b = clamp(low + 1, ivec2(0), last);
+    vec2 upper = mix(vec2(texelFetch(plane_1, a, 0).r, texelFetch(plane_2, a, 0).r),
+                     vec2(texelFetch(plane_1, ivec2(b.x, a.y), 0).r, texelFetch(plane_2, ivec2(b.x, a.y), 0).r), share.x);
+    vec2 lower = mix(vec2(texelFetch(plane_1, ivec2(a.x, b.y), 0).r, texelFetch(plane_2, ivec2(a.x, b.y), 0).r),
+                     vec2(texelFetch(plane_1, b, 0).r, texelFetch(plane_2, b, 0).r), share.x);
+    return mix(upper, lower, share.y);
+}
+#endif
+
+float light(float code) {
+    int last = textureSize(transfer, 0).x - 1;
+    float position = clamp(code, 0.0, 1.0) * float(last);
+    int low = min(int(position), last - 1);
+    return mix(texelFetch(transfer, ivec2(low, 0), 0).r, texelFetch(transfer, ivec2(low + 1, 0), 0).r,
+               position - float(low));
+}
+
+void main() {
+    ivec2 at = stored_position(ivec2(gl_FragCoord.xy));
+    float first = float(texelFetch(plane_0, at, 0).r);
+#ifdef LAYOUT_YUV
+    vec3 samples = vec3(first, chroma(at));
+#else
+    vec3 samples = vec3(first, texelFetch(plane_1, at, 0).r, texelFetch(plane_2, at, 0).r);
+#endif
+#ifdef LAYOUT_RADIANCE
+    linear_rgb = vec4(samples, 1.0);
+#else
+    vec3 code = to_rgb * ((samples - black) / span);
+    linear_rgb = vec4(light(code.r), light(code.g), light(code.b), 1.0);
+#endif
+}

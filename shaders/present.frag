@@ -1,0 +1,25 @@
+#version 330 core
+// Put the finished 8-bit picture into the window, upright (OpenGL's windows start at the bottom), with the overlay's text.
+//
+// Inputs: `picture`, encoded RGB; `overlay`, RGBA text of its own size, at the window's upper left, alpha 0 where none.
+// Output: the window's pixels.
+uniform sampler2D picture;
+uniform sampler2D overlay;
+uniform ivec2 window_size;
+uniform ivec4 place;       // left, top, width, height of the picture in the window
+
+out vec4 encoded;
+
+void main() {
+    ivec2 at = ivec2(int(gl_FragCoord.x), window_size.y - 1 - int(gl_FragCoord.y));
+    ivec2 inside = at - place.xy;
+    vec3 code = vec3(0.0);
+    if (all(greaterThanEqual(inside, ivec2(0))) && all(lessThan(inside, place.zw))) {
+        code = texelFetch(picture, inside * textureSize(picture, 0) / place.zw, 0).rgb;
+    }
+    if (all(lessThan(at, textureSize(overlay, 0)))) {
+        vec4 text = texelFetch(overlay, at, 0);
+        code = mix(code, text.rgb, text.a);
+    }
+    encoded = vec4(code, 1.0);
+}

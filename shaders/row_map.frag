@@ -1,0 +1,47 @@
+#version 330 core
+// A sparse matrix times a picture, one output pixel a fragment (thesis 5.2).
+//
+// Inputs: `lookup`, output size, (x, y, length) of the row's first entry; `entries`, (w_R, w_G, w_B, index) with
+//   index = x + y·SOURCE_WIDTH; `source`, the picture that is multiplied.
+// Defines: SOURCE_WIDTH, compiled in because the division by a uniform took most of the time on llvmpipe;
+//   WIDE_INDEX reads the index from a texture of its own; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product;
+//   CLAMP limits the result to 0..1.
+// Output: one value a row and channel, output size.
+// CPU twin: apply in player/reference.py.
+uniform usampler2D lookup;
+uniform sampler2D entries;
+uniform sampler2D source;
+#ifdef WIDE_INDEX
+uniform usampler2D wide_index;
+#endif
+#if defined(ADD_TO_BASE) || defined(SUBTRACT_FROM_BASE)
+uniform sampler2D base;
+#endif
+
+out vec4 result;
+
+void main() {
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    uvec3 row = texelFetch(lookup, at, 0).rgb;
+    ivec2 texel = ivec2(row.xy);
+    int end = texel.x + int(row.z);
+    vec3 sum = vec3(0.0);
+    for (; texel.x < end; ++texel.x) {
+        vec4 entry = texelFetch(entries, texel, 0);
+#ifdef WIDE_INDEX
+        int index = int(texelFetch(wide_index, texel, 0).r);
+#else
+        int index = int(entry.a);
+#endif
+        sum += entry.rgb * texelFetch(source, ivec2(index % SOURCE_WIDTH, index / SOURCE_WIDTH), 0).rgb;
+    }
+#if defined(ADD_TO_BASE)
+    sum = texelFetch(base, at, 0).rgb + sum;
+#elif defined(SUBTRACT_FROM_BASE)
+    sum = texelFetch(base, at, 0).rgb - sum;
+#endif
+#ifdef CLAMP
+    sum = clamp(sum, 0.0, 1.0);
+#endif
+    result = vec4(sum, 1.0);
+}

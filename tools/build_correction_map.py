@@ -1,0 +1,58 @@
+"""build-correction-map: invert a calibration's light transport and pack it for the player."""
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from player import calibration
+from player.command import Parser, run
+from tools.inverse.inverse import InverseOptions
+from tools.inverse.room import build_room_maps
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    return run(_main, argv)
+
+
+def _main(argv: Sequence[str] | None) -> None:
+    options = _parser().parse_args(argv)
+    start = time.monotonic()
+    inverse_options = InverseOptions(options.regularize, options.max_error)
+    summary = build_room_maps(calibration.read(options.calibration), inverse_options)
+    print(f"{summary}, {time.monotonic() - start:.1f} s")
+
+
+def _damping(text: str) -> float | None:
+    if text in ("auto", "none"):
+        return None if text == "auto" else 0.0
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected auto, none or a number from 0 to 1, found {text!r}") from None
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser("build-correction-map", description=__doc__)
+    parser.add_argument("calibration", type=Path, help="a calibration folder; correction/ is written into it")
+    parser.add_argument(
+        "--regularize",
+        type=_damping,
+        default=None,
+        metavar="auto|none|NUMBER",
+        help="damping λ as a fraction of the largest singular value (auto: the one with the least camera error after "
+        "the clamp; none: the thesis' plain pseudo-inverse)",
+    )
+    parser.add_argument(
+        "--max-error",
+        type=float,
+        default=0.5,
+        metavar="CODES",
+        help="leave out entries that change a pixel by at most this many 8-bit code values; 0 keeps all (default 0.5)",
+    )
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,44 @@
+"""Connected components of the bipartite graph camera pixels | projector pixels (thesis 4.2.1)."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from tools.transport.transport import Csr
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """A label per pixel, −1 for pixels without any connection.
+
+    camera, projector : (pixels,) int64 labels 0 … count − 1.
+    camera_sizes, projector_sizes : (count,) pixels in each cluster.
+    """
+
+    camera: NDArray[np.int64]
+    projector: NDArray[np.int64]
+    camera_sizes: NDArray[np.int64]
+    projector_sizes: NDArray[np.int64]
+
+    @property
+    def count(self) -> int:
+        return self.projector_sizes.size
+
+
+def find_clusters(pattern: Csr) -> Clusters:
+    """Label the connected components of a (camera pixels, projector pixels) matrix; unconnected pixels get none."""
+    rows, columns = pattern.shape
+    links = sparse.csr_array((np.ones(pattern.nnz), pattern.indices, pattern.indptr), shape=pattern.shape)
+    graph: Any = sparse.block_array([[None, links], [links.T, None]], format="csr")
+    _, labels = csgraph.connected_components(graph, directed=False)
+    lit = np.diff(graph.indptr) > 0
+    kept, renumbered = np.unique(labels[lit], return_inverse=True)
+    label: NDArray[np.int64] = np.full(rows + columns, -1, np.int64)
+    label[lit] = renumbered
+    camera, projector = label[:rows], label[rows:]
+    sizes = [np.bincount(part[part >= 0], minlength=kept.size).astype(np.int64) for part in (camera, projector)]
+    return Clusters(camera, projector, sizes[0], sizes[1])

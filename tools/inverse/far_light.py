@@ -1,0 +1,39 @@
+"""Taking the far light out of a desired picture before the near light is inverted.
+
+With T = S + U M D and S⁺ the inverse of the near light, compensation seeks p = S⁺ (b − U M D p). Writing y = M D p,
+
+    y = M D S⁺ (b − U y)   ⟹   y = (I + M D S⁺ U)⁻¹ M · D S⁺ b = M' · D' b,      p = S⁺ (b − U y),
+
+so the far light of the *compensated* picture follows from the desired one: gather it with D' = D S⁺ onto the cells, mix
+with M', and subtract what U scatters (the Woodbury identity, if S⁺ = S⁻¹). All factors are small.
+"""
+
+import numpy as np
+from scipy import sparse
+
+from tools.transport.transport import Csr, FarLight
+
+RELATIVE_THRESHOLD = 1e-4  # of a row's largest entry: gathers average hundreds of pixels, their tails only cost time
+
+
+def undo_far_light(far: FarLight, near_inverse: tuple[Csr, ...]) -> FarLight:
+    """D', M' and U, so that U M' D' b is the far light that the camera sees when b is compensated.
+
+    near_inverse : S⁺ per channel, (projector pixels, camera pixels).
+    """
+    gather, mix = [], []
+    for D, M, U, S_inverse in zip(far.gather, far.mix, far.scatter, near_inverse, strict=True):
+        D_inverse = _without_tails(sparse.csr_array(D @ S_inverse))
+        gather.append(D_inverse)
+        loop = M @ (D_inverse @ U).toarray()
+        mix.append(np.linalg.solve(np.eye(M.shape[0]) + loop, M))
+    return FarLight(tuple(gather), np.stack(mix), far.scatter)
+
+
+def _without_tails(matrix: Csr) -> Csr:
+    rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+    largest = np.zeros(matrix.shape[0])
+    np.maximum.at(largest, rows, np.abs(matrix.data))
+    matrix.data[np.abs(matrix.data) < RELATIVE_THRESHOLD * largest[rows]] = 0
+    matrix.eliminate_zeros()
+    return matrix

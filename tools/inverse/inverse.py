@@ -1,0 +1,147 @@
+"""T⁺ of a whole room: clusters found, λ chosen, each part inverted, truncated and joined (thesis 4.2.1, 5.1)."""
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from threadpoolctl import threadpool_limits
+
+from player.command import track
+from player.errors import InputError
+from player.row_map import SparseRows
+from tools.clusters.components import Clusters, find_clusters
+from tools.inverse.clustered import clustered_jobs
+from tools.inverse.damping import choose_damping, largest_singular_value
+from tools.inverse.pieces import Piece, join
+from tools.inverse.windowed import WindowedChannel, Windows, choose_halo, windowed_jobs
+from tools.transport.transport import Csr, shared_pattern
+
+FloatArray = NDArray[np.float64]
+LARGEST_DENSE = 2500  # projector pixels: beyond, a block's inverse costs seconds and most of its entries are negligible
+LUMINANCE = (0.2126, 0.7152, 0.0722)  # ITU-R BT.709
+
+
+@dataclass(frozen=True)
+class InverseOptions:
+    """How to invert.
+
+    damping : λ as a fraction of each channel's largest singular value, 0 for the plain pseudo-inverse, None to choose.
+    max_error : certified change of a pixel by truncation, in 8-bit code values of linear drive; 0 keeps everything.
+    """
+
+    damping: float | None = None
+    max_error: float = 0.5
+
+    def __post_init__(self) -> None:
+        if self.damping is not None and not 0 <= self.damping <= 1:
+            raise InputError(f"--regularize {self.damping}: expected auto, none, or a number from 0 to 1")
+        if not 0 <= self.max_error <= 255:
+            raise InputError(f"--max-error {self.max_error}: expected 0 to 255 (code values)")
+
+
+@dataclass(frozen=True)
+class Inverse:
+    """T⁺ and what was found on the way.
+
+    rows : (projector pixels) rows over camera pixels.  truncation : (projector pixels,) certified change, drive.
+    damping : λ / σ₁; damping_errors : the candidates' errors if λ was chosen.
+    halo, window_change : of the windowed clusters, 0 if there are none; the change is measured, in drive.
+    """
+
+    rows: SparseRows
+    truncation: FloatArray
+    clusters: Clusters
+    damping: float
+    damping_errors: dict[float, float]
+    windowed_clusters: int
+    halo: int
+    window_change: float
+
+    def matrices(self, camera_pixels: int) -> tuple[Csr, ...]:
+        """T⁺ per channel, (projector pixels, camera pixels)."""
+        shape = self.rows.indptr.size - 1, camera_pixels
+        weights = self.rows.weights.astype(np.float64)
+        return tuple(
+            sparse.csr_array((weights[:, i], self.rows.indices, self.rows.indptr), shape=shape) for i in range(3)
+        )
+
+
+def invert_near_light(
+    near: tuple[Csr, ...],
+    mask: NDArray[np.bool_],
+    projector_shape: tuple[int, int],
+    reach: FloatArray,
+    white: float,
+    options: InverseOptions,
+) -> Inverse:
+    """Invert the near light inside the mask; the result's columns outside the mask are empty.
+
+    near : T per channel, (camera pixels, projector pixels).  mask : (camera height, camera width).
+    reach : (camera pixels, 3), the largest |c − e| of a picture; within it the certified bound holds.
+    white : the radiance of a white picture.
+    """
+    matrices = tuple(_rows_inside(T, mask) for T in near)
+    indptr, indices, weights = shared_pattern(matrices)
+    luminance = sparse.csr_array((weights @ np.array(LUMINANCE, np.float32), indices, indptr), shape=near[0].shape)
+    clusters = find_clusters(luminance)
+    if clusters.count == 0:
+        raise InputError("no camera pixel inside the mask sees the projector; check the mask and the transport")
+    damping, errors = options.damping, dict[float, float]()
+    if damping is None:
+        choice = choose_damping(luminance, white, mask)
+        damping, errors = choice.damping, choice.errors
+    lambdas = damping * np.array([largest_singular_value(T) for T in matrices])
+    budget = options.max_error / 255
+    large = clusters.projector_sizes > LARGEST_DENSE
+    jobs = [clustered_jobs(matrices, clusters, ~large, lambdas, reach, budget)]
+    halo, change = 0, 0.0
+    for label in np.flatnonzero(large):
+        member = (clusters.projector == label).reshape(projector_shape)
+        channels, windows, moved = _plan_windows(matrices, member, mask.shape, lambdas, white, budget)
+        jobs.append(windowed_jobs(channels, windows, reach, budget))
+        halo, change = max(halo, windows.halo), max(change, moved)
+    rows, truncation = join(run_jobs(chain(*jobs)), near[0].shape[1])
+    return Inverse(rows, truncation, clusters, damping, errors, int(large.sum()), halo, change)
+
+
+def _rows_inside(T: Csr, mask: NDArray[np.bool_]) -> Csr:
+    """T with the rows outside the mask, and explicit zeros, left out."""
+    kept = T.data * np.repeat(mask.ravel(), np.diff(T.indptr))
+    inside = sparse.csr_array((kept, T.indices.copy(), T.indptr.copy()), shape=T.shape)
+    inside.eliminate_zeros()
+    return inside
+
+
+def _plan_windows(
+    matrices: tuple[Csr, ...],
+    member: NDArray[np.bool_],
+    camera_shape: tuple[int, int],
+    lambdas: FloatArray,
+    white: float,
+    budget: float,
+) -> tuple[tuple[WindowedChannel, ...], Windows, float]:
+    if not lambdas.all():
+        size = int(np.count_nonzero(member))
+        raise InputError(
+            f"--regularize none: a cluster of {size} projector pixels needs {size**2 * 8 / 2**30:.0f} GiB for its "
+            f"plain pseudo-inverse (at most {LARGEST_DENSE} are inverted whole); use --regularize auto or a number"
+        )
+    channels = tuple(WindowedChannel(T, float(damp)) for T, damp in zip(matrices, lambdas, strict=True))
+    windows, change = choose_halo(channels[1], member, camera_shape, white, max(budget, 0.05 / 255))
+    return channels, windows, change
+
+
+def run_jobs(jobs: Iterable[Callable[[], Piece]]) -> Iterator[Piece]:
+    """Run jobs on all cores, one BLAS thread each (two per job made small factorisations five times slower)."""
+    todo = list(jobs)
+    with threadpool_limits(limits=1), ThreadPoolExecutor(os.cpu_count()) as pool:
+        try:
+            yield from track(pool.map(lambda job: job(), todo), "inverting", len(todo))
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise

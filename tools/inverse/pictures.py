@@ -1,0 +1,30 @@
+"""A few pictures that stand for what people project: λ is chosen by what the clamp does to them."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def typical_pictures(shape: tuple[int, int]) -> list[FloatArray]:
+    """Three grey pictures (height, width), linear, 0..1: like a photograph, like lettering, and a bright ramp.
+
+    Always the same for one shape. The photograph is 1/f noise (Field 1987: natural pictures' amplitude falls as 1/f).
+    """
+    height, width = shape
+    y, x = np.mgrid[:height, :width]
+    ramp = (x + 0.5) / width
+    stroke = max(2, width // 60)
+    letters = ((x // stroke + 2 * (y // (3 * stroke))) % 5 < 2) & (y // (3 * stroke) % 2 == 0)
+    return [_photograph(shape), np.where(letters, 0.9, 0.05), 0.2 + 0.75 * ramp]
+
+
+def _photograph(shape: tuple[int, int]) -> FloatArray:
+    height, width = shape
+    frequency = np.hypot(np.fft.fftfreq(height)[:, None] * height, np.fft.rfftfreq(width)[None, :] * width)
+    noise = np.fft.rfft2(np.random.default_rng(2006).standard_normal(shape))
+    picture = np.fft.irfft2(noise / np.maximum(frequency, 1.0), s=shape)
+    low, high = np.percentile(picture, [2, 98])
+    return np.asarray(
+        np.clip((picture - low) / max(high - low, 1e-12), 0, 1) ** 2
+    )  # squared: linear light is mostly dark

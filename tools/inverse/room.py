@@ -1,0 +1,93 @@
+"""From a calibration folder to its correction/ folder: invert, take the far light out, pack, write."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from player import maps
+from player.calibration import Calibration, StoredCalibration
+from player.content import reachable_white
+from player.maps import FarMaps, RoomMaps
+from player.row_map import RowMap, pack
+from tools.inverse.far_light import undo_far_light
+from tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
+from tools.packing.row_maps import pack_matrices
+from tools.transport.storage import read_transport
+from tools.transport.transport import Csr, FarLight, Transport
+
+FloatArray = NDArray[np.float64]
+
+
+def build_room_maps(stored: StoredCalibration, options: InverseOptions) -> str:
+    """Build and write every row map of a calibration; returns a one-line summary."""
+    calibration = stored.calibration
+    transport = read_transport(stored)
+    camera, projector = calibration.camera.shape, calibration.projector.shape
+    floodlight = transport.composition().reshape(*camera, 3) + calibration.ambient
+    white = reachable_white(floodlight, calibration.mask)
+    reach = np.maximum(white, calibration.ambient.reshape(-1, 3)).astype(np.float64)
+    inverse = invert_near_light(transport.near, calibration.mask, projector, reach, white, options)
+    correction = pack(inverse.rows, projector, camera)
+    far, undo = _pack_far_light(transport, inverse, calibration)
+    details = _details(inverse, correction, transport, options)
+    packed = RoomMaps(correction, pack_matrices(transport.near, camera, projector), far, undo, white, details)
+    maps.write_maps(packed, stored)
+    return _summary(inverse, packed)
+
+
+def _pack_far_light(
+    transport: Transport, inverse: Inverse, calibration: Calibration
+) -> tuple[FarMaps | None, FarMaps | None]:
+    if transport.far is None:
+        return None, None
+    camera, projector = calibration.camera.shape, calibration.projector.shape
+    cells = 1, transport.far.mix.shape[1]
+    undo = undo_far_light(transport.far, inverse.matrices(camera[0] * camera[1]))
+    scatter = pack_matrices(transport.far.scatter, camera, cells)
+    far = FarMaps(pack_matrices(transport.far.gather, cells, projector), _pack_mix(transport.far, cells), scatter)
+    return far, FarMaps(pack_matrices(undo.gather, cells, camera), _pack_mix(undo, cells), scatter)
+
+
+def _pack_mix(far: FarLight, cells: tuple[int, int]) -> RowMap:
+    return pack_matrices([Csr(channel) for channel in far.mix], cells, cells)
+
+
+def _details(inverse: Inverse, correction: RowMap, transport: Transport, options: InverseOptions) -> dict[str, Any]:
+    """What the manifest says beside the maps: options, what was found, and the bounds that hold."""
+    camera_bound = transport.apply(np.repeat(inverse.truncation[:, None], 3, axis=1))
+    lengths = correction.lookup[..., 2]
+    return {
+        "options": {
+            "regularize": "auto" if options.damping is None else options.damping,
+            "max_error_codes": options.max_error,
+        },
+        "inverse": {
+            "damping": inverse.damping,
+            "damping_errors": {f"{key:g}": value for key, value in inverse.damping_errors.items()},
+            "clusters": inverse.clusters.count,
+            "largest_cluster": [int(inverse.clusters.camera_sizes.max()), int(inverse.clusters.projector_sizes.max())],
+            "windowed_clusters": inverse.windowed_clusters,
+            "window_halo": inverse.halo,
+            "window_change_drive_measured": inverse.window_change,
+            "longest_row": int(lengths.max()),
+        },
+        "certified": {
+            "truncation_drive": float(inverse.truncation.max(initial=0.0)),
+            "truncation_camera_radiance": float(camera_bound.max(initial=0.0)),
+            "holds_for": "|c − e| at most white, or the ambient light where that is brighter",
+        },
+    }
+
+
+def _summary(inverse: Inverse, packed: RoomMaps) -> str:
+    clusters, correction = inverse.clusters, packed.correction
+    largest = int(np.argmax(clusters.projector_sizes))
+    texture = f"{correction.entries.shape[1]}x{correction.entries.shape[0]}"
+    chosen = " (auto)" if inverse.damping_errors else ""
+    return (
+        f"{clusters.count} clusters, largest {clusters.camera_sizes[largest]} camera x "
+        f"{clusters.projector_sizes[largest]} projector pixels, λ {inverse.damping:g} σ₁{chosen}, "
+        f"{correction.count} entries, texture {texture}, fill {100 * correction.fill:.1f} %, "
+        f"{sum(m.nbytes for m in packed.named().values()) / 2**20:.1f} MiB of maps"
+    )
