@@ -11,7 +11,9 @@ uniform sampler2D plane_0, plane_1, plane_2;
 #else
 uniform usampler2D plane_0, plane_1, plane_2;
 #endif
+#ifndef LAYOUT_RADIANCE
 uniform sampler2D transfer;
+#endif
 uniform ivec2 stored_size;     // of plane 0, before rotation
 uniform ivec2 chroma_size;     // of planes 1 and 2
 uniform ivec2 subsampling;     // luma pixels per chroma sample
@@ -45,6 +47,7 @@ vec2 chroma(ivec2 at) {
 }
 #endif
 
+#ifndef LAYOUT_RADIANCE
 float light(float code) {
     int last = textureSize(transfer, 0).x - 1;
     float position = clamp(code, 0.0, 1.0) * float(last);
@@ -52,6 +55,7 @@ float light(float code) {
     return mix(texelFetch(transfer, ivec2(low, 0), 0).r, texelFetch(transfer, ivec2(low + 1, 0), 0).r,
                position - float(low));
 }
+#endif
 
 void main() {
     ivec2 at = stored_position(ivec2(gl_FragCoord.xy));

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import moderngl
 
@@ -15,7 +16,8 @@ def headless_context() -> Iterator[moderngl.Context]:
     Raises InputError with the fix when there is none.
     """
     try:
-        context = moderngl.create_context(standalone=True, require=330, backend="egl")
+        settings: dict[str, Any] = {"backend": "egl"}
+        context = moderngl.create_context(require=330, standalone=True, **settings)
     except Exception as error:  # moderngl and glcontext raise bare Exceptions
         raise InputError(
             f"no OpenGL through EGL ({' '.join(str(error).split())}); install it with: apt-get install libegl1 libgl1, "

@@ -14,7 +14,9 @@ Uniform: TypeAlias = float | int | tuple[float, ...] | tuple[int, ...]
 FLOAT_COMPONENTS = 4  # three-component float textures need not be renderable
 
 
-def float_texture(context: moderngl.Context, shape: tuple[int, int], data: NDArray[np.float32] | None = None) -> Any:
+def float_texture(
+    context: moderngl.Context, shape: tuple[int, int], data: NDArray[np.float32] | None = None
+) -> moderngl.Texture:
     """An RGBA32F texture (height, width) for data: nearest texel, no wrapping. Raises InputError if it cannot exist."""
     return _texture(context, shape, FLOAT_COMPONENTS, "f4", data)
 
@@ -59,51 +61,63 @@ def _texture(
     return texture
 
 
-class Pass:
-    """Draws one fragment shader into its own target.
-
-    target : the texture it writes, released with the pass; None to draw into whatever framebuffer is in use.
-    """
+class ScreenPass:
+    """Draws one fragment shader into whatever framebuffer is in use."""
 
     def __init__(
         self,
         context: moderngl.Context,
         shader: str,
-        target: moderngl.Texture | None,
         defines: Mapping[str, int | None] | None = None,
-        **uniforms: Uniform,
+        uniforms: Mapping[str, Uniform] | None = None,
     ) -> None:
-        self._context = context
         self._program = build_program(context, shader, defines)
         self._triangle = context.vertex_array(self._program, [])
         self._triangle.vertices = 3
-        self._framebuffer = None if target is None else context.framebuffer([target])
-        self._inputs: dict[str, int] = {}
-        self.target = target
-        self.set(**uniforms)
+        self._units: dict[str, int] = {}
+        self.set(**(uniforms or {}))
 
     def set(self, **uniforms: Uniform) -> None:
-        """Set uniforms by name; names that the shader does not use on this path are an error."""
+        """Set uniforms by name; a name that the shader does not use is an error."""
         for name, value in uniforms.items():
             self._program[name] = value
 
-    def run(self, **inputs: moderngl.Texture) -> moderngl.Texture | None:
-        """Draw with the given textures; returns the target."""
+    def draw(self, **inputs: moderngl.Texture) -> None:
+        """Draw with the given textures, one for each sampler."""
         for name, texture in inputs.items():
-            texture.use(self._unit(name))
-        if self._framebuffer is not None:
-            self._framebuffer.use()
+            if name not in self._units:
+                self._units[name] = len(self._units)
+                self._program[name] = self._units[name]
+            texture.use(self._units[name])
         self._triangle.render(moderngl.TRIANGLES)
-        return self.target
-
-    def _unit(self, name: str) -> int:
-        """The texture unit of a sampler, given out at its first use."""
-        if name not in self._inputs:
-            self._inputs[name] = len(self._inputs)
-            self._program[name] = self._inputs[name]
-        return self._inputs[name]
 
     def release(self) -> None:
-        for resource in (self._triangle, self._program, self._framebuffer, self.target):
-            if resource is not None:
-                resource.release()
+        self._triangle.release()
+        self._program.release()
+
+
+class Pass(ScreenPass):
+    """Draws one fragment shader into its own target, a texture that it owns."""
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        shader: str,
+        target: moderngl.Texture,
+        defines: Mapping[str, int | None] | None = None,
+        **uniforms: Uniform,
+    ) -> None:
+        super().__init__(context, shader, defines, uniforms)
+        self.target = target
+        self._framebuffer = context.framebuffer([target])
+
+    def run(self, **inputs: moderngl.Texture) -> moderngl.Texture:
+        """Draw with the given textures; returns the target."""
+        self._framebuffer.use()
+        self.draw(**inputs)
+        return self.target
+
+    def release(self) -> None:
+        super().release()
+        self._framebuffer.release()
+        self.target.release()

@@ -4,14 +4,14 @@ Every texture and program is made when the room or the medium is opened; a frame
 """
 
 from contextlib import ExitStack
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from player.colour import decoding_of
-from player.gl.passes import Pass, float_texture, plane_texture, table_texture
+from player.gl.passes import Pass, Uniform, float_texture, plane_texture, table_texture
 from player.gl.row_map_pass import FarPass, FarTextures, MapTextures, RowMapPass
 from player.renderer import Room, check_radiance_size, place, shown_shape
 from player.response import Response, transfer_table
@@ -67,12 +67,14 @@ class GlRenderer:
         context, radiance = self._context, pixels.layout == "radiance"
         self._pixels = pixels
         dtype = np.dtype({8: np.uint8, 32: np.float32}.get(pixels.depth, np.uint16))
-        self._planes = []
-        for plane in pixels.planes:
-            texture = plane_texture(context, (plane.height, plane.stride_samples), dtype)
-            self._planes.append(self._own_medium(texture))
-        transfer = table_texture(context, transfer_table("linear" if radiance else pixels.transfer))
-        self._transfer = self._own_medium(transfer)
+        self._planes = [
+            self._own_medium(plane_texture(context, (plane.height, plane.stride_samples), dtype))
+            for plane in pixels.planes
+        ]
+        self._decode_inputs = {f"plane_{i}": texture for i, texture in enumerate(self._planes)}
+        if not radiance:
+            table = table_texture(context, transfer_table(pixels.transfer))
+            self._decode_inputs["transfer"] = self._own_medium(table)
         self._decode = self._own_medium(_decode_pass(context, pixels))
         calibration = self._room.calibration
         self._placed = self._own_medium(_Placer(context, pixels, calibration.camera.shape))
@@ -109,7 +111,7 @@ class GlRenderer:
 
     def desired(self) -> NDArray[np.float32]:
         white = 1.0 if self._pixels.layout == "radiance" else self._room.white
-        return white * _read(self._placed.run(self._decoded()), np.float32)
+        return np.float32(white) * _read(self._placed.run(self._decoded()), np.float32)
 
     def finish(self) -> None:
         self._context.finish()
@@ -119,8 +121,7 @@ class GlRenderer:
         self._owned.close()
 
     def _decoded(self) -> moderngl.Texture:
-        first, second, third = self._planes
-        return self._decode.run(plane_0=first, plane_1=second, plane_2=third, transfer=self._transfer)
+        return self._decode.run(**self._decode_inputs)
 
     def _drive(self, *, compensate: bool) -> moderngl.Texture:
         if not compensate:
@@ -206,7 +207,7 @@ class _Encoder:
 
 def _decode_pass(context: moderngl.Context, pixels: PixelFormat) -> Pass:
     luma, chroma = pixels.planes[:2]
-    uniforms: dict[str, object] = {"stored_size": (luma.width, luma.height), "quarter_turns": pixels.rotation // 90}
+    uniforms: dict[str, Uniform] = {"stored_size": (luma.width, luma.height), "quarter_turns": pixels.rotation // 90}
     if pixels.layout != "radiance":
         decoding = decoding_of(pixels)
         uniforms |= {
@@ -228,6 +229,6 @@ def _with_alpha(picture: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.concatenate([picture, np.ones((*picture.shape[:2], 1), np.float32)], axis=2)
 
 
-def _read(texture: moderngl.Texture, dtype: type) -> NDArray:
+def _read(texture: moderngl.Texture, dtype: type) -> NDArray[Any]:
     width, height = texture.size
     return np.frombuffer(texture.read(), dtype).reshape(height, width, 4)[..., :3]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import cv2
 import glfw
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from player.errors import InputError
 from player.gl.monitors import Monitor, monitor_handle, start_glfw
-from player.gl.passes import Pass
+from player.gl.passes import ScreenPass
 
 OVERLAY_SHAPE = (240, 720)
 LINE_HEIGHT, MARGIN = 22, 8
@@ -88,7 +89,8 @@ class Window:
         """Fill the monitor, or go back to a window. The video mode of the monitor is left as it is."""
         if self.fullscreen:
             height, width = self._shape
-            glfw.set_window_monitor(self._handle, None, *self._windowed_at, width, height, glfw.DONT_CARE)
+            nowhere: Any = None
+            glfw.set_window_monitor(self._handle, nowhere, *self._windowed_at, width, height, glfw.DONT_CARE)
             glfw.set_input_mode(self._handle, glfw.CURSOR, glfw.CURSOR_NORMAL)
         else:
             self._windowed_at = glfw.get_window_pos(self._handle)
@@ -133,7 +135,7 @@ class _Presenter:
         self._overlay = context.texture((width, height), 4, dtype="f1")
         self._no_overlay = context.texture((1, 1), 4, bytes(4), dtype="f1")
         self._black = context.texture((1, 1), 4, bytes(4), dtype="f1")
-        self._pass = Pass(context, "present.frag", None)
+        self._pass = ScreenPass(context, "present.frag")
         self._context, self._shape = context, shape
         self._shown: list[str] = []
 
@@ -143,7 +145,7 @@ class _Presenter:
             self._shown = list(lines)
         self._context.screen.use()
         self._pass.set(window_size=size, place=_centred((picture.height, picture.width), size))
-        self._pass.run(picture=self._black if black else picture, overlay=self._overlay if lines else self._no_overlay)
+        self._pass.draw(picture=self._black if black else picture, overlay=self._overlay if lines else self._no_overlay)
 
     def release(self) -> None:
         for resource in (self._pass, self._overlay, self._no_overlay, self._black):
@@ -160,7 +162,7 @@ def draw_text(lines: list[str], shape: tuple[int, int]) -> NDArray[np.uint8]:
     return picture
 
 
-def _open(shape: tuple[int, int], title: str) -> "glfw._GLFWwindow":
+def _open(shape: tuple[int, int], title: str) -> Any:
     height, width = shape
     hints = {
         glfw.CONTEXT_VERSION_MAJOR: 3,
@@ -196,6 +198,6 @@ def _check_size(shape: tuple[int, int], monitor: Monitor) -> None:
     if (monitor.height, monitor.width) != shape:
         height, width = shape
         raise InputError(
-            f"monitor {monitor.name}: {monitor.width}x{monitor.height}, the calibration was made for a projector of "
-            f"{width}x{height}; set that mode (xrandr --output {monitor.name} --mode {width}x{height}) or add --any-size"
+            f"monitor {monitor.name}: {monitor.width}x{monitor.height}, the calibration is for a projector of "
+            f"{width}x{height}; set its mode (xrandr --output {monitor.name} --mode {width}x{height}) or add --any-size"
         )

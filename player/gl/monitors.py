@@ -1,0 +1,119 @@
+"""Screens: GLFW started with plain errors, the monitors it sees, and the one that the user means.
+
+X11 needs libXrandr at run time: without it GLFW sees one monitor named "Display", whatever is plugged in.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import glfw
+
+from player.errors import InputError
+
+WITHOUT_SCREEN = "use --output FILE to render without one, or start one with: xvfb-run -a COMMAND"
+
+
+@dataclass(frozen=True)
+class Monitor:
+    """One monitor as it is set now: size in pixels of its video mode, position on the desktop."""
+
+    index: int
+    name: str
+    width: int
+    height: int
+    refresh_hz: int
+    x: int
+    y: int
+    primary: bool
+
+    def __str__(self) -> str:
+        primary = ", primary" if self.primary else ""
+        return (
+            f"{self.index} {self.name} ({self.width}x{self.height} at {self.x},{self.y}, {self.refresh_hz} Hz{primary})"
+        )
+
+
+def start_glfw() -> None:
+    """Start GLFW, or do nothing if it runs; InputError if there is no screen to open a window on."""
+    with _raising():
+        try:
+            started = glfw.init()
+        except glfw.GLFWError as error:
+            raise InputError(f"no screen: {_plain(error)}; {WITHOUT_SCREEN}") from None
+    if not started:
+        raise InputError(f"no screen: GLFW does not start and gives no reason; {WITHOUT_SCREEN}")
+
+
+def list_monitors() -> list[Monitor]:
+    """The monitors that are connected now, the primary one first, names unique; InputError without a screen.
+
+    Starts GLFW if nobody has, and leaves it running.
+    """
+    start_glfw()
+    with _raising():
+        try:
+            handles = glfw.get_monitors()
+            names = _unique([_text(glfw.get_monitor_name(handle)) for handle in handles])
+            return [_describe(index, name, handles[index]) for index, name in enumerate(names)]
+        except glfw.GLFWError as error:
+            raise InputError(
+                f"the monitors cannot be listed: {_plain(error)}; unplug and replug, or try again"
+            ) from None
+
+
+def find_monitor(monitors: Sequence[Monitor], name_or_index: str | int) -> Monitor:
+    """The monitor of that name or, failing that, of that index; InputError naming the ones that exist."""
+    wanted = str(name_or_index)
+    for key in ("name", "index"):
+        for monitor in monitors:
+            if str(getattr(monitor, key)) == wanted:
+                return monitor
+    there = "; ".join(map(str, monitors)) or "none is connected"
+    raise InputError(f"monitor {wanted!r}: not there, found: {there}; give one of these names or numbers")
+
+
+def monitor_handle(monitor: Monitor) -> glfw._GLFWmonitorPointerT:
+    """GLFW's pointer for a monitor of `list_monitors`; InputError if it has gone since."""
+    handles = glfw.get_monitors()
+    if monitor.index >= len(handles):
+        raise InputError(f"monitor {monitor}: no longer connected; plug it in again")
+    return handles[monitor.index]
+
+
+def _describe(index: int, name: str, handle: glfw._GLFWmonitorPointerT) -> Monitor:
+    mode = glfw.get_video_mode(handle)
+    x, y = glfw.get_monitor_pos(handle)
+    # GLFW lists the primary monitor first.
+    return Monitor(index, name, mode.size.width, mode.size.height, mode.refresh_rate, x, y, primary=index == 0)
+
+
+def _unique(names: Sequence[str]) -> list[str]:
+    """Two projectors of one make share a name: the second becomes `name (2)`."""
+    result: list[str] = []
+    for name in names:
+        candidate, count = name, 1
+        while candidate in result:
+            count += 1
+            candidate = f"{name} ({count})"
+        result.append(candidate)
+    return result
+
+
+@contextmanager
+def _raising() -> Iterator[None]:
+    """GLFW's errors as exceptions for a while; elsewhere its mere complaints must not stop a running player."""
+    previous, glfw.ERROR_REPORTING = glfw.ERROR_REPORTING, "raise"
+    try:
+        yield
+    finally:
+        glfw.ERROR_REPORTING = previous
+
+
+def _text(name: str | bytes) -> str:
+    return name.decode(errors="replace") if isinstance(name, bytes) else name
+
+
+def _plain(error: Exception) -> str:
+    """`(65550) b'X11: The DISPLAY …'` -> `X11: The DISPLAY …`."""
+    return str(error).partition(") ")[2].removeprefix("b").strip("'\"") or str(error)

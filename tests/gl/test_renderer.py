@@ -1,0 +1,253 @@
+"""Every shader against its CPU twin, alone and in the chain that the player runs."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import moderngl
+import numpy as np
+import pytest
+
+from player import reference
+from player.cpu_renderer import CpuRenderer
+from player.errors import InputError
+from player.gl.passes import Pass, float_texture, table_texture
+from player.gl.renderer import GlRenderer
+from player.gl.row_map_pass import MapTextures, RowMapPass
+from player.gl.shaders import ShaderError, build_program
+from player.reference import PreparedRows
+from player.renderer import Room
+from player.response import parse_response
+from player.row_map import RowMap, SparseRows, pack
+from player.video import Frame
+from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_map, random_room, rgb_frame, yuv_frame
+
+FLOAT_ATOL = 1e-5  # the issue's bound; float32 sums of at most 20 terms of size 3 are far below
+CODE_ATOL = 1  # a float32 rounding may tip one code value
+
+
+@contextmanager
+def both(context: moderngl.Context, room: Room, frame: Frame) -> Iterator[tuple[GlRenderer, CpuRenderer]]:
+    renderers = GlRenderer(context, room), CpuRenderer(room)
+    try:
+        for renderer in renderers:
+            renderer.open(frame.format)
+            renderer.upload(frame)
+        yield renderers
+    finally:
+        renderers[0].release()
+
+
+def upload(context: moderngl.Context, picture: np.ndarray) -> moderngl.Texture:
+    rgba = np.concatenate([picture, np.ones((*picture.shape[:2], 1))], axis=2).astype(np.float32)
+    return float_texture(context, picture.shape[:2], rgba)
+
+
+def read(texture: moderngl.Texture) -> np.ndarray:
+    return np.frombuffer(texture.read(), np.float32).reshape(texture.height, texture.width, 4)[..., :3]
+
+
+@pytest.mark.parametrize("combine", ["", "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "CLAMP"])
+@pytest.mark.parametrize(("output", "source"), [((7, 13), (11, 17)), ((19, 3), (2, 31)), ((1, 6), (11, 17))])
+def test_a_row_map_equals_its_twin(
+    gl_context: moderngl.Context,
+    rng: np.random.Generator,
+    combine: str,
+    output: tuple[int, int],
+    source: tuple[int, int],
+) -> None:
+    packed = random_map(rng, output, source, 20)
+    picture = rng.uniform(-1, 1, (*source, 3)).astype(np.float32)
+    base = rng.uniform(-1, 1, (*output, 3)).astype(np.float32)
+    product = PreparedRows(packed).apply(picture)
+    expected = {
+        "": product,
+        "ADD_TO_BASE": base + product,
+        "SUBTRACT_FROM_BASE": base - product,
+        "CLAMP": np.clip(product, 0, 1),
+    }[combine]
+    textures = MapTextures(gl_context, packed)
+    step = RowMapPass(gl_context, textures, combine)
+    inputs = [upload(gl_context, picture), upload(gl_context, base)]
+    result = read(step.run(inputs[0], inputs[1] if "BASE" in combine else None))
+    for resource in (step, textures, *inputs):
+        resource.release()
+    np.testing.assert_allclose(result, expected, atol=FLOAT_ATOL)
+
+
+@pytest.mark.parametrize("wide", [False, True])
+def test_indices_are_exact_up_to_the_last_source_pixel(gl_context: moderngl.Context, wide: bool) -> None:
+    """A source as large as the alpha channel can address (2²⁴ pixels), and one a row larger, read at its far corners."""
+    source = (4096 + wide, 4096)
+    last = source[0] * source[1] - 1
+    indices = np.array([0, 4095, 4096, last - 4096, last - 1, last, (1 << 24) - 1, (1 << 24) - 4097])
+    rows = SparseRows(np.arange(indices.size + 1), indices, np.ones((indices.size, 3), np.float32))
+    packed = pack(rows, (1, indices.size), source)
+    assert (packed.index is not None) == wide
+    # Each source pixel holds its own coordinates, so that a wrong texel cannot go unnoticed.
+    picture = np.zeros((*source, 4), np.float32)
+    picture[..., 0], picture[..., 1] = np.arange(source[1]), np.arange(source[0])[:, None]
+    textures = MapTextures(gl_context, packed)
+    step = RowMapPass(gl_context, textures)
+    texture = float_texture(gl_context, source, picture)
+    result = read(step.run(texture))[0]
+    for resource in (step, textures, texture):
+        resource.release()
+    np.testing.assert_array_equal(result[:, 0], indices % 4096)
+    np.testing.assert_array_equal(result[:, 1], indices // 4096)
+
+
+@pytest.mark.parametrize("far", [False, True])
+@pytest.mark.parametrize("view", ["projector", "camera", "split"])
+@pytest.mark.parametrize("compensate", [False, True])
+def test_every_view_equals_its_twin(
+    gl_context: moderngl.Context, rng: np.random.Generator, far: bool, view: str, compensate: bool
+) -> None:
+    room, frame = random_room(rng, far=far), yuv_frame(rng, (9, 15))
+    with both(gl_context, room, frame) as (gl, cpu):
+        for renderer in (gl, cpu):
+            renderer.render(view, compensate=compensate)
+        assert gl.linear().shape == cpu.linear().shape
+        np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=2 * FLOAT_ATOL)  # two row maps in sequence
+        assert np.abs(gl.encoded().astype(int) - cpu.encoded()).max() <= CODE_ATOL
+        np.testing.assert_allclose(gl.desired(), cpu.desired(), atol=FLOAT_ATOL)
+
+
+def test_the_corrected_drive_is_clamped_T_pinv_times_c_minus_e(
+    gl_context: moderngl.Context, rng: np.random.Generator
+) -> None:
+    """Thesis eq. 5.1, with the dense matrix written out: an EXR frame is c as it is."""
+    room = random_room(rng, far=False)
+    radiance = rng.uniform(0, 1, (*CAMERA, 3)).astype(np.float32)
+    T_pinv = dense(room.maps.correction)
+    c_less_e = (radiance.astype(float) - room.calibration.ambient).reshape(-1, 3)
+    expected = np.stack([T_pinv[i] @ c_less_e[:, i] for i in range(3)], axis=1)
+    with both(gl_context, room, radiance_frame(radiance)) as (gl, cpu):
+        for renderer in (gl, cpu):
+            renderer.render("projector", compensate=True)
+            result = renderer.linear().reshape(-1, 3)
+            np.testing.assert_allclose(result, np.clip(expected, 0, 1), atol=FLOAT_ATOL)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"matrix": "bt601"},
+        {"matrix": "bt2020", "depth": 10},
+        {"full_range": True, "chroma_siting": "center"},
+        {"chroma_siting": "topleft", "depth": 12},
+        {"rotation": 90},
+        {"rotation": 180},
+        {"rotation": 270, "pixel_aspect": 1.5},
+        {"transfer": "srgb"},
+        {"transfer": "gamma28"},
+    ],
+)
+def test_every_pixel_format_equals_its_twin(
+    gl_context: moderngl.Context, rng: np.random.Generator, changes: dict[str, object]
+) -> None:
+    room, frame = random_room(rng, far=False), yuv_frame(rng, (9, 15), **changes)
+    with both(gl_context, room, frame) as (gl, cpu):
+        np.testing.assert_allclose(gl.desired(), cpu.desired(), atol=FLOAT_ATOL)
+
+
+def test_stored_codes_become_the_light_that_the_standards_say(gl_context: moderngl.Context) -> None:
+    """Black, white, grey and the primaries, so that both backends cannot be wrong together."""
+    codes = np.array([[[0, 0, 0], [255, 255, 255], [188, 188, 188]], [[255, 0, 0], [0, 255, 0], [0, 0, 255]]], np.uint8)
+    light = np.where(codes == 188, ((188 / 255 + 0.055) / 1.055) ** 2.4, codes / 255)  # IEC 61966-2-1
+    rng = np.random.default_rng(5)
+    room = random_room(rng, far=False)
+    room = replace(room, white=1.0)
+    with both(gl_context, room, rgb_frame(np.kron(codes, np.ones((8, 8, 1), np.uint8)))) as renderers:
+        for renderer in renderers:
+            desired = renderer.desired()
+            rows, columns = (np.array(desired.shape[:2]) * [[1], [3]] // [[4], [4]])[:, 0], [2, 8, 14]
+            np.testing.assert_allclose(desired[np.ix_(rows, columns)], light, atol=2e-6)  # table interpolation
+
+
+@pytest.mark.parametrize(("dither", "response"), [("ordered", "srgb"), ("noise", "linear"), ("none", "2.2")])
+def test_encoding_equals_its_twin(
+    gl_context: moderngl.Context, rng: np.random.Generator, dither: str, response: str
+) -> None:
+    light = rng.uniform(-0.2, 1.3, (17, 23, 3)).astype(np.float32)
+    light[0, :3] = [[0, 0, 0], [1, 1, 1], [1e-6, 1e-4, 0.999999]]
+    table = parse_response(response).inverse_table()
+    defines = {} if dither == "none" else {f"DITHER_{dither.upper()}": None}
+    target = gl_context.texture((23, 17), 4, dtype="f1")
+    step = Pass(gl_context, "encode.frag", target, defines, scale=1.0)
+    if dither == "noise":
+        step.set(frame=77)
+    resources = upload(gl_context, light), table_texture(gl_context, table)
+    step.run(picture=resources[0], inverse_response=resources[1])
+    result = np.frombuffer(target.read(), np.uint8).reshape(17, 23, 4)[..., :3].astype(int)
+    for resource in (step, *resources):
+        resource.release()
+    expected = reference.encode(light, table, 1.0, dither, 77)
+    assert np.abs(result - expected).max() <= CODE_ATOL
+    assert np.mean(result != expected) < 0.01  # tips are rare: a threshold within 1e-6 of the code
+
+
+@pytest.mark.parametrize("dither", ["ordered", "noise"])
+def test_dithering_keeps_the_mean_and_the_ends(dither: str) -> None:
+    table = parse_response("linear").inverse_table()
+    for value in (0.0, 1.0):
+        assert np.all(reference.encode(np.full((8, 8, 3), value), table, 1.0, dither) == round(255 * value))
+    flat = reference.encode(np.full((64, 64, 3), 100.3 / 255), table, 1.0, dither)
+    assert set(np.unique(flat)) == {100, 101}
+    # ordered: 64 steps of 1/64; noise: 12288 independent draws, four standard deviations of √(0.21/12288).
+    assert flat.mean() == pytest.approx(100.3, abs=1 / 64 + 0.017)
+
+
+def test_a_resampled_constant_stays_constant_and_letterboxes_are_black(rng: np.random.Generator) -> None:
+    placed = reference.resample(np.full((40, 30, 3), 0.7), (20, 50), (17, 0, 15, 20))
+    np.testing.assert_allclose(placed[:, 17:32], 0.7, atol=1e-12)  # weights are normalised
+    assert placed[:, :17].max() == placed[:, 32:].max() == 0
+
+
+def test_rendering_again_allocates_nothing(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+    room, frame = random_room(rng, far=True), yuv_frame(rng, (9, 15))
+    with both(gl_context, room, frame) as (gl, _):
+        gl.render("split", compensate=True)
+        before = len(gl_context.objects)
+        for index in range(50):
+            gl.upload(frame)
+            gl.render("split", compensate=True, frame=index)
+            gl.render("projector", compensate=True, frame=index)
+        assert len(gl_context.objects) == before
+
+
+def test_an_exr_of_another_size_is_refused(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+    room = random_room(rng, far=False)
+    frame = radiance_frame(np.zeros((*PROJECTOR, 3), np.float32))
+    gl = GlRenderer(gl_context, room)
+    for renderer in (gl, CpuRenderer(room)):
+        with pytest.raises(InputError, match="13x7 pixels, the camera has 17x11"):
+            renderer.open(frame.format)
+    gl.release()
+
+
+def test_a_texture_that_the_gpu_cannot_hold_is_an_error_with_a_way_out(gl_context: moderngl.Context) -> None:
+    limit = gl_context.info["GL_MAX_TEXTURE_SIZE"]
+    with pytest.raises(InputError, match=rf"end at {limit}x{limit} texels.*--backend cpu"):
+        float_texture(gl_context, (1, limit + 1))
+
+
+def test_a_shader_error_names_file_and_line(gl_context: moderngl.Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    from player.gl import shaders
+
+    source = shaders.read_source("desired.frag").replace("b = vec4(light, 1.0);", "b = vec5(light);")
+    line = source[: source.index("vec5")].count("\n") + 1
+    original = shaders.read_source
+    monkeypatch.setattr(shaders, "read_source", lambda name: source if name == "desired.frag" else original(name))
+    with pytest.raises(ShaderError, match=rf"shaders/desired\.frag:{line}: .*vec5"):
+        build_program(gl_context, "desired.frag", {"CLAMP": None})
+
+
+def dense(packed: RowMap) -> np.ndarray:
+    """(3, rows, columns) of a row map, entry by entry from its textures."""
+    columns = packed.source_shape[0] * packed.source_shape[1]
+    matrix = np.zeros((3, packed.lookup.shape[0] * packed.lookup.shape[1], columns))
+    for row, (x, y, length) in enumerate(packed.lookup.reshape(-1, 3).astype(int)):
+        for r, g, b, index in packed.entries[y, x : x + length]:
+            matrix[:, row, int(index)] += (r, g, b)
+    return matrix

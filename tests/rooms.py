@@ -1,0 +1,99 @@
+"""Small rooms for tests: asymmetric on purpose, so that a flip or a swap of height and width shows."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from player.calibration import Calibration, Device
+from player.maps import FarMaps, RoomMaps
+from player.renderer import Room
+from player.response import Response
+from player.row_map import RowMap, SparseRows, pack
+from player.video import Frame, PixelFormat, PlaneShape
+
+CAMERA, PROJECTOR = (11, 17), (7, 13)
+CELLS = (1, 6)
+
+
+def random_map(
+    rng: np.random.Generator, output: tuple[int, int], source: tuple[int, int], longest: int, scale: float = 1.0
+) -> RowMap:
+    """Rows of 0 to `longest` entries of both signs."""
+    lengths = rng.integers(0, longest + 1, output[0] * output[1])
+    indptr = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+    indices = rng.integers(0, source[0] * source[1], indptr[-1])
+    weights = (scale * rng.normal(size=(indptr[-1], 3))).astype(np.float32)
+    return pack(SparseRows(indptr, indices, weights), output, source)
+
+
+def random_room(rng: np.random.Generator, *, far: bool, dither: str = "ordered", response: str = "srgb") -> Room:
+    """A room whose maps are random: nothing physical, everything different from everything else."""
+    calibration = Calibration(
+        "random",
+        "made by a test",
+        (Device(*PROJECTOR, Response(response)),),
+        Device(*CAMERA, Response("linear")),
+        rng.uniform(0, 0.05, (*CAMERA, 3)).astype(np.float32),
+        np.ones(CAMERA, bool),
+    )
+    scatter = random_map(rng, CAMERA, CELLS, 4)
+    chain, undo = (
+        FarMaps(random_map(rng, CELLS, source, 20, 0.1), random_map(rng, CELLS, CELLS, 6, 0.2), scatter)
+        for source in (PROJECTOR, CAMERA)
+    )
+    maps = RoomMaps(
+        random_map(rng, PROJECTOR, CAMERA, 12),
+        random_map(rng, CAMERA, PROJECTOR, 9),
+        chain if far else None,
+        undo if far else None,
+        0.6,
+    )
+    return Room(calibration, maps, maps.white, dither)
+
+
+def yuv_frame(rng: np.random.Generator, shape: tuple[int, int], **changes: object) -> Frame:
+    """A random 4:2:0 frame of odd size, with stride, in 8 or 10 bit."""
+    height, width = shape
+    depth = int(changes.get("depth", 8))  # type: ignore[call-overload]
+    luma = PlaneShape(width, height, width + 3)
+    chroma = PlaneShape(-(-width // 2), -(-height // 2), width)
+    fields: dict[str, object] = {
+        "width": width,
+        "height": height,
+        "layout": "yuv",
+        "depth": depth,
+        "planes": (luma, chroma, chroma),
+        "matrix": "bt709",
+        "full_range": False,
+        "transfer": "bt1886",
+        "chroma_siting": "left",
+        "rotation": 0,
+        "pixel_aspect": 1.0,
+    }
+    return frame_of(PixelFormat(**(fields | changes)), rng)  # type: ignore[arg-type]
+
+
+def rgb_frame(picture: NDArray[np.uint8], transfer: str = "srgb") -> Frame:
+    """A picture (rows, columns, 3) of 8-bit codes as a frame."""
+    height, width = picture.shape[:2]
+    plane = PlaneShape(width, height, width)
+    pixels = PixelFormat(width, height, "rgb", 8, (plane,) * 3, "identity", True, transfer, "center", 0, 1.0)
+    return _frame(pixels, tuple(np.ascontiguousarray(picture[..., i]) for i in range(3)))
+
+
+def radiance_frame(radiance: NDArray[np.float32]) -> Frame:
+    """Linear radiance (rows, columns, 3) as a frame."""
+    height, width = radiance.shape[:2]
+    plane = PlaneShape(width, height, width)
+    pixels = PixelFormat(width, height, "radiance", 32, (plane,) * 3, "identity", True, "linear", "center", 0, 1.0)
+    return _frame(pixels, tuple(np.ascontiguousarray(radiance[..., i]) for i in range(3)))
+
+
+def frame_of(pixels: PixelFormat, rng: np.random.Generator) -> Frame:
+    """Random code values in the planes of a format."""
+    shapes = [(plane.height, plane.stride_samples) for plane in pixels.planes]
+    planes = tuple(rng.integers(0, 1 << pixels.depth, shape).astype(pixels.dtype) for shape in shapes)
+    return _frame(pixels, planes)
+
+
+def _frame(pixels: PixelFormat, planes: tuple[NDArray[np.generic], ...]) -> Frame:
+    return Frame(index=0, time_s=0.0, duration_s=0.04, decode_s=0.0, format=pixels, planes=planes, slot=(0, 0))

@@ -1,0 +1,126 @@
+"""The calibration folder: what is written is read back; what is damaged is refused with the fix."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from player import calibration, exr
+from player.calibration import Calibration, Device
+from player.errors import InputError
+from player.response import Response, parse_response
+
+LINEAR = Response("linear")
+
+
+@pytest.fixture
+def room(rng: np.random.Generator) -> Calibration:
+    ambient = rng.uniform(0, 0.1, (9, 13, 3)).astype(np.float32)
+    mask = rng.uniform(size=(9, 13)) > 0.2
+    projector = Device(7, 11, parse_response(2.2))
+    return Calibration("room", "made by a test", (projector,), Device(9, 13, LINEAR), ambient, mask)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, room: Calibration) -> Path:
+    with calibration.writing(tmp_path / "room", room) as stage:
+        (stage / "transport_red.npz").write_bytes(b"matrix")
+    return tmp_path / "room"
+
+
+def test_round_trip(folder: Path, room: Calibration) -> None:
+    stored = calibration.read(folder)
+    assert stored.calibration.name == room.name
+    assert stored.calibration.projectors == room.projectors
+    assert stored.calibration.camera == room.camera
+    np.testing.assert_array_equal(stored.calibration.ambient, room.ambient)
+    np.testing.assert_array_equal(stored.calibration.mask, room.mask)
+    assert stored.checked_path("transport_red.npz").read_bytes() == b"matrix"
+
+
+def test_nothing_is_left_when_writing_fails(tmp_path: Path, room: Calibration) -> None:
+    with pytest.raises(RuntimeError, match="stop"), calibration.writing(tmp_path / "room", room):
+        raise RuntimeError("stop")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_calibration_is_replaced_only_when_asked(folder: Path, room: Calibration) -> None:
+    before = calibration.read(folder).fingerprint
+    with pytest.raises(InputError, match="--force"), calibration.writing(folder, room):
+        pass
+    assert calibration.read(folder).fingerprint == before
+    with calibration.writing(folder, room, force=True):
+        pass
+    assert calibration.read(folder).fingerprint != before
+    assert [path.name for path in folder.parent.iterdir()] == ["room"]
+
+
+def test_another_folder_is_never_replaced(tmp_path: Path, room: Calibration) -> None:
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter.txt").write_text("mine")
+    with (
+        pytest.raises(InputError, match="no calibration folder"),
+        calibration.writing(tmp_path / "thesis", room, force=True),
+    ):
+        pass
+    assert (tmp_path / "thesis" / "chapter.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["ambient.exr", "mask.png"])
+@pytest.mark.parametrize("damage", ["truncated", "flipped", "missing"])
+def test_damaged_files_are_refused(folder: Path, name: str, damage: str) -> None:
+    path = folder / name
+    contents = bytearray(path.read_bytes())
+    if damage == "missing":
+        path.unlink()
+    else:
+        contents[len(contents) // 2] ^= 1
+        path.write_bytes(contents if damage == "flipped" else contents[:-1])
+    with pytest.raises(InputError, match=f"{name}.*make the calibration again"):
+        calibration.read(folder)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("format = 1", "format = 2", "format 2, this version reads 1"),
+        ("format = 1", "format = 1 oops", "not valid TOML"),
+        ("[camera]", "[kamera]", r"needs \[\[projectors\]\]"),
+        ("width = 13", "width = 14", "the camera is 14x9"),
+        ("width = 13", 'width = "13"', "lacks width and height"),
+        ("width = 13", "width = 99999", "expected 1 to 16384"),
+        ("response = 2.2", 'response = "rec2100"', "expected linear, srgb"),
+    ],
+)
+def test_a_wrong_table_is_refused(folder: Path, old: str, new: str, complaint: str) -> None:
+    text = (folder / "calibration.toml").read_text()
+    assert old in text
+    (folder / "calibration.toml").write_text(text.replace(old, new))
+    with pytest.raises(InputError, match=complaint):
+        calibration.read(folder)
+
+
+def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such folder"):
+        calibration.read(tmp_path / "nowhere")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match=r"calibration\.toml: missing"):
+        calibration.read(tmp_path / "empty")
+
+
+def test_a_mask_picture_is_black_and_white_at_the_middle(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "m.png"), np.array([[0, 127, 128, 255]], np.uint8))
+    mask = calibration.read_mask_picture(tmp_path / "m.png", Device(1, 4, LINEAR))
+    np.testing.assert_array_equal(mask, [[False, False, True, True]])
+    with pytest.raises(InputError, match="4x1, the camera is 5x1"):
+        calibration.read_mask_picture(tmp_path / "m.png", Device(1, 5, LINEAR))
+
+
+def test_exr_pictures_are_exact_and_their_window_is_honoured(tmp_path: Path, rng: np.random.Generator) -> None:
+    picture = rng.normal(size=(5, 9, 3)).astype(np.float32)
+    exr.write_rgb(tmp_path / "p.exr", picture[:, ::-1][:, ::-1])
+    assert exr.read_rgb(tmp_path / "p.exr").tobytes() == picture.tobytes()
+    exr.write_channels(tmp_path / "z.exr", {"Z": picture[..., 0]})
+    with pytest.raises(InputError, match="channels Z, expected R, G and B"):
+        exr.read_rgb(tmp_path / "z.exr")

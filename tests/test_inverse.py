@@ -1,0 +1,217 @@
+"""The inverse: Penrose conditions, truth by construction, certified truncation, windows against the whole."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+
+from player.errors import InputError
+from tools.clusters.components import find_clusters
+from tools.inverse import inverse as inverse_module
+from tools.inverse.clustered import damped_inverse
+from tools.inverse.damping import CANDIDATES, choose_damping, largest_singular_value
+from tools.inverse.far_light import undo_far_light
+from tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
+from tools.inverse.truncation import entries_to_keep
+from tools.transport.transport import Csr, FarLight, Transport, shared_pattern
+
+CAMERA, PROJECTOR = (15, 19), (12, 16)
+KEEP_ALL = 0.0
+
+
+def blurred_transport(
+    rng: np.random.Generator, camera: tuple[int, int], projector: tuple[int, int], sigma: float
+) -> Csr:
+    """A textured surface seen through a Gaussian blur: camera pixels overlap their neighbours' projector pixels."""
+    y, x = np.mgrid[: camera[0], : camera[1]].reshape(2, -1, 1)
+    v, u = np.mgrid[: projector[0], : projector[1]].reshape(2, 1, -1)
+    dy = (y + 0.5) * projector[0] / camera[0] - v - 0.5
+    dx = (x + 0.5) * projector[1] / camera[1] - u - 0.5
+    weights = np.exp(-(dx**2 + dy**2) / (2 * sigma**2))
+    weights[weights < 1e-2] = 0
+    albedo = rng.uniform(0.4, 1, (weights.shape[0], 1))
+    return sparse.csr_array((albedo * weights / weights.sum(axis=1, keepdims=True)).astype(np.float32))
+
+
+def three_channels(rng: np.random.Generator, T: Csr) -> tuple[Csr, ...]:
+    return tuple(sparse.csr_array(T.multiply(rng.uniform(0.5, 1, (T.shape[0], 1)))) for _ in range(3))
+
+
+def invert(near: tuple[Csr, ...], options: InverseOptions, mask: NDArray[np.bool_] | None = None) -> Inverse:
+    mask = np.ones(CAMERA, bool) if mask is None else mask
+    return invert_near_light(near, mask, PROJECTOR, np.full((mask.size, 3), 0.5), 0.5, options)
+
+
+@pytest.mark.parametrize("shape", [(8, 8), (13, 5), (5, 13)])
+def test_the_plain_inverse_meets_the_penrose_conditions(rng: np.random.Generator, shape: tuple[int, int]) -> None:
+    A = rng.uniform(size=(4, *shape))
+    A[1, :, 0] = A[1, :, 1]  # one block without full rank
+    P = damped_inverse(A, np.zeros(4))
+    for product in (A @ P, P @ A):
+        np.testing.assert_allclose(product, np.swapaxes(product, 1, 2), atol=1e-9)  # cond ≤ 1e3 times float64 rounding
+    np.testing.assert_allclose(A @ P @ A, A, atol=1e-9)
+    np.testing.assert_allclose(P @ A @ P, P, atol=1e-7)  # P's own size enters squared
+
+
+@pytest.mark.parametrize("shape", [(13, 5), (5, 13)])
+def test_the_damped_inverse_solves_the_damped_normal_equations(rng: np.random.Generator, shape: tuple[int, int]) -> None:
+    A, damping = rng.uniform(size=(3, *shape)), np.array([0.3, 0.1, 0.02])
+    P = damped_inverse(A, damping)
+    At = np.swapaxes(A, 1, 2)
+    left = (At @ A + damping[:, None, None] ** 2 * np.eye(shape[1])) @ P
+    np.testing.assert_allclose(left, At, atol=1e-11)  # float64, condition of the damped system ≤ 1e5
+
+
+def test_what_was_projected_is_recovered(rng: np.random.Generator) -> None:
+    near = three_channels(rng, blurred_transport(rng, CAMERA, PROJECTOR, 0.5))
+    p = rng.uniform(size=(near[0].shape[1], 3))
+    matrices = invert(near, InverseOptions(0.0, KEEP_ALL)).matrices(near[0].shape[0])
+    for channel in range(3):
+        recovered = matrices[channel] @ (near[channel] @ p[:, channel])
+        np.testing.assert_allclose(recovered, p[:, channel], atol=2e-4)  # float32 weights times their row's L1 norm
+
+
+def test_batches_of_clusters_equal_one_dense_inverse(rng: np.random.Generator) -> None:
+    blocks = [rng.uniform(0.1, 1, rng.integers(1, 5, 2)) for _ in range(60)]
+    T = sparse.csr_array(sparse.block_diag(blocks))
+    T = sparse.csr_array(T.toarray()[rng.permutation(T.shape[0])][:, rng.permutation(T.shape[1])].astype(np.float32))
+    mask = np.ones((1, T.shape[0]), bool)
+    reach = np.ones((T.shape[0], 3))
+    for damping in (0.0, 0.05):
+        result = invert_near_light((T, T, T), mask, (1, T.shape[1]), reach, 1.0, InverseOptions(damping, KEEP_ALL))
+        assert result.clusters.count == 60
+        expected = damped_inverse(T.toarray().astype(float), np.array(damping * largest_singular_value(T)))
+        # float32 weights; the largest entry of a plain inverse of such blocks is below 1e3.
+        np.testing.assert_allclose(result.matrices(T.shape[0])[1].toarray(), expected, rtol=1e-5, atol=1e-5)
+
+
+def test_windows_agree_with_the_whole(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+    camera, projector = (45, 60), (36, 48)
+    near = three_channels(rng, blurred_transport(rng, camera, projector, 0.6))
+    mask, reach = np.ones(camera, bool), np.full((camera[0] * camera[1], 3), 0.5)
+    options = InverseOptions(0.1, KEEP_ALL)
+    whole = invert_near_light(near, mask, projector, reach, 0.5, options)
+    monkeypatch.setattr(inverse_module, "LARGEST_DENSE", 100)
+    windowed = invert_near_light(near, mask, projector, reach, 0.5, options)
+    assert (whole.windowed_clusters, windowed.windowed_clusters) == (0, 1)
+    picture = 0.5 * rng.uniform(size=camera[0] * camera[1])
+    for a, b in zip(whole.matrices(picture.size), windowed.matrices(picture.size), strict=True):
+        change = np.abs(np.clip(a @ picture, 0, 1) - np.clip(b @ picture, 0, 1)).max()
+        assert change <= 0.5 / 255  # the tolerance of the halo when nothing is truncated, for another picture
+
+
+def test_a_large_cluster_has_no_plain_inverse(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(inverse_module, "LARGEST_DENSE", 100)
+    near = three_channels(rng, blurred_transport(rng, CAMERA, PROJECTOR, 0.6))
+    with pytest.raises(InputError, match="cluster of 192 projector pixels.*--regularize auto"):
+        invert(near, InverseOptions(0.0))
+
+
+def test_rows_outside_the_mask_take_no_part(rng: np.random.Generator) -> None:
+    near = three_channels(rng, blurred_transport(rng, CAMERA, PROJECTOR, 0.5))
+    mask = rng.uniform(size=CAMERA) > 0.3
+    result = invert(near, InverseOptions(0.05, KEEP_ALL), mask)
+    for matrix in result.matrices(mask.size):
+        assert matrix[:, np.flatnonzero(~mask.ravel())].nnz == 0
+    with pytest.raises(InputError, match="no camera pixel inside the mask"):
+        invert(near, InverseOptions(0.05), np.zeros(CAMERA, bool))
+
+
+@pytest.mark.parametrize("max_error", [0.1, 0.5, 4.0])
+def test_truncation_keeps_its_promise(rng: np.random.Generator, max_error: float) -> None:
+    near = three_channels(rng, blurred_transport(rng, CAMERA, PROJECTOR, 0.8))
+    full = invert(near, InverseOptions(0.05, KEEP_ALL))
+    short = invert(near, InverseOptions(0.05, max_error))
+    assert short.rows.indices.size < full.rows.indices.size
+    assert short.truncation.max() <= max_error / 255
+    pairs = zip(full.matrices(near[0].shape[0]), short.matrices(near[0].shape[0]), strict=True)
+    for channel, (whole, kept) in enumerate(pairs):
+        lost = whole - kept
+        worst = np.abs(lost).sum(axis=1) * 0.5  # the adversarial picture: ± white wherever an entry was dropped
+        assert np.all(worst <= short.truncation * (1 + 1e-5))  # float32 storage of the kept weights
+        if channel == 0:
+            assert worst.max() >= 0.25 * max_error / 255  # the budget is used, not merely respected
+
+
+def test_entries_to_keep_drops_the_smallest_first() -> None:
+    keep, dropped = entries_to_keep(np.array([[0.3, 0.1, 0.2, 0.0], [5.0, 5.0, 5.0, 5.0]]), 0.31)
+    np.testing.assert_array_equal(keep, [[True, False, False, False], [True] * 4])
+    np.testing.assert_allclose(dropped, [0.3, 0.0])  # float64 sum
+
+
+def test_clusters_are_the_blocks_of_a_shuffled_block_matrix(rng: np.random.Generator) -> None:
+    T = sparse.csr_array(sparse.block_diag([np.ones((2, 3)), np.ones((1, 1)), np.zeros((2, 2)), np.ones((4, 2))]))
+    T.eliminate_zeros()
+    clusters = find_clusters(T)
+    assert clusters.count == 3
+    assert sorted(zip(clusters.camera_sizes, clusters.projector_sizes, strict=True)) == [(1, 1), (2, 3), (4, 2)]
+    assert np.count_nonzero(clusters.camera < 0) == 2
+    rows, columns = T.nonzero()
+    np.testing.assert_array_equal(clusters.camera[rows], clusters.projector[columns])
+
+
+def test_largest_singular_value(rng: np.random.Generator) -> None:
+    T = blurred_transport(rng, CAMERA, PROJECTOR, 0.7)
+    exact = np.linalg.svd(T.toarray(), compute_uv=False)[0]
+    assert largest_singular_value(T) == pytest.approx(exact, rel=0.01)  # fifty power steps, close second value
+    assert largest_singular_value(1e-6 * T) == pytest.approx(1e-6 * exact, rel=0.01)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_the_choice_of_damping_ignores_the_unit_of_light(rng: np.random.Generator, scale: float) -> None:
+    T = blurred_transport(rng, CAMERA, PROJECTOR, 0.7)
+    reference = choose_damping(T, 0.5, np.ones(CAMERA, bool))
+    scaled = choose_damping(sparse.csr_array(T * np.float32(scale)), 0.5 * scale, np.ones(CAMERA, bool))
+    assert scaled.damping == reference.damping
+    assert set(scaled.errors) == set(CANDIDATES)
+
+
+def test_direct_mapping_is_hardly_damped() -> None:
+    T = sparse.csr_array(sparse.diags_array(np.linspace(0.05, 1, CAMERA[0] * CAMERA[1]).astype(np.float32)))
+    assert choose_damping(T, 0.05, np.ones(CAMERA, bool)).damping == min(CANDIDATES)
+
+
+def test_far_light_is_undone(rng: np.random.Generator) -> None:
+    """p = S⁺ (b − U M' D' b) solves (S + U M D) p = b when S is invertible and D', M' are complete."""
+    n, cells = 40, 5
+    S = sparse.csr_array(np.eye(n) + 0.1 * rng.uniform(size=(n, n)))
+    U = sparse.csr_array(rng.uniform(size=(n, cells)))
+    D = sparse.csr_array(rng.uniform(size=(cells, n)) / n)
+    M = 0.1 * rng.uniform(size=(cells, cells))
+    far = FarLight((D,) * 3, np.stack([M] * 3), (U,) * 3)
+    S_inverse = sparse.csr_array(np.linalg.inv(S.toarray()))
+    undo = undo_far_light(far, (S_inverse,) * 3)
+    p = rng.uniform(size=(n, 3))
+    b = Transport((S,) * 3, far).apply(p)
+    near_light = b[:, 0] - undo.scatter[0] @ (undo.mix[0] @ (undo.gather[0] @ b[:, 0]))
+    np.testing.assert_allclose(S_inverse @ near_light, p[:, 0], atol=1e-3)  # gathers' tails below 1e-4 are left out
+
+
+def test_transport_is_linear_and_its_transpose_is_one(rng: np.random.Generator) -> None:
+    S = blurred_transport(rng, CAMERA, PROJECTOR, 0.7)
+    far = FarLight(
+        tuple(sparse.random_array((7, S.shape[1]), density=0.2, rng=rng, format="csr") for _ in range(3)),
+        rng.uniform(size=(3, 7, 7)),
+        tuple(sparse.random_array((S.shape[0], 7), density=0.2, rng=rng, format="csr") for _ in range(3)),
+    )
+    T = Transport((S,) * 3, far)
+    u, w = rng.normal(size=(S.shape[1], 3)), rng.normal(size=(S.shape[1], 3))
+    v = rng.normal(size=(S.shape[0], 3))
+    np.testing.assert_allclose(T.apply(2 * u - w), 2 * T.apply(u) - T.apply(w), atol=1e-10)  # float64 sums
+    left, right = (T.apply(u) * v).sum(axis=0), (u * T.apply_transpose(v)).sum(axis=0)
+    np.testing.assert_allclose(left, right, rtol=1e-9)  # ⟨Tu, v⟩ = ⟨u, Tᵀv⟩, float64 sums of a few thousand terms
+
+
+def test_shared_pattern_is_the_union(rng: np.random.Generator) -> None:
+    matrices = [sparse.random_array((9, 14), density=0.2, rng=rng, format="csr", dtype=np.float32) for _ in range(3)]
+    indptr, indices, weights = shared_pattern(matrices)
+    for i, matrix in enumerate(matrices):
+        rebuilt = sparse.csr_array((weights[:, i], indices, indptr), shape=(9, 14))
+        np.testing.assert_array_equal(rebuilt.toarray(), matrix.toarray())
+    assert np.all(weights.any(axis=1))
+
+
+@pytest.mark.parametrize("options", [{"damping": -0.1}, {"damping": 1.5}, {"max_error": -1}, {"max_error": 300}])
+def test_options_out_of_range_are_refused(options: dict[str, float]) -> None:
+    with pytest.raises(InputError, match="expected"):
+        InverseOptions(**options)

@@ -1,0 +1,45 @@
+"""Transfer curves: known values, inverses, and refusals."""
+
+import numpy as np
+import pytest
+
+from player.errors import InputError
+from player.reference import encode
+from player.response import parse_response, transfer_table
+
+
+@pytest.mark.parametrize("value", ["linear", "srgb", 0.6, 1.0, 1.8, 2.2, 2.4, "2.2", [[0.0], [0.1], [0.5], [1.0]]])
+def test_encoding_then_the_response_gives_the_light_back(value: object) -> None:
+    response = parse_response(value)
+    light = np.linspace(0, 1, 4001)[None, :, None].repeat(3, axis=2)
+    codes = encode(light, response.inverse_table()).astype(float) / 255
+    neighbours = [response.to_linear(np.clip(codes + step / 255, 0, 1)) for step in (-0.51, 0.51)]
+    # The code is the nearest one: half a code to either side brackets the light; 0.01 for the table's interpolation.
+    assert np.all(neighbours[0] <= light + 1e-9)
+    assert np.all(light <= neighbours[1] + 1e-9)
+
+
+def test_three_column_tables_act_per_channel() -> None:
+    response = parse_response([[0, 0, 0], [0.25, 0.5, 0.75], [1, 1, 1]])
+    np.testing.assert_allclose(response.to_linear(np.full((1, 3), 0.5))[0], [0.25, 0.5, 0.75])
+
+
+def test_known_values_of_the_transfers() -> None:
+    middle = {"srgb": 0.21404, "bt1886": 0.18946, "gamma22": 0.21764, "linear": 0.5}  # at code value 0.5, by formula
+    for name, light in middle.items():
+        table = transfer_table(name)
+        assert np.interp(0.5, np.linspace(0, 1, table.size), table) == pytest.approx(light, abs=2e-5)  # printed digits
+        assert table[0] == 0
+        assert table[-1] == 1
+
+
+@pytest.mark.parametrize("value", ["rgb", 0.0, -1, 11, "x", None, [[0], [0.5], [0.5], [1]], [[0]], [[0.1], [1]], [[0, 0], [1]]])
+def test_curves_that_cannot_be_inverted_are_refused(value: object) -> None:
+    with pytest.raises(InputError, match="response"):
+        parse_response(value)
+
+
+def test_a_response_survives_its_toml() -> None:
+    for value in ("linear", "srgb", 2.2, [[0.0], [0.3], [1.0]]):
+        response = parse_response(value)
+        assert parse_response(response.to_toml()) == response

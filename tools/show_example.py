@@ -1,0 +1,96 @@
+"""What `make play` runs: simulate the shipped room, build its map, and show a clip before and after compensation."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from player import app, calibration
+from player.command import Parser, run
+from player.content import camera_psnr
+from player.errors import InputError
+from player.headless import FRAME_TIMEOUT_S
+from player.output import write_picture
+from player.renderer import Room
+from player.video import MediaReader
+from tools import build_correction_map, simulate_transport
+
+DATA = Path(__file__).resolve().parents[1] / "calib_data"
+CLIP = DATA / "media" / "big_buck_bunny.mp4"
+SHOWN_AT_S = 2.0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    return run(_main, argv)
+
+
+def _main(argv: Sequence[str] | None) -> None:
+    options = _parser().parse_args(argv)
+    folder = options.folder / options.scene
+    prepare(DATA / "scenes" / f"{options.scene}.toml", folder)
+    room = app.read_room(folder, None)
+    before, after = compare(room, options.folder)
+    print(f"camera view: PSNR {before:.1f} dB before, {after:.1f} dB after")
+    print(f"pictures: {options.folder / 'before.png'}, {options.folder / 'after.png'}")
+    play(folder, options.folder)
+
+
+def prepare(scene: Path, folder: Path) -> None:
+    """Simulate the scene and build its map, unless that has been done; always whole folders."""
+    if not (folder / calibration.TOML).is_file():
+        _or_stop(simulate_transport.main([str(scene), "-o", str(folder)]))
+    if not (folder / "correction" / "manifest.toml").is_file():
+        _or_stop(build_correction_map.main([str(folder)]))
+
+
+def compare(room: Room, folder: Path) -> tuple[float, float]:
+    """Write before.png and after.png, the camera's views of one frame; returns both PSNRs in decibels.
+
+    Before: the frame as any player would project it. After: compensated. Both against the desired picture.
+    """
+    quality = []
+    with app.headless_renderer("gl", room) as renderer, MediaReader.open(CLIP) as reader:
+        reader.seek(SHOWN_AT_S)
+        frame = reader.next_frame(FRAME_TIMEOUT_S)
+        if frame is None:
+            raise InputError(f"{CLIP}: has no frame at {SHOWN_AT_S} s; restore the file with: git checkout {CLIP}")
+        renderer.open(frame.format)
+        renderer.upload(frame)
+        reader.release(frame)
+        for name, compensate in (("before.png", False), ("after.png", True)):
+            renderer.render("camera", compensate=compensate)
+            write_picture(folder / name, renderer)
+            seen = renderer.linear()
+            quality.append(camera_psnr(renderer.desired(), seen, room.calibration.mask, room.white))
+    return quality[0], quality[1]
+
+
+def play(room: Path, folder: Path) -> None:
+    """Play the clip in a window, or without a screen render the camera's view, half without, half with compensation."""
+    try:
+        from player.gl.monitors import list_monitors
+
+        list_monitors()
+    except InputError as error:
+        print(error)
+        video = folder / "split.mp4"
+        _or_stop(app.main([str(room), str(CLIP), "--output", str(video), "--view", "split"]))
+        return
+    print("keys: c compensation, v view, i statistics, space pause, q quit")
+    _or_stop(app.main([str(room), str(CLIP), "--loop"]))
+
+
+def _or_stop(code: int) -> None:
+    if code:
+        raise SystemExit(code)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser("python -m tools.show_example", description=__doc__)
+    parser.add_argument("--scene", default="corner", help="a scene of calib_data/scenes (default corner)")
+    parser.add_argument("--folder", type=Path, default=DATA / "example", help="where the room and the pictures go")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
