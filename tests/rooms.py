@@ -1,14 +1,19 @@
 """Small rooms for tests: asymmetric on purpose, so that a flip or a swap of height and width shows."""
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
-from player.calibration import Calibration, Device
+from player.calibration import Calibration, Device, writing
 from player.maps import FarMaps, RoomMaps
 from player.renderer import Room
 from player.response import Response
 from player.row_map import RowMap, SparseRows, pack
 from player.video import Frame, PixelFormat, PlaneShape
+from tools.transport.storage import write_transport
+from tools.transport.transport import Transport
 
 CAMERA, PROJECTOR = (11, 17), (7, 13)
 CELLS = (1, 6)
@@ -97,3 +102,37 @@ def frame_of(pixels: PixelFormat, rng: np.random.Generator) -> Frame:
 
 def _frame(pixels: PixelFormat, planes: tuple[NDArray[np.generic], ...]) -> Frame:
     return Frame(index=0, time_s=0.0, duration_s=0.04, decode_s=0.0, format=pixels, planes=planes, slot=(0, 0))
+
+
+def blurred_transport(
+    rng: np.random.Generator, camera: tuple[int, int], projector: tuple[int, int], sigma: float
+) -> sparse.csr_array:
+    """A textured surface seen through a Gaussian blur: camera pixels overlap their neighbours' projector pixels."""
+    y, x = np.mgrid[: camera[0], : camera[1]].reshape(2, -1, 1)
+    v, u = np.mgrid[: projector[0], : projector[1]].reshape(2, 1, -1)
+    dy = (y + 0.5) * projector[0] / camera[0] - v - 0.5
+    dx = (x + 0.5) * projector[1] / camera[1] - u - 0.5
+    weights = np.exp(-(dx**2 + dy**2) / (2 * sigma**2))
+    weights[weights < 1e-2] = 0
+    albedo = rng.uniform(0.4, 1, (weights.shape[0], 1))
+    return sparse.csr_array((albedo * weights / weights.sum(axis=1, keepdims=True)).astype(np.float32))
+
+
+def write_blurred_room(
+    folder: Path, rng: np.random.Generator, camera: tuple[int, int] = (36, 50), projector: tuple[int, int] = (30, 40)
+) -> Transport:
+    """A calibration folder of a textured, slightly blurred wall whose colours differ; returns its transport."""
+    blur = blurred_transport(rng, camera, projector, 0.5)
+    tints = rng.uniform(0.5, 1, (3, blur.shape[0], 1))
+    transport = Transport(tuple(sparse.csr_array(blur.multiply(tint), dtype=np.float32) for tint in tints))
+    calibration = Calibration(
+        "blurred wall",
+        "made by a test",
+        (Device(*projector, Response("srgb")),),
+        Device(*camera, Response("linear")),
+        rng.uniform(0, 0.02, (*camera, 3)).astype(np.float32),
+        np.ones(camera, bool),
+    )
+    with writing(folder, calibration) as stage:
+        write_transport(transport, stage)
+    return transport

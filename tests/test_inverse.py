@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from player.errors import InputError
+from tests.rooms import blurred_transport
 from tools.clusters.components import find_clusters
 from tools.inverse import inverse as inverse_module
 from tools.inverse.clustered import damped_inverse
@@ -17,20 +18,6 @@ from tools.transport.transport import Csr, FarLight, Transport, shared_pattern
 
 CAMERA, PROJECTOR = (15, 19), (12, 16)
 KEEP_ALL = 0.0
-
-
-def blurred_transport(
-    rng: np.random.Generator, camera: tuple[int, int], projector: tuple[int, int], sigma: float
-) -> Csr:
-    """A textured surface seen through a Gaussian blur: camera pixels overlap their neighbours' projector pixels."""
-    y, x = np.mgrid[: camera[0], : camera[1]].reshape(2, -1, 1)
-    v, u = np.mgrid[: projector[0], : projector[1]].reshape(2, 1, -1)
-    dy = (y + 0.5) * projector[0] / camera[0] - v - 0.5
-    dx = (x + 0.5) * projector[1] / camera[1] - u - 0.5
-    weights = np.exp(-(dx**2 + dy**2) / (2 * sigma**2))
-    weights[weights < 1e-2] = 0
-    albedo = rng.uniform(0.4, 1, (weights.shape[0], 1))
-    return sparse.csr_array((albedo * weights / weights.sum(axis=1, keepdims=True)).astype(np.float32))
 
 
 def three_channels(rng: np.random.Generator, T: Csr) -> tuple[Csr, ...]:
@@ -54,7 +41,9 @@ def test_the_plain_inverse_meets_the_penrose_conditions(rng: np.random.Generator
 
 
 @pytest.mark.parametrize("shape", [(13, 5), (5, 13)])
-def test_the_damped_inverse_solves_the_damped_normal_equations(rng: np.random.Generator, shape: tuple[int, int]) -> None:
+def test_the_damped_inverse_solves_the_damped_normal_equations(
+    rng: np.random.Generator, shape: tuple[int, int]
+) -> None:
     A, damping = rng.uniform(size=(3, *shape)), np.array([0.3, 0.1, 0.02])
     P = damped_inverse(A, damping)
     At = np.swapaxes(A, 1, 2)
@@ -103,7 +92,7 @@ def test_windows_agree_with_the_whole(rng: np.random.Generator, monkeypatch: pyt
 def test_a_large_cluster_has_no_plain_inverse(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(inverse_module, "LARGEST_DENSE", 100)
     near = three_channels(rng, blurred_transport(rng, CAMERA, PROJECTOR, 0.6))
-    with pytest.raises(InputError, match="cluster of 192 projector pixels.*--regularize auto"):
+    with pytest.raises(InputError, match=r"cluster of 192 projector pixels.*--regularize auto"):
         invert(near, InverseOptions(0.0))
 
 

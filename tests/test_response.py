@@ -33,7 +33,9 @@ def test_known_values_of_the_transfers() -> None:
         assert table[-1] == 1
 
 
-@pytest.mark.parametrize("value", ["rgb", 0.0, -1, 11, "x", None, [[0], [0.5], [0.5], [1]], [[0]], [[0.1], [1]], [[0, 0], [1]]])
+@pytest.mark.parametrize(
+    "value", ["rgb", 0.0, -1, 11, "x", None, [[0], [0.5], [0.5], [1]], [[0]], [[0.1], [1]], [[0, 0], [1]]]
+)
 def test_curves_that_cannot_be_inverted_are_refused(value: object) -> None:
     with pytest.raises(InputError, match="response"):
         parse_response(value)

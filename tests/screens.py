@@ -1,0 +1,105 @@
+"""X servers for tests, each ended by the process that started it: one screen (Xvfb), two monitors (Xorg, dummy driver).
+
+xrandr --setmonitor, a second Xvfb screen and Xinerama are not seen by GLFW, hence a real Xorg for two monitors.
+"""
+
+import os
+import select
+import shutil
+import subprocess
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+START_S = 30.0  # an idle machine needs one second
+TWO_MONITORS = """
+Section "ServerFlags"
+  Option "AutoAddDevices" "false"
+  Option "AutoAddGPU" "false"
+  Option "DontVTSwitch" "true"
+EndSection
+Section "Monitor"
+  Identifier "monitor"
+  HorizSync 5.0-1000.0
+  VertRefresh 5.0-200.0
+EndSection
+Section "Device"
+  Identifier "card"
+  Driver "dummy"
+  VideoRam 256000
+EndSection
+Section "Screen"
+  Identifier "screen"
+  Device "card"
+  Monitor "monitor"
+  DefaultDepth 24
+  SubSection "Display"
+    Depth 24
+    Virtual 4096 2048
+  EndSubSection
+EndSection
+"""
+
+
+class NoServer(Exception):
+    """An X server did not start: why, and what to install."""
+
+
+@contextmanager
+def one_screen(folder: Path) -> Iterator[str]:
+    """Run Xvfb with one screen of 1280x720; yields its DISPLAY. `folder` takes the server's log."""
+    with _server(["Xvfb", "-screen", "0", "1280x720x24"], folder / "xvfb.log") as display:
+        yield display
+
+
+@contextmanager
+def two_monitors(folder: Path) -> Iterator[str]:
+    """Run Xorg with DUMMY0 1280x720 at 0,0 (primary) and DUMMY1 1024x768 at 1280,0; yields its DISPLAY."""
+    config = folder / "two-monitors.conf"
+    config.write_text(TWO_MONITORS)
+    command = ["Xorg", "-config", str(config), "-logfile", str(folder / "xorg.0.log")]
+    with _server(command, folder / "xorg.log") as display:
+        _xrandr(display, "--output", "DUMMY0", "--mode", "1280x720", "--pos", "0x0", "--primary")
+        _xrandr(display, "--addmode", "DUMMY1", "1024x768")
+        _xrandr(display, "--output", "DUMMY1", "--mode", "1024x768", "--pos", "1280x0")
+        _xrandr(display)  # a full query: GLFW reads the server's cached list, which has one monitor without it
+        yield display
+
+
+@contextmanager
+def _server(command: Sequence[str], log: Path) -> Iterator[str]:
+    """Run an X server on a display of its own choice; it keeps its state when the last window closes (-noreset)."""
+    if shutil.which(command[0]) is None:
+        raise NoServer(f"{command[0]} is not installed; make test installs it, counterlight-doctor names the package")
+    readable, writable = os.pipe()
+    with log.open("wb") as output:
+        arguments = [*command, "-displayfd", str(writable), "-noreset", "-nolisten", "tcp"]
+        server = subprocess.Popen(arguments, stdout=output, stderr=output, pass_fds=[writable])
+    os.close(writable)
+    try:
+        yield f":{_first_line(readable, command[0], log)}"
+    finally:
+        os.close(readable)
+        server.terminate()
+        server.wait()
+
+
+def _first_line(readable: int, name: str, log: Path) -> str:
+    """The display number, which a server writes when it is ready for clients."""
+    line = b""
+    while not line.endswith(b"\n"):
+        ready, _, _ = select.select([readable], [], [], START_S)
+        piece = os.read(readable, 16) if ready else b""
+        if not piece:
+            raise NoServer(
+                f"{name} did not start; as a plain user Xorg may need root. It said: {log.read_text()[-2000:]}"
+            )
+        line += piece
+    return line.decode().strip()
+
+
+def _xrandr(display: str, *arguments: str) -> None:
+    command = ["xrandr", "--display", display, *arguments]
+    outcome = subprocess.run(command, capture_output=True, text=True, timeout=START_S, check=False)
+    if outcome.returncode:
+        raise NoServer(f"{' '.join(command)}: {outcome.stderr.strip()}")

@@ -1,0 +1,261 @@
+"""play-corrected and build-correction-map as a user runs them: whole commands, real files, EGL."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from player import calibration, exr, maps
+from player.reference import PreparedRows
+from tests.rooms import write_blurred_room
+from tools import build_correction_map
+from tools.transport.transport import Transport
+
+CLIP = Path(__file__).resolve().parents[1] / "calib_data" / "media" / "big_buck_bunny.mp4"
+ROOM_CAMERA, ROOM_PROJECTOR = (36, 50), (30, 40)
+
+
+def command(name: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a console script of this environment; a hang is a failure."""
+    script = Path(sys.executable).with_name(name)
+    return subprocess.run(
+        [str(script), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env=os.environ | environment,
+        check=False,
+    )
+
+
+def succeed(name: str, *arguments: object) -> str:
+    done = command(name, *arguments)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def fail(name: str, *arguments: object, code: int = 2, **environment: str) -> str:
+    """The one line that a refused command prints."""
+    done = command(name, *arguments, **environment)
+    assert done.returncode == code, done.stdout + done.stderr
+    lines = [line for line in done.stderr.splitlines() if line]
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("error: ")
+    return lines[0]
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Transport]:
+    folder = tmp_path_factory.mktemp("rooms") / "wall"
+    transport = write_blurred_room(folder, np.random.default_rng(7), ROOM_CAMERA, ROOM_PROJECTOR)
+    out = succeed("build-correction-map", folder, "--regularize", "0.02", "--max-error", "0.1")
+    assert re.search(r"clusters, largest .* entries, texture \d+x\d+, fill 9\d\.\d %, .* MiB of maps, .* s", out)
+    return folder, transport
+
+
+@pytest.fixture
+def room(built: tuple[Path, Transport], tmp_path: Path) -> Path:
+    """A copy that a test may damage."""
+    shutil.copytree(built[0], tmp_path / "wall")
+    return tmp_path / "wall"
+
+
+@pytest.fixture
+def target(rng: np.random.Generator) -> np.ndarray:
+    return rng.uniform(0, 0.3, (*ROOM_CAMERA, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize("backend", ["gl", "cpu"])
+def test_an_exr_is_compensated_as_the_equation_says(
+    room: Path, tmp_path: Path, target: np.ndarray, backend: str
+) -> None:
+    exr.write_rgb(tmp_path / "c.exr", target)
+    succeed("play-corrected", room, tmp_path / "c.exr", "--output", tmp_path / "p.exr", "--backend", backend)
+    stored = calibration.read(room)
+    T_pinv = PreparedRows(maps.read_maps(stored).correction)
+    expected = np.clip(T_pinv.apply(target - stored.calibration.ambient), 0, 1)
+    np.testing.assert_allclose(exr.read_rgb(tmp_path / "p.exr"), expected, atol=1e-5)  # the issue's bound
+
+
+def test_the_camera_sees_what_was_asked_for(built: tuple[Path, Transport], tmp_path: Path, target: np.ndarray) -> None:
+    """Asking for a picture that some drive makes exactly gives that picture back, through the true T."""
+    folder, transport = built
+    stored = calibration.read(folder)
+    drive = cv2.GaussianBlur(np.random.default_rng(3).uniform(0.2, 0.8, (*ROOM_PROJECTOR, 3)), (0, 0), 2)
+    asked = transport.apply(drive.reshape(-1, 3)).reshape(*ROOM_CAMERA, 3) + stored.calibration.ambient
+    exr.write_rgb(tmp_path / "c.exr", asked.astype(np.float32))
+    succeed("play-corrected", folder, tmp_path / "c.exr", "--output", tmp_path / "seen.exr", "--view", "camera")
+    seen = exr.read_rgb(tmp_path / "seen.exr")
+    assert np.sqrt(np.mean((seen - asked) ** 2)) < 0.005 * asked.max()  # damping of 0.02 σ₁ shrinks by about λ²/σ²
+    plain = transport.apply(np.clip(asked.reshape(-1, 3)[: drive.size // 3], 0, 1)).reshape(*ROOM_CAMERA, 3)
+    assert np.sqrt(np.mean((plain - asked) ** 2)) > 0.05 * asked.max()  # and without T⁺ it would not
+
+
+def test_a_clip_becomes_a_video_with_its_frames(room: Path, tmp_path: Path) -> None:
+    output, stats = tmp_path / "out.mp4", tmp_path / "stats.json"
+    succeed("play-corrected", room, CLIP, "--output", output, "--frames", 7, "--stats", stats)
+    with av.open(str(output)) as container:
+        frames = list(container.decode(video=0))
+    assert len(frames) == 7
+    assert (frames[0].width, frames[0].height) == (40, 30)
+    assert frames[0].colorspace == 1  # BT.709
+    numbers = json.loads(stats.read_text())
+    assert (numbers["frames"], numbers["dropped"]) == (7, 0)
+    assert {"decode_ms", "upload_ms", "gpu_ms"} <= numbers.keys()
+    assert set(numbers["gpu_ms"]) == {"median", "p95"}
+
+
+def test_gl_and_cpu_render_the_same_codes(room: Path, tmp_path: Path) -> None:
+    for view in ("projector", "camera", "split"):
+        for backend in ("gl", "cpu"):
+            out = tmp_path / f"{view}-{backend}.png"
+            succeed("play-corrected", room, CLIP, "--output", out, "--view", view, "--backend", backend, "--start", "2")
+        pictures = [cv2.imread(str(tmp_path / f"{view}-{backend}.png")).astype(int) for backend in ("gl", "cpu")]
+        assert np.abs(pictures[0] - pictures[1]).max() <= 1  # one code value: a rounding may tip
+        assert pictures[0].std() > 5
+
+
+def test_sequences_are_numbered_and_lossless(room: Path, tmp_path: Path) -> None:
+    succeed("play-corrected", room, CLIP, "--output", tmp_path / "f%04d.png", "--frames", 3)
+    succeed("play-corrected", room, CLIP, "--output", tmp_path / "out.mkv", "--frames", 3)
+    assert sorted(path.name for path in tmp_path.glob("f*")) == ["f0000.png", "f0001.png", "f0002.png"]
+    with av.open(str(tmp_path / "out.mkv")) as container:
+        for index, frame in enumerate(container.decode(video=0)):
+            still = cv2.imread(str(tmp_path / f"f{index:04d}.png"))
+            np.testing.assert_array_equal(frame.to_ndarray(format="bgr24"), still)
+
+
+def test_compensation_is_what_raises_the_psnr(room: Path, tmp_path: Path) -> None:
+    figures = []
+    for option in ([], ["--no-compensation"]):
+        out = succeed("play-corrected", room, CLIP, "--output", tmp_path / "c.png", "--view", "camera", *option)
+        match = re.search(r"camera PSNR (\d+\.\d) dB", out)
+        assert match is not None
+        figures.append(float(match.group(1)))
+    assert figures[0] > figures[1] + 8
+
+
+@pytest.mark.parametrize("file", ["lookup.exr", "entries.exr", "transport/entries.exr"])
+@pytest.mark.parametrize("damage", ["truncated", "flipped", "missing"])
+def test_a_damaged_map_is_refused(room: Path, tmp_path: Path, file: str, damage: str) -> None:
+    path = room / "correction" / file
+    contents = bytearray(path.read_bytes())
+    if damage == "missing":
+        path.unlink()
+    else:
+        contents[-100] ^= 4
+        path.write_bytes(contents if damage == "flipped" else contents[: len(contents) // 2])
+    line = fail("play-corrected", room, CLIP, "--output", tmp_path / "out.png")
+    assert file in line
+    assert f"rebuild it with: build-correction-map {room}" in line
+    assert not (tmp_path / "out.png").exists()
+
+
+def test_a_map_of_another_calibration_is_refused(room: Path, tmp_path: Path) -> None:
+    write_blurred_room(tmp_path / "other", np.random.default_rng(8), ROOM_CAMERA, ROOM_PROJECTOR)
+    shutil.copytree(room / "correction", tmp_path / "other" / "correction")
+    line = fail("play-corrected", tmp_path / "other", CLIP, "--output", tmp_path / "out.png")
+    assert "made for another state" in line
+
+
+def test_no_map_yet(tmp_path: Path) -> None:
+    write_blurred_room(tmp_path / "wall", np.random.default_rng(8))
+    line = fail("play-corrected", tmp_path / "wall", CLIP, "--output", tmp_path / "out.png")
+    assert "missing; rebuild it with: build-correction-map" in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["nowhere", "CLIP", "--output", "OUT/o.png"], "nowhere: no such folder"),
+        (["ROOM", "OUT/none.mp4", "--output", "OUT/o.png"], "none.mp4: no such file"),
+        (["ROOM", "CLIP", "--output", "OUT/o.tiff"], "cannot write .tiff"),
+        (["ROOM", "CLIP", "--output", "OUT/no/o.png"], "no such folder"),
+        (["ROOM", "CLIP", "--output", "OUT/o%03d.mp4"], "only .png and .exr are numbered"),
+        (["ROOM", "CLIP", "--white", "0"], "expected auto or a radiance above 0"),
+        (["ROOM", "CLIP", "--white", "nan"], "expected auto or a radiance above 0"),
+        (["ROOM", "CLIP", "--frames", "0"], "from 1"),
+        (["ROOM", "CLIP", "--view", "side"], "invalid choice: 'side'"),
+        (["ROOM", "CLIP", "--backend", "cpu"], "add --output FILE"),
+        (["ROOM"], "needs a CALIBRATION and MEDIA"),
+        (["ROOM", "CLIP", "--start", "99", "--output", "OUT/o.png"], "no frame to render"),
+    ],
+)
+def test_wrong_use_is_one_line(room: Path, tmp_path: Path, arguments: list[str], complaint: str) -> None:
+    names = {"ROOM": str(room), "CLIP": str(CLIP)}
+    words = [names.get(word, word.replace("OUT", str(tmp_path))) for word in arguments]
+    assert complaint in fail("play-corrected", *words)
+    assert [path.name for path in tmp_path.iterdir()] == ["wall"]
+
+
+def test_no_screen_and_no_egl(room: Path, tmp_path: Path) -> None:
+    assert "no screen" in fail("play-corrected", room, CLIP, DISPLAY="", WAYLAND_DISPLAY="")
+    assert "no screen" in fail("play-corrected", "--list-monitors", DISPLAY="", WAYLAND_DISPLAY="")
+    nothing = tmp_path / "empty"
+    nothing.mkdir()
+    line = fail("play-corrected", room, CLIP, "--output", tmp_path / "o.png", __EGL_VENDOR_LIBRARY_DIRS=str(nothing))
+    assert "no OpenGL through EGL" in line
+    assert "--backend cpu" in line
+
+
+def test_a_clip_that_ends_early_leaves_no_output(room: Path, tmp_path: Path) -> None:
+    clip = tmp_path / "clip.mkv"
+    with av.open(str(clip), "w") as container:
+        stream = container.add_stream("mpeg4", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for index in range(50):
+            picture = np.random.default_rng(index).integers(0, 255, (48, 64, 3), np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode(None))
+    clip.write_bytes(clip.read_bytes()[: clip.stat().st_size // 2])
+    for output in ("o.mp4", "o.mkv", "o%02d.png"):
+        assert "ends early" in fail("play-corrected", room, clip, "--output", tmp_path / output)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["clip.mkv", "wall"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--regularize", "-1"], "from 0 to 1"),
+        (["--regularize", "much"], "expected auto, none or a number"),
+        (["--max-error", "-1"], "expected 0 to 255"),
+    ],
+)
+def test_build_correction_map_refuses_wrong_options(room: Path, arguments: list[str], complaint: str) -> None:
+    before = (room / "correction" / "manifest.toml").read_bytes()
+    assert complaint in fail("build-correction-map", room, *arguments)
+    assert (room / "correction" / "manifest.toml").read_bytes() == before
+
+
+def test_a_damaged_transport_keeps_the_previous_map(room: Path) -> None:
+    before = (room / "correction" / "manifest.toml").read_bytes()
+    path = room / "transport_green.npz"
+    path.write_bytes(path.read_bytes()[:-20])
+    assert "transport_green.npz" in fail("build-correction-map", room)
+    assert (room / "correction" / "manifest.toml").read_bytes() == before
+    assert [path.name for path in room.parent.iterdir()] == ["wall"]
+
+
+def test_an_interrupt_leaves_the_previous_map(
+    room: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = (room / "correction" / "manifest.toml").read_bytes()
+    for step in ("player.row_map.write", "tools.inverse.inverse.join"):  # while writing, and while computing
+        with monkeypatch.context() as patch:
+            patch.setattr(step, interrupted)
+            assert build_correction_map.main([str(room)]) == 130
+        assert capsys.readouterr().err.strip() == "interrupted: nothing was changed"
+        assert (room / "correction" / "manifest.toml").read_bytes() == before
+        assert [path.name for path in room.parent.iterdir()] == ["wall"]
+        assert not list(room.glob(".*"))
