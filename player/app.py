@@ -35,11 +35,11 @@ def _main(argv: Sequence[str] | None) -> None:
         raise InputError("play-corrected: needs a CALIBRATION and MEDIA; see play-corrected --help")
     room = read_room(options.calibration, options.white, options.dither)
     print(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white is None else ''}")
-    with MediaReader(options.media, loop=options.loop, frames_per_second=options.fps) as reader:
+    with MediaReader.open(options.media, loop=options.loop, frames_per_second=options.fps) as reader:
         if options.start:
             reader.seek(options.start)
         stats = _render(options, reader, room) if options.output else _play(options, reader, room)
-        stats.notices += reader.notices
+        stats.notices += reader.notices()
     for notice in stats.notices:
         print(notice, file=sys.stderr)
     if options.stats is not None:

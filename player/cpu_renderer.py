@@ -81,7 +81,7 @@ class CpuRenderer:
         calibration = self._room.calibration
         if not compensate:
             picture = self._placed(calibration.projector.shape)
-            return np.clip(picture / (self._room.white if self._radiance else 1.0), 0, 1)
+            return np.asarray(np.clip(picture / (self._room.white if self._radiance else 1.0), 0, 1))
         b = reference.desired_light(self._placed(calibration.camera.shape), calibration.ambient, self._asked_white())
         if self._undo is not None:
             b = b - self._undo.apply(b)

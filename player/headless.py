@@ -14,6 +14,8 @@ from player.renderer import Renderer
 from player.stats import Stats
 from player.video import MediaReader
 
+FRAME_TIMEOUT_S = 120.0
+
 
 def render_to_file(
     reader: MediaReader,
@@ -36,7 +38,7 @@ def render_to_file(
         wanted = 1 if sink.single else frames
         for index in track(_count(wanted), "rendering", wanted):
             start = time.perf_counter()
-            frame = reader.next_frame()
+            frame = reader.next_frame(FRAME_TIMEOUT_S)
             if frame is None:
                 break
             decoded = time.perf_counter()

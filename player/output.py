@@ -21,6 +21,9 @@ from player.renderer import Renderer
 
 PICTURES, VIDEOS = (".png", ".exr"), (".mp4", ".mov", ".mkv", ".webm")
 NUMBER = re.compile(r"%0?\d*d")
+# PyAV's log callback takes the GIL and can deadlock with a codec's threads; FFmpeg's own needs none.
+av.logging.restore_default_callback()
+av.logging.set_libav_level(av.logging.ERROR)
 BT709 = 1  # FFmpeg's number for the primaries, the transfer and the matrix of ITU-R BT.709
 
 
@@ -133,6 +136,7 @@ class _VideoOutput:
         height, width = picture.shape[:2]
         codec = "ffv1" if self._lossless else "libvpx-vp9" if self._container.format.name == "webm" else "libx264"
         stream = self._container.add_stream(codec, rate=self._rate)
+        assert isinstance(stream, av.VideoStream)
         stream.width, stream.height = width, height
         if self._lossless:
             stream.pix_fmt = "bgr0"

@@ -1,8 +1,7 @@
 """One decoded FFmpeg picture -> three planes of samples and what they mean.
 
-Every planar YUV, planar or packed RGB, palette and gray format is unpacked here with numpy, exactly. swscale only
-separates and repacks the other YUV formats: it is biased from YUV to RGB and rescales yuvj formats to limited range
-without being asked (STACK.md; both measured).
+Everything is unpacked with numpy, exactly; swscale has no part in it. Measured: it is biased from YUV to RGB, rescales
+yuvj formats to limited range without being asked, and its threads sometimes overwrite the end of each other's rows.
 """
 
 import ctypes
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from player.errors import InputError
-from player.video import PixelFormat, PlaneShape
+from player.frames import PixelFormat, PlaneShape
 
 Plane = NDArray[Any]
 
@@ -26,22 +25,9 @@ _MATRICES = {1: "bt709", 4: "bt601", 5: "bt601", 6: "bt601", 7: "bt709", 9: "bt2
 _TRANSFERS = {1: "bt1886", 4: "gamma22", 5: "gamma28", 6: "bt1886", 7: "bt1886", 8: "linear", 11: "bt1886"}
 _TRANSFERS |= {13: "srgb", 14: "bt1886", 15: "bt1886", 16: "bt1886", 18: "bt1886"}
 _HDR = {16: "PQ", 18: "HLG"}
-_UNTAGGED_MATRIX = 2
+UNTAGGED = 2  # of all three kinds of tags
 _FULL = 2  # AVCOL_RANGE_JPEG
 _LIMITED = 1
-
-# Other YUV formats -> the nearest planar one of the same or finer subsampling and depth.
-_REPACKED = {
-    "nv12": "yuv420p", "nv21": "yuv420p", "nv16": "yuv422p", "nv24": "yuv444p", "nv42": "yuv444p",
-    "yuyv422": "yuv422p", "uyvy422": "yuv422p", "yvyu422": "yuv422p", "nv20le": "yuv422p10le",
-    "p010le": "yuv420p10le", "p012le": "yuv420p12le", "p016le": "yuv420p16le",
-    "p210le": "yuv422p10le", "p212le": "yuv422p12le", "p216le": "yuv422p16le",
-    "p410le": "yuv444p10le", "p412le": "yuv444p12le", "p416le": "yuv444p16le",
-    "y210le": "yuv422p10le", "y212le": "yuv422p12le", "xv30le": "yuv444p10le", "xv36le": "yuv444p12le",
-    "vuya": "yuva444p", "vuyx": "yuv444p", "ayuv64le": "yuva444p16le", "uyyvyy411": "yuv422p",
-    "yuv410p": "yuv420p", "yuv411p": "yuv422p", "yuv440p": "yuv444p",
-    "yuv440p10le": "yuv444p10le", "yuv440p12le": "yuv444p12le",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -72,14 +58,7 @@ def unpack(frame: av.VideoFrame, *, picture: bool) -> Samples:
     for pattern, read in _READERS:
         if match := re.fullmatch(pattern, name):
             return read(frame, match, picture)
-    if name not in _REPACKED:
-        raise InputError(f"its pixel format {name} is not supported; convert it to yuv420p or rgb24")
-    # Equal source and destination tags forbid swscale to rescale: only the storage changes.
-    keep = {"src_color_range": _LIMITED, "dst_color_range": _LIMITED, "src_colorspace": 1, "dst_colorspace": 1}
-    color_range = frame.color_range
-    repacked = unpack(frame.reformat(format=_REPACKED[name], **keep), picture=picture)
-    full_range = color_range == _FULL
-    return Samples(repacked.layout, repacked.depth, repacked.planes, repacked.alpha, full_range)
+    raise InputError(f"its pixel format {name} is not supported; convert it to yuv420p or rgb24")
 
 
 def describe(samples: Samples, tags: Tags, *, rotation: int, pixel_aspect: float) -> PixelFormat:
@@ -105,7 +84,7 @@ def store(samples: Samples, out: tuple[Plane, ...], *, flip_rows: bool) -> None:
     step = -1 if flip_rows else 1
     opaque = samples.alpha is None or bool(samples.alpha.min() == _full_scale(samples))
     for i, (source, target) in enumerate(zip(samples.planes, out, strict=True)):
-        np.copyto(target[::step], source if opaque else _over_black(samples, i))
+        np.copyto(target[::step], source if opaque else _over_black(samples, i), casting="unsafe")
 
 
 def check_finite(planes: tuple[Plane, ...], names: str = "RGB") -> None:
@@ -134,7 +113,8 @@ def display_rotation(frame: av.VideoFrame) -> tuple[int, bool]:
     were flipped; both share a and b, from which the angle comes.
     """
     try:
-        matrix = next((bytes(d) for d in frame.side_data if d.type.name == "DISPLAYMATRIX"), None)
+        side_data: list[Any] = list(frame.side_data)  # of SideData; PyAV's annotation says str
+        matrix = next((bytes(data) for data in side_data if data.type.name == "DISPLAYMATRIX"), None)
     except ValueError:  # PyAV 18 does not know EXIF side data, and then lists none at all: a mirrored EXIF stays so
         matrix = None
     if matrix is None:
@@ -180,12 +160,13 @@ def _zero_code(samples: Samples, i: int) -> int:
 
 def _plane(frame: av.VideoFrame, index: int, kind: str) -> Plane:
     """Rows of a plane, (rows, line size), without copying; bottom-up pictures come with a negative line size."""
-    plane = frame.planes[index]
+    plane: Any = frame.planes[index]  # a buffer, which PyAV does not annotate
     if plane.line_size >= 0:
-        return np.frombuffer(plane, kind).reshape(plane.height, -1)
+        rows: Plane = np.frombuffer(plane, kind).reshape(plane.height, -1)
+        return rows
     lowest = plane.buffer_ptr + plane.line_size * (plane.height - 1)
-    stored = (ctypes.c_uint8 * (-plane.line_size * plane.height)).from_address(lowest)
-    return np.frombuffer(stored, kind).reshape(plane.height, -1)[::-1]
+    stored: Any = (ctypes.c_uint8 * (-plane.line_size * plane.height)).from_address(lowest)
+    return np.frombuffer(stored, kind).reshape(plane.height, -1)[::-1].copy()  # `stored` does not keep the frame alive
 
 
 def _planar(frame: av.VideoFrame, index: int, kind: str) -> Plane:
@@ -203,6 +184,49 @@ def _planar_yuv(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Sa
     alpha = _planar(frame, 3, kind) if match["variant"] == "a" else None
     full_range = match["variant"] == "j" or frame.color_range == _FULL
     return Samples("yuv", depth, (y, cb, cr), alpha, full_range)
+
+
+def _coarse_yuv(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Samples:
+    """4:1:1, 4:1:0 and 4:4:0: chroma repeated to 4:2:2, 4:2:0 and 4:4:4, which shaders know."""
+    depth = int(match["depth"] or 8)
+    y, cb, cr = (_planar(frame, i, _kind(depth, match["order"])) for i in range(3))
+    rows, columns = {"11": (1, 2), "10": (2, 2), "40": (2, 1)}[match["sampling"]]
+    fine = frame.height if rows == 2 and columns == 1 else -(-frame.height // rows), -(-frame.width // columns)
+    cb, cr = (plane.repeat(rows, 0).repeat(columns, 1)[: fine[0], : fine[1]] for plane in (cb, cr))
+    return Samples("yuv", depth, (y, cb, cr), full_range=match["variant"] == "j" or frame.color_range == _FULL)
+
+
+def _semi_planar_yuv(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Samples:
+    """nv12 and its kin: one plane of luma, one of chroma pairs; p010 and its kin keep their bits at the top."""
+    depth = int(match["depth"] or 8)
+    kind, shift = _kind(depth, match["order"]), 0 if depth == 8 else 16 - depth
+    y, pairs = _planar(frame, 0, kind), _plane(frame, 1, kind)[:, : 2 * frame.planes[1].width]
+    swapped = match["name"] in ("nv21", "nv42")
+    cb, cr = pairs[:, swapped::2], pairs[:, 1 - swapped :: 2]
+    return _yuv(frame, depth, (y, cb, cr), shift)
+
+
+def _packed_422(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Samples:
+    """yuyv422 and its kin: two pixels in four samples; y210 likewise with its bits at the top."""
+    depth = int(match["depth"] or 8)
+    order = match["letters"] or "yuyv"
+    pairs = -(-frame.width // 2)
+    samples = _plane(frame, 0, _kind(depth, match["order"]))[:, : 4 * pairs]
+    y = samples[:, order.index("y") :: 2][:, : frame.width]
+    return _yuv(frame, depth, (y, samples[:, order.index("u") :: 4], samples[:, order.index("v") :: 4]), -depth % 8)
+
+
+def _packed_444(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Samples:
+    letters, depth = match["letters"], 16 if match["bits"] else 8
+    pixels = _plane(frame, 0, _kind(depth, match["order"]))[:, : 4 * frame.width]
+    y, cb, cr = (pixels[:, letters.index(letter) :: 4] for letter in "yuv")
+    alpha = pixels[:, letters.index("a") :: 4] if "a" in letters else None
+    return Samples("yuv", depth, (y, cb, cr), alpha, frame.color_range == _FULL)
+
+
+def _yuv(frame: av.VideoFrame, depth: int, planes: tuple[Plane, Plane, Plane], shift: int) -> Samples:
+    y, cb, cr = (plane >> shift if shift else plane for plane in planes)
+    return Samples("yuv", depth, (y, cb, cr), full_range=frame.color_range == _FULL)
 
 
 def _planar_rgb(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Samples:
@@ -233,7 +257,8 @@ def _packed_rgb(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Sa
 
 def _palette(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Samples:
     indices = _planar(frame, 0, "u1")
-    argb = np.frombuffer(frame.planes[1], "=u4")[indices]
+    colours: Any = frame.planes[1]
+    argb = np.frombuffer(colours, "=u4")[indices]
     r, g, b, alpha = ((argb >> shift & 255).astype(np.uint8) for shift in (16, 8, 0, 24))
     return Samples("rgb", 8, (r, g, b), alpha)
 
@@ -263,6 +288,11 @@ def _gray_alpha(frame: av.VideoFrame, match: re.Match[str], picture: bool) -> Sa
 
 _READERS: tuple[tuple[str, Callable[[av.VideoFrame, re.Match[str], bool], Samples]], ...] = (
     (r"yuv(?P<variant>[ja]?)4(20|22|44)p(?P<depth>\d*)(?P<order>le|be)?", _planar_yuv),
+    (r"yuv(?P<variant>j?)4(?P<sampling>11|10|40)p(?P<depth>\d*)(?P<order>le|be)?", _coarse_yuv),
+    (r"(?P<name>nv(12|21|16|24|42)|p[024])(?P<depth>(?<=p\d)(10|12|16))?(?P<order>le|be)?", _semi_planar_yuv),
+    (r"(?P<letters>yuyv|uyvy|yvyu)422(?P<depth>)(?P<order>)", _packed_422),
+    (r"(?P<letters>)y2(?P<depth>1[026])(?P<order>le|be)", _packed_422),
+    (r"(?P<letters>vuya|vuyx|ayuv|uyva)(?P<bits>64)?(?P<order>le|be)?", _packed_444),
     (r"gbr(?P<alpha>a?)p(?P<depth>\d*)(?P<order>le|be)?", _planar_rgb),
     (r"(?P<base>gbr|gray)(?P<alpha>a?)p?f32(?P<order>le|be)", _planar_radiance),
     (r"(?P<letters>(?=.*r)(?=.*g)(?=.*b)[rgba0]{3,4})(?P<bits>24|48|64)?(?P<order>le|be)?", _packed_rgb),

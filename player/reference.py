@@ -69,7 +69,7 @@ def planes_to_linear(
 
 
 def resample(picture: FloatArray, target: tuple[int, int], placement: tuple[int, int, int, int]) -> FloatArray:
-    """Place a picture in a black target (height, width); placement = left, top, width, height (resample.frag, twice)."""
+    """Place a picture in a black target (height, width). Placement: left, top, width, height (resample.frag, twice)."""
     left, top, width, height = placement
     across = resample_axis(picture, 1, target[1], left, width)
     return resample_axis(across, 0, target[0], top, height)
@@ -113,8 +113,10 @@ def encode(
     root = np.sqrt(np.clip(light / scale, 0, 1))
     codes = np.stack([np.interp(root[..., i], grid, inverse_response[:, i]) for i in range(3)], axis=-1)
     height, width = light.shape[:2]
-    threshold = {"ordered": _bayer, "noise": lambda h, w: _noise(h, w, frame), "none": lambda h, w: 0.5}[dither]
-    return np.floor(np.minimum(codes * 255 + threshold(height, width), 255)).astype(np.uint8)
+    threshold: float | NDArray[np.float64] = 0.5
+    if dither != "none":
+        threshold = _bayer(height, width) if dither == "ordered" else _noise(height, width, frame)
+    return np.asarray(np.floor(np.minimum(codes * 255 + threshold, 255)), np.uint8)
 
 
 def _upsample(plane: FloatArray, size: tuple[int, int], decoding: Decoding) -> NDArray[np.float64]:
@@ -145,7 +147,7 @@ def _noise(height: int, width: int, frame: int) -> NDArray[np.float64]:
     y, x = np.mgrid[:height, :width].astype(np.uint32)
     seed = _scramble(x + _scramble(y + _scramble(np.full((1, 1), frame & 0xFFFFFFFF, np.uint32))))
     noise = np.stack([_scramble(seed + np.uint32(i)) for i in range(3)], axis=-1)
-    return ((noise >> np.uint32(9)) + 0.5) / 8388608.0
+    return ((noise >> np.uint32(9)).astype(np.float64) + 0.5) / 8388608.0
 
 
 def _scramble(v: NDArray[np.uint32]) -> NDArray[np.uint32]:

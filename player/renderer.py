@@ -1,4 +1,4 @@
-"""What both backends offer: a frame goes in, a view of it comes out. gl/renderer.py and cpu_renderer.py implement it."""
+"""What both backends offer: a frame goes in, a view of it comes out (gl/renderer.py, cpu_renderer.py)."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -39,7 +39,7 @@ class Renderer(Protocol):
         """Take a frame's planes; the frame may be released afterwards."""
 
     def render(self, view: str, *, compensate: bool, frame: int = 0) -> None:
-        """Compute a view of the uploaded frame: the projector's picture, the camera's, or both halves of the camera's."""
+        """Compute a view of the uploaded frame: one of VIEWS; split shows the camera's without | with compensation."""
 
     def encoded(self) -> NDArray[np.uint8]:
         """The rendered view as 8-bit code values: the projector's response, or sRGB with white = 1 for the camera."""

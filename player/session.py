@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -19,7 +20,8 @@ LONGEST_WAIT_S = 0.05  # between looks at the decoder; keys wake the window at o
 class Display(Protocol):
     """A window that shows what the renderer has rendered."""
 
-    closed: bool
+    @property
+    def closed(self) -> bool: ...
 
     def poll(self, timeout_s: float) -> list[str]:
         """Names of the keys pressed since the last call, waiting at most `timeout_s` for one."""
@@ -105,7 +107,7 @@ class Session:
             "s": self._screenshot,
             "q": lambda: self._flip("done"),
             "escape": lambda: self._flip("done"),
-            **{key: (lambda step=step: self._seek(step)) for key, step in SEEKS_S.items()},
+            **{key: partial(self._seek, step) for key, step in SEEKS_S.items()},
         }
 
     def _flip(self, name: str) -> None:
@@ -113,15 +115,18 @@ class Session:
 
     def _toggle_pause(self) -> None:
         self.paused = not self.paused
-        if self._started_at is not None:  # while paused, hold the media time instead of the clock time
-            now = self._clock()
-            self._started_at = now - self._started_at if self.paused else now - self._started_at
+        if self._started_at is not None:
+            # Playing, it is the clock time of media time 0; paused, the media time: each is the clock less the other.
+            self._started_at = self._clock() - self._started_at
 
     def _seek(self, step: float) -> None:
         if self._reader.info.still:
             return
         self._drop_pending()
-        self._reader.seek(max(0.0, self._position_s + step))
+        if self._reader.info.duration_s:
+            self._position_s %= self._reader.info.duration_s  # time goes on when a medium is looped
+        self._position_s = max(0.0, self._position_s + step)
+        self._reader.seek(self._position_s)
         self._started_at, self._rendered = None, False
 
     def _next_view(self) -> None:

@@ -9,7 +9,6 @@ import numpy as np
 
 from player.files import replacing_file
 
-
 RECENT = 10_000  # frames whose times are kept: minutes of playback, a fixed amount of memory
 
 

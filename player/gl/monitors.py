@@ -6,6 +6,7 @@ X11 needs libXrandr at run time: without it GLFW sees one monitor named "Display
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import glfw
 
@@ -73,7 +74,7 @@ def find_monitor(monitors: Sequence[Monitor], name_or_index: str | int) -> Monit
     raise InputError(f"monitor {wanted!r}: not there, found: {there}; give one of these names or numbers")
 
 
-def monitor_handle(monitor: Monitor) -> glfw._GLFWmonitorPointerT:
+def monitor_handle(monitor: Monitor) -> Any:
     """GLFW's pointer for a monitor of `list_monitors`; InputError if it has gone since."""
     handles = glfw.get_monitors()
     if monitor.index >= len(handles):
@@ -81,7 +82,7 @@ def monitor_handle(monitor: Monitor) -> glfw._GLFWmonitorPointerT:
     return handles[monitor.index]
 
 
-def _describe(index: int, name: str, handle: glfw._GLFWmonitorPointerT) -> Monitor:
+def _describe(index: int, name: str, handle: Any) -> Monitor:
     mode = glfw.get_video_mode(handle)
     x, y = glfw.get_monitor_pos(handle)
     # GLFW lists the primary monitor first.

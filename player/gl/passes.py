@@ -109,6 +109,7 @@ class Pass(ScreenPass):
     ) -> None:
         super().__init__(context, shader, defines, uniforms)
         self.target = target
+        self._context = context
         self._framebuffer = context.framebuffer([target])
 
     def run(self, **inputs: moderngl.Texture) -> moderngl.Texture:
@@ -119,5 +120,6 @@ class Pass(ScreenPass):
 
     def release(self) -> None:
         super().release()
+        self._context.detect_framebuffer(0).use()  # moderngl binds the last used framebuffer again later: it must not be this one
         self._framebuffer.release()
         self.target.release()

@@ -19,7 +19,7 @@ FLOAT32_EPS = float(np.finfo(np.float32).eps)  # T is stored in float32: singula
 
 
 def damped_inverse(T: FloatArray, damping: FloatArray) -> FloatArray:
-    """Regularised pseudo-inverses T⁺ = (TᵀT + λ²I)⁻¹Tᵀ of a batch of blocks (DESIGN 6.3).
+    """Regularised pseudo-inverses T⁺ = (TᵀT + λ²I)⁻¹Tᵀ of a batch of blocks (docs/mathematics.md 2).
 
     T : (…, camera pixels, projector pixels).  damping : broadcast to (…,), λ itself; 0 gives Moore-Penrose by SVD.
     Returns (…, projector pixels, camera pixels).

@@ -1,4 +1,4 @@
-"""Choosing λ of T⁺ = (TᵀT + λ²I)⁻¹Tᵀ by what counts: the camera's error *after* the clamp to 0..1 (DESIGN 6.3).
+"""Choosing λ of T⁺ = (TᵀT + λ²I)⁻¹Tᵀ by what counts: the camera's error *after* the clamp to 0..1 (docs/mathematics.md 2).
 
 GCV and the L-curve know nothing of the clamp, which is what makes an undamped pseudo-inverse bad.
 """

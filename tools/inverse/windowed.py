@@ -2,7 +2,7 @@
 
 Rows of a damped inverse decay: what a projector pixel needs to know lies within a few pixels around it. So each block
 of pixels solves the normal equations of a window, the block and a halo, and keeps the block's rows. The halo grows
-until a wider one no longer changes compensated pictures (DESIGN 6.4; inverses of banded matrices decay, Demko 1984).
+until a wider one no longer changes compensated pictures (docs/mathematics.md 2; Demko 1984 on such decay).
 """
 
 from collections.abc import Callable, Iterator

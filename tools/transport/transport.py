@@ -1,7 +1,7 @@
 """Light transport as a sum of parts: near light as sparse matrices, far light as a product of three small factors.
 
 Light that travels directly, or scatters close by, makes T sparse and sharp. Light that crosses the room reaches
-everything but is smooth: stored entry by entry it would fill T, so it is kept as U M D (DESIGN 6.7).
+everything but is smooth: stored entry by entry it would fill T, so it is kept as U M D (docs/mathematics.md 3).
 """
 
 from collections.abc import Sequence

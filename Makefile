@@ -1,0 +1,42 @@
+# Each target does all of its own set-up. Overrides: PYTHON= (3.11 or newer), VENV= (where the environment goes).
+PYTHON ?= python3
+VENV ?= .venv
+python := $(VENV)/bin/python
+ready := $(VENV)/.ready
+
+.DEFAULT_GOAL := help
+# apt and pip are run one at a time, whatever -j says.
+.NOTPARALLEL:
+.PHONY: help play test lint bench clean system-play system-test
+
+help: ## show this list
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST))
+
+play: $(ready) ## see what it does: the shipped example, before and after
+	$(python) -m tools.show_example
+
+test: system-test lint ## everything that must hold
+	$(python) -m pytest
+
+lint: $(ready) ## style and types
+	$(python) -m ruff check .
+	$(python) -m ruff format --check .
+	$(python) -m mypy
+
+bench: $(ready) ## timings, beside scipy's on this machine
+	$(python) -m tests.bench
+
+clean: ## remove the environment and everything that was built
+	[ ! -f $(VENV)/pyvenv.cfg ] || rm -rf $(VENV)
+	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis calib_data/example
+	find . -name __pycache__ -not -path './.git/*' -prune -exec rm -rf {} +
+
+system-play system-test:
+	@$(PYTHON) -B -m tools.system_packages $(@:system-%=%)
+
+# --no-build-isolation: the constraints hold for setuptools, too.
+$(ready): pyproject.toml constraints.txt | system-play
+	$(PYTHON) -m venv $(VENV)
+	$(python) -m pip install --disable-pip-version-check -c constraints.txt setuptools
+	$(python) -m pip install --disable-pip-version-check -c constraints.txt --no-build-isolation -e '.[test,lint]'
+	@touch $@

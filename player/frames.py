@@ -1,0 +1,118 @@
+"""What a decoded frame is: its planes, what they mean, when it is due, and how it lies in the ring.
+
+Both sides of the decoder's pipe import this; it imports numpy only.
+"""
+
+import mmap
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_ALIGNMENT = 64
+
+
+@dataclass(frozen=True)
+class PlaneShape:
+    """Size of a plane, and samples from one row to the next."""
+
+    width: int
+    height: int
+    stride_samples: int
+
+
+@dataclass(frozen=True)
+class PixelFormat:
+    """Everything a shader needs to turn three planes into linear RGB.
+
+    width, height : the stored picture, before `rotation`.
+    layout : "yuv" (Y, Cb, Cr), "rgb" (R, G, B), "radiance" (R, G, B, linear).
+    depth : bits a sample; 8 is uint8, 9 to 16 uint16 in the low bits, 32 (radiance) float32.
+    matrix : "bt601", "bt709", "bt2020"; "identity" unless yuv.
+    transfer : "bt1886", "srgb", "linear", "gamma22", "gamma28".
+    chroma_siting : "left", "center", "topleft".
+    rotation : 0, 90, 180 or 270 degrees counter-clockwise that bring the stored picture upright. At 90, the stored
+        right column becomes the top row: displayed[y, x] = stored[x, width − 1 − y], that is numpy.rot90(stored).
+    pixel_aspect : width / height of a stored sample; 1 when unknown.
+    """
+
+    width: int
+    height: int
+    layout: str
+    depth: int
+    planes: tuple[PlaneShape, ...]
+    matrix: str
+    full_range: bool
+    transfer: str
+    chroma_siting: str
+    rotation: int
+    pixel_aspect: float
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return np.dtype("<f4" if self.depth == 32 else "u1" if self.depth == 8 else "<u2")
+
+
+@dataclass(frozen=True)
+class MediaInfo:
+    """What a medium is. `duration_s` and `frames` are what it declares: None when it does not, or a still."""
+
+    path: Path
+    format: PixelFormat
+    frames_per_second: float
+    duration_s: float | None
+    still: bool
+    codec: str
+    frames: int | None
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A picture and when it is due.
+
+    time_s : presentation time; the first frame of the medium is at 0; grows across loops.
+    decode_s : how long the decoder took for it.
+    planes : three arrays (rows, stride), views into the ring, valid until MediaReader.release.
+    slot : where it lies: (decoder's number, slot), for release.
+    """
+
+    index: int
+    time_s: float
+    duration_s: float
+    decode_s: float
+    format: PixelFormat
+    planes: tuple[NDArray[Any], ...]
+    slot: tuple[int, int]
+
+
+def slot_bytes(pixels: PixelFormat) -> int:
+    """Size of one ring slot, planes aligned to 64 bytes."""
+    return sum(_plane_bytes(pixels, plane) for plane in pixels.planes)
+
+
+def slot_planes(ring: mmap.mmap, pixels: PixelFormat, slot: int) -> tuple[NDArray[Any], ...]:
+    """The planes of a slot, (rows, stride) each, as views into the ring."""
+    offset, planes = slot * slot_bytes(pixels), []
+    for shape in pixels.planes:
+        count = shape.height * shape.stride_samples
+        flat = np.frombuffer(ring, pixels.dtype, count, offset)
+        planes.append(flat.reshape(shape.height, shape.stride_samples))
+        offset += _plane_bytes(pixels, shape)
+    return tuple(planes)
+
+
+def format_from_json(fields: dict[str, Any]) -> PixelFormat:
+    """The inverse of dataclasses.asdict."""
+    return PixelFormat(**fields | {"planes": tuple(PlaneShape(**plane) for plane in fields["planes"])})
+
+
+def describe_info(info: MediaInfo) -> dict[str, Any]:
+    """MediaInfo as JSON fields, without its path."""
+    return {name: value for name, value in asdict(info).items() if name != "path"}
+
+
+def _plane_bytes(pixels: PixelFormat, plane: PlaneShape) -> int:
+    used = plane.height * plane.stride_samples * pixels.dtype.itemsize
+    return -(-used // _ALIGNMENT) * _ALIGNMENT

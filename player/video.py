@@ -1,0 +1,225 @@
+"""Media -> decoded frames with their time in seconds, decoded by a child process.
+
+A damaged stream can crash or hang a decoder, so it runs in `player.decoder`: a crash costs a notice and a restart,
+never the show.
+"""
+
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from player.decoder_link import SILENCE_S, STUCK_S, DecoderLink
+from player.errors import InputError
+from player.frames import Frame, MediaInfo, PixelFormat, PlaneShape, format_from_json, slot_bytes
+
+__all__ = ["Frame", "MediaInfo", "MediaReader", "PixelFormat", "PlaneShape"]
+
+RING_SLOTS = 8
+RING_BYTES = 512 << 20  # what decode-ahead may cost at most; at least two slots
+OPENING_S = 60.0
+MAX_DEATHS = 5
+SKIP_S = 1.0
+_POLL_S = 0.1
+
+
+class MediaReader:
+    """Frames of a medium in the order of presentation, decoded ahead in a child process.
+
+        with MediaReader.open(path, loop=True) as reader:
+            frame = reader.next_frame(timeout_s=10)   # or poll(), which never waits
+            ...
+            reader.release(frame)
+
+    At most `RING_SLOTS` (two for huge pictures, one for stills) frames can be held at a time: release them.
+    """
+
+    def __init__(self, path: Path, *, loop: bool, frames_per_second: float | None) -> None:
+        self._path, self._loop = path, loop
+        self._arguments = {"path": str(path), "loop": loop, "frames_per_second": frames_per_second}
+        self._serial, self._index, self._deaths, self._number = 0, 0, 0, 0
+        self._start: dict[str, Any] = {"serial": 0, "time_s": 0.0, "after": False, "offset_s": 0.0}
+        self._last_s = self._lap_s = 0.0
+        self._failure: str | None = None
+        self._notices: list[str] = []
+        self.ended = False
+        self._opened_s = time.monotonic()
+        self._child = DecoderLink(self._number, self._arguments | {"start": self._start})
+        try:
+            self.info = self._opening()
+        except BaseException:
+            self.close()
+            raise
+
+    @classmethod
+    def open(cls, path: str | Path, *, loop: bool = False, frames_per_second: float | None = None) -> Self:
+        """Start decoding a file, or a sequence given by a printf pattern (`frames/%05d.png`).
+
+        frames_per_second : of a sequence; 25 when None. Videos keep their own times.
+        Raises InputError, in one line, when it cannot be read; its first frame has been decoded when this returns.
+        """
+        if frames_per_second is not None and not 0 < frames_per_second <= 1000:
+            raise InputError(f"{path}: frame rate {frames_per_second}, expected more than 0 and at most 1000")
+        return cls(Path(path), loop=loop, frames_per_second=frames_per_second)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, _: TracebackType | None) -> None:
+        self.close()
+
+    def poll(self) -> Frame | None:
+        """The next frame if one is ready, without waiting; None otherwise, and for ever once `ended`.
+
+        Raises InputError once the frames before the medium's damage have been given.
+        """
+        while not self.ended:
+            event = self._child.receive(0.0)
+            if event is None:
+                self._check_alive()
+                return None
+            if (frame := self._handle(event)) is not None:
+                return frame
+        return None
+
+    def next_frame(self, timeout_s: float) -> Frame | None:
+        """Wait for the next frame; None at the end.
+
+        Raises InputError when the medium is damaged here, or when `timeout_s` pass without a frame.
+        """
+        deadline = time.monotonic() + timeout_s
+        while not self.ended:
+            event = self._child.receive(_POLL_S)
+            if event is not None and (frame := self._handle(event)) is not None:
+                return frame
+            if event is None:
+                self._check_alive()
+                if time.monotonic() > deadline:
+                    raise InputError(f"{self._path}: no frame within {timeout_s:g} s; release frames, or convert it")
+        return None
+
+    def release(self, frame: Frame) -> None:
+        """Give a frame's slot back to the decoder; its planes must not be read any more."""
+        number, slot = frame.slot
+        if number == self._number:
+            self._child.send({"free": slot})
+
+    def seek(self, time_s: float) -> None:
+        """Continue with the frame that is shown at `time_s`, which counts across loops like Frame.time_s."""
+        self._serial += 1
+        self._failure, self.ended, self._deaths, self._last_s = None, False, 0, 0.0
+        time_s = max(time_s, 0.0)
+        lap_s = (self._lap_s or self.info.duration_s or 0.0) if self._loop else 0.0
+        offset_s = time_s // lap_s * lap_s if lap_s else 0.0
+        self._start = {"serial": self._serial, "time_s": time_s - offset_s, "after": False, "offset_s": offset_s}
+        self._index = round(time_s * self.info.frames_per_second)
+        self._child.send({"seek": self._start})
+
+    def notices(self) -> list[str]:
+        """What the user should know and has not been told since the last call."""
+        fresh, self._notices = self._notices, []
+        return fresh
+
+    @property
+    def decoder_pid(self) -> int:
+        return self._child.process.pid
+
+    def close(self) -> None:
+        """End the decoder and remove its files; frames still held stay readable."""
+        self.ended = True
+        self._child.close()
+
+    def _opening(self) -> MediaInfo:
+        """Wait until the decoder has opened the medium, give it a ring and wait until it has mapped that."""
+        opened = self._expect("opened")
+        pixels = format_from_json(opened["format"])
+        slots = 1 if opened["still"] else max(2, min(RING_SLOTS, RING_BYTES // slot_bytes(pixels)))
+        self._child.make_ring(slots, pixels)
+        self._expect("mapped")
+        self._child.remove_ring_file()
+        self._notices += [notice for notice in opened["notices"] if self._number == 0]
+        values = {name: opened[name] for name in ("frames_per_second", "duration_s", "still", "codec", "frames")}
+        return MediaInfo(path=self._path, format=pixels, **values)
+
+    def _expect(self, name: str) -> Any:
+        deadline = time.monotonic() + OPENING_S
+        while time.monotonic() < deadline:
+            event = self._child.receive(_POLL_S)
+            if event is None:
+                continue
+            if "error" in event:
+                raise InputError(event["error"])
+            if "died" in event:
+                raise InputError(f"{self._path}: {event['died']} while opening it; convert or export it again")
+            if name in event:
+                return event[name]
+        raise InputError(f"{self._path}: not opened within {OPENING_S:g} s; copy it to a local disk, or convert it")
+
+    def _handle(self, event: dict[str, Any]) -> Frame | None:
+        """Take one event of the decoder; a frame if it is one that was asked for."""
+        if "died" in event:
+            self._restart(event["died"])
+        elif event.get("serial") != self._serial:
+            if "frame" in event:
+                self._child.send({"free": event["frame"]["slot"]})
+        elif "frame" in event:
+            return self._frame(event["frame"])
+        elif "error" in event:
+            self._failure = event["error"]
+        elif "end" in event:
+            self.ended = True
+        if self._failure is not None:
+            raise InputError(self._failure)
+        return None
+
+    def _frame(self, fields: dict[str, Any]) -> Frame:
+        self._deaths = 0
+        self._start = {
+            "serial": self._serial,
+            "time_s": fields["time_s"],
+            "after": True,
+            "offset_s": fields["offset_s"],
+        }
+        self._lap_s = fields["lap_s"] or self._lap_s
+        # Times never step back, not even where a lap is not as long as the container says.
+        time_s = max(fields["offset_s"] + fields["time_s"], self._last_s)
+        self._index, self._last_s = self._index + 1, time_s
+        planes = self._child.planes(fields["slot"])
+        slot = (self._number, fields["slot"])
+        times = time_s, fields["duration_s"], fields["decode_s"]
+        return Frame(self._index - 1, *times, self.info.format, planes, slot)
+
+    def _check_alive(self) -> None:
+        """Kill a decoder that is stopped or stuck (its death then arrives as an event); repeat an earlier failure."""
+        if self._failure is not None:
+            raise InputError(self._failure)
+        if self._child.silent_s() > SILENCE_S or self._child.busy_s > STUCK_S:
+            self._child.kill("decoder hung")
+
+    def _restart(self, reason: str) -> None:
+        """Start a new decoder just after the last frame; skip ahead when it dies there again."""
+        now = time.monotonic()
+        while True:
+            self._deaths += 1
+            if self._deaths > MAX_DEATHS:
+                self._failure = f"{self._path}: {reason} {MAX_DEATHS} times without a frame; convert the medium"
+                return
+            skipped_s = 0.0 if self.info.still else SKIP_S * (self._deaths - 1)
+            when = f"after {now - self._opened_s:.1f} s"
+            self._notices.append(f"{self._path}: {reason} {when}; restarted{_skipped(skipped_s)}")
+            self._child.close()
+            self._number += 1
+            start = self._start | {"time_s": self._start["time_s"] + skipped_s}
+            self._child = DecoderLink(self._number, self._arguments | {"start": start})
+            try:
+                info = self._opening()
+            except InputError as error:
+                reason = str(error)
+                continue
+            if info.format != self.info.format:
+                self._failure = f"{self._path}: has changed since it was opened; open it again"
+            return
+
+
+def _skipped(seconds: float) -> str:
+    return f", skipping {seconds:g} s" if seconds else ""

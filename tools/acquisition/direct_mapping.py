@@ -1,0 +1,110 @@
+"""T by direct mapping: each camera pixel sees one cell of the Gray code (thesis 6.1, SmartProjector; DESIGN 6.9).
+
+Cells that no camera pixel decodes to would stay dark: the camera is coarser there, or a bit was unsure. Such a hole is
+given to the nearest decoded cell, and both share that cell's camera pixels. Their columns of T are parallel, so the
+regularised inverse, which has the least norm, gives both the same drive; and clusters stay small, one for each decoded
+cell, because a hole joins only one.
+"""
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, sparse
+
+from tools.transport.transport import Csr, Transport
+
+NOBODY = -1
+Cells = TypeVar("Cells", bound=np.generic)
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """Which cell each camera pixel sees, and which cell each projector pixel follows.
+
+    seen_cell : (camera pixels,) cell index x + y · columns, NOBODY where the camera pixel does not count.
+    owner : (projector pixels,) the decoded cell that a projector pixel belongs to, NOBODY where none is near.
+    decoded : (projector pixels,) bool, its own cell is decoded, so that it is no filled hole.
+    """
+
+    seen_cell: NDArray[np.int64]
+    owner: NDArray[np.int64]
+    decoded: NDArray[np.bool_]
+
+
+def direct_mapping(
+    x: NDArray[np.int32],
+    y: NDArray[np.int32],
+    valid: NDArray[np.bool_],
+    projector: tuple[int, int],
+    *,
+    step: int = 1,
+    fill_radius: int = 0,
+) -> Mapping:
+    """The mapping of decoded coordinates.
+
+    x, y, valid : (camera height, camera width), coordinates in cells.  projector : its height and width in pixels.
+    step : projector pixels a side of a cell.  fill_radius : in cells, see `cell_owners`.
+    """
+    rows, columns = (-(-side // step) for side in projector)
+    seen_cell = np.where(valid, x + np.int64(columns) * y, NOBODY).ravel()
+    decoded = np.zeros((rows, columns), np.bool_)
+    decoded[y[valid], x[valid]] = True
+    owner = cell_owners(decoded, fill_radius)
+    return Mapping(seen_cell, _on_pixels(owner, projector, step), _on_pixels(decoded, projector, step))
+
+
+def cell_owners(decoded: NDArray[np.bool_], fill_radius: int) -> NDArray[np.int64]:
+    """For each cell the nearest decoded cell's index, NOBODY where the cell does not lie between decoded ones.
+
+    A cell lies between decoded ones if it is in their morphological closing by a disc of `fill_radius` cells: gaps up
+    to twice that width are filled, and the outline of what the camera saw does not grow.
+    """
+    if not decoded.any():
+        return np.full(decoded.shape, NOBODY)
+    index = np.arange(decoded.size).reshape(decoded.shape)
+    margin = fill_radius + 1  # so that the frame neither cuts the dilation off nor counts as decoded
+    distance, nearest = ndimage.distance_transform_edt(~np.pad(decoded, margin), return_indices=True)
+    closed = ndimage.distance_transform_edt(distance <= fill_radius) > fill_radius
+    owner = np.where(closed, np.pad(index, margin)[tuple(nearest)], NOBODY)
+    return np.asarray(owner[margin:-margin, margin:-margin], np.int64)
+
+
+def direct_transport(mapping: Mapping, weight: NDArray[np.float32]) -> Transport:
+    """T whose row sums are `weight` where a camera pixel counts, each spread evenly over its cell's projector pixels.
+
+    T_iq = weight_i / n if projector pixel q is one of the n that follow the cell which camera pixel i sees.
+
+    weight : (camera pixels, 3) ≥ 0, white − black.
+    Returns three float32 matrices (camera pixels, projector pixels), entries of 0 left out.
+    """
+    shape = mapping.seen_cell.size, mapping.owner.size
+    followers = np.flatnonzero(mapping.owner != NOBODY)
+    order = followers[np.argsort(mapping.owner[followers], kind="stable")]
+    counts = np.bincount(mapping.owner[followers], minlength=int(mapping.seen_cell.max(initial=0)) + 1)
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    counting = np.flatnonzero(mapping.seen_cell != NOBODY)
+    cells = mapping.seen_cell[counting]
+    lengths = np.zeros(shape[0], np.int64)
+    lengths[counting] = counts[cells]
+    indptr = np.concatenate([[0], np.cumsum(lengths)])
+    within = np.arange(indptr[-1]) - np.repeat(indptr[counting], counts[cells])
+    indices = order[np.repeat(starts[cells], counts[cells]) + within]
+    share = weight[counting] / counts[cells][:, None]
+    entries = np.repeat(share, counts[cells], axis=0).astype(np.float32)
+    return Transport(tuple(_matrix(entries[:, i], indices, indptr, shape) for i in range(3)))
+
+
+def _matrix(
+    data: NDArray[np.float32], indices: NDArray[np.int64], indptr: NDArray[np.int64], shape: tuple[int, int]
+) -> Csr:
+    matrix = sparse.csr_array((data, indices, indptr), shape=shape, copy=True)
+    matrix.eliminate_zeros()  # works in place: hence the copy, the three channels come with the same indices
+    return matrix
+
+
+def _on_pixels(cells: NDArray[Cells], projector: tuple[int, int], step: int) -> NDArray[Cells]:
+    """Repeat each cell over its step × step projector pixels, cut off at the projector's edge; flattened."""
+    height, width = projector
+    return cells.repeat(step, axis=0).repeat(step, axis=1)[:height, :width].ravel()

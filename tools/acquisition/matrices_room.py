@@ -1,0 +1,147 @@
+"""Light transport that somebody else measured -> a calibration folder."""
+
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from player import calibration, exr
+from player.calibration import Calibration, Device
+from player.errors import InputError
+from tools.transport.mask import lit_pixels
+from tools.transport.storage import read_matrix, write_transport
+from tools.transport.transport import CHANNELS, Csr, Transport
+
+
+@dataclass(frozen=True)
+class MatrixFiles:
+    """The files of one room.
+
+    matrices : red, green and blue, scipy.sparse .npz of (camera pixels, projector pixels).
+    ambient : .exr or .npy of the camera's size, None for none.  mask : a picture, None for the lit pixels.
+    """
+
+    matrices: tuple[Path, Path, Path]
+    ambient: Path | None = None
+    mask: Path | None = None
+
+
+@dataclass(frozen=True)
+class MatricesSummary:
+    """What was imported; its text is the command's output."""
+
+    entries: tuple[int, ...]
+    negative: tuple[int, ...]
+    size_bytes: int
+    counting: int
+    camera_pixels: int
+    mask_given: bool
+
+    def __str__(self) -> str:
+        channels = ", ".join(f"{name} {count}" for name, count in zip(CHANNELS, self.entries, strict=True))
+        which = "in the mask" if self.mask_given else "lit"
+        negative = f"{sum(self.negative)} negative entries set to 0"
+        if any(self.negative):
+            negative += f" ({', '.join(f'{n} {c}' for n, c in zip(CHANNELS, self.negative, strict=True))})"
+        return (
+            f"entries: {channels}; {self.size_bytes / 2**20:.1f} MiB; "
+            f"{self.counting} of {self.camera_pixels} camera pixels {which}; {negative}"
+        )
+
+
+def import_matrices_room(
+    files: MatrixFiles, folder: Path, projector: Device, camera: Device, *, name: str | None = None, force: bool = False
+) -> MatricesSummary:
+    """Read and check everything, then write the calibration `folder`; it appears whole or not at all.
+
+    Raises InputError for damaged files, wrong shapes, NaN, infinity, a channel without entries, an unlit camera.
+    """
+    calibration.refuse_existing(folder, force=force)
+    shape = camera.pixels, projector.pixels
+    read = [_read_channel(path, shape) for path in files.matrices]
+    transport = Transport(tuple(matrix for matrix, _ in read))
+    ambient = read_ambient(files.ambient, camera)
+    mask = _mask(files.mask, camera, transport, ambient)
+    room = Calibration(folder.name if name is None else name, _provenance(files), (projector,), camera, ambient, mask)
+    with calibration.writing(folder, room, force=force) as stage:
+        write_transport(transport, stage)
+    return MatricesSummary(
+        entries=tuple(int(matrix.nnz) for matrix, _ in read),
+        negative=tuple(negative for _, negative in read),
+        size_bytes=sum(path.stat().st_size for path in folder.iterdir()),
+        counting=int(mask.sum()),
+        camera_pixels=camera.pixels,
+        mask_given=files.mask is not None,
+    )
+
+
+def read_ambient(path: Path | None, camera: Device) -> NDArray[np.float32]:
+    """The ambient picture e: (camera height, camera width, 3) float32, finite and ≥ 0; black for None.
+
+    An .npy holds (height, width, 3) or, for grey light, (height, width) real numbers; it is never unpickled.
+    """
+    if path is None:
+        return np.zeros((*camera.shape, 3), np.float32)
+    if path.suffix.lower() not in (".exr", ".npy"):
+        raise InputError(f"{path}: ambient light is read from .exr or .npy; save it as one of these")
+    picture = exr.read_rgb(path) if path.suffix.lower() == ".exr" else _read_npy(path)
+    if picture.shape != (*camera.shape, 3):
+        found = f"{picture.shape[1]}x{picture.shape[0]}"
+        raise InputError(f"{path}: {found}, the camera is {camera.width}x{camera.height}; check --camera")
+    for fault, bad in (("NaN or infinite", ~np.isfinite(picture)), ("negative", picture < 0)):
+        if bad.any():
+            raise InputError(f"{path}: {int(bad.sum())} of {bad.size} values are {fault}; repair the measurement")
+    return picture
+
+
+def _read_npy(path: Path) -> NDArray[np.float32]:
+    try:
+        # Mapped, not read: a header that claims more than the file holds is refused before memory is asked for.
+        stored = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError, EOFError, OverflowError, zipfile.BadZipFile) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else " ".join(str(error).split())
+        raise InputError(f"{path}: no NumPy array ({reason}); save it with numpy.save") from None
+    if not isinstance(stored, np.ndarray) or stored.dtype.kind not in "fiu":
+        raise InputError(f"{path}: holds no plain real numbers; save one float32 picture with numpy.save")
+    if stored.ndim == 2:
+        stored = np.broadcast_to(stored[..., None], (*stored.shape, 3))
+    if stored.ndim != 3 or stored.shape[2] != 3:
+        raise InputError(f"{path}: shape {stored.shape}, expected (height, width, 3) or (height, width)")
+    with np.errstate(over="ignore"):  # beyond float32 becomes infinity, which is refused by name
+        return np.array(stored, np.float32)
+
+
+def _read_channel(path: Path, shape: tuple[int, int]) -> tuple[Csr, int]:
+    """The matrix without negative entries and zeros, and how many were negative."""
+    matrix = read_matrix(path, shape)
+    negative = matrix.data < 0
+    matrix.data[negative] = 0
+    matrix.eliminate_zeros()
+    count = int(negative.sum())
+    if not matrix.nnz:
+        raise InputError(
+            f"{path}: no positive entry ({count} negative); the projector would light nothing in this channel"
+        )
+    return matrix, count
+
+
+def _mask(path: Path | None, camera: Device, transport: Transport, ambient: NDArray[np.float32]) -> NDArray[np.bool_]:
+    if path is not None:
+        if not path.is_file():
+            raise InputError(f"{path}: no such file; check --mask")
+        mask = calibration.read_mask_picture(path, camera)
+        fix = "make the pixels that count white"
+    else:
+        mask = lit_pixels(transport.composition().reshape(*camera.shape, 3), ambient)
+        fix = "check the unit of --ambient against the matrices, or name the pixels that count with --mask"
+    if not mask.any():
+        raise InputError(f"{path or 'the default mask'}: no camera pixel counts, expected at least 1; {fix}")
+    return mask
+
+
+def _provenance(files: MatrixFiles) -> str:
+    names: Sequence[Path | None] = (*files.matrices, files.ambient, files.mask)
+    return "import-transport of " + ", ".join(path.name for path in names if path is not None)

@@ -1,0 +1,23 @@
+"""A response as it is named on a command line."""
+
+from pathlib import Path
+
+from player.errors import InputError
+from player.files import read_toml
+from player.response import Response, parse_response
+
+FIX = "a response file holds: response = [[0, 0, 0], …, [1, 1, 1]], as in a calibration.toml"
+
+
+def named_response(text: str) -> Response:
+    """`linear`, `srgb`, a gamma such as `2.2`, or a .toml file with `response = …`; InputError for anything else."""
+    if not text.endswith(".toml"):
+        return parse_response(text)
+    path = Path(text)
+    table = read_toml(path, FIX)
+    if "response" not in table:
+        raise InputError(f"{path}: has no entry named response; {FIX}")
+    try:
+        return parse_response(table["response"])
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None

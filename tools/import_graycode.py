@@ -1,0 +1,84 @@
+"""import-graycode: a calibration folder from photographs of Gray-code patterns, by direct mapping."""
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from player.calibration import Device
+from player.command import Parser, parse_size, run
+from tools.acquisition.captures import ORDERS
+from tools.acquisition.graycode_room import GraycodeOptions, import_graycode_room
+from tools.acquisition.response_option import named_response
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    return run(_main, argv)
+
+
+def _main(argv: Sequence[str] | None) -> None:
+    options = _parser().parse_args(argv)
+    start = time.monotonic()
+    height, width = options.projector
+    graycode_options = GraycodeOptions(
+        Device(height, width, named_response(options.response)),
+        named_response(options.camera_response),
+        options.order,
+        options.step,
+        options.min_contrast,
+        options.fill_radius,
+    )
+    summary = import_graycode_room(
+        options.captures, options.output, graycode_options, name=options.name, force=options.force
+    )
+    print(f"{options.output}: {summary}, {time.monotonic() - start:.1f} s")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser("import-graycode", description=__doc__)
+    parser.add_argument("captures", type=Path, help="folder of the captures, PNG or JPEG")
+    parser.add_argument("--projector", type=parse_size, required=True, metavar="WIDTHxHEIGHT")
+    parser.add_argument(
+        "--order",
+        choices=ORDERS,
+        help="opencv: columns, rows, white, black, each bit followed by its inverse, by sorted names; sltk: names such "
+        "as 04_x_bit08_pos (default: read off the names)",
+    )
+    parser.add_argument(
+        "--step", type=int, default=1, metavar="PIXELS", help="projector pixels a side of a code cell (default 1)"
+    )
+    parser.add_argument(
+        "--min-contrast",
+        type=float,
+        default=5.0,
+        metavar="CODES",
+        help="least difference of a pattern and its inverse, in 8-bit code values (default 5)",
+    )
+    parser.add_argument(
+        "--fill-radius",
+        type=int,
+        default=4,
+        metavar="CELLS",
+        help="fill gaps of up to twice this width between decoded projector pixels; 0 fills none (default 4)",
+    )
+    parser.add_argument(
+        "--camera-response",
+        default="linear",
+        metavar="linear|srgb|GAMMA|FILE.toml",
+        help="the light for a code value of the captures (default linear)",
+    )
+    parser.add_argument(
+        "--response",
+        default="linear",
+        metavar="linear|srgb|GAMMA|FILE.toml",
+        help="the projector's light for a code value (default linear)",
+    )
+    parser.add_argument("--name", help="the room's name (default: the folder's)")
+    parser.add_argument("--force", action="store_true", help="replace a calibration that is there already")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="the calibration folder")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,64 @@
+"""import-transport: a calibration folder from light transport matrices that somebody else measured."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from player.calibration import Device
+from player.command import Parser, parse_size, run
+from player.response import Response
+from tools.acquisition.matrices_room import MatrixFiles, import_matrices_room
+from tools.acquisition.response_option import named_response
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    return run(_main, argv)
+
+
+def _main(argv: Sequence[str] | None) -> None:
+    options = _parser().parse_args(argv)
+    (height, width), (camera_height, camera_width) = options.projector, options.camera
+    summary = import_matrices_room(
+        MatrixFiles((options.red, options.green, options.blue), options.ambient, options.mask),
+        options.output,
+        Device(height, width, named_response(options.response)),
+        Device(camera_height, camera_width, Response("linear")),
+        name=options.name,
+        force=options.force,
+    )
+    print(f"{options.output}: {summary}")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser("import-transport", description=__doc__)
+    for channel in ("red", "green", "blue"):
+        parser.add_argument(
+            f"--{channel}",
+            type=Path,
+            required=True,
+            metavar="FILE.npz",
+            help=f"T of the {channel} channel: scipy.sparse.save_npz, camera pixels x projector pixels",
+        )
+    parser.add_argument("--camera", type=parse_size, required=True, metavar="WIDTHxHEIGHT")
+    parser.add_argument("--projector", type=parse_size, required=True, metavar="WIDTHxHEIGHT")
+    parser.add_argument(
+        "--ambient", type=Path, metavar="FILE", help="camera picture with a black projector, .exr or .npy (default 0)"
+    )
+    parser.add_argument(
+        "--mask", type=Path, metavar="FILE.png", help="white where a camera pixel counts (default: the lit pixels)"
+    )
+    parser.add_argument(
+        "--response",
+        default="linear",
+        metavar="linear|srgb|GAMMA|FILE.toml",
+        help="the projector's light for a code value (default linear)",
+    )
+    parser.add_argument("--name", help="the room's name (default: the folder's)")
+    parser.add_argument("--force", action="store_true", help="replace a calibration that is there already")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="the calibration folder")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
