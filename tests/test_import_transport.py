@@ -86,7 +86,7 @@ def test_negative_entries_become_zero_and_are_counted(
     green.data[:5] *= -1
     sparse.save_npz(tmp_path / "green.npz", green)
     assert main(arguments(tmp_path)) == 0
-    assert "5 negative entries set to 0 (0 red, 5 green, 0 blue)" in capsys.readouterr().out
+    assert "5 negative entries set to 0 (red 0, green 5, blue 0)" in capsys.readouterr().out
     found = read_transport(calibration.read(tmp_path / "room")).near[1]
     np.testing.assert_array_equal(found.toarray(), np.maximum(green.toarray(), 0))
 

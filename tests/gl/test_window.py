@@ -1,0 +1,187 @@
+"""The player in real windows: GLFW under Xvfb, full screen on a chosen monitor under Xorg, keys pressed, screen read."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import ImageGrab
+from scipy import sparse
+from Xlib import X, XK
+from Xlib.display import Display
+from Xlib.ext import xtest
+
+from player.calibration import Calibration, Device, writing
+from player.response import Response
+from tests.rooms import write_blurred_room
+from tests.test_player import CLIP, command, fail, succeed
+from tools.transport.storage import write_transport
+from tools.transport.transport import Transport
+
+SECOND_MONITOR = (1280, 0, 1024, 768)  # left, top, width, height
+PATIENCE_S = 60.0
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("window") / "wall"
+    write_blurred_room(folder, np.random.default_rng(7), (90, 120), (75, 100))
+    succeed("build-correction-map", folder, "--regularize", "0.1")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def large_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A projector of the second monitor's size, pixel for pixel in front of the camera."""
+    folder = tmp_path_factory.mktemp("window") / "large"
+    shape = SECOND_MONITOR[3], SECOND_MONITOR[2]
+    pixels = shape[0] * shape[1]
+    albedo = np.random.default_rng(1).uniform(0.5, 1, pixels).astype(np.float32)
+    T = sparse.csr_array(sparse.diags_array(albedo))
+    device = Device(*shape, Response("linear"))
+    ambient = np.zeros((*shape, 3), np.float32)
+    with writing(folder, Calibration("large", "", (device,), device, ambient, np.ones(shape, bool))) as stage:
+        write_transport(Transport((T, T, T)), stage)
+    succeed("build-correction-map", folder, "--regularize", "0.01")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def picture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("picture") / "picture.png"
+    noise = np.random.default_rng(2).uniform(0, 255, (12, 16, 3))
+    cv2.imwrite(str(path), cv2.resize(noise, (320, 240), interpolation=cv2.INTER_CUBIC).clip(0, 255).astype(np.uint8))
+    return path
+
+
+def screen(display: str, box: tuple[int, int, int, int]) -> np.ndarray:
+    """What the X server shows in (left, top, width, height), RGB."""
+    left, top, width, height = box
+    grabbed = np.array(ImageGrab.grab(xdisplay=display).convert("RGB"))
+    return grabbed[top : top + height, left : left + width].astype(int)
+
+
+def wait_until(condition: Callable[[], bool], what: str, process: subprocess.Popen[str]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline, what
+        time.sleep(0.1)
+
+
+def press(display: str, key: str) -> None:
+    """A real key press and release through the X server."""
+    connection = Display(display)
+    code = connection.keysym_to_keycode(XK.string_to_keysym(key))
+    xtest.fake_input(connection, X.KeyPress, code)
+    xtest.fake_input(connection, X.KeyRelease, code)
+    connection.sync()
+    connection.close()
+
+
+@contextmanager
+def playing(display: str, *arguments: object, folder: Path | None = None) -> Iterator[subprocess.Popen[str]]:
+    script = Path(sys.executable).with_name("play-corrected")
+    process = subprocess.Popen(
+        [str(script), *map(str, arguments)],
+        env=os.environ | {"DISPLAY": display, "WAYLAND_DISPLAY": ""},
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def expected_picture(room: Path, medium: Path, tmp_path: Path, *options: str) -> np.ndarray:
+    """The same view rendered headless, RGB."""
+    succeed("play-corrected", room, medium, "--output", tmp_path / "expected.png", *options)
+    return cv2.imread(str(tmp_path / "expected.png"))[..., ::-1].astype(int)
+
+
+def test_full_screen_on_the_chosen_monitor_shows_the_exact_pixels(
+    two_monitors: str, large_room: Path, picture: Path, tmp_path: Path
+) -> None:
+    expected = expected_picture(large_room, picture, tmp_path)
+    listed = command("play-corrected", "--list-monitors", DISPLAY=two_monitors, WAYLAND_DISPLAY="")
+    assert listed.returncode == 0
+    assert [line.split()[1] for line in listed.stdout.splitlines()] == ["DUMMY0", "DUMMY1"]
+    for monitor in ("DUMMY1", "1"):
+        with playing(two_monitors, large_room, picture, "--fullscreen", "--monitor", monitor) as process:
+            wait_until(
+                lambda: np.array_equal(screen(two_monitors, SECOND_MONITOR), expected), "the picture appears", process
+            )
+            assert screen(two_monitors, (0, 0, 1280, 720)).max() == 0  # nothing on the other monitor
+
+
+def test_a_monitor_that_is_not_there_or_of_another_size(two_monitors: str, room: Path, picture: Path) -> None:
+    here = {"DISPLAY": two_monitors, "WAYLAND_DISPLAY": ""}
+    line = fail("play-corrected", room, picture, "--monitor", "HDMI-7", **here)
+    assert "HDMI-7" in line
+    assert "DUMMY0" in line
+    line = fail("play-corrected", room, picture, "--fullscreen", "--monitor", "DUMMY1", **here)
+    assert "1024x768, the calibration is for a projector of 100x75" in line
+
+
+def test_keys_in_a_window(xvfb: str, room: Path, picture: Path, tmp_path: Path) -> None:
+    """c, v, b, i, s and q, pressed for real; the window stands at the upper left of a bare X server."""
+    box = (0, 0, 100, 75)
+    corrected = expected_picture(room, picture, tmp_path)
+    plain = expected_picture(room, picture, tmp_path, "--no-compensation")
+    assert np.abs(corrected - plain).max() > 20
+
+    def shows(wanted: np.ndarray | int) -> Callable[[], bool]:
+        return lambda: bool(np.all(screen(xvfb, box) == wanted))
+
+    with playing(xvfb, room, picture, folder=tmp_path) as process:
+        wait_until(shows(corrected), "the corrected picture", process)
+        press(xvfb, "c")
+        wait_until(shows(plain), "the plain picture", process)
+        press(xvfb, "c")
+        press(xvfb, "b")
+        wait_until(shows(0), "black", process)
+        press(xvfb, "b")
+        wait_until(shows(corrected), "the corrected picture again", process)
+        press(xvfb, "s")
+        wait_until(lambda: bool(list(tmp_path.glob("counterlight-*.png"))), "a screenshot", process)
+        press(xvfb, "i")
+        wait_until(lambda: not shows(corrected)(), "statistics over it", process)
+        press(xvfb, "q")
+        assert process.wait(PATIENCE_S) == 0
+    saved = cv2.imread(str(next(iter(tmp_path.glob("counterlight-*.png")))))[..., ::-1]
+    np.testing.assert_array_equal(saved, corrected)
+
+
+def test_a_clip_plays_to_its_end_in_a_window(xvfb: str, room: Path, tmp_path: Path) -> None:
+    stats = tmp_path / "stats.json"
+    done = command("play-corrected", room, CLIP, "--stats", stats, "--start", "4", DISPLAY=xvfb, WAYLAND_DISPLAY="")
+    assert done.returncode == 0, done.stderr
+    import json
+
+    numbers = json.loads(stats.read_text())
+    assert numbers["frames"] + numbers["dropped"] == pytest.approx(32, abs=1)  # 5.28 s at 25 per second, from 4 s
+
+
+def test_a_decoder_that_dies_does_not_take_the_player_down(xvfb: str, room: Path, tmp_path: Path) -> None:
+    with playing(xvfb, room, CLIP, "--loop") as process:
+        wait_until(lambda: screen(xvfb, (0, 0, 100, 75)).std() > 5, "the film", process)
+        for _ in range(2):
+            children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+            assert len(children) == 1
+            os.kill(int(children[0]), 11)
+            before = screen(xvfb, (0, 0, 100, 75))
+            wait_until(lambda b=before: not np.array_equal(screen(xvfb, (0, 0, 100, 75)), b), "it goes on", process)
+        press(xvfb, "q")
+        _, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0
+    assert errors.count("decoder stopped (signal 11, SIGSEGV)") == 2
