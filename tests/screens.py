@@ -41,7 +41,7 @@ EndSection
 """
 
 
-class NoServer(Exception):
+class NoServerError(Exception):
     """An X server did not start: why, and what to install."""
 
 
@@ -70,7 +70,7 @@ def two_monitors(folder: Path) -> Iterator[str]:
 def _server(command: Sequence[str], log: Path) -> Iterator[str]:
     """Run an X server on a display of its own choice; it keeps its state when the last window closes (-noreset)."""
     if shutil.which(command[0]) is None:
-        raise NoServer(f"{command[0]} is not installed; make test installs it, counterlight-doctor names the package")
+        raise NoServerError(f"{command[0]} is not installed; make test installs it, counterlight-doctor names the package")
     readable, writable = os.pipe()
     with log.open("wb") as output:
         arguments = [*command, "-displayfd", str(writable), "-noreset", "-nolisten", "tcp"]
@@ -91,7 +91,7 @@ def _first_line(readable: int, name: str, log: Path) -> str:
         ready, _, _ = select.select([readable], [], [], START_S)
         piece = os.read(readable, 16) if ready else b""
         if not piece:
-            raise NoServer(
+            raise NoServerError(
                 f"{name} did not start; as a plain user Xorg may need root. It said: {log.read_text()[-2000:]}"
             )
         line += piece
@@ -102,4 +102,4 @@ def _xrandr(display: str, *arguments: str) -> None:
     command = ["xrandr", "--display", display, *arguments]
     outcome = subprocess.run(command, capture_output=True, text=True, timeout=START_S, check=False)
     if outcome.returncode:
-        raise NoServer(f"{' '.join(command)}: {outcome.stderr.strip()}")
+        raise NoServerError(f"{' '.join(command)}: {outcome.stderr.strip()}")

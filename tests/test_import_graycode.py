@@ -105,6 +105,19 @@ def test_colour_weighs_each_channel(rng: np.random.Generator, tmp_path: Path) ->
     np.testing.assert_allclose(composition[pure] * 255, 190 * rig.albedo[pure], atol=0.5 + 1e-4)
 
 
+def test_what_decodes_but_is_hardly_lit_does_not_count(rng: np.random.Generator, tmp_path: Path) -> None:
+    """Ink of albedo 0.035 has a contrast of 6.6 code values, enough to decode, and 3.5 % of the light around it."""
+    rig = make_rig(rng, noise=0)
+    rig.albedo[30:40, 50:70] = 0.035
+    write_opencv_captures(tmp_path / "captures", rig)
+    assert main([str(tmp_path / "captures"), "--projector", SIZE, "-o", str(tmp_path / "room")]) == 0
+    stored = calibration.read(tmp_path / "room")
+    room = stored.calibration
+    assert rig.pure[30:40, 50:70].any()
+    assert not room.mask[30:40, 50:70].any()
+    assert not read_transport(stored).composition().reshape(*room.camera.shape, 3)[30:40, 50:70].any()
+
+
 def test_a_step_lights_every_pixel_of_a_cell(rng: np.random.Generator, tmp_path: Path) -> None:
     write_named_captures(tmp_path / "captures", make_rig(rng), step=2)
     arguments = [str(tmp_path / "captures"), "--projector", SIZE, "--step", "2", "-o", str(tmp_path / "room")]

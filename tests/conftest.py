@@ -1,0 +1,63 @@
+"""Fixtures: seeded numbers, OpenGL without leaks, screens, the shared data.
+
+A missing OpenGL or X server is a failure, never a skip: the product is nothing without them.
+"""
+
+import gc
+from collections.abc import Iterator
+from pathlib import Path
+
+import moderngl
+import numpy as np
+import pytest
+
+from player.gl.context import headless_context
+from tests import screens
+from tests.gl_objects import live_objects
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """Random numbers that are the same in every run."""
+    return np.random.default_rng(20060504)
+
+
+@pytest.fixture
+def gl_context() -> Iterator[moderngl.Context]:
+    """A fresh OpenGL context through EGL (5 ms each), current in this thread.
+
+    The test fails if it leaves an OpenGL error behind or an object that it did not release.
+    """
+    with headless_context() as context, context:
+        # Nothing is released behind our back, and context.objects grows with every object that Python forgets.
+        context.gc_mode = "context_gc"
+        assert context.error == "GL_NO_ERROR"
+        before = live_objects()
+        yield context
+        context.__enter__()  # the test may have made another context current
+        error, after = context.error, live_objects()
+        assert error == "GL_NO_ERROR"
+        assert after == before, "OpenGL objects were not released"
+        gc.collect()  # while there is a context to forget them
+
+
+@pytest.fixture(scope="session")
+def xvfb(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """DISPLAY of a screen of 1280x720 (Xvfb), for programs that tests start."""
+    with screens.one_screen(tmp_path_factory.mktemp("xvfb")) as display:
+        yield display
+
+
+@pytest.fixture(scope="session")
+def two_monitors(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """DISPLAY of a desktop with DUMMY0, 1280x720 at 0,0 (primary), and DUMMY1, 1024x768 at 1280,0."""
+    with screens.two_monitors(tmp_path_factory.mktemp("two_monitors")) as display:
+        yield display
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder of large test data beside the checkout; it may be absent."""
+    return ROOT.parent / "shared" / "data"
