@@ -36,8 +36,8 @@ def gl_context() -> Iterator[moderngl.Context]:
         assert context.error == "GL_NO_ERROR"
         before = live_objects()
         yield context
-        context.__enter__()  # the test may have made another context current
-        error, after = context.error, live_objects()
+        with context:  # the test may have made another one current
+            error, after = context.error, live_objects()
         assert error == "GL_NO_ERROR"
         assert after == before, "OpenGL objects were not released"
         gc.collect()  # while there is a context to forget them

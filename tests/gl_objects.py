@@ -5,7 +5,7 @@ import ctypes
 # Not Query: moderngl's has no release, so that it lives as long as its context.
 KINDS = ("Texture", "Buffer", "Framebuffer", "Renderbuffer", "VertexArray", "Program", "Sampler")
 NAMES = range(1, 513)  # drivers hand out the smallest free name
-GL_DELETE_STATUS = 0x8B80
+GL_DELETE_STATUS, GL_LINK_STATUS = 0x8B80, 0x8B82
 
 
 def live_objects() -> dict[str, list[int]]:
@@ -18,11 +18,12 @@ def live_objects() -> dict[str, list[int]]:
 def _is_alive(library: ctypes.CDLL, kind: str, name: int) -> bool:
     is_object = getattr(library, f"glIs{kind}")
     is_object.argtypes, is_object.restype = [ctypes.c_uint], ctypes.c_ubyte
-    return bool(is_object(name)) and not (kind == "Program" and _is_deleted(library, name))
+    return bool(is_object(name)) and (kind != "Program" or _is_usable(library, name))
 
 
-def _is_deleted(library: ctypes.CDLL, program: int) -> bool:
-    """A deleted program keeps its name for as long as it is the one in use."""
-    status = ctypes.c_int()
-    library.glGetProgramiv(ctypes.c_uint(program), GL_DELETE_STATUS, ctypes.byref(status))
-    return status.value != 0
+def _is_usable(library: ctypes.CDLL, program: int) -> bool:
+    """Not deleted (the program in use keeps its name) and linked (moderngl forgets one that does not compile)."""
+    deleted, linked = ctypes.c_int(), ctypes.c_int()
+    library.glGetProgramiv(ctypes.c_uint(program), GL_DELETE_STATUS, ctypes.byref(deleted))
+    library.glGetProgramiv(ctypes.c_uint(program), GL_LINK_STATUS, ctypes.byref(linked))
+    return not deleted.value and bool(linked.value)

@@ -1,6 +1,6 @@
 """What this machine's OpenGL and screens offer, as JSON, for a parent that must survive a driver that crashes.
 
-    python -m player.gl.probe opengl|screen
+Run as `python -m player.gl.probe opengl` or `… screen`.
 """
 
 import dataclasses
