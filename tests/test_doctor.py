@@ -1,0 +1,113 @@
+"""counterlight-doctor as a user runs it, and the lines that install system packages."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from player.command import BAD_INPUT, DONE
+from tools import system_packages
+from tools.system_packages import Part
+
+ROOT = Path(__file__).resolve().parents[1]
+TIMEOUT_S = 180.0
+NO_SCREEN = {"DISPLAY": "", "WAYLAND_DISPLAY": ""}
+
+
+def doctor(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "tools.check_machine", *arguments]
+    environment = {**os.environ, **variables}
+    return subprocess.run(
+        command, capture_output=True, text=True, cwd=ROOT, env=environment, timeout=TIMEOUT_S, check=False
+    )
+
+
+def test_a_machine_without_a_screen_is_ready_to_render_headless() -> None:
+    outcome = doctor(**NO_SCREEN)
+    assert outcome.returncode == DONE, outcome.stdout
+    assert outcome.stderr == ""
+    assert "ready: the player can run here" in outcome.stdout
+    assert "note    window system: neither DISPLAY nor WAYLAND_DISPLAY is set" in outcome.stdout
+    assert "xvfb-run" in outcome.stdout
+
+
+def test_every_part_of_the_machine_is_reported(xvfb: str) -> None:
+    outcome = doctor("--json", **NO_SCREEN | {"DISPLAY": xvfb})
+    report = json.loads(outcome.stdout)
+    states = {finding["subject"]: finding["state"] for finding in report["findings"]}
+    assert report["ready"] is True
+    assert states.pop("camera") in ("ok", "note")  # test machines have none
+    assert set(states.values()) == {"ok"}
+    packages = {"numpy", "scipy", "moderngl", "glfw", "OpenEXR", "opencv-contrib-python-headless", "av", "tomli-w"}
+    rest = {"Python", "OpenGL through EGL", "window system", "monitor", "FFmpeg", "OpenEXR files", "cores"}
+    assert packages | rest <= set(states)
+
+
+def test_both_monitors_are_reported(two_monitors: str) -> None:
+    report = doctor(**NO_SCREEN | {"DISPLAY": two_monitors}).stdout
+    assert "monitor: 0 DUMMY0 (1280x720 at 0,0," in report
+    assert "monitor: 1 DUMMY1 (1024x768 at 1280,0," in report
+
+
+def test_without_opengl_the_doctor_names_the_fix(tmp_path: Path) -> None:
+    outcome = doctor(**NO_SCREEN, __EGL_VENDOR_LIBRARY_DIRS=str(tmp_path))
+    assert outcome.returncode == BAD_INPUT
+    assert outcome.stderr == ""
+    lines = outcome.stdout.splitlines()
+    (missing,) = (index for index, line in enumerate(lines) if line.startswith("missing OpenGL through EGL"))
+    assert lines[missing + 1].split() == ["fix:", "unset", "__EGL_VENDOR_LIBRARY_DIRS"]
+    assert lines[-1].startswith("not ready")
+
+
+def test_a_missing_package_is_reported_with_the_command_that_installs_it(tmp_path: Path) -> None:
+    hidden = tmp_path / "sitecustomize.py"
+    hidden.write_text("import sys\nsys.modules['OpenEXR'] = None\n")  # what a broken installation looks like
+    outcome = doctor("--json", **NO_SCREEN, PYTHONPATH=str(tmp_path))
+    assert outcome.returncode == BAD_INPUT
+    findings = {finding["subject"]: finding for finding in json.loads(outcome.stdout)["findings"]}
+    assert findings["OpenEXR"]["state"] == findings["OpenEXR files"]["state"] == "missing"
+    assert "pip install 'OpenEXR>=" in findings["OpenEXR"]["fix"]
+
+
+def test_wrong_use_is_one_line() -> None:
+    outcome = doctor("--colour")
+    assert outcome.returncode == BAD_INPUT
+    assert outcome.stderr.splitlines() == [
+        "error: counterlight-doctor: unrecognized arguments: --colour; see counterlight-doctor --help"
+    ]
+
+
+@pytest.mark.parametrize(("user", "sudo"), [(0, ""), (1000, "sudo ")])
+def test_the_line_to_run_asks_for_root_only_where_needed(monkeypatch: pytest.MonkeyPatch, user: int, sudo: str) -> None:
+    monkeypatch.setattr(os, "geteuid", lambda: user)
+    line = f"{sudo}apt-get update && {sudo}apt-get install --yes --no-install-recommends libegl1 libgl1"
+    assert system_packages.apt_line(["libegl1", "libgl1"]) == line
+
+
+def test_a_plain_user_is_told_what_to_run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    parts = (Part("there", lambda: True, ""), Part("libabsent1", lambda: False, ""))
+    monkeypatch.setitem(system_packages.SETS, "play", parts)
+    monkeypatch.setattr(os, "geteuid", lambda: 1000)
+    assert system_packages.main(["play"]) == BAD_INPUT
+    assert capsys.readouterr().err.splitlines()[-1].endswith("--no-install-recommends libabsent1")
+
+
+def test_root_installs_only_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    installed: list[str] = []
+    parts = (Part("there", lambda: True, ""), Part("libabsent1", lambda: "libabsent1" in installed, ""))
+    monkeypatch.setitem(system_packages.SETS, "test", parts)
+    monkeypatch.setattr(os, "geteuid", lambda: 0)
+    monkeypatch.setattr(system_packages, "runs", lambda program: program == "apt-get")
+    monkeypatch.setattr(system_packages, "install", installed.extend)
+    assert system_packages.main(["test"]) == DONE
+    assert installed == ["libabsent1"]
+
+
+def test_a_program_or_library_that_is_not_there_is_seen() -> None:
+    assert system_packages.loads("libc.so.6")
+    assert not system_packages.loads("libnot-on-any-machine.so.1")
+    assert system_packages.runs("sh")
+    assert not system_packages.runs("not-on-any-machine")

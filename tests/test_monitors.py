@@ -1,0 +1,73 @@
+"""Monitors: names are unique, the one that the user means is found, a missing screen is one line."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from player.errors import InputError
+from player.gl.monitors import Monitor, _unique, find_monitor
+
+ROOT = Path(__file__).resolve().parents[1]
+TIMEOUT_S = 60.0
+MONITORS = [
+    Monitor(0, "eDP-1", 1920, 1080, 60, 0, 0, primary=True),
+    Monitor(1, "HDMI-1", 1024, 768, 75, 1920, 0, primary=False),
+    Monitor(2, "0", 800, 600, 60, 2944, 0, primary=False),
+]
+
+
+def seen_on(display: str) -> dict[str, Any]:
+    """What GLFW sees, in a child: this process would keep the first screen that it was given."""
+    environment = {**os.environ, "DISPLAY": display, "WAYLAND_DISPLAY": ""}
+    child = subprocess.run(
+        [sys.executable, "-W", "error", "-m", "player.gl.probe", "screen"],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env=environment,
+        timeout=TIMEOUT_S,
+        check=True,
+    )
+    assert child.stderr == ""
+    answer: dict[str, Any] = json.loads(child.stdout)
+    return answer
+
+
+def test_both_monitors_of_a_desktop_are_listed(two_monitors: str) -> None:
+    keys = ("index", "name", "width", "height", "x", "y", "primary")
+    listed = [tuple(monitor[key] for key in keys) for monitor in seen_on(two_monitors)["monitors"]]
+    assert listed == [(0, "DUMMY0", 1280, 720, 0, 0, True), (1, "DUMMY1", 1024, 768, 1280, 0, False)]
+
+
+@pytest.mark.parametrize(("display", "reason"), [("", "no screen: X11: "), (":12345", "no screen: X11: Failed")])
+def test_no_screen_is_one_line_with_a_way_out(display: str, reason: str) -> None:
+    error = seen_on(display)["error"]
+    assert error.startswith(reason)
+    assert "use --output FILE" in error
+    assert "xvfb-run" in error
+    assert "\n" not in error
+
+
+@pytest.mark.parametrize(("wanted", "index"), [("HDMI-1", 1), ("1", 1), (1, 1), ("eDP-1", 0), ("2", 2), ("0", 2)])
+def test_a_monitor_is_found_by_its_name_before_its_number(wanted: str | int, index: int) -> None:
+    assert find_monitor(MONITORS, wanted).index == index
+
+
+@pytest.mark.parametrize("wanted", ["VGA-1", "3", "-1", "hdmi"])
+def test_a_monitor_that_is_not_there_is_answered_with_those_that_are(wanted: str) -> None:
+    with pytest.raises(InputError, match=rf"monitor '{wanted}'.*0 eDP-1 \(1920x1080.*1 HDMI-1 \(1024x768"):
+        find_monitor(MONITORS, wanted)
+
+
+def test_no_monitor_at_all_is_said() -> None:
+    with pytest.raises(InputError, match="none is connected"):
+        find_monitor([], "0")
+
+
+def test_monitors_of_one_make_get_different_names() -> None:
+    assert _unique(["Epson", "Epson", "Epson (2)", "Epson"]) == ["Epson", "Epson (2)", "Epson (2) (2)", "Epson (3)"]
