@@ -27,11 +27,6 @@ ONE_ROUNDING = 1e-7  # an entry is rounded once to float32 (relative 6e-8), the 
 Picture = NDArray[Any]
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(20060601)
-
-
 @dataclass(frozen=True)
 class Rig:
     """A camera that sees a flat, textured wall obliquely, about three camera pixels per projector pixel.

@@ -20,11 +20,6 @@ SIZE = f"{PROJECTOR[1]}x{PROJECTOR[0]}"
 
 
 @pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(20060602)
-
-
-@pytest.fixture
 def captures(rng: np.random.Generator, tmp_path: Path) -> Path:
     write_opencv_captures(tmp_path / "captures", make_rig(rng))
     return tmp_path / "captures"

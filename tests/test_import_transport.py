@@ -25,11 +25,6 @@ SHAPE = 9 * 13, 7 * 11
 
 
 @pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(20060603)
-
-
-@pytest.fixture
 def matrices(rng: np.random.Generator, tmp_path: Path) -> list[sparse.csr_array]:
     """Three random matrices, written as red.npz, green.npz and blue.npz."""
     made = [sparse.random_array(SHAPE, density=0.2, rng=rng, dtype=np.float32, format="csr") for _ in CHANNELS]

@@ -13,11 +13,6 @@ from player.errors import InputError
 Planes = tuple[NDArray[Any], ...]
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(7)
-
-
 def _frame(planes: Planes, pixel_format: str) -> av.VideoFrame:
     """An FFmpeg frame of the given planes, each (rows, columns) in the format's own order."""
     frame = av.VideoFrame(planes[0].shape[1], planes[0].shape[0], pixel_format)

@@ -37,11 +37,6 @@ TIME_TOLERANCE_S = 1e-3  # Matroska counts in milliseconds
 Planes = tuple[NDArray[Any], ...]
 
 
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(7)
-
-
 @pytest.fixture(autouse=True)
 def _nothing_is_left() -> Iterator[None]:
     """No ring file and no decoder process survives a test."""

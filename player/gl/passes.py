@@ -120,6 +120,6 @@ class Pass(ScreenPass):
 
     def release(self) -> None:
         super().release()
-        self._context.detect_framebuffer(0).use()  # moderngl binds the last used framebuffer again later: it must not be this one
+        self._context.detect_framebuffer(0).use()  # moderngl binds the last used one again later: not this one, then
         self._framebuffer.release()
         self.target.release()

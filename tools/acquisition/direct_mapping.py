@@ -1,4 +1,4 @@
-"""T by direct mapping: each camera pixel sees one cell of the Gray code (thesis 6.1, SmartProjector; DESIGN 6.9).
+"""T by direct mapping: each camera pixel sees one cell of the Gray code (thesis 6.1, SmartProjector).
 
 Cells that no camera pixel decodes to would stay dark: the camera is coarser there, or a bit was unsure. Such a hole is
 given to the nearest decoded cell, and both share that cell's camera pixels. Their columns of T are parallel, so the

@@ -1,6 +1,7 @@
-"""Choosing λ of T⁺ = (TᵀT + λ²I)⁻¹Tᵀ by what counts: the camera's error *after* the clamp to 0..1 (docs/mathematics.md 2).
+"""Choosing λ of T⁺ = (TᵀT + λ²I)⁻¹Tᵀ by what counts: the camera's error *after* the clamp to 0..1.
 
-GCV and the L-curve know nothing of the clamp, which is what makes an undamped pseudo-inverse bad.
+See docs/mathematics.md 2. GCV and the L-curve know nothing of the clamp, which is what makes an undamped
+pseudo-inverse bad.
 """
 
 from dataclasses import dataclass

@@ -19,11 +19,11 @@ from tools.inverse.clustered import clustered_jobs
 from tools.inverse.damping import choose_damping, largest_singular_value
 from tools.inverse.pieces import Piece, join
 from tools.inverse.windowed import WindowedChannel, Windows, choose_halo, windowed_jobs
+from tools.transport.mask import LUMINANCE
 from tools.transport.transport import Csr, shared_pattern
 
 FloatArray = NDArray[np.float64]
 LARGEST_DENSE = 2500  # projector pixels: beyond, a block's inverse costs seconds and most of its entries are negligible
-LUMINANCE = (0.2126, 0.7152, 0.0722)  # ITU-R BT.709
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Certified truncation: leave out the entries of T⁺ that cannot change a pixel by more than a budget (docs/mathematics.md 2)."""
+"""Certified truncation: leave out entries of T⁺ that change no pixel by more than a budget (docs/mathematics.md 2)."""
 
 import numpy as np
 from numpy.typing import NDArray

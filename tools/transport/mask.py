@@ -1,4 +1,4 @@
-"""Which camera pixels count: those that the projector lights clearly (DESIGN 4, mask.png)."""
+"""Which camera pixels count: those that the projector lights clearly (mask.png)."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -12,6 +12,8 @@ from tools.transport.transport import CHANNELS, Csr, FarLight, Transport
 
 FAR_LIGHT = "far_light.npz"
 MAX_BYTES = 16 << 30
+# What numpy raises for archives that are damaged, or that claim arrays larger than memory.
+UNREADABLE = (OSError, ValueError, KeyError, EOFError, TypeError, MemoryError, zipfile.BadZipFile)
 
 
 def write_transport(transport: Transport, folder: Path) -> None:
@@ -40,7 +42,7 @@ def read_matrix(path: Path, shape: tuple[int, int]) -> Csr:
     try:
         matrix = sparse.csr_array(sparse.load_npz(path))
         matrix.check_format(full_check=True)
-    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else " ".join(str(error).split())
         raise InputError(f"{path}: no sparse matrix ({reason}); save it with scipy.sparse.save_npz") from None
     if matrix.shape != shape:
@@ -50,7 +52,8 @@ def read_matrix(path: Path, shape: tuple[int, int]) -> Csr:
         )
     if matrix.dtype.kind not in "fiu":
         raise InputError(f"{path}: holds {matrix.dtype} values, expected real numbers; save it as float32")
-    matrix = matrix.astype(np.float32)
+    with np.errstate(over="ignore"):  # what overflows is infinite, and counted below
+        matrix = matrix.astype(np.float32)
     matrix.sum_duplicates()
     bad = int(np.count_nonzero(~np.isfinite(matrix.data)))
     if bad:
@@ -92,7 +95,7 @@ def _read_far_light(path: Path, shape: tuple[int, int]) -> FarLight:
             mix = arrays["mix"].astype(np.float64)
             gather = tuple(_factor(arrays, "gather", name, (cells, projector_pixels)) for name in CHANNELS)
             scatter = tuple(_factor(arrays, "scatter", name, (camera_pixels, cells)) for name in CHANNELS)
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         raise InputError(
             f"{path}: not the far light of this calibration ({error}); make the calibration again"
         ) from None

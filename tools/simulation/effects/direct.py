@@ -3,7 +3,8 @@
 The projector lights a plane across its axis evenly, as real ones are built to: at depth z along the axis the irradiance
 on such a plane is E⊥ = π · brightness · (z₀ / z)², z₀ the distance of look_at, so that a white card there has radiance
 `brightness`. On a surface turned by θ towards a beam at α from the axis, E = E⊥ cos θ / cos α; a matt surface of
-albedo ρ then has radiance ρ E / π (Lambert). A camera pixel is the mean over its rays; each ray sees one projector pixel.
+albedo ρ then has radiance ρ E / π (Lambert). A camera pixel is the mean over its rays, each of which sees one projector
+pixel.
 """
 
 from collections.abc import Callable
@@ -56,4 +57,4 @@ def _summed(
     """Rays of one camera pixel on one projector pixel become one entry: memory holds entries, not rays."""
     places, inverse = np.unique(rows * width + columns, return_inverse=True)
     summed = np.stack([np.bincount(inverse, weights[:, i], places.size) for i in range(3)], axis=1)
-    return places // width, places % width, summed
+    return np.asarray(places // width, np.int64), np.asarray(places % width, np.int64), summed

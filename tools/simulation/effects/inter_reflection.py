@@ -50,7 +50,8 @@ class Grid:
         offset = (np.arange(side) + 0.5) / side
         j, i, b, a = np.meshgrid(np.arange(self.along), np.arange(self.across), offset, offset, indexing="ij")
         shape = self.count, side**2
-        return ((i + a) / self.across).reshape(shape), ((j + b) / self.along).reshape(shape)
+        u, v = (i + a) / self.across, (j + b) / self.along
+        return u.reshape(shape).astype(np.float64), v.reshape(shape).astype(np.float64)
 
     def outlines(self) -> FloatArray:
         """Corners of every cell, in order around it: (cells, 4, 3)."""
@@ -117,7 +118,7 @@ def point_to_polygon(points: FloatArray, normal: FloatArray, outlines: FloatArra
     size = np.linalg.norm(across, axis=-1)
     angle = np.arctan2(size, np.sum(r * following, axis=-1))
     share = np.divide(angle * (across @ normal), size, out=np.zeros_like(size), where=size > 0)
-    return np.abs(share.sum(axis=-1)) / (2 * np.pi)
+    return np.asarray(np.abs(share.sum(axis=-1)) / (2 * np.pi))
 
 
 def _between(scene: Scene, receiver: Grid, emitter: Grid) -> FloatArray:
