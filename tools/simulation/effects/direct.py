@@ -56,5 +56,5 @@ def _summed(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
     """Rays of one camera pixel on one projector pixel become one entry: memory holds entries, not rays."""
     places, inverse = np.unique(rows * width + columns, return_inverse=True)
-    summed = np.stack([np.bincount(inverse, weights[:, i], places.size) for i in range(3)], axis=1)
+    summed = np.stack([np.bincount(inverse, weights[:, i], places.size) for i in range(3)], axis=1).astype(np.float64)
     return np.asarray(places // width, np.int64), np.asarray(places % width, np.int64), summed
