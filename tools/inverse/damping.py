@@ -15,7 +15,7 @@ from tools.inverse.pictures import typical_pictures
 from tools.transport.transport import Csr
 
 FloatArray = NDArray[np.float64]
-CANDIDATES = (0.003, 0.01, 0.03, 0.1, 0.2, 0.4)
+CANDIDATES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.4)
 POWER_STEPS = 50
 LSMR_STEPS = 60
 
