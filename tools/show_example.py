@@ -5,6 +5,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import cv2
+import numpy as np
+
 from player import app, calibration
 from player.command import Parser, run
 from player.content import camera_psnr
@@ -31,7 +34,7 @@ def _main(argv: Sequence[str] | None) -> None:
     room = app.read_room(folder, None)
     before, after = compare(room, options.folder)
     print(f"camera view: PSNR {before:.1f} dB before, {after:.1f} dB after")
-    print(f"pictures: {options.folder / 'before.png'}, {options.folder / 'after.png'}")
+    print(f"pictures: {options.folder / 'before.png'}, {options.folder / 'after.png'}, side by side: before_after.png")
     play(folder, options.folder)
 
 
@@ -44,11 +47,11 @@ def prepare(scene: Path, folder: Path) -> None:
 
 
 def compare(room: Room, folder: Path) -> tuple[float, float]:
-    """Write before.png and after.png, the camera's views of one frame; returns both PSNRs in decibels.
+    """Write before.png, after.png and both side by side, the camera's views of one frame; returns their PSNRs.
 
-    Before: the frame as any player would project it. After: compensated. Both against the desired picture.
+    Before: the frame as any player would project it. After: compensated. Both against the desired picture, in decibels.
     """
-    quality = []
+    quality, views = [], []
     with app.headless_renderer("gl", room) as renderer, MediaReader.open(CLIP) as reader:
         reader.seek(SHOWN_AT_S)
         frame = reader.next_frame(FRAME_TIMEOUT_S)
@@ -60,8 +63,10 @@ def compare(room: Room, folder: Path) -> tuple[float, float]:
         for name, compensate in (("before.png", False), ("after.png", True)):
             renderer.render("camera", compensate=compensate)
             write_picture(folder / name, renderer)
+            views.append(renderer.encoded()[..., ::-1])
             seen = renderer.linear()
             quality.append(camera_psnr(renderer.desired(), seen, room.calibration.mask, room.white))
+    cv2.imwrite(str(folder / "before_after.png"), np.hstack(views))
     return quality[0], quality[1]
 
 
