@@ -71,6 +71,8 @@ def headless_renderer(backend: str, room: Room) -> Iterator[Renderer]:
 
 
 def _render(options: argparse.Namespace, reader: MediaReader, room: Room) -> Stats:
+    if options.loop and options.frames is None:
+        raise InputError("--loop with --output never ends; add --frames N")
     with headless_renderer(options.backend, room) as renderer:
         renderer.open(reader.info.format)
         stats = render_to_file(

@@ -15,7 +15,7 @@ from player.gl.monitors import Monitor, monitor_handle, start_glfw
 from player.gl.passes import ScreenPass
 
 OVERLAY_SHAPE = (240, 720)
-LINE_HEIGHT, MARGIN = 22, 8
+LINE_HEIGHT, MARGIN, GROUND_ALPHA = 22, 8, 170
 NAMED_KEYS = {
     glfw.KEY_SPACE: "space",
     glfw.KEY_ESCAPE: "escape",
@@ -154,12 +154,13 @@ class _Presenter:
 
 def draw_text(lines: list[str], shape: tuple[int, int]) -> NDArray[np.uint8]:
     """White lines on a dark, half transparent ground, (height, width, RGBA); the ground is as high as the text."""
-    picture = np.zeros((*shape, 4), np.uint8)
-    picture[: LINE_HEIGHT * len(lines) + 2 * MARGIN, :, 3] = 170
+    ink = np.zeros(shape, np.uint8)
     for row, line in enumerate(lines):
         at = MARGIN, MARGIN + LINE_HEIGHT * row + 16
-        cv2.putText(picture, line, at, cv2.FONT_HERSHEY_SIMPLEX, 0.55, (255, 255, 255, 255), 1, cv2.LINE_AA)
-    return picture
+        cv2.putText(ink, line, at, cv2.FONT_HERSHEY_SIMPLEX, 0.55, (255,), 1, cv2.LINE_AA)
+    ground = np.zeros(shape, np.uint8)
+    ground[: LINE_HEIGHT * len(lines) + 2 * MARGIN] = GROUND_ALPHA
+    return np.dstack([ink, ink, ink, np.maximum(ink, ground)])
 
 
 def _open(shape: tuple[int, int], title: str) -> Any:
