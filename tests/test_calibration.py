@@ -124,3 +124,27 @@ def test_exr_pictures_are_exact_and_their_window_is_honoured(tmp_path: Path, rng
     exr.write_channels(tmp_path / "z.exr", {"Z": picture[..., 0]})
     with pytest.raises(InputError, match="channels Z, expected R, G and B"):
         exr.read_rgb(tmp_path / "z.exr")
+
+
+HOSTILE = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "hostile"
+
+
+@pytest.mark.parametrize("path", sorted(HOSTILE.rglob("*.exr")) or [HOSTILE], ids=lambda path: path.name)
+def test_hostile_exr_files_are_read_or_refused_in_one_line(path: Path) -> None:
+    """Where the shared files are; without them the folder's own name, which is no EXR file either, is refused."""
+    try:
+        picture = exr.read_rgb(path)
+    except InputError as error:
+        assert path.name in str(error)
+        assert "\n" not in str(error)
+    else:
+        assert picture.ndim == 3
+
+
+@pytest.mark.parametrize("name", ["ambient.exr", "mask.png", "calibration.toml"])
+def test_hostile_files_in_a_calibration_are_refused(folder: Path, name: str) -> None:
+    """Each hostile file in the place of each of the folder's own: the checksum stops it before any decoder sees it."""
+    for path in [file for file in HOSTILE.rglob("*") if file.is_file()] or [Path(__file__)]:
+        (folder / name).write_bytes(path.read_bytes())
+        with pytest.raises(InputError, match="make the calibration again"):
+            calibration.read(folder)

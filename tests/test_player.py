@@ -12,6 +12,7 @@ import av
 import cv2
 import numpy as np
 import pytest
+from scipy import sparse
 
 from player import calibration, exr, maps
 from player.reference import PreparedRows
@@ -83,6 +84,31 @@ def test_an_exr_is_compensated_as_the_equation_says(
     T_pinv = PreparedRows(maps.read_maps(stored).correction)
     expected = np.clip(T_pinv.apply(target - stored.calibration.ambient), 0, 1)
     np.testing.assert_allclose(exr.read_rgb(tmp_path / "p.exr"), expected, atol=1e-5)  # the issue's bound
+
+
+def test_imported_matrices_are_played_through_numpys_pseudo_inverse(tmp_path: Path, rng: np.random.Generator) -> None:
+    """The issue's chain with nobody's own inverse in it: import, build, play, against numpy.linalg.pinv."""
+    camera, projector = (8, 9), (5, 6)
+    dense = np.where(rng.uniform(size=(3, 72, 30)) < 0.12, rng.uniform(0.2, 1, (3, 72, 30)), 0).astype(np.float32)
+    dense[:, :30] += np.eye(30, dtype=np.float32)  # every projector pixel is seen
+    ambient = rng.uniform(0, 0.1, (*camera, 3)).astype(np.float32)
+    np.save(tmp_path / "e.npy", ambient)
+    colours = ("red", "green", "blue")
+    for name, matrix in zip(colours, dense, strict=True):
+        sparse.save_npz(tmp_path / f"{name}.npz", sparse.csr_array(matrix))
+    cv2.imwrite(str(tmp_path / "mask.png"), np.full(camera, 255, np.uint8))
+    matrices = [word for name in colours for word in (f"--{name}", tmp_path / f"{name}.npz")]
+    sizes = ["--camera", "9x8", "--projector", "6x5"]
+    files = ["--ambient", tmp_path / "e.npy", "--mask", tmp_path / "mask.png"]
+    succeed("import-transport", *matrices, *sizes, *files, "-o", tmp_path / "room")
+    succeed("build-correction-map", tmp_path / "room", "--regularize", "none", "--max-error", "0")
+    c = rng.uniform(0, 1, (*camera, 3)).astype(np.float32)
+    exr.write_rgb(tmp_path / "c.exr", c)
+    succeed("play-corrected", tmp_path / "room", tmp_path / "c.exr", "--output", tmp_path / "p.exr")
+    light = (c.astype(float) - ambient).reshape(-1, 3)
+    drive = np.stack([np.linalg.pinv(dense[i].astype(float)) @ light[:, i] for i in range(3)], axis=1)
+    result = exr.read_rgb(tmp_path / "p.exr").reshape(-1, 3)
+    np.testing.assert_allclose(result, np.clip(drive, 0, 1), atol=1e-5)  # the issue's bound; rows' L1 norm is below 10
 
 
 def test_the_camera_sees_what_was_asked_for(built: tuple[Path, Transport], tmp_path: Path, target: np.ndarray) -> None:
