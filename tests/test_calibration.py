@@ -132,13 +132,12 @@ HOSTILE = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "host
 @pytest.mark.parametrize("path", sorted(HOSTILE.rglob("*.exr")) or [HOSTILE], ids=lambda path: path.name)
 def test_hostile_exr_files_are_read_or_refused_in_one_line(path: Path) -> None:
     """Where the shared files are; without them the folder's own name, which is no EXR file either, is refused."""
+    complaint = ""
     try:
-        picture = exr.read_rgb(path)
+        assert exr.read_rgb(path).ndim == 3
     except InputError as error:
-        assert path.name in str(error)
-        assert "\n" not in str(error)
-    else:
-        assert picture.ndim == 3
+        complaint = str(error)
+    assert complaint == "" or (path.name in complaint and "\n" not in complaint)
 
 
 @pytest.mark.parametrize("name", ["ambient.exr", "mask.png", "calibration.toml"])

@@ -88,7 +88,7 @@ def test_an_exr_is_compensated_as_the_equation_says(
 
 def test_imported_matrices_are_played_through_numpys_pseudo_inverse(tmp_path: Path, rng: np.random.Generator) -> None:
     """The issue's chain with nobody's own inverse in it: import, build, play, against numpy.linalg.pinv."""
-    camera, projector = (8, 9), (5, 6)
+    camera = 8, 9
     dense = np.where(rng.uniform(size=(3, 72, 30)) < 0.12, rng.uniform(0.2, 1, (3, 72, 30)), 0).astype(np.float32)
     dense[:, :30] += np.eye(30, dtype=np.float32)  # every projector pixel is seen
     ambient = rng.uniform(0, 0.1, (*camera, 3)).astype(np.float32)
