@@ -9,19 +9,7 @@ from numpy.typing import NDArray
 
 from player import pixels
 from player.errors import InputError
-
-Planes = tuple[NDArray[Any], ...]
-
-
-def _frame(planes: Planes, pixel_format: str) -> av.VideoFrame:
-    """An FFmpeg frame of the given planes, each (rows, columns) in the format's own order."""
-    frame = av.VideoFrame(planes[0].shape[1], planes[0].shape[0], pixel_format)
-    for plane, values in zip(frame.planes, planes, strict=True):
-        rows = np.zeros((plane.height, plane.line_size), np.uint8)
-        stored = np.ascontiguousarray(values).view(np.uint8).reshape(plane.height, -1)
-        rows[:, : stored.shape[1]] = stored
-        plane.update(rows.tobytes())
-    return frame
+from tests.ffmpeg_frames import Planes, ffmpeg_frame
 
 
 def _equal(found: Planes, expected: Planes) -> None:
@@ -41,7 +29,7 @@ def test_semi_planar_yuv_is_only_repacked(
     luma = rng.integers(0, top, (31, 47))
     cb, cr = (rng.integers(0, top, (-(-31 // rows), -(-47 // columns))) for _ in range(2))
     interleaved = np.stack([cb, cr], axis=-1).reshape(cb.shape[0], -1)
-    frame = _frame(((luma << shift).astype(kind), (interleaved << shift).astype(kind)), pixel_format)
+    frame = ffmpeg_frame(((luma << shift).astype(kind), (interleaved << shift).astype(kind)), pixel_format)
     frame.color_range = color_range
     samples = pixels.unpack(frame, picture=False)
     _equal(samples.planes, (luma, cb, cr))
@@ -64,7 +52,7 @@ def test_packed_422_is_unpacked(order: str, rng: np.random.Generator) -> None:
 def test_coarse_chroma_is_repeated(order: str, rows: int, columns: int, rng: np.random.Generator) -> None:
     frame = av.VideoFrame(16, 8, order)
     luma, *chroma = (rng.integers(0, 256, (plane.height, plane.width)).astype(np.uint8) for plane in frame.planes)
-    samples = pixels.unpack(_frame((luma, *chroma), order), picture=False)
+    samples = pixels.unpack(ffmpeg_frame((luma, *chroma), order), picture=False)
     _equal(samples.planes, (luma, *(np.kron(plane, np.ones((rows, columns), np.uint8)) for plane in chroma)))
 
 
@@ -84,7 +72,7 @@ def test_palette_and_bits(name: str, rng: np.random.Generator) -> None:
 
 def test_mirrored_pictures_are_flipped(rng: np.random.Generator) -> None:
     gray = rng.integers(0, 256, (5, 7)).astype(np.uint8)
-    frame = _frame((gray,), "gray")
+    frame = ffmpeg_frame((gray,), "gray")
     out = tuple(np.empty_like(gray) for _ in range(3))
     pixels.store(pixels.unpack(frame, picture=True), out, flip_rows=True)
     _equal(out, 3 * (gray[::-1],))
@@ -122,7 +110,7 @@ def test_gray_is_rgb_when_full_range_and_luma_otherwise(
     color_range: int, picture: bool, layout: str, rng: np.random.Generator
 ) -> None:
     gray = rng.integers(0, 256, (5, 7)).astype(np.uint8)
-    frame = _frame((gray,), "gray")
+    frame = ffmpeg_frame((gray,), "gray")
     frame.color_range = color_range
     samples = pixels.unpack(frame, picture=picture)
     assert samples.layout == layout
@@ -132,7 +120,7 @@ def test_gray_is_rgb_when_full_range_and_luma_otherwise(
 
 def test_transparent_yuv_becomes_black_without_colour() -> None:
     planes = tuple(np.full(shape, 200, np.uint8) for shape in [(4, 6), (2, 3), (2, 3)])
-    samples = pixels.unpack(_frame((*planes, np.zeros((4, 6), np.uint8)), "yuva420p"), picture=False)
+    samples = pixels.unpack(ffmpeg_frame((*planes, np.zeros((4, 6), np.uint8)), "yuva420p"), picture=False)
     out = tuple(np.empty_like(plane) for plane in planes)
     pixels.store(samples, out, flip_rows=False)
     assert [int(plane.min()) for plane in out] == [16, 128, 128]

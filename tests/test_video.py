@@ -19,11 +19,11 @@ import av
 import numpy as np
 import OpenEXR
 import pytest
-from numpy.typing import NDArray
 
 from player import exr
 from player.errors import InputError
 from player.video import Frame, MediaReader
+from tests.ffmpeg_frames import Planes, ffmpeg_frame
 
 TIMEOUT_S = 60.0  # patience only: nothing here is expected to take it
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
@@ -33,8 +33,6 @@ HOSTILE = sorted(path for path in (SHARED / "hostile").glob("*/*") if path.suffi
 RATE = 25
 # The order of the bits in time: 0.04 s a frame is not a binary fraction, and containers round to their time base.
 TIME_TOLERANCE_S = 1e-3  # Matroska counts in milliseconds
-
-Planes = tuple[NDArray[Any], ...]
 
 
 @pytest.fixture(autouse=True)
@@ -50,17 +48,6 @@ def _nothing_is_left() -> Iterator[None]:
 def _children() -> list[int]:
     """Decoder processes of this process, as the kernel lists them (zombies too)."""
     return [int(pid) for task in Path("/proc/self/task").glob("*/children") for pid in task.read_text().split()]
-
-
-def _frame(planes: Planes, pixel_format: str) -> av.VideoFrame:
-    """An FFmpeg frame of the given planes, each (rows, columns) in the format's own order."""
-    frame = av.VideoFrame(planes[0].shape[1], planes[0].shape[0], pixel_format)
-    for plane, values in zip(frame.planes, planes, strict=True):
-        rows = np.zeros((plane.height, plane.line_size), np.uint8)
-        stored = np.ascontiguousarray(values).view(np.uint8).reshape(plane.height, -1)
-        rows[:, : stored.shape[1]] = stored
-        plane.update(rows.tobytes())
-    return frame
 
 
 def _numbered(n: int, height: int = 34, width: int = 46) -> Planes:
@@ -96,7 +83,7 @@ def _write(
             setattr(stream.codec_context, name, value)
         prepare(stream)
         for i, picture in enumerate(pictures):
-            frame = _frame(picture, pixel_format)
+            frame = ffmpeg_frame(picture, pixel_format)
             frame.pts, frame.time_base = first_pts + i, Fraction(1, RATE)
             for name, value in (tags or {}).items():
                 setattr(frame, name, value)
@@ -117,7 +104,9 @@ def _picture(path: Path, planes: Planes, pixel_format: str, codec: str) -> Path:
     context.height, context.width = planes[0].shape[0], planes[0].shape[1]
     context.pix_fmt, context.time_base = pixel_format, Fraction(1, 25)
     frame = (
-        av.VideoFrame.from_ndarray(planes[0], format=pixel_format) if len(planes) == 1 else _frame(planes, pixel_format)
+        av.VideoFrame.from_ndarray(planes[0], format=pixel_format)
+        if len(planes) == 1
+        else ffmpeg_frame(planes, pixel_format)
     )
     path.write_bytes(b"".join(bytes(packet) for packet in [*context.encode(frame), *context.encode(None)]))
     return path

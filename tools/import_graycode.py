@@ -10,7 +10,7 @@ from player.calibration import Device
 from player.command import Parser, parse_size, run
 from tools.acquisition.captures import ORDERS
 from tools.acquisition.graycode_room import GraycodeOptions, import_graycode_room
-from tools.acquisition.response_option import named_response
+from tools.acquisition.room_options import add_room_options, named_response
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -68,15 +68,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="linear|srgb|GAMMA|FILE.toml",
         help="the light for a code value of the captures (default linear)",
     )
-    parser.add_argument(
-        "--response",
-        default="linear",
-        metavar="linear|srgb|GAMMA|FILE.toml",
-        help="the projector's light for a code value (default linear)",
-    )
-    parser.add_argument("--name", help="the room's name (default: the folder's)")
-    parser.add_argument("--force", action="store_true", help="replace a calibration that is there already")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="the calibration folder")
+    add_room_options(parser)
     return parser
 
 

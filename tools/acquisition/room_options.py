@@ -1,5 +1,6 @@
-"""A response as it is named on a command line."""
+"""What the importing commands share: where the room goes, and a response as it is named on a command line."""
 
+import argparse
 from pathlib import Path
 
 from player.errors import InputError
@@ -7,6 +8,19 @@ from player.files import read_toml
 from player.response import Response, parse_response
 
 FIX = "a response file holds: response = [[0, 0, 0], …, [1, 1, 1]], as in a calibration.toml"
+
+
+def add_room_options(parser: argparse.ArgumentParser) -> None:
+    """--response, --name, --force and --output."""
+    parser.add_argument(
+        "--response",
+        default="linear",
+        metavar="linear|srgb|GAMMA|FILE.toml",
+        help="the projector's light for a code value (default linear)",
+    )
+    parser.add_argument("--name", help="the room's name (default: the folder's)")
+    parser.add_argument("--force", action="store_true", help="replace a calibration that is there already")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="the calibration folder")
 
 
 def named_response(text: str) -> Response:
