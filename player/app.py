@@ -39,9 +39,9 @@ def _main(argv: Sequence[str] | None) -> None:
         if options.start:
             reader.seek(options.start)
         stats = _render(options, reader, room) if options.output else _play(options, reader, room)
-        stats.notices += reader.notices()
-    for notice in stats.notices:
-        print(notice, file=sys.stderr)
+        for notice in reader.notices():
+            print(notice, file=sys.stderr)
+            stats.notices.append(notice)
     if options.stats is not None:
         stats.write(options.stats)
 

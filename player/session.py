@@ -1,5 +1,6 @@
 """Playback in a window: which frame is due, what a key does. Knows no OpenGL; a display and a clock are handed in."""
 
+import sys
 import time
 from collections.abc import Callable
 from functools import partial
@@ -73,6 +74,9 @@ class Session:
 
     def step(self) -> None:
         """Take the frame that is due, if any, and show it; redraw if a key changed something."""
+        for notice in self._reader.notices():
+            print(notice, file=sys.stderr)
+            self.stats.notices.append(notice)
         frame = None if self.paused and self._rendered else self._due_frame()
         if frame is not None:
             start = time.perf_counter()

@@ -29,6 +29,7 @@ class Reader:
     still: bool = False
     position: int = 0
     released: list[int] = field(default_factory=list)
+    news: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         pixels = SimpleNamespace(width=4, height=3)
@@ -52,6 +53,10 @@ class Reader:
 
     def seek(self, time_s: float) -> None:
         self.position = round(time_s * 25)
+
+    def notices(self) -> list[str]:
+        fresh, self.news = self.news, []
+        return fresh
 
 
 @dataclass
@@ -177,6 +182,13 @@ def test_keys_change_what_is_shown(stage: SimpleNamespace) -> None:
     assert stage.screen.fullscreen
     stage.session.handle("q")
     assert stage.session.done
+
+
+def test_what_the_reader_has_to_say_is_told_at_once(stage: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:
+    stage.reader.news = ["decoder stopped; restarted"]
+    advance(stage, 0.05)
+    assert capsys.readouterr().err == "decoder stopped; restarted\n"
+    assert stage.session.stats.notices == ["decoder stopped; restarted"]
 
 
 def test_a_video_ends_and_a_still_stays() -> None:
