@@ -31,6 +31,8 @@ def _main(argv: Sequence[str] | None) -> None:
 
         print("\n".join(str(monitor) for monitor in list_monitors()))
         return
+    if options.stats is not None and not options.stats.parent.is_dir():
+        raise InputError(f"{options.stats.parent}: no such folder for --stats; make it first")
     if options.calibration is None or options.media is None:
         raise InputError("play-corrected: needs a CALIBRATION and MEDIA; see play-corrected --help")
     room = read_room(options.calibration, options.white, options.dither)

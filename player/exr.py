@@ -32,11 +32,14 @@ class Header:
 
 
 def write_channels(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
-    """Write channels of equal shape (rows, columns), float32 or uint32, losslessly."""
+    """Write channels of equal shape (rows, columns), float32 or uint32, losslessly; OSError if the system refuses."""
     # `write` replaces the arrays of the dictionary it gets and misreads strided ones: hence a fresh one, contiguous.
     contiguous = {name: np.ascontiguousarray(values) for name, values in channels.items()}
     with OpenEXR.File(dict(_HEADER), contiguous) as file:
-        file.write(str(path))
+        try:
+            file.write(str(path))
+        except RuntimeError as error:
+            raise OSError(_one_line(error)) from None
 
 
 def write_rgb(path: Path, linear_rgb: NDArray[np.float32]) -> None:

@@ -6,7 +6,7 @@ import shutil
 import tempfile
 import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,38 +19,58 @@ MAX_TOML_BYTES = 4 << 20
 
 @contextmanager
 def replacing_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path` (same suffix); on success it replaces `path`, else it is removed."""
+    """Yield a temporary path beside `path` (same suffix); on success it replaces `path`, else it is removed.
+
+    Raises InputError, naming `path`, where the system refuses: no such folder, no right, no space.
+    """
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
     try:
-        yield temporary
-        flush(temporary)
-        temporary.replace(path)
+        with _refusals_named(path):
+            yield temporary
+            flush(temporary)
+            temporary.replace(path)
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 @contextmanager
 def replacing_folder(folder: Path) -> Iterator[Path]:
     """Yield an empty folder beside `folder`; on success it takes the place of `folder`, else it is removed.
 
-    The previous folder stays untouched until every file of the new one is on disk.
+    The previous folder stays untouched until every file of the new one is on disk. Raises InputError, naming `folder`,
+    where the system refuses.
     """
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    stage = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".partial", dir=folder.parent))
-    stage.chmod(0o755)  # mkdtemp's 0700 would lock out whoever may read the parent
+    with _refusals_named(folder):
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        stage = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".partial", dir=folder.parent))
+        stage.chmod(0o755)  # mkdtemp's 0700 would lock out whoever may read the parent
+        try:
+            yield stage
+            for path in stage.rglob("*"):
+                flush(path)
+            _put_in_place(stage, folder)
+        finally:
+            shutil.rmtree(stage, ignore_errors=True)
+
+
+def _put_in_place(stage: Path, folder: Path) -> None:
+    if not folder.exists():
+        stage.rename(folder)
+        return
+    previous = stage.with_suffix(".previous")
+    folder.rename(previous)
+    stage.rename(folder)
+    shutil.rmtree(previous)
+
+
+@contextmanager
+def _refusals_named(path: Path) -> Iterator[None]:
     try:
-        yield stage
-        for path in stage.rglob("*"):
-            flush(path)
-        if folder.exists():
-            previous = stage.with_suffix(".previous")
-            folder.rename(previous)
-            stage.rename(folder)
-            shutil.rmtree(previous)
-        else:
-            stage.rename(folder)
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)
+        yield
+    except OSError as error:
+        reason = error.strerror or " ".join(str(error).split())
+        raise InputError(f"{path}: cannot be written ({reason}); check the folder, its rights and its space") from None
 
 
 def flush(path: Path) -> None:

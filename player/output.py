@@ -68,7 +68,7 @@ def write_picture(path: Path, renderer: Renderer) -> None:
     if path.suffix.lower() == ".exr":
         exr.write_rgb(path, renderer.linear())
     elif not cv2.imwrite(str(path), np.ascontiguousarray(renderer.encoded()[..., ::-1])):
-        raise InputError(f"{path}: could not be written; is the disk full?")
+        raise OSError(f"OpenCV writes no {path.suffix} there")
 
 
 class _PictureOutput:

@@ -213,6 +213,11 @@ def test_no_map_yet(tmp_path: Path) -> None:
         (["ROOM", "CLIP", "--backend", "cpu"], "add --output FILE"),
         (["ROOM"], "needs a CALIBRATION and MEDIA"),
         (["ROOM", "CLIP", "--start", "99", "--output", "OUT/o.png"], "no frame to render"),
+        (["ROOM", "CLIP", "--loop", "--output", "OUT/o.mp4"], "never ends"),
+        (["ROOM", "CLIP", "--output", "OUT/o.png", "--stats", "OUT/no/s.json"], "no such folder for --stats"),
+        (["ROOM", "CLIP", "--frames", "1", "--output", "/proc/o.png"], "/proc/o.png: cannot be written"),
+        (["ROOM", "CLIP", "--frames", "1", "--output", "/proc/o.mp4"], "/proc/o.mp4: cannot be written"),
+        (["ROOM", "CLIP", "--frames", "1", "--output", "/proc/o%d.exr"], "cannot be written"),
     ],
 )
 def test_wrong_use_is_one_line(room: Path, tmp_path: Path, arguments: list[str], complaint: str) -> None:
