@@ -14,6 +14,7 @@ from tools.inverse.damping import CANDIDATES, choose_damping, largest_singular_v
 from tools.inverse.far_light import undo_far_light
 from tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
 from tools.inverse.truncation import entries_to_keep
+from tools.transport.mask import LUMINANCE
 from tools.transport.transport import Csr, FarLight, Transport, shared_pattern
 
 CAMERA, PROJECTOR = (15, 19), (12, 16)
@@ -79,6 +80,7 @@ def test_windows_agree_with_the_whole(rng: np.random.Generator, monkeypatch: pyt
     near = three_channels(rng, blurred_transport(rng, camera, projector, 0.6))
     mask, reach = np.ones(camera, bool), np.full((camera[0] * camera[1], 3), 0.5)
     options = InverseOptions(0.1, KEEP_ALL)
+    monkeypatch.setattr(inverse_module, "LARGEST_DENSE", 5000)
     whole = invert_near_light(near, mask, projector, reach, 0.5, options)
     monkeypatch.setattr(inverse_module, "LARGEST_DENSE", 100)
     windowed = invert_near_light(near, mask, projector, reach, 0.5, options)
@@ -89,8 +91,20 @@ def test_windows_agree_with_the_whole(rng: np.random.Generator, monkeypatch: pyt
         assert change <= 0.5 / 255  # the tolerance of the halo when nothing is truncated, for another picture
 
 
+def test_decomposing_bounds_the_clusters_and_judges_by_the_whole_transport(rng: np.random.Generator) -> None:
+    near = three_channels(rng, blurred_transport(rng, CAMERA, PROJECTOR, 0.6))
+    cut = invert(near, InverseOptions(None, 0.5, max_cluster=20))
+    assert cut.decomposition is not None
+    assert cut.clusters.projector_sizes.max() <= 20
+    assert cut.clusters.count > 5
+    assert cut.rows.indices.size < invert(near, InverseOptions(None, 0.5)).rows.indices.size
+    indptr, indices, weights = shared_pattern(near)
+    luminance = sparse.csr_array((weights @ np.array(LUMINANCE), indices, indptr), shape=near[0].shape)
+    assert cut.damping_errors != choose_damping(luminance, 0.5, np.ones(CAMERA, bool)).errors
+
+
 def test_a_large_cluster_has_no_plain_inverse(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(inverse_module, "LARGEST_DENSE", 100)
+    monkeypatch.setattr(inverse_module, "LARGEST_PLAIN", 100)
     near = three_channels(rng, blurred_transport(rng, CAMERA, PROJECTOR, 0.6))
     with pytest.raises(InputError, match=r"cluster of 192 projector pixels.*--regularize auto"):
         invert(near, InverseOptions(0.0))

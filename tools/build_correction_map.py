@@ -19,7 +19,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     start = time.monotonic()
-    inverse_options = InverseOptions(options.regularize, options.max_error)
+    inverse_options = InverseOptions(options.regularize, options.max_error, options.max_cluster)
     summary = build_room_maps(calibration.read(options.calibration), inverse_options)
     print(f"{summary}, {time.monotonic() - start:.1f} s")
 
@@ -50,6 +50,13 @@ def _parser() -> argparse.ArgumentParser:
         default=0.5,
         metavar="CODES",
         help="leave out entries that change a pixel by at most this many 8-bit code values; 0 keeps all (default 0.5)",
+    )
+    parser.add_argument(
+        "--max-cluster",
+        type=int,
+        metavar="PIXELS",
+        help="cut the transport into clusters of at most this many projector pixels, as the thesis does: a smaller, "
+        "less accurate map, above all out of focus (default: nothing is cut)",
     )
     return parser
 

@@ -1,7 +1,6 @@
 """Connected components of the bipartite graph camera pixels | projector pixels (thesis 4.2.1)."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,12 +31,14 @@ class Clusters:
 def find_clusters(pattern: Csr) -> Clusters:
     """Label the connected components of a (camera pixels, projector pixels) matrix; unconnected pixels get none."""
     rows, columns = pattern.shape
-    links = sparse.csr_array((np.ones(pattern.nnz), pattern.indices, pattern.indptr), shape=pattern.shape)
-    graph: Any = sparse.block_array([[None, links], [links.T, None]], format="csr")
-    _, labels = csgraph.connected_components(graph, directed=False)
-    lit = np.diff(graph.indptr) > 0
+    nodes = rows + columns
+    # Links from camera to projector pixels only: the search itself follows them both ways.
+    indptr = np.concatenate([pattern.indptr, np.full(columns, pattern.nnz, pattern.indptr.dtype)])
+    links = np.ones(pattern.nnz), pattern.indices.astype(np.int64) + rows, indptr
+    _, labels = csgraph.connected_components(sparse.csr_array(links, shape=(nodes, nodes)), directed=False)
+    lit = np.concatenate([np.diff(pattern.indptr) > 0, np.bincount(pattern.indices, minlength=columns) > 0])
     kept, renumbered = np.unique(labels[lit], return_inverse=True)
-    label: NDArray[np.int64] = np.full(rows + columns, -1, np.int64)
+    label: NDArray[np.int64] = np.full(nodes, -1, np.int64)
     label[lit] = renumbered
     camera, projector = label[:rows], label[rows:]
     sizes = [np.bincount(part[part >= 0], minlength=kept.size).astype(np.int64) for part in (camera, projector)]

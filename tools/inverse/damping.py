@@ -40,22 +40,23 @@ def largest_singular_value(T: Csr) -> float:
     return float(np.linalg.norm(T @ v))
 
 
-def choose_damping(T: Csr, white: float, mask: NDArray[np.bool_]) -> DampingChoice:
+def choose_damping(T: Csr, white: float, mask: NDArray[np.bool_], judge: Csr | None = None) -> DampingChoice:
     """Try every candidate on the typical pictures and keep the best.
 
-    T : (camera pixels, projector pixels), rows outside the mask empty.  mask : (camera height, camera width).
+    T : (camera pixels, projector pixels), what is inverted, rows outside the mask empty.
+    judge : the transport that says what the camera sees, if T is a decomposed one.  mask : (camera height, width).
     """
     inside = mask.ravel()
     targets = [np.where(inside, white * picture.ravel(), 0.0) for picture in typical_pictures(mask.shape)]
     sigma = largest_singular_value(T)
     errors: dict[float, float] = {}
     for damping in track(CANDIDATES, "choosing λ", len(CANDIDATES)):
-        squares = [_clamped_error(T, b, damping * sigma) for b in targets]
+        squares = [_clamped_error(T, T if judge is None else judge, b, damping * sigma) for b in targets]
         errors[damping] = float(np.sqrt(np.sum(squares) / (len(targets) * int(inside.sum()))))
     return DampingChoice(min(errors, key=lambda damping: errors[damping]), errors)
 
 
-def _clamped_error(T: Csr, b: FloatArray, damp: float) -> float:
+def _clamped_error(T: Csr, judge: Csr, b: FloatArray, damp: float) -> float:
     p = np.asarray(lsmr(T, b, damp=damp, maxiter=LSMR_STEPS, atol=1e-5, btol=1e-5)[0])
-    residual: FloatArray = T @ np.clip(p, 0, 1) - b
+    residual: FloatArray = judge @ np.clip(p, 0, 1) - b
     return float(residual @ residual)

@@ -15,6 +15,8 @@ from player.command import track
 from player.errors import InputError
 from player.row_map import SparseRows
 from tools.clusters.components import Clusters, find_clusters
+from tools.clusters.decomposition import Parameters, Report
+from tools.clusters.search import decompose_to
 from tools.inverse.clustered import clustered_jobs
 from tools.inverse.damping import choose_damping, largest_singular_value
 from tools.inverse.pieces import Piece, join
@@ -23,7 +25,9 @@ from tools.transport.mask import LUMINANCE
 from tools.transport.transport import Csr, shared_pattern
 
 FloatArray = NDArray[np.float64]
-LARGEST_DENSE = 2500  # projector pixels: beyond, a block's inverse costs seconds and most of its entries are negligible
+# Projector pixels of a cluster that is inverted whole. Damped, windows are faster beyond (2475 pixels: 33 s whole, 7 s
+# in windows); undamped, there are no windows, and a block of the limit costs minutes.
+LARGEST_DENSE, LARGEST_PLAIN = 1000, 4000
 
 
 @dataclass(frozen=True)
@@ -32,10 +36,12 @@ class InverseOptions:
 
     damping : λ as a fraction of each channel's largest singular value, 0 for the plain pseudo-inverse, None to choose.
     max_error : certified change of a pixel by truncation, in 8-bit code values of linear drive; 0 keeps everything.
+    max_cluster : decompose T into clusters of at most so many projector pixels (thesis 4.2.2); None leaves it whole.
     """
 
     damping: float | None = None
     max_error: float = 0.5
+    max_cluster: int | None = None
 
     def __post_init__(self) -> None:
         if self.damping is not None and not 0 <= self.damping <= 1:
@@ -49,6 +55,7 @@ class Inverse:
     """T⁺ and what was found on the way.
 
     rows : (projector pixels) rows over camera pixels.  truncation : (projector pixels,) certified change, drive.
+    decomposition : the settings and outcome if T was decomposed.
     damping : λ / σ₁; damping_errors : the candidates' errors if λ was chosen.
     halo, window_change : of the windowed clusters, 0 if there are none; the change is measured, in drive.
     """
@@ -56,6 +63,7 @@ class Inverse:
     rows: SparseRows
     truncation: FloatArray
     clusters: Clusters
+    decomposition: tuple[Parameters, Report] | None
     damping: float
     damping_errors: dict[float, float]
     windowed_clusters: int
@@ -86,18 +94,22 @@ def invert_near_light(
     white : the radiance of a white picture.
     """
     matrices = tuple(_rows_inside(T, mask) for T in near)
-    indptr, indices, weights = shared_pattern(matrices)
-    luminance = sparse.csr_array((weights @ np.array(LUMINANCE, np.float32), indices, indptr), shape=near[0].shape)
-    clusters = find_clusters(luminance)
-    if clusters.count == 0:
+    whole = luminance = _luminance(matrices)
+    if whole.nnz == 0:
         raise InputError("no camera pixel inside the mask sees the projector; check the mask and the transport")
+    decomposition = None
+    if options.max_cluster is not None:
+        parameters, cut = decompose_to(matrices, mask.shape, projector_shape, options.max_cluster)
+        matrices, decomposition = cut.matrices, (parameters, cut.report)
+        luminance = _luminance(matrices)
+    clusters = find_clusters(luminance)
     damping, errors = options.damping, dict[float, float]()
     if damping is None:
-        choice = choose_damping(luminance, white, mask)
+        choice = choose_damping(luminance, white, mask, whole)
         damping, errors = choice.damping, choice.errors
     lambdas = damping * np.array([largest_singular_value(T) for T in matrices])
     budget = options.max_error / 255
-    large = clusters.projector_sizes > LARGEST_DENSE
+    large = clusters.projector_sizes > (LARGEST_DENSE if damping else LARGEST_PLAIN)
     jobs = [clustered_jobs(matrices, clusters, ~large, lambdas, reach, budget)]
     halo, change = 0, 0.0
     for label in np.flatnonzero(large):
@@ -106,7 +118,13 @@ def invert_near_light(
         jobs.append(windowed_jobs(channels, windows, reach, budget))
         halo, change = max(halo, windows.halo), max(change, moved)
     rows, truncation = join(run_jobs(chain(*jobs)), near[0].shape[1])
-    return Inverse(rows, truncation, clusters, damping, errors, int(large.sum()), halo, change)
+    return Inverse(rows, truncation, clusters, decomposition, damping, errors, int(large.sum()), halo, change)
+
+
+def _luminance(matrices: tuple[Csr, ...]) -> Csr:
+    """The channels weighted by their luminance, on their shared pattern."""
+    indptr, indices, weights = shared_pattern(matrices)
+    return sparse.csr_array((weights @ np.array(LUMINANCE, np.float32), indices, indptr), shape=matrices[0].shape)
 
 
 def _rows_inside(T: Csr, mask: NDArray[np.bool_]) -> Csr:
@@ -128,8 +146,8 @@ def _plan_windows(
     if not lambdas.all():
         size = int(np.count_nonzero(member))
         raise InputError(
-            f"--regularize none: a cluster of {size} projector pixels needs {size**2 * 8 / 2**30:.0f} GiB for its "
-            f"plain pseudo-inverse (at most {LARGEST_DENSE} are inverted whole); use --regularize auto or a number"
+            f"--regularize none: a cluster of {size} projector pixels is too large for its plain pseudo-inverse "
+            f"(at most {LARGEST_PLAIN} are inverted whole); use --regularize auto, a number, or --max-cluster"
         )
     channels = tuple(WindowedChannel(T, float(damp)) for T, damp in zip(matrices, lambdas, strict=True))
     windows, change = choose_halo(channels[1], member, camera_shape, white, max(budget, 0.05 / 255))

@@ -1,5 +1,6 @@
 """From a calibration folder to its correction/ folder: invert, take the far light out, pack, write."""
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -61,7 +62,9 @@ def _details(inverse: Inverse, correction: RowMap, transport: Transport, options
         "options": {
             "regularize": "auto" if options.damping is None else options.damping,
             "max_error_codes": options.max_error,
+            **({} if options.max_cluster is None else {"max_cluster": options.max_cluster}),
         },
+        **_decomposition(inverse),
         "inverse": {
             "damping": inverse.damping,
             "damping_errors": {f"{key:g}": value for key, value in inverse.damping_errors.items()},
@@ -80,13 +83,25 @@ def _details(inverse: Inverse, correction: RowMap, transport: Transport, options
     }
 
 
+def _decomposition(inverse: Inverse) -> dict[str, Any]:
+    if inverse.decomposition is None:
+        return {}
+    parameters, report = inverse.decomposition
+    return {"decomposition": asdict(parameters) | asdict(report)}
+
+
 def _summary(inverse: Inverse, packed: RoomMaps) -> str:
     clusters, correction = inverse.clusters, packed.correction
     largest = int(np.argmax(clusters.projector_sizes))
     texture = f"{correction.entries.shape[1]}x{correction.entries.shape[0]}"
     chosen = " (auto)" if inverse.damping_errors else ""
+    cut = ""
+    if inverse.decomposition is not None:
+        parameters, report = inverse.decomposition
+        kept = 100 * report.connections_after / report.connections_before
+        cut = f"cut to {kept:.0f} % of the connections (radius {parameters.radius:g}, τ₁ {parameters.tau_1:g}), "
     return (
-        f"{clusters.count} clusters, largest {clusters.camera_sizes[largest]} camera x "
+        f"{cut}{clusters.count} clusters, largest {clusters.camera_sizes[largest]} camera x "
         f"{clusters.projector_sizes[largest]} projector pixels, λ {inverse.damping:g} σ₁{chosen}, "
         f"{correction.count} entries, texture {texture}, fill {100 * correction.fill:.1f} %, "
         f"{sum(m.nbytes for m in packed.named().values()) / 2**20:.1f} MiB of maps"

@@ -1,0 +1,131 @@
+"""What cutting clusters costs: python -m tests.study_decomposition prints the table of docs/decomposition.md.
+
+Simulated rooms: those of calib_data/scenes (projector 96x72, camera 160x120) and a white wall out of focus (64x48,
+80x60). Every row is T⁺ of one decomposition, clamped, seen through the whole undecomposed transport; each row
+has the λ that serves these pictures best, so that the choice of λ does not hide the cost. Pictures are a quarter of the
+camera's size, enlarged: detail that no projector pixel can show would hide it too. Nothing here decides a test.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from player.content import camera_psnr, reachable_white
+from tests.rooms import blurred_transport
+from tools.clusters.search import decompose_to
+from tools.inverse.far_light import undo_far_light
+from tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
+from tools.inverse.pictures import typical_pictures
+from tools.simulation.scene import load_scene
+from tools.simulation.simulate import simulate
+from tools.transport.mask import lit_pixels
+from tools.transport.transport import Csr, FarLight, Transport
+
+FloatArray = NDArray[np.float64]
+SCENES = Path(__file__).resolve().parents[1] / "calib_data" / "scenes"
+PROJECTOR, CAMERA = (72, 96), (120, 160)
+BLURRED_PROJECTOR, BLURRED_CAMERA, BLUR = (48, 64), (60, 80), 0.8
+DETAIL = 4  # camera pixels per picture pixel
+DAMPINGS = (0.01, 0.03, 0.1)
+SIZES = (None, 1000, 200, 50)
+COLUMNS = ("room", "allowed", "radius, τ₁", "kept", "clusters", "largest", "λ/σ₁", "entries of T⁺")
+PICTURES = ("photograph", "letters", "ramp")
+
+
+@dataclass(frozen=True)
+class StudyRoom:
+    """A room; `near` is its near light inside the mask. ambient : (camera height, camera width, 3)."""
+
+    name: str
+    projector: tuple[int, int]
+    transport: Transport
+    ambient: FloatArray
+
+    @property
+    def camera(self) -> tuple[int, int]:
+        return self.ambient.shape[0], self.ambient.shape[1]
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        return lit_pixels(Transport(self.transport.near).composition().reshape(self.ambient.shape), self.ambient)
+
+    @property
+    def white(self) -> float:
+        return reachable_white(self.transport.composition().reshape(self.ambient.shape) + self.ambient, self.mask)
+
+    @property
+    def near(self) -> tuple[Csr, ...]:
+        rows = sparse.diags_array(self.mask.ravel().astype(np.float32))
+        return tuple(sparse.csr_array(rows @ T) for T in self.transport.near)
+
+    def best_inverse(self, near: tuple[Csr, ...]) -> tuple[Inverse, list[float]]:
+        """T⁺ with the λ of the highest mean quality, and its quality."""
+        reach = np.maximum(self.white, self.ambient.reshape(-1, 3))
+        options = [InverseOptions(damping) for damping in DAMPINGS]
+        inverses = [invert_near_light(near, self.mask, self.projector, reach, self.white, each) for each in options]
+        return max(((inverse, self.quality(inverse)) for inverse in inverses), key=lambda pair: sum(pair[1]))
+
+    def quality(self, inverse: Inverse) -> list[float]:
+        """Camera PSNR in decibels of each built-in picture: compensated, clamped, seen through the whole T."""
+        matrices = inverse.matrices(self.mask.size)
+        undo = None if self.transport.far is None else undo_far_light(self.transport.far, matrices)
+        figures = []
+        for small in typical_pictures((self.camera[0] // DETAIL, self.camera[1] // DETAIL)):
+            picture = cv2.resize(small, self.camera[::-1], interpolation=cv2.INTER_LINEAR)
+            desired = self.white * np.repeat(picture[:, :, None], 3, axis=2)
+            drive = compensated((desired - self.ambient).reshape(-1, 3), matrices, undo)
+            seen = self.transport.apply(drive).reshape(desired.shape) + self.ambient
+            figures.append(camera_psnr(desired, seen, self.mask, self.white))
+        return figures
+
+
+def compensated(b: FloatArray, inverse: tuple[Csr, ...], undo: FarLight | None) -> FloatArray:
+    """p = clamp(S⁺ (b − U M' D' b)); b : (camera pixels, 3)."""
+    near = b
+    if undo is not None:
+        far = [undo.scatter[i] @ (undo.mix[i] @ (undo.gather[i] @ b[:, i])) for i in range(3)]
+        near = b - np.stack(far, axis=1)
+    return np.stack([np.clip(T_pinv @ near[:, i], 0, 1) for i, T_pinv in enumerate(inverse)], axis=1)
+
+
+def rooms() -> Iterator[StudyRoom]:
+    for name in ("wall", "corner"):
+        scene = load_scene(SCENES / f"{name}.toml")
+        scene = replace(scene, camera=scene.camera.resized(*CAMERA), projector=scene.projector.resized(*PROJECTOR))
+        simulated = simulate(scene)
+        yield StudyRoom(name, PROJECTOR, simulated.transport, simulated.ambient.astype(np.float64))
+    T = blurred_transport(np.random.default_rng(2006), BLURRED_CAMERA, BLURRED_PROJECTOR, BLUR)
+    white = sparse.csr_array(sparse.diags_array(1 / T.sum(axis=1)) @ T, dtype=np.float32)
+    yield StudyRoom("out of focus", BLURRED_PROJECTOR, Transport((white,) * 3), np.zeros((*BLURRED_CAMERA, 3)))
+
+
+def row(room: StudyRoom, max_cluster: int | None) -> str:
+    near, allowed, settings, kept = room.near, "any", "uncut", 1.0
+    if max_cluster is not None:
+        parameters, cut = decompose_to(near, room.camera, room.projector, max_cluster)
+        near, allowed, settings = cut.matrices, str(max_cluster), f"{parameters.radius:g}, {parameters.tau_1:.2f}"
+        kept = cut.report.connections_after / cut.report.connections_before
+    inverse, figures = room.best_inverse(near)
+    largest = f"{inverse.clusters.projector_sizes.max()}{' (windowed)' if inverse.windowed_clusters else ''}"
+    quality = " | ".join(f"{figure:.1f}" for figure in figures)
+    return (
+        f"| {room.name} | {allowed} | {settings} | {100 * kept:.0f} % | {inverse.clusters.count} | {largest} "
+        f"| {inverse.damping:g} | {inverse.rows.indices.size} | {quality} |"
+    )
+
+
+def main() -> None:
+    print(f"| {' | '.join(COLUMNS + PICTURES)} |")
+    print("|---" * len(COLUMNS + PICTURES) + "|")
+    for room in rooms():
+        for max_cluster in SIZES:
+            print(row(room, max_cluster), flush=True)
+
+
+if __name__ == "__main__":
+    main()

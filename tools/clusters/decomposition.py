@@ -1,0 +1,142 @@
+"""Cutting clusters apart: local overlaps go, light from elsewhere stays (thesis 4.2.2, Appendix A).
+
+What a camera pixel sees is grouped into blocks of neighbouring projector pixels, each around the strongest connection
+that no block has yet. Within a block, connections of at most τ₁ times the strongest are removed. A projector pixel
+that lost all of its connections gets back those of at least τ₂ times its strongest. Energy is then fitted (energy.py).
+
+Where the pseudo-code leaves a choice, this is the reading taken:
+
+- Distance is Euclidean on the projector's pixel grid, so that a radius of 1 takes "only direct neighbor pixels".
+- A weight is the luminance (BT.709) of the three channels, so that they keep one pattern. Equal weights: the lower
+  projector index comes first (the pseudo-code takes any).
+- Blocks do not overlap: "connected projector pixels of k" are those that RemoveBlockEntryConnections has left. It takes
+  them off the list that is being searched, not out of the graph.
+- A block's strongest connection is never removed. Taken literally, τ₁ = 1 would remove it too (luminance ≤ luminance)
+  and leave camera pixels without light; below 1 there is no difference. So τ₁ = 1 means one connection per block.
+  It follows that a camera pixel which had connections always keeps one.
+- Cut-off projector pixels are looked for once, after all camera pixels. Their strongest connection is the strongest
+  of the original ones, and each of them is on its own: no order matters.
+- The energy fit comes last, so reinserted connections enter it with their original weight.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from player.errors import InputError
+from tools.clusters.components import find_clusters
+from tools.clusters.connections import BoolArray, Connections, IntArray, connections_of
+from tools.clusters.energy import fit_composition
+from tools.transport.transport import Csr
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """How far to cut.
+
+    radius : of a neighbourhood, projector pixels; 0 or τ₁ = 0 cuts nothing. Thesis: 1 to 15.
+    tau_1 : connections of at most this fraction of their block's strongest are removed, 0..1; 1 leaves the strongest.
+    tau_2 : a cut-off projector pixel gets back connections of at least this fraction of its strongest, 0..1.
+    """
+
+    radius: float
+    tau_1: float
+    tau_2: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.radius < math.inf:
+            raise InputError(f"--radius {self.radius}: expected 0 or more projector pixels")
+        for option, value in (("--tau-1", self.tau_1), ("--tau-2", self.tau_2)):
+            if not 0 <= value <= 1:
+                raise InputError(f"{option} {value}: expected a fraction from 0 to 1")
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a decomposition did: connections of all camera pixels, and clusters left.
+
+    saved_pixels : projector pixels that τ₂ reconnected.  largest_cluster : in projector pixels.
+    """
+
+    connections_before: int
+    connections_after: int
+    saved_pixels: int
+    largest_cluster: int
+    clusters: int
+
+
+@dataclass(frozen=True)
+class Decomposition:
+    """T with fewer connections: red, green and blue as float32 CSR of one shared pattern, and what was done."""
+
+    matrices: tuple[Csr, ...]
+    report: Report
+
+
+def decompose(
+    matrices: tuple[Csr, ...],
+    camera_shape: tuple[int, int],
+    projector_shape: tuple[int, int],
+    parameters: Parameters,
+) -> Decomposition:
+    """Cut the clusters of T (thesis Appendix A) and fit the energy (4.2.3).
+
+    matrices : T per channel, (camera pixels, projector pixels), float32, ≥ 0; only camera pixels that count may have
+    entries, else the others hold clusters together and save projector pixels that nobody sees.
+    camera_shape, projector_shape : (height, width).
+    Raises InputError if a matrix has another size, or entries that are negative or not finite.
+    """
+    graph = connections_of(matrices, camera_shape, projector_shape)
+    strongest = strongest_of_block(graph, by_strength(graph), projector_shape[1], parameters.radius)
+    return decomposed(graph, *cut(graph, strongest, parameters.tau_1, parameters.tau_2))
+
+
+def by_strength(graph: Connections) -> IntArray:
+    """Connections ordered by camera pixel, the strongest first, ties by projector pixel."""
+    return np.lexsort((-graph.luminance, graph.camera))
+
+
+def strongest_of_block(graph: Connections, order: IntArray, projector_width: int, radius: float) -> IntArray:
+    """ComputeNeighborhoodBlocks of Appendix A: for each connection, the strongest connection of its block.
+
+    One round makes one block of every camera pixel that has connections left.
+    order : from `by_strength`.  Returns (connections,) indices of connections.
+    """
+    if radius < 1:
+        return np.arange(order.size)
+    strongest = np.empty(order.size, np.int64)
+    y, x = np.divmod(graph.projector, projector_width)
+    left = order
+    while left.size:
+        first = np.flatnonzero(np.diff(graph.camera[left], prepend=-1))
+        middle = np.repeat(left[first], np.diff(first, append=left.size))
+        near = (x[left] - x[middle]) ** 2 + (y[left] - y[middle]) ** 2 <= radius * radius
+        strongest[left[near]] = middle[near]
+        left = left[~near]
+    return strongest
+
+
+def cut(graph: Connections, strongest: IntArray, tau_1: float, tau_2: float) -> tuple[BoolArray, int]:
+    """RemoveLowerConnections and ReinsertHigherConnections of Appendix A.
+
+    strongest : from `strongest_of_block`.
+    Returns which connections stay, (connections,), and the number of projector pixels that τ₂ reconnected.
+    """
+    keep = graph.luminance > tau_1 * graph.luminance[strongest]
+    keep[strongest] = True
+    connected = np.bincount(graph.projector[keep], minlength=graph.shape[1]) > 0
+    of_cut_off = np.flatnonzero(~connected[graph.projector])
+    projector, luminance = graph.projector[of_cut_off], graph.luminance[of_cut_off]
+    highest = np.zeros(graph.shape[1])
+    np.maximum.at(highest, projector, luminance)
+    keep[of_cut_off[luminance >= tau_2 * highest[projector]]] = True
+    return keep, int(np.count_nonzero(highest))
+
+
+def decomposed(graph: Connections, keep: BoolArray, saved_pixels: int) -> Decomposition:
+    """The kept connections, energy fitted, with their report."""
+    clusters = find_clusters(graph.pattern(keep))
+    largest = int(clusters.projector_sizes.max(initial=0))
+    report = Report(keep.size, int(np.count_nonzero(keep)), saved_pixels, largest, clusters.count)
+    return Decomposition(graph.matrices(keep, fit_composition(graph, keep)), report)

@@ -1,0 +1,114 @@
+"""Settings that keep every cluster within a given size, from mild to strong (thesis 4.2.2: "the user may want to")."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain, count
+
+import numpy as np
+
+from player.errors import InputError
+from tools.clusters.components import find_clusters
+from tools.clusters.connections import BoolArray, Connections, IntArray, connections_of
+from tools.clusters.decomposition import Decomposition, Parameters, by_strength, cut, decomposed, strongest_of_block
+from tools.transport.transport import Csr
+
+FIRST_RADII = (1, 2, 3, 5, 7, 10, 15)  # the thesis' figure 4.8 shows 3 to 15
+WIDER_RADII = 2  # tried beyond the first that suffices: they may do with a smaller τ₁
+TAU_1_STEPS = 64
+
+
+@dataclass(frozen=True)
+class _Cut:
+    """A cut that is small enough: its settings, what it keeps, and the luminance of that."""
+
+    parameters: Parameters
+    keep: BoolArray
+    saved_pixels: int
+    light: float
+
+
+def decompose_to(
+    matrices: tuple[Csr, ...], camera_shape: tuple[int, int], projector_shape: tuple[int, int], max_cluster: int
+) -> tuple[Parameters, Decomposition]:
+    """Decompose T so that no cluster has more than `max_cluster` projector pixels, and say with which settings.
+
+    A neighbourhood no wider than needed leaves light from elsewhere alone. So radii grow from 1 until cutting each
+    block to its strongest connection (τ₁ = 1) suffices; that radius and the next two are tried. For each, τ₁ falls by
+    bisection, in steps of 1/64, as far as the size allows; of the three, the cut that keeps the most light is taken.
+    Kept light orders settings as the camera's error does (docs/decomposition.md). τ₂ = 1 throughout: cut-off pixels get
+    their strongest connection only. Clusters that are small enough from the start are returned uncut (radius 0).
+
+    Reinserted connections make sizes not strictly monotone in τ₁ and radius, so milder settings that would do may be
+    missed; the settings returned have been checked.
+    Arguments and errors as in `decompose`; InputError also if max_cluster < 1, or less than any settings reach.
+    """
+    if max_cluster < 1:
+        raise InputError(f"--max-cluster {max_cluster}: expected at least 1 projector pixel")
+    graph = connections_of(matrices, camera_shape, projector_shape)
+    everything = np.ones(graph.camera.size, bool)
+    if _largest(graph, everything) <= max_cluster:
+        return Parameters(0, 0), decomposed(graph, everything, 0)
+    best = max(_cuts(graph, projector_shape, max_cluster), key=lambda found: found.light)
+    return best.parameters, decomposed(graph, best.keep, best.saved_pixels)
+
+
+def _cuts(graph: Connections, projector_shape: tuple[int, int], max_cluster: int) -> list[_Cut]:
+    """The mildest sufficient cut of the first radius that has one, and of the next two; InputError if none has."""
+    found: list[_Cut] = []
+    smallest = graph.shape[1]
+    for radius, strongest in _neighbourhoods(graph, projector_shape):
+        size = _largest(graph, cut(graph, strongest, 1.0, 1.0)[0])
+        smallest = min(smallest, size)
+        if size <= max_cluster:
+            parameters = Parameters(radius, _smallest_tau_1(graph, strongest, max_cluster))
+            keep, saved_pixels = cut(graph, strongest, parameters.tau_1, 1.0)
+            found.append(_Cut(parameters, keep, saved_pixels, float(np.sum(graph.luminance[keep]))))
+        if len(found) > WIDER_RADII:
+            break
+    if not found:
+        raise InputError(
+            f"--max-cluster {max_cluster}: the smallest that this transport was cut to has {smallest} projector pixels "
+            f"(pixels that only one camera pixel sees stay together); expected at least {smallest}"
+        )
+    return found
+
+
+def _neighbourhoods(graph: Connections, projector_shape: tuple[int, int]) -> Iterator[tuple[int, IntArray]]:
+    """Growing radii and the strongest connection of each block, until a camera pixel's block is all that it sees."""
+    order = by_strength(graph)
+    camera_pixels = np.unique(graph.camera).size
+    previous = 0
+    for radius in _radii(projector_shape):
+        strongest = strongest_of_block(graph, order, projector_shape[1], radius)
+        blocks = int(np.count_nonzero(strongest == np.arange(strongest.size)))
+        if blocks != previous:
+            yield radius, strongest
+        if blocks == camera_pixels:
+            return
+        previous = blocks
+
+
+def _smallest_tau_1(graph: Connections, strongest: IntArray, max_cluster: int) -> float:
+    """Bisect for the smallest sufficient τ₁; 1 is known to suffice, 0 not to."""
+    fails, suffices = 0, TAU_1_STEPS
+    while suffices - fails > 1:
+        step = (fails + suffices) // 2
+        if _largest(graph, cut(graph, strongest, step / TAU_1_STEPS, 1.0)[0]) <= max_cluster:
+            suffices = step
+        else:
+            fails = step
+    return suffices / TAU_1_STEPS
+
+
+def _radii(projector_shape: tuple[int, int]) -> Iterator[int]:
+    """Growing radii; the last one covers the projector picture."""
+    diagonal = math.hypot(*projector_shape)
+    for radius in chain(FIRST_RADII, (FIRST_RADII[-1] << i for i in count(1))):
+        yield radius
+        if radius >= diagonal:
+            return
+
+
+def _largest(graph: Connections, keep: BoolArray) -> int:
+    return int(find_clusters(graph.pattern(keep)).projector_sizes.max(initial=0))
