@@ -41,7 +41,7 @@ def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] 
         print(f"error: {error.filename}: {error.strerror}; check the path and its rights", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
-        print("interrupted: nothing was changed", file=sys.stderr)
+        print("interrupted: nothing half-written remains", file=sys.stderr)
         return INTERRUPTED
 
 

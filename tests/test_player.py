@@ -286,7 +286,7 @@ def test_an_interrupt_leaves_the_previous_map(
         with monkeypatch.context() as patch:
             patch.setattr(step, interrupted)
             assert build_correction_map.main([str(room)]) == 130
-        assert capsys.readouterr().err.strip() == "interrupted: nothing was changed"
+        assert capsys.readouterr().err.strip() == "interrupted: nothing half-written remains"
         assert (room / "correction" / "manifest.toml").read_bytes() == before
         assert [path.name for path in room.parent.iterdir()] == ["wall"]
         assert not list(room.glob(".*"))

@@ -10,6 +10,7 @@ from player import calibration
 from player.command import Parser, run
 from tools.inverse.inverse import InverseOptions
 from tools.inverse.room import build_room_maps
+from tools.report.report import check_report_folder, write_report
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -20,8 +21,12 @@ def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     start = time.monotonic()
     inverse_options = InverseOptions(options.regularize, options.max_error, options.max_cluster)
-    summary = build_room_maps(calibration.read(options.calibration), inverse_options)
-    print(f"{summary}, {time.monotonic() - start:.1f} s")
+    if options.report is not None:
+        check_report_folder(options.report)
+    built = build_room_maps(calibration.read(options.calibration), inverse_options)
+    print(f"{built.summary}, {time.monotonic() - start:.1f} s")
+    if options.report is not None:
+        print(f"report: {write_report(built, options.report)}")
 
 
 def _damping(text: str) -> float | None:
@@ -57,6 +62,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar="PIXELS",
         help="cut the transport into clusters of at most this many projector pixels, as the thesis does: a smaller, "
         "less accurate map, above all out of focus (default: nothing is cut)",
+    )
+    parser.add_argument(
+        "--report", type=Path, metavar="FOLDER", help="also write a page with pictures of what was found, and its JSON"
     )
     return parser
 

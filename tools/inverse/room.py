@@ -1,6 +1,6 @@
 """From a calibration folder to its correction/ folder: invert, take the far light out, pack, write."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -20,8 +20,19 @@ from tools.transport.transport import Csr, FarLight, Transport
 FloatArray = NDArray[np.float64]
 
 
-def build_room_maps(stored: StoredCalibration, options: InverseOptions) -> str:
-    """Build and write every row map of a calibration; returns a one-line summary."""
+@dataclass(frozen=True)
+class BuiltRoom:
+    """What was read, found and written; `summary` is one line."""
+
+    calibration: Calibration
+    transport: Transport
+    inverse: Inverse
+    maps: RoomMaps
+    summary: str
+
+
+def build_room_maps(stored: StoredCalibration, options: InverseOptions) -> BuiltRoom:
+    """Build and write every row map of a calibration."""
     calibration = stored.calibration
     transport = read_transport(stored)
     camera, projector = calibration.camera.shape, calibration.projector.shape
@@ -34,7 +45,7 @@ def build_room_maps(stored: StoredCalibration, options: InverseOptions) -> str:
     details = _details(inverse, correction, transport, options)
     packed = RoomMaps(correction, pack_matrices(transport.near, camera, projector), far, undo, white, details)
     maps.write_maps(packed, stored)
-    return _summary(inverse, packed)
+    return BuiltRoom(calibration, transport, inverse, packed, _summary(inverse, packed))
 
 
 def _pack_far_light(

@@ -1,0 +1,183 @@
+"""build-correction-map --report: its figures recomputed, its pictures, and nothing half-written."""
+
+import json
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy import sparse
+
+from player import calibration, maps
+from player.calibration import Calibration, Device
+from player.maps import RoomMaps
+from player.response import Response
+from player.row_map import unpack
+from tests.rooms import write_blurred_room
+from tests.test_player import fail, succeed
+from tools.packing.row_maps import pack_matrices
+from tools.report import report
+from tools.report.charts import bins_of
+from tools.report.impossible import REASONS, best_drive, find_impossible
+from tools.report.pictures import cluster_picture, matrix_picture, texture_picture
+from tools.transport.storage import read_transport
+from tools.transport.transport import Transport
+
+ROOM_CAMERA, ROOM_PROJECTOR = (12, 18), (9, 14)
+NAMES = [reason.name for reason in REASONS]
+
+
+@pytest.fixture(scope="module")
+def reported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A room and its report."""
+    folder = tmp_path_factory.mktemp("report")
+    write_blurred_room(folder / "wall", np.random.default_rng(5), ROOM_CAMERA, ROOM_PROJECTOR)
+    out = succeed("build-correction-map", folder / "wall", "--report", folder / "report")
+    assert out.splitlines()[-1] == f"report: {folder / 'report' / 'index.html'}"
+    return folder / "wall", folder / "report"
+
+
+def one_pixel_rooms(T: np.ndarray, ambient: np.ndarray, mask: np.ndarray, white: float) -> np.ndarray:
+    """The impossible map's flags (reasons, camera pixels) of a grey room in one row; T (camera, projector)."""
+    matrix = sparse.csr_array(T.astype(np.float32))
+    camera, projector = (1, T.shape[0]), (1, T.shape[1])
+    room = Calibration(
+        "row",
+        "made by a test",
+        (Device(*projector, Response("linear")),),
+        Device(*camera, Response("linear")),
+        np.repeat(ambient.astype(np.float32).reshape(*camera, 1), 3, axis=2),
+        mask.reshape(camera),
+    )
+    inverse = sparse.csr_array(np.linalg.pinv(T))
+    packed = [pack_matrices([m] * 3, a, b) for m, a, b in ((inverse, projector, camera), (matrix, camera, projector))]
+    room_maps = RoomMaps(packed[0], packed[1], None, None, white)
+    return find_impossible(Transport((matrix,) * 3), room, room_maps).flags[:, 0]
+
+
+def test_each_reason_is_found_where_it_was_put() -> None:
+    """One camera pixel a reason: masked, dark, dim, dimmer than white, bright by itself, fine; then a shared pixel."""
+    T = np.zeros((8, 7))
+    np.fill_diagonal(T, [1, 0, 0.4, 0.8, 1, 1, 1])
+    T[7, 6] = 10  # the last two see one projector pixel, one ten times as bright: grey in both is impossible
+    ambient = np.array([0, 0, 0, 0, 0.2, 0, 0, 0.0])
+    mask = np.array([False] + [True] * 7)
+    flags = one_pixel_rooms(T, ambient, mask, 1.0)
+    found = [{name for name, flag in zip(NAMES, column, strict=True) if flag} for column in flags.T]
+    assert found == [
+        {"unlit"},
+        {"unlit"},
+        {"below_mid_grey", "below_white"},
+        {"below_white"},
+        {"bright_black"},
+        set(),
+        {"conflict"},
+        set(),  # the bright one decides: p = 5.5 / 101 by least squares, which misses it by 0.0446 < 0.05
+    ]
+
+
+def test_the_best_drive_is_the_box_optimum(rng: np.random.Generator) -> None:
+    """No feasible direction improves it: the projected gradient vanishes."""
+    T = np.where(rng.uniform(size=(30, 12)) < 0.4, rng.uniform(size=(30, 12)), 0)
+    transport = Transport((sparse.csr_array(T),) * 3)
+    b, asked = rng.uniform(0, 2, (30, 3)), np.ones((30, 1), bool)
+    p = best_drive(transport, b, asked, steps=2000)
+    gradient = T.T @ (T @ p - b)
+    np.testing.assert_allclose(np.clip(p - gradient, 0, 1), p, atol=1e-6)  # 2000 steps; float64
+    assert ((p == 0) | (p == 1)).any()
+
+
+def test_the_figures_are_those_of_the_room(reported: tuple[Path, Path]) -> None:
+    folder, where = reported
+    stored = calibration.read(folder)
+    transport, room = read_transport(stored), maps.read_maps(stored)
+    figures = json.loads((where / "report.json").read_text())
+    floodlight = transport.composition().reshape(*ROOM_CAMERA, 3) + stored.calibration.ambient
+    assert figures["white"] == room.white
+    median = figures["floodlight_inside_mask"]["percentile_50"]
+    assert median == pytest.approx(np.median(floodlight), rel=1e-9)  # float64
+    lengths = unpack(room.correction).lengths
+    assert figures["rows"]["entries"] == lengths.sum()
+    assert figures["rows"]["longest"] == lengths.max()
+    assert sum(count for _, _, count in figures["rows"]["length_bins"]) == lengths.size
+    assert figures["texture"]["fill"] == room.correction.fill
+    assert figures["damping"]["chosen"] == room.details["inverse"]["damping"]
+    assert len(figures["damping"]["candidates"]) == len(room.details["inverse"]["damping_errors"])
+    below = (floodlight.min(axis=2) < room.white * (1 - 1e-6)).sum()
+    assert figures["impossible"]["below_white"]["all"] == below > 0
+    shown = [counts["shown"] for counts in figures["impossible"].values()]
+    assert sum(shown) == ROOM_CAMERA[0] * ROOM_CAMERA[1]
+
+
+def test_condition_and_rank_are_numpys(reported: tuple[Path, Path]) -> None:
+    folder, where = reported
+    transport = read_transport(calibration.read(folder))
+    weights = (0.2126, 0.7152, 0.0722)  # ITU-R BT.709
+    luminance = sum(w * T.toarray().astype(float) for w, T in zip(weights, transport.near, strict=True))
+    sigma = np.linalg.svd(luminance[:, luminance.any(axis=0)], compute_uv=False)
+    figures = json.loads((where / "report.json").read_text())
+    assert figures["clusters"]["count"] == 1  # the blur joins everything
+    (system,) = figures["spectra"]["systems"]
+    assert system["kind"] == "cluster"
+    assert system["rank_deficit"] == 0
+    assert system["condition"] == pytest.approx(sigma[0] / sigma[-1], rel=1e-4)  # the sum of channels may be float32
+
+
+def test_the_page_shows_every_picture_and_loads_nothing_else(reported: tuple[Path, Path]) -> None:
+    where = reported[1]
+    page = (where / "index.html").read_text()
+    named = set(re.findall(r'src="([^"]+)"', page))
+    assert named == {path.name for path in where.glob("*.png")}
+    assert {path.name for path in where.iterdir()} == named | {"index.html", "report.json"}
+    assert "http" not in page
+    assert "url(" not in page
+    for name in named:
+        assert cv2.imread(str(where / name)) is not None
+    assert cv2.imread(str(where / "impossible.png")).shape == (*ROOM_CAMERA, 3)
+
+
+def test_pictures_of_structure() -> None:
+    labels = np.array([-1, 0, 1, 1, 2, 0])
+    picture = cluster_picture(labels, (2, 3)).reshape(-1, 3)
+    assert len({tuple(colour) for colour in picture}) == 4
+    assert (picture[2] == picture[3]).all()
+    matrix = sparse.csr_array(np.array([[1.0, 0.0], [0.0, 1e-2]]))
+    assert matrix_picture(matrix)[..., 0].tolist() == [[255, 0], [0, 128]]  # two decades of four, 127.5 rounded
+    packed = pack_matrices([sparse.csr_array(np.tri(5, 7))] * 3, (1, 5), (1, 7))
+    assert texture_picture(packed).mean() == pytest.approx(255 * packed.fill, abs=0.5)  # each value is rounded
+
+
+@pytest.mark.parametrize("values", [[3, 3, 3], [0, 1, 5, 1000], list(range(60)), [0, 0]])
+def test_every_value_is_in_one_bin(values: list[int]) -> None:
+    bins = bins_of(np.array(values))
+    for low, high, count in bins:
+        assert count == sum(low <= value <= high for value in values)
+    assert sum(count for _, _, count in bins) == len(values)
+
+
+def test_a_folder_that_is_no_report_is_refused_before_the_work(reported: tuple[Path, Path], tmp_path: Path) -> None:
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters" / "a.txt").write_text("dear")
+    before = (reported[0] / "correction" / "manifest.toml").stat().st_mtime_ns
+    line = fail("build-correction-map", reported[0], "--report", tmp_path / "letters")
+    assert "is no report" in line
+    assert (reported[0] / "correction" / "manifest.toml").stat().st_mtime_ns == before
+    assert [path.name for path in tmp_path.rglob("*")] == ["letters", "a.txt"]
+
+
+def test_a_report_that_fails_leaves_the_previous_one(
+    reported: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "report.json").write_text("{}")
+
+    def fall(*_: object) -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(report, "find", lambda _: report.Findings({}, {"a.png": np.zeros((2, 2, 3), np.uint8)}))
+    monkeypatch.setattr(report.layout, "report_page", fall)
+    with pytest.raises(KeyboardInterrupt):
+        report.write_report(None, tmp_path / "old")  # type: ignore[arg-type]
+    assert [path.name for path in tmp_path.rglob("*")] == ["old", "report.json"]
+    assert (tmp_path / "old" / "report.json").read_text() == "{}"

@@ -1,0 +1,95 @@
+"""Pictures into a frame, and pictures out as PNG or OpenEXR."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from player import exr, reference
+from player.colour import decoding_of
+from player.errors import InputError
+from player.files import replacing_file
+from player.headless import FRAME_TIMEOUT_S
+from player.renderer import place
+from player.response import Response, transfer_table
+from player.video import Frame, MediaReader
+
+FloatArray = NDArray[np.float64]
+SUFFIXES = (".png", ".exr")
+WHITE_PERCENTILE = 99.0
+
+
+def check_output(path: Path) -> None:
+    """InputError unless `path` is a .png or .exr in a folder that exists; asked before the work."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{path}: cannot write {path.suffix or 'a file without suffix'}; use {', '.join(SUFFIXES)}")
+    if not path.parent.is_dir():
+        raise InputError(f"{path.parent}: no such folder; make it first")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name a file")
+
+
+def read_placed(path: Path, target: tuple[int, int]) -> FloatArray:
+    """The first picture of a medium in linear light, fitted into a frame (height, width) as the player fits it.
+
+    OpenEXR is linear already and is taken pixel by pixel.
+    Raises InputError for what cannot be read, and for OpenEXR of another size than the frame.
+    """
+    with MediaReader.open(path) as reader:
+        frame = reader.next_frame(FRAME_TIMEOUT_S)
+        if frame is None:
+            raise InputError(f"{path}: holds no picture; export it again")
+        pixels = frame.format
+        found = pixels.height, pixels.width
+        if pixels.layout == "radiance" and found != target:
+            raise InputError(
+                f"{path}: an OpenEXR picture of {found[1]}x{found[0]} pixels, expected {target[1]}x{target[0]}: it is "
+                "taken pixel by pixel, so resize it or save it as PNG"
+            )
+        linear = _linear(frame)
+        reader.release(frame)
+    spot = place(pixels, target)
+    placed = reference.resample(linear, target, (spot.left, spot.top, spot.width, spot.height))
+    return np.asarray(placed, np.float64)
+
+
+def white_level(linear_rgb: FloatArray) -> float:
+    """The 99th percentile of a picture's values; its maximum where that is not positive, 1 where nothing is."""
+    level = float(np.percentile(linear_rgb, WHITE_PERCENTILE))
+    largest = float(np.max(linear_rgb))
+    return level if level > 0 else largest if largest > 0 else 1.0
+
+
+def encoded(linear_rgb: FloatArray, white: float) -> NDArray[np.uint8]:
+    """8-bit sRGB with `white` at 255; below 0 and above white is cut."""
+    return reference.encode(linear_rgb, Response("srgb").inverse_table(), white)
+
+
+def write_png(path: Path, srgb: NDArray[np.uint8]) -> None:
+    """Write an 8-bit picture (rows, columns, 3)."""
+    if not cv2.imwrite(str(path), np.ascontiguousarray(srgb[..., ::-1])):
+        raise InputError(f"{path}: could not be written; is the disk full?")
+
+
+def write_view(path: Path, linear_rgb: FloatArray, white: float) -> None:
+    """Write a picture whole or not at all: PNG sRGB with `white` as 255, OpenEXR the linear values as they are."""
+    with replacing_file(path) as temporary:
+        if path.suffix.lower() == ".exr":
+            exr.write_rgb(temporary, linear_rgb.astype(np.float32))
+        else:
+            write_png(temporary, encoded(linear_rgb, white))
+
+
+def _linear(frame: Frame) -> FloatArray:
+    pixels = frame.format
+    luma, chroma = pixels.planes[:2]
+    radiance = pixels.layout == "radiance"
+    return reference.planes_to_linear(
+        frame.planes,
+        (luma.height, luma.width),
+        (chroma.height, chroma.width),
+        None if radiance else decoding_of(pixels),
+        transfer_table("linear" if radiance else pixels.transfer),
+        pixels.rotation,
+    )

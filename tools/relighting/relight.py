@@ -1,0 +1,79 @@
+"""A calibration folder and a picture -> one of the four views, in a file."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from player import calibration as calibrations
+from player.calibration import StoredCalibration
+from player.errors import InputError
+from player.maps import read_maps
+from tools.relighting.pictures import check_output, read_placed, white_level, write_view
+from tools.relighting.views import composition, dual, inverse_composition, inverse_dual
+from tools.transport.storage import read_transport
+
+FloatArray = NDArray[np.float64]
+VIEWS = ("camera", "dual", "inverse-camera", "inverse-dual")
+LIT_BY_PROJECTOR = ("camera", "inverse-camera")  # their picture is a projector picture, the others' a camera picture
+ROUNDING = 1e-6  # what resampling adds to a full white
+
+
+@dataclass(frozen=True)
+class RelightOptions:
+    """What to show.
+
+    view : one of VIEWS.  ambient : whether the camera's view holds ambient light; None for yes where there is any.
+    white : the value that a PNG shows as white, None for the picture's 99th percentile.
+    """
+
+    view: str
+    ambient: bool | None = None
+    white: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.ambient and self.view != "camera":
+            raise InputError(f"--ambient: the view {self.view} holds no ambient light; it goes with --view camera")
+
+
+def relight(folder: Path, picture: Path | None, output: Path, options: RelightOptions) -> str:
+    """Compute a view and write it; returns a one-line summary that states the scale."""
+    check_output(output)
+    stored = calibrations.read(folder)
+    view = make_view(stored, _picture(stored, picture, options.view), options)
+    white = white_level(view) if options.white is None else options.white
+    write_view(output, view, white)
+    height, width = view.shape[:2]
+    scale = "linear values" if output.suffix.lower() == ".exr" else f"white is {white:.4g}{_cut(view, white)}"
+    return f"{output}: {options.view}, {width}x{height}, {scale}"
+
+
+def make_view(stored: StoredCalibration, picture: FloatArray | None, options: RelightOptions) -> FloatArray:
+    """One of the four views of a stored calibration; see views.py."""
+    if options.view == "inverse-dual":
+        return inverse_dual(read_maps(stored), picture)
+    if options.view == "inverse-camera":
+        return inverse_composition(read_maps(stored), picture)
+    transport = read_transport(stored)
+    if options.view == "dual":
+        return dual(transport, stored.calibration, picture)
+    return composition(transport, stored.calibration, picture, ambient=options.ambient is not False)
+
+
+def _picture(stored: StoredCalibration, path: Path | None, view: str) -> FloatArray | None:
+    if path is None:
+        return None
+    calibration = stored.calibration
+    device = calibration.projector if view in LIT_BY_PROJECTOR else calibration.camera
+    picture = read_placed(path, device.shape)
+    if view == "camera" and not (picture.min() >= -ROUNDING and picture.max() <= 1 + ROUNDING):
+        raise InputError(
+            f"{path}: drive from {picture.min():.4g} to {picture.max():.4g}, a projector shows 0 to 1; scale it"
+        )
+    return picture
+
+
+def _cut(view: FloatArray, white: float) -> str:
+    below, above = (100 * float(np.mean(share)) for share in (view < 0, view > white))
+    return f" ({above:.2g} % of the values above, {below:.2g} % below 0 are cut)" if below or above else ""

@@ -1,0 +1,82 @@
+"""The page: plain HTML and CSS, nothing loaded from elsewhere, dark or light as the reader's screen is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+STYLE = """
+:root { color-scheme: light dark; --ink: light-dark(#222, #ddd); --paper: light-dark(#fff, #16181b);
+  --faint: light-dark(#666, #9a9a9a); --bar: light-dark(#3a74b0, #6aa5e0); --mark: light-dark(#c33, #f76); }
+body { font: 16px/1.45 system-ui, sans-serif; color: var(--ink); background: var(--paper);
+  max-width: 1080px; margin: 2em auto; padding: 0 1em; }
+h2 { margin-top: 2em; border-bottom: 1px solid var(--faint); }
+.row { display: grid; grid-template-columns: repeat(auto-fit, minmax(320px, 1fr)); gap: 1.5em; }
+figure { margin: 0; }
+figure img { width: 100%; max-height: 480px; object-fit: contain; object-position: left;
+  background: light-dark(#eee, #24272b); border: 1px solid var(--faint); box-sizing: border-box; }
+figcaption, .note { color: var(--faint); font-size: 0.9em; }
+figcaption b { color: var(--ink); }
+table { border-collapse: collapse; }
+td, th { text-align: left; padding: 0.15em 1em 0.15em 0; vertical-align: top; }
+td.number { text-align: right; font-variant-numeric: tabular-nums; }
+.swatch { display: inline-block; width: 1em; height: 1em; border: 1px solid var(--faint); vertical-align: -0.15em; }
+svg { width: 100%; max-width: 560px; fill: var(--bar); stroke: none; }
+svg text { fill: var(--faint); font-size: 12px; }
+svg line { stroke: var(--faint); } svg polyline { fill: none; stroke: var(--bar); stroke-width: 2; }
+svg .chosen { fill: var(--mark); }
+"""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture (the name of a file beside the page) or an SVG, what it is, and what to look for."""
+
+    title: str
+    caption: str
+    file: str = ""
+    svg: str = ""
+
+    def html(self) -> str:
+        shown = f'<img src="{escape(self.file)}" alt="{escape(self.title)}">' if self.file else self.svg
+        return f"<figure>{shown}<figcaption><b>{escape(self.title)}.</b> {escape(self.caption)}</figcaption></figure>"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading, figures beside each other, and what stands below them (HTML)."""
+
+    title: str
+    figures: Sequence[Figure]
+    below: str = ""
+
+    def html(self) -> str:
+        figures = "".join(figure.html() for figure in self.figures)
+        return f'<h2>{escape(self.title)}</h2><div class="row">{figures}</div>{self.below}'
+
+
+def table(rows: Sequence[tuple[str, str]]) -> str:
+    """Two columns: what, and how much."""
+    cells = (f'<tr><td>{escape(a)}</td><td class="number">{escape(b)}</td></tr>' for a, b in rows)
+    return f"<table>{''.join(cells)}</table>"
+
+
+def legend(rows: Sequence[tuple[tuple[int, int, int], str, int, int]], pixels: int) -> str:
+    """Colour, words, pixels shown in it, pixels it holds for; the share is that of the pixels shown."""
+    body = "".join(
+        f'<tr><td><span class="swatch" style="background: rgb{colour}"></span></td><td>{escape(words)}</td>'
+        f'<td class="number">{shown}</td><td class="number">{100 * shown / pixels:.1f} %</td>'
+        f'<td class="number">{every}</td></tr>'
+        for colour, words, shown, every in rows
+    )
+    head = "<tr><th></th><th>camera pixels</th><th>shown</th><th>share</th><th>all that have it</th></tr>"
+    return f"<table>{head}{body}</table>"
+
+
+def page(title: str, intro: str, sections: Sequence[Section]) -> str:
+    """The whole document."""
+    body = "".join(section.html() for section in sections)
+    return (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
+        f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head>'
+        f"<body><h1>{escape(title)}</h1>{intro}{body}</body></html>\n"
+    )

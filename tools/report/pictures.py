@@ -1,0 +1,70 @@
+"""Measured things as 8-bit pictures (rows, columns, 3)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from player.row_map import RowMap
+from tools.inverse.inverse import Inverse
+from tools.transport.transport import Csr
+
+Picture = NDArray[np.uint8]
+IntArray = NDArray[np.int64]
+MATRIX_SIDE = 512
+TEXTURE_SIDE = 512
+GOLDEN = 0.6180339887  # successive labels get hues far apart
+UNCONNECTED = (40, 40, 40)
+
+
+def cluster_picture(labels: IntArray, shape: tuple[int, int]) -> Picture:
+    """Each cluster in a colour of its own, pixels without connections dark (thesis Figure 4.6)."""
+    numbers = np.arange(max(int(labels.max(initial=-1)), 0) + 1)
+    value = 0.7 + 0.3 * ((numbers * GOLDEN**2) % 1)
+    # HSV with saturation 0.6, each channel a trapezoid over the hue.
+    hue = (numbers[:, None] * GOLDEN + np.array([0, 2 / 3, 1 / 3])) % 1
+    ramp = np.clip(np.abs(6 * hue - 3) - 1, 0, 1)
+    palette = np.round(255 * value[:, None] * (0.4 + 0.6 * ramp)).astype(np.uint8)
+    picture: Picture = palette[np.maximum(labels, 0)]
+    picture[labels < 0] = UNCONNECTED
+    return picture.reshape(*shape, 3)
+
+
+def matrix_picture(matrix: Csr) -> Picture:
+    """A matrix as density: each pixel sums |entries| of a block of it, on a logarithmic scale of 4 decades."""
+    rows, columns = matrix.shape
+    height, width = min(rows, MATRIX_SIDE), min(columns, MATRIX_SIDE)
+    row = np.repeat(np.arange(rows, dtype=np.int64), np.diff(matrix.indptr)) * height // rows
+    column = matrix.indices.astype(np.int64) * width // columns
+    sums = np.bincount(row * width + column, weights=np.abs(matrix.data), minlength=height * width)
+    largest = float(sums.max(initial=0.0)) or 1.0
+    decades = np.log10(np.maximum(sums / largest, 1e-4)) / 4 + 1
+    return _grey(decades.reshape(height, width))
+
+
+def inverse_picture(inverse: Inverse, camera_pixels: int) -> Picture:
+    """T⁺ (green) as `matrix_picture` shows T."""
+    return matrix_picture(inverse.matrices(camera_pixels)[1])
+
+
+def texture_picture(packed: RowMap) -> Picture:
+    """The entries texture's used texels: white where a block of them is full, black where it is unused."""
+    height, width = packed.entries.shape[:2]
+    x, y, lengths = (packed.lookup[..., i].ravel().astype(np.int64) for i in range(3))
+    edges = np.zeros((height, width + 1), np.int64)  # +1 where a row of the matrix starts, −1 behind its end
+    used = lengths > 0
+    np.add.at(edges, (y[used], x[used]), 1)
+    np.add.at(edges, (y[used], x[used] + lengths[used]), -1)
+    return _grey(_block_means(np.cumsum(edges, axis=1)[:, :width].astype(np.float64)))
+
+
+def _block_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Averages over blocks, at most 512 a side."""
+    for axis in (0, 1):
+        length = values.shape[axis]
+        starts = np.unique(np.arange(min(length, TEXTURE_SIDE)) * length // min(length, TEXTURE_SIDE))
+        counts = np.diff(starts, append=length)
+        values = np.add.reduceat(values, starts, axis=axis) / np.expand_dims(counts, 1 - axis)
+    return values
+
+
+def _grey(share: NDArray[np.float64]) -> Picture:
+    return np.repeat(np.round(255 * np.clip(share, 0, 1)).astype(np.uint8)[..., None], 3, axis=2)

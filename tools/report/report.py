@@ -1,0 +1,146 @@
+"""The report on a correction map: measured figures, their pictures, one page; a folder that appears whole."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from player.errors import InputError
+from player.files import replacing_folder
+from tools.inverse.room import BuiltRoom
+from tools.relighting.pictures import encoded, white_level, write_png
+from tools.relighting.views import composition, dual, inverse_composition, inverse_dual
+from tools.report import layout, pictures, spectra
+from tools.report.charts import bins_of
+from tools.report.impossible import Impossible, find_impossible
+from tools.report.spectra import Spectrum
+from tools.transport.mask import LUMINANCE
+from tools.transport.transport import Csr
+
+FORMAT = 1
+JSON, PAGE = "report.json", "index.html"
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What was measured: figures as JSON holds them, and 8-bit pictures by file name."""
+
+    figures: dict[str, Any]
+    pictures: dict[str, NDArray[np.uint8]]
+
+
+def check_report_folder(folder: Path) -> None:
+    """InputError if writing a report to `folder` would lose something else; asked before the long work."""
+    if not folder.exists() or (folder.is_dir() and (not any(folder.iterdir()) or (folder / JSON).is_file())):
+        return
+    raise InputError(f"{folder}: exists and is no report; choose another name for --report")
+
+
+def write_report(built: BuiltRoom, folder: Path) -> Path:
+    """Measure, draw and write; returns the page's path. A report that was there stays until the new one is whole."""
+    check_report_folder(folder)
+    findings = find(built)
+    with replacing_folder(folder) as stage:
+        for name, picture in findings.pictures.items():
+            write_png(stage / name, picture)
+        (stage / JSON).write_text(json.dumps(findings.figures, indent=1) + "\n", encoding="utf-8")
+        (stage / PAGE).write_text(layout.report_page(findings.figures), encoding="utf-8")
+    return folder / PAGE
+
+
+def find(built: BuiltRoom) -> Findings:
+    """Everything that the page and the JSON say."""
+    T = near_luminance(built)
+    impossible = find_impossible(built.transport, built.calibration, built.maps)
+    found = spectra.spectra(T, built.inverse.clusters, built.calibration.projector.shape)
+    drawn, scales = _lit_pictures(built)
+    drawn |= _structure_pictures(built, T) | {"impossible.png": impossible.picture()}
+    return Findings(_figures(built, impossible, found) | {"picture_white": scales}, drawn)
+
+
+def near_luminance(built: BuiltRoom) -> Csr:
+    """The luminance of the near light inside the mask: what clusters are made of."""
+    inside = sparse.diags_array(built.calibration.mask.ravel().astype(np.float64))
+    total = sum(
+        (weight * (inside @ T) for weight, T in zip(LUMINANCE, built.transport.near, strict=True)),
+        start=sparse.csr_array(built.transport.shape),
+    )
+    T = sparse.csr_array(total)
+    T.eliminate_zeros()
+    return T
+
+
+def _lit_pictures(built: BuiltRoom) -> tuple[dict[str, NDArray[np.uint8]], dict[str, float]]:
+    """The four pictures of Figure 5.3 and the value that each shows as white."""
+    views = {
+        "composition.png": composition(built.transport, built.calibration, None, ambient=True),
+        "dual.png": dual(built.transport, built.calibration, None),
+        "inverse_composition.png": inverse_composition(built.maps, None),
+        "inverse_dual.png": inverse_dual(built.maps, None),
+    }
+    scales = {name: white_level(view) for name, view in views.items()}
+    scales["inverse_dual.png"] = 1 / built.maps.white  # then 255 is full drive for a white picture
+    return {name: encoded(view, scales[name]) for name, view in views.items()}, scales
+
+
+def _structure_pictures(built: BuiltRoom, T: Csr) -> dict[str, NDArray[np.uint8]]:
+    clusters, calibration = built.inverse.clusters, built.calibration
+    return {
+        "clusters_camera.png": pictures.cluster_picture(clusters.camera, calibration.camera.shape),
+        "clusters_projector.png": pictures.cluster_picture(clusters.projector, calibration.projector.shape),
+        "matrix.png": pictures.matrix_picture(T),
+        "inverse_matrix.png": pictures.inverse_picture(built.inverse, calibration.camera.pixels),
+        "texture.png": pictures.texture_picture(built.maps.correction),
+    }
+
+
+def _figures(built: BuiltRoom, impossible: Impossible, found: list[Spectrum]) -> dict[str, Any]:
+    inverse, correction, calibration = built.inverse, built.maps.correction, built.calibration
+    floodlight = built.transport.composition().reshape(*calibration.camera.shape, 3) + calibration.ambient
+    lengths = correction.lookup[..., 2].ravel().astype(np.int64)
+    return {
+        "format": FORMAT,
+        "name": calibration.name,
+        "summary": built.summary,
+        "camera": {"width": calibration.camera.width, "height": calibration.camera.height},
+        "projector": {"width": calibration.projector.width, "height": calibration.projector.height},
+        "white": built.maps.white,
+        "floodlight_inside_mask": _percentiles(floodlight[calibration.mask]),
+        "near_entries": [int(T.nnz) for T in built.transport.near],
+        "far_cells": 0 if built.transport.far is None else int(built.transport.far.mix.shape[1]),
+        "clusters": {
+            "count": inverse.clusters.count,
+            "windowed": inverse.windowed_clusters,
+            "largest_camera_pixels": int(inverse.clusters.camera_sizes.max()),
+            "largest_projector_pixels": int(inverse.clusters.projector_sizes.max()),
+            "projector_size_bins": bins_of(inverse.clusters.projector_sizes),
+            "camera_size_bins": bins_of(inverse.clusters.camera_sizes),
+        },
+        "damping": {
+            "chosen": inverse.damping,
+            "candidates": [list(pair) for pair in sorted(inverse.damping_errors.items())],
+        },
+        "rows": {
+            "entries": correction.count,
+            "empty": int(np.count_nonzero(lengths == 0)),
+            "median": float(np.median(lengths)),
+            "longest": int(lengths.max()),
+            "length_bins": bins_of(lengths),
+        },
+        "texture": {
+            "width": int(correction.entries.shape[1]),
+            "height": int(correction.entries.shape[0]),
+            "fill": correction.fill,
+        },
+        "spectra": {"summary": spectra.summary(found), "systems": [spectrum.to_json() for spectrum in found]},
+        "impossible": impossible.to_json(),
+    }
+
+
+def _percentiles(values: NDArray[np.floating]) -> dict[str, float]:
+    """Of all values, the three channels together."""
+    return {f"percentile_{q}": float(np.percentile(values, q)) for q in (1, 10, 50, 90, 99)}
