@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
-
 from player import calibration as calibrations
 from player import maps
 from player.command import Parser, run
@@ -38,7 +36,7 @@ def _main(argv: Sequence[str] | None) -> None:
     room = read_room(options.calibration, options.white, options.dither)
     print(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white is None else ''}")
     with MediaReader.open(options.media, loop=options.loop, frames_per_second=options.fps) as reader:
-        if options.start:
+        if options.start and not (reader.info.still and not options.output):
             reader.seek(options.start)
         stats = _render(options, reader, room) if options.output else _play(options, reader, room)
         for notice in reader.notices():
@@ -102,7 +100,7 @@ def _play(options: argparse.Namespace, reader: MediaReader, room: Room) -> Stats
     monitors = list_monitors()
     monitor = None if options.monitor is None else find_monitor(monitors, options.monitor)
     if monitor is None and options.fullscreen:
-        monitor = monitors[0]
+        monitor = find_monitor(monitors, 0)
     shape = room.calibration.projector.shape
     with open_window(
         shape,
@@ -171,15 +169,15 @@ KEYS = """keys: space pause   ←→ ±5 s   ↑↓ ±60 s   c compensation   v 
 
 
 def _white(text: str) -> float | None:
-    return None if text == "auto" else _number(text, 0.0, "auto or a radiance above 0")
+    return None if text == "auto" else _number(text, 1e-30, 1e30, "auto or a radiance above 0")
 
 
 def _seconds(text: str) -> float:
-    return 0.0 if text == "0" else _number(text, 0.0, "seconds from 0")
+    return _number(text, 0.0, 1e9, "seconds from 0")
 
 
 def _rate(text: str) -> float:
-    return _number(text, 0.0, "frames per second above 0")
+    return _number(text, 1e-3, 1e3, "frames per second above 0")
 
 
 def _count(text: str) -> int:
@@ -188,12 +186,12 @@ def _count(text: str) -> int:
     return int(text)
 
 
-def _number(text: str, above: float, expected: str) -> float:
+def _number(text: str, low: float, high: float, expected: str) -> float:
     try:
         value = float(text)
     except ValueError:
         value = float("nan")
-    if not (np.isfinite(value) and value > above):
+    if not low <= value <= high:
         raise argparse.ArgumentTypeError(f"expected {expected}, found {text!r}")
     return value
 

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -26,6 +27,7 @@ class Parser(argparse.ArgumentParser):
 
 def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] | None = None) -> int:
     """Run a command's body and turn its outcome into an exit code (0 done, 1 fault, 2 bad input, 130 interrupted)."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # clean up on `kill` as on Ctrl-C
     try:
         return body(argv) or DONE
     except InputError as error:

@@ -25,7 +25,7 @@ def replacing_file(path: Path) -> Iterator[Path]:
     """
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
     try:
-        with _refusals_named(path):
+        with refusals_named(path):
             yield temporary
             flush(temporary)
             temporary.replace(path)
@@ -41,7 +41,8 @@ def replacing_folder(folder: Path) -> Iterator[Path]:
     The previous folder stays untouched until every file of the new one is on disk. Raises InputError, naming `folder`,
     where the system refuses.
     """
-    with _refusals_named(folder):
+    folder = folder.resolve()  # a link is kept, what it points to is replaced
+    with refusals_named(folder):
         folder.parent.mkdir(parents=True, exist_ok=True)
         stage = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".partial", dir=folder.parent))
         stage.chmod(0o755)  # mkdtemp's 0700 would lock out whoever may read the parent
@@ -60,12 +61,17 @@ def _put_in_place(stage: Path, folder: Path) -> None:
         return
     previous = stage.with_suffix(".previous")
     folder.rename(previous)
-    stage.rename(folder)
-    shutil.rmtree(previous)
+    try:
+        stage.rename(folder)
+    except BaseException:
+        previous.rename(folder)
+        raise
+    shutil.rmtree(previous, ignore_errors=True)
 
 
 @contextmanager
-def _refusals_named(path: Path) -> Iterator[None]:
+def refusals_named(path: Path) -> Iterator[None]:
+    """Turn what the system refuses while `path` is written into an InputError that names it."""
     try:
         yield
     except OSError as error:

@@ -48,7 +48,7 @@ def render_to_file(
             renderer.render(view, compensate=compensate, frame=index)
             renderer.finish()
             rendered = time.perf_counter()
-            sink.write(renderer)
+            sink.write(renderer, frame.time_s)
             stats.frames += 1
             for stage, seconds in (
                 ("wait", decoded - start),

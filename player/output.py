@@ -1,8 +1,9 @@
 """Rendered frames into files: a picture, a numbered sequence, or a video. What fails leaves nothing half-written."""
 
 import re
+import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -16,11 +17,12 @@ from numpy.typing import NDArray
 
 from player import exr
 from player.errors import InputError
-from player.files import replacing_file
+from player.files import flush, refusals_named, replacing_file
 from player.renderer import Renderer
 
 PICTURES, VIDEOS = (".png", ".exr"), (".mp4", ".mov", ".mkv", ".webm")
 NUMBER = re.compile(r"%0?\d*d")
+CLOCK = Fraction(1, 90_000)  # ticks of a written video: each frame keeps the time that it had
 # PyAV's log callback takes the GIL and can deadlock with a codec's threads; FFmpeg's own needs none.
 av.logging.restore_default_callback()
 av.logging.set_libav_level(av.logging.ERROR)
@@ -32,7 +34,7 @@ class Output(Protocol):
 
     single: bool
 
-    def write(self, renderer: Renderer) -> None: ...
+    def write(self, renderer: Renderer, time_s: float) -> None: ...
 
 
 @contextmanager
@@ -56,8 +58,10 @@ def open_output(path: Path, frames_per_second: float) -> Iterator[Output]:
         with replacing_file(path) as temporary, _VideoOutput(temporary, frames_per_second) as video:
             yield video
     elif numbered:
-        with _SequenceOutput(path) as sequence:
+        with refusals_named(path), tempfile.TemporaryDirectory(suffix=".partial", dir=path.parent) as stage:
+            sequence = _SequenceOutput(path, Path(stage))
             yield sequence
+            sequence.move()
     else:
         with replacing_file(path) as temporary:
             yield _PictureOutput(temporary)
@@ -77,37 +81,28 @@ class _PictureOutput:
     def __init__(self, path: Path) -> None:
         self._path = path
 
-    def write(self, renderer: Renderer) -> None:
+    def write(self, renderer: Renderer, time_s: float) -> None:
         write_picture(self._path, renderer)
 
 
 class _SequenceOutput:
-    """Files numbered from 0, each whole; all removed if the run fails."""
+    """Files numbered from 0, written beside their place and moved there together when all are whole."""
 
     single = False
 
-    def __init__(self, pattern: Path) -> None:
-        self._pattern = pattern
-        self._undo = ExitStack()
-        self._count = 0
+    def __init__(self, pattern: Path, stage: Path) -> None:
+        self._pattern, self._stage = pattern, stage
+        self._names: list[str] = []
 
-    def write(self, renderer: Renderer) -> None:
-        number = NUMBER.sub(lambda match: match.group() % self._count, self._pattern.name)
-        path = self._pattern.with_name(number)
-        with replacing_file(path) as temporary:
-            write_picture(temporary, renderer)
-        self._undo.callback(path.unlink, missing_ok=True)
-        self._count += 1
+    def write(self, renderer: Renderer, time_s: float) -> None:
+        name = NUMBER.sub(lambda match: match.group() % len(self._names), self._pattern.name)
+        write_picture(self._stage / name, renderer)
+        self._names.append(name)
 
-    def __enter__(self) -> "_SequenceOutput":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is None:
-            self._undo.pop_all()
-        self._undo.close()
+    def move(self) -> None:
+        for name in self._names:
+            flush(self._stage / name)
+            (self._stage / name).replace(self._pattern.with_name(name))
 
 
 class _VideoOutput:
@@ -116,12 +111,13 @@ class _VideoOutput:
     single = False
 
     def __init__(self, path: Path, frames_per_second: float) -> None:
-        self._container = av.open(str(path), "w")
+        self._container = av.open(f"file:{path}", "w")  # else a colon in the name would be taken for a protocol
         self._rate = Fraction(frames_per_second).limit_denominator(1001)
         self._lossless = path.suffix.lower() == ".mkv"
         self._stream: av.VideoStream | None = None
+        self._first_s: float | None = None
 
-    def write(self, renderer: Renderer) -> None:
+    def write(self, renderer: Renderer, time_s: float) -> None:
         picture = renderer.encoded()
         stream = self._stream or self._add_stream(picture)
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
@@ -130,6 +126,10 @@ class _VideoOutput:
             frame = frame.reformat(
                 format=stream.pix_fmt, dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG
             )
+        if self._first_s is None:
+            self._first_s = time_s
+        frame.time_base = CLOCK
+        frame.pts = round((time_s - self._first_s) / CLOCK)
         self._container.mux(stream.encode(frame))
 
     def _add_stream(self, picture: NDArray[np.uint8]) -> av.VideoStream:
@@ -138,6 +138,7 @@ class _VideoOutput:
         stream = self._container.add_stream(codec, rate=self._rate)
         assert isinstance(stream, av.VideoStream)
         stream.width, stream.height = width, height
+        stream.codec_context.time_base = CLOCK
         if self._lossless:
             stream.pix_fmt = "bgr0"
         else:

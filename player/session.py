@@ -7,13 +7,14 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol
 
+from player.errors import InputError
+from player.files import replacing_file
 from player.output import write_picture
-from player.renderer import Renderer
+from player.renderer import VIEWS, Renderer
 from player.stats import Stats
 from player.video import Frame, MediaReader
 
 SEEKS_S = {"left": -5.0, "right": 5.0, "down": -60.0, "up": 60.0}
-VIEW_ORDER = ("projector", "camera", "split")
 STATS_INTERVAL_S = 0.5
 LONGEST_WAIT_S = 0.05  # between looks at the decoder; keys wake the window at once
 
@@ -56,7 +57,7 @@ class Session:
         self._reader, self._renderer, self._display = reader, renderer, display
         self._screenshots, self._clock = screenshots, clock
         self._pending: Frame | None = None
-        self._position_s = 0.0
+        self._position_s = self._shown_until_s = 0.0
         self._started_at: float | None = None  # clock time of media time 0; None until the next frame arrives
         self._dirty = self._rendered = False
         self._message = ""
@@ -85,10 +86,10 @@ class Session:
             self.stats.add("decode", frame.decode_s)
             self.stats.add("upload", time.perf_counter() - start)
             self.stats.frames += 1
-            self._position_s = frame.time_s
+            self._position_s, self._shown_until_s = frame.time_s, frame.time_s + frame.duration_s
             self._rendered = self._dirty = True
         elif self._reader.ended and self._pending is None and not self._reader.info.still:
-            self.done = True
+            self.done = self._started_at is None or self._media_time() >= self._shown_until_s
         if self._dirty and self._rendered:
             self._draw()
 
@@ -101,6 +102,7 @@ class Session:
 
     def _bindings(self) -> dict[str, Callable[[], None]]:
         return {
+            "redraw": lambda: None,
             "space": self._toggle_pause,
             "p": self._toggle_pause,
             "c": lambda: self._flip("compensate"),
@@ -134,14 +136,18 @@ class Session:
         self._started_at, self._rendered = None, False
 
     def _next_view(self) -> None:
-        self.view = VIEW_ORDER[(VIEW_ORDER.index(self.view) + 1) % len(VIEW_ORDER)]
+        self.view = VIEWS[(VIEWS.index(self.view) + 1) % len(VIEWS)]
 
     def _screenshot(self) -> None:
         if not self._rendered:
             return
         path = self._screenshots / f"counterlight-{time.strftime('%Y%m%d-%H%M%S')}-{self.stats.frames:06d}.png"
-        write_picture(path, self._renderer)
-        self._message = f"saved {path}"
+        try:
+            with replacing_file(path) as temporary:
+                write_picture(temporary, self._renderer)
+            self._message = f"saved {path}"
+        except InputError as error:
+            self._message = str(error)
         print(self._message)
 
     def _due_frame(self) -> Frame | None:

@@ -1,5 +1,6 @@
 """import-transport as a user runs it: what goes in comes out, what is wrong is refused in one line."""
 
+import contextlib
 import io
 import re
 import subprocess
@@ -14,10 +15,11 @@ import pytest
 from scipy import sparse
 
 from player import calibration, exr
+from player.errors import InputError
 from player.response import Response
 from tools.import_transport import main
 from tools.transport.mask import lit_pixels
-from tools.transport.storage import read_transport
+from tools.transport.storage import read_matrix, read_transport
 from tools.transport.transport import CHANNELS
 
 CAMERA, PROJECTOR = (9, 13), (7, 11)
@@ -312,3 +314,15 @@ def test_a_rise_within_the_flicker_of_ambient_light_is_not_lit() -> None:
 def test_nothing_lit_is_no_error() -> None:
     dark = np.zeros((5, 8, 3), np.float32)
     assert not lit_pixels(dark, dark).any()
+
+
+def test_no_flipped_bit_of_a_matrix_file_gives_a_traceback(tmp_path: Path, rng: np.random.Generator) -> None:
+    path = tmp_path / "T.npz"
+    sparse.save_npz(path, sparse.random_array((30, 20), density=0.2, rng=rng, format="csr", dtype=np.float32))
+    whole = path.read_bytes()
+    for bit in rng.integers(0, 8 * len(whole), 400):
+        damaged = bytearray(whole)
+        damaged[bit // 8] ^= 1 << (bit % 8)
+        path.write_bytes(damaged)
+        with contextlib.suppress(InputError):
+            assert read_matrix(path, (30, 20)).shape == (30, 20)

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from fractions import Fraction
 from pathlib import Path
 
 import av
@@ -14,8 +15,9 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from player import calibration, exr, maps
+from player import app, calibration, exr, maps, output
 from player.reference import PreparedRows
+from player.renderer import Renderer
 from tests.rooms import write_blurred_room
 from tools import build_correction_map
 from tools.transport.transport import Transport
@@ -247,8 +249,8 @@ def test_a_clip_that_ends_early_leaves_no_output(room: Path, tmp_path: Path) -> 
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         container.mux(stream.encode(None))
     clip.write_bytes(clip.read_bytes()[: clip.stat().st_size // 2])
-    for output in ("o.mp4", "o.mkv", "o%02d.png"):
-        assert "ends early" in fail("play-corrected", room, clip, "--output", tmp_path / output)
+    for name in ("o.mp4", "o.mkv", "o%02d.png"):
+        assert "ends early" in fail("play-corrected", room, clip, "--output", tmp_path / name)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["clip.mkv", "wall"]
 
 
@@ -290,3 +292,47 @@ def test_an_interrupt_leaves_the_previous_map(
         assert (room / "correction" / "manifest.toml").read_bytes() == before
         assert [path.name for path in room.parent.iterdir()] == ["wall"]
         assert not list(room.glob(".*"))
+
+
+def test_a_failed_sequence_keeps_the_frames_that_were_there(
+    room: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rendering a numbered sequence onto itself: it is replaced as a whole, or not at all."""
+    frames = [tmp_path / f"f{index:03d}.png" for index in range(3)]
+    for index, frame in enumerate(frames):
+        cv2.imwrite(str(frame), np.full((30, 40, 3), 60 * index + 40, np.uint8))
+    before = [frame.read_bytes() for frame in frames]
+    pattern = str(tmp_path / "f%03d.png")
+    writing = output.write_picture
+
+    def interrupted(path: Path, renderer: Renderer) -> None:
+        if path.name == "f002.png":
+            raise KeyboardInterrupt
+        writing(path, renderer)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(output, "write_picture", interrupted)
+        assert app.main([str(room), pattern, "--output", pattern]) == 130
+    assert [frame.read_bytes() for frame in frames] == before
+    assert app.main([str(room), pattern, "--output", pattern]) == 0
+    assert all(frame.read_bytes() != old for frame, old in zip(frames, before, strict=True))
+    assert sorted(path.name for path in tmp_path.iterdir()) == [*(frame.name for frame in frames), "wall"]
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+def test_frames_keep_their_times(room: Path, tmp_path: Path, suffix: str) -> None:
+    """A clip whose frames last differently long, into a name with a colon."""
+    times = [0.0, 0.04, 1.04, 1.08, 3.08, 3.12]
+    clip, rendered = tmp_path / "clip.mkv", tmp_path / f"12:30{suffix}"
+    with av.open(str(clip), "w") as container:
+        stream = container.add_stream("ffv1", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for time_s in times:
+            frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 90, np.uint8), format="rgb24")
+            frame.pts, frame.time_base = round(time_s * 1000), Fraction(1, 1000)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    succeed("play-corrected", room, clip, "--output", rendered)
+    with av.open(f"file:{rendered}") as container:
+        found = [float(frame.time) for frame in container.decode(video=0)]
+    np.testing.assert_allclose(found, times, atol=1.1e-3)  # Matroska counts milliseconds

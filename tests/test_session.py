@@ -46,7 +46,7 @@ class Reader:
             return None
         self.position += 1
         index = self.position - 1
-        return SimpleNamespace(index=index, time_s=index / 25, decode_s=0.001)
+        return SimpleNamespace(index=index, time_s=index / 25, duration_s=0.04, decode_s=0.001)
 
     def release(self, frame: Any) -> None:
         self.released.append(frame.index)

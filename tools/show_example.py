@@ -32,26 +32,30 @@ def _main(argv: Sequence[str] | None) -> None:
     folder = options.folder / options.scene
     prepare(DATA / "scenes" / f"{options.scene}.toml", folder)
     room = app.read_room(folder, None)
-    before, after = compare(room, options.folder)
+    before, after, exposed = compare(room, options.folder)
     print(f"camera view: PSNR {before:.1f} dB before, {after:.1f} dB after")
+    print(f"before, at the exposure of the camera that matches best: {exposed:.1f} dB")
     print(f"pictures: {options.folder / 'before.png'}, {options.folder / 'after.png'}, side by side: before_after.png")
     play(folder, options.folder)
 
 
 def prepare(scene: Path, folder: Path) -> None:
-    """Simulate the scene and build its map, unless that has been done; always whole folders."""
-    if not (folder / calibration.TOML).is_file():
-        _or_stop(simulate_transport.main([str(scene), "-o", str(folder)]))
+    """Simulate the scene and build its map, unless that has been done since the scene changed; always whole folders."""
+    made = folder / calibration.TOML
+    if not (made.is_file() and made.stat().st_mtime > scene.stat().st_mtime):
+        _or_stop(simulate_transport.main([str(scene), "-o", str(folder), "--force"]))
     if not (folder / "correction" / "manifest.toml").is_file():
         _or_stop(build_correction_map.main([str(folder)]))
 
 
-def compare(room: Room, folder: Path) -> tuple[float, float]:
-    """Write before.png, after.png and both side by side, the camera's views of one frame; returns their PSNRs.
+def compare(room: Room, folder: Path) -> tuple[float, float, float]:
+    """Write before.png, after.png and both side by side, the camera's views of one frame; returns PSNRs in decibels.
 
-    Before: the frame as any player would project it. After: compensated. Both against the desired picture, in decibels.
+    Before: the frame as any player would project it. After: compensated. Last: before, scaled by the one factor that
+    matches best. All against the desired picture.
     """
-    quality, views = [], []
+    mask, white = room.calibration.mask, room.white
+    quality, views, seen = [], [], []
     with app.headless_renderer("gl", room) as renderer, MediaReader.open(CLIP) as reader:
         reader.seek(SHOWN_AT_S)
         frame = reader.next_frame(FRAME_TIMEOUT_S)
@@ -64,10 +68,12 @@ def compare(room: Room, folder: Path) -> tuple[float, float]:
             renderer.render("camera", compensate=compensate)
             write_picture(folder / name, renderer)
             views.append(renderer.encoded()[..., ::-1])
-            seen = renderer.linear()
-            quality.append(camera_psnr(renderer.desired(), seen, room.calibration.mask, room.white))
+            desired = renderer.desired()
+            seen.append(renderer.linear())
+            quality.append(camera_psnr(desired, seen[-1], mask, white))
     cv2.imwrite(str(folder / "before_after.png"), np.hstack(views))
-    return quality[0], quality[1]
+    factor = np.sum(seen[0] * desired) / np.sum(seen[0] ** 2)
+    return quality[0], quality[1], camera_psnr(desired, factor * seen[0], mask, white)
 
 
 def play(room: Path, folder: Path) -> None:

@@ -37,7 +37,7 @@ class Monitor:
 
 def start_glfw() -> None:
     """Start GLFW, or do nothing if it runs; InputError if there is no screen to open a window on."""
-    with _raising():
+    with raising():
         try:
             started = glfw.init()
         except glfw.GLFWError as error:
@@ -52,7 +52,7 @@ def list_monitors() -> list[Monitor]:
     Starts GLFW if nobody has, and leaves it running.
     """
     start_glfw()
-    with _raising():
+    with raising():
         try:
             handles = glfw.get_monitors()
             names = _unique([_text(glfw.get_monitor_name(handle)) for handle in handles])
@@ -102,7 +102,7 @@ def _unique(names: Sequence[str]) -> list[str]:
 
 
 @contextmanager
-def _raising() -> Iterator[None]:
+def raising() -> Iterator[None]:
     """GLFW's errors as exceptions for a while; elsewhere its mere complaints must not stop a running player."""
     previous, glfw.ERROR_REPORTING = glfw.ERROR_REPORTING, "raise"
     try:

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from player.errors import InputError
-from player.gl.monitors import Monitor, monitor_handle, start_glfw
+from player.gl.monitors import Monitor, monitor_handle, raising, start_glfw
 from player.gl.passes import ScreenPass
 
 OVERLAY_SHAPE = (240, 720)
+REDRAW = "redraw"  # not a key: the window was resized or uncovered
 LINE_HEIGHT, MARGIN, GROUND_ALPHA = 22, 8, 170
 NAMED_KEYS = {
     glfw.KEY_SPACE: "space",
@@ -49,6 +50,8 @@ class Window:
             self.release()
             raise
         glfw.set_key_callback(self._handle, self._on_key)
+        glfw.set_framebuffer_size_callback(self._handle, self._on_change)
+        glfw.set_window_refresh_callback(self._handle, self._on_change)
         self._windowed_at = (0, 0)
         if monitor is not None:
             glfw.set_window_pos(self._handle, monitor.x, monitor.y)
@@ -106,6 +109,9 @@ class Window:
         if hasattr(self, "context"):
             self.context.release()
         glfw.destroy_window(self._handle)
+
+    def _on_change(self, *_: object) -> None:
+        self._keys.append(REDRAW)
 
     def _on_key(self, _window: object, key: int, _scancode: int, action: int, _modifiers: int) -> None:
         if action not in (glfw.PRESS, glfw.REPEAT):
@@ -177,10 +183,11 @@ def _open(shape: tuple[int, int], title: str) -> Any:
     }
     for hint, value in hints.items():
         glfw.window_hint(hint, value)
-    try:
-        handle = glfw.create_window(width, height, title, None, None)
-    except glfw.GLFWError as error:
-        raise InputError(f"no window with OpenGL 3.3 ({error}); install a driver: apt-get install libgl1") from None
+    with raising():
+        try:
+            handle = glfw.create_window(width, height, title, None, None)
+        except glfw.GLFWError as error:
+            raise InputError(f"no window with OpenGL 3.3 ({error}); install a driver: apt-get install libgl1") from None
     if not handle:
         raise InputError("no window with OpenGL 3.3; install a driver: apt-get install libgl1, or use --output FILE")
     glfw.make_context_current(handle)

@@ -28,6 +28,10 @@ FloatArray = NDArray[np.float64]
 # Projector pixels of a cluster that is inverted whole. Damped, windows are faster beyond (2475 pixels: 33 s whole, 7 s
 # in windows); undamped, there are no windows, and a block of the limit costs minutes.
 LARGEST_DENSE, LARGEST_PLAIN = 1000, 4000
+LARGEST_BLOCK = (
+    1 << 24
+)  # camera times projector pixels of a cluster inverted whole: 128 MiB, about ten times that at work
+FINEST_TOLERANCE = 0.05 / 255  # drive; windows are not widened for less
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,7 @@ class Inverse:
     decomposition : the settings and outcome if T was decomposed.
     damping : λ / σ₁; damping_errors : the candidates' errors if λ was chosen.
     halo, window_change : of the windowed clusters, 0 if there are none; the change is measured, in drive.
+    window_tolerance : the change that was to be reached.
     """
 
     rows: SparseRows
@@ -69,6 +74,13 @@ class Inverse:
     windowed_clusters: int
     halo: int
     window_change: float
+    window_tolerance: float
+
+    @property
+    def largest_cluster(self) -> tuple[int, int]:
+        """Camera and projector pixels of the cluster with the most projector pixels."""
+        label = int(np.argmax(self.clusters.projector_sizes))
+        return int(self.clusters.camera_sizes[label]), int(self.clusters.projector_sizes[label])
 
     def matrices(self, camera_pixels: int) -> tuple[Csr, ...]:
         """T⁺ per channel, (projector pixels, camera pixels)."""
@@ -110,15 +122,19 @@ def invert_near_light(
     lambdas = damping * np.array([largest_singular_value(T) for T in matrices])
     budget = options.max_error / 255
     large = clusters.projector_sizes > (LARGEST_DENSE if damping else LARGEST_PLAIN)
+    large |= clusters.projector_sizes * clusters.camera_sizes > LARGEST_BLOCK
+    tolerance = max(budget, FINEST_TOLERANCE)
     jobs = [clustered_jobs(matrices, clusters, ~large, lambdas, reach, budget)]
     halo, change = 0, 0.0
     for label in np.flatnonzero(large):
         member = (clusters.projector == label).reshape(projector_shape)
-        channels, windows, moved = _plan_windows(matrices, member, mask.shape, lambdas, white, budget)
+        channels, windows, moved = _plan_windows(matrices, member, mask.shape, lambdas, white, tolerance)
         jobs.append(windowed_jobs(channels, windows, reach, budget))
         halo, change = max(halo, windows.halo), max(change, moved)
     rows, truncation = join(run_jobs(chain(*jobs)), near[0].shape[1])
-    return Inverse(rows, truncation, clusters, decomposition, damping, errors, int(large.sum()), halo, change)
+    return Inverse(
+        rows, truncation, clusters, decomposition, damping, errors, int(large.sum()), halo, change, tolerance
+    )
 
 
 def _luminance(matrices: tuple[Csr, ...]) -> Csr:
@@ -141,16 +157,17 @@ def _plan_windows(
     camera_shape: tuple[int, int],
     lambdas: FloatArray,
     white: float,
-    budget: float,
+    tolerance: float,
 ) -> tuple[tuple[WindowedChannel, ...], Windows, float]:
     if not lambdas.all():
         size = int(np.count_nonzero(member))
         raise InputError(
             f"--regularize none: a cluster of {size} projector pixels is too large for its plain pseudo-inverse "
-            f"(at most {LARGEST_PLAIN} are inverted whole); use --regularize auto, a number, or --max-cluster"
+            f"(at most {LARGEST_PLAIN}, or {LARGEST_BLOCK >> 20} million entries, are inverted whole); "
+            "use --regularize auto, a number, or --max-cluster"
         )
     channels = tuple(WindowedChannel(T, float(damp)) for T, damp in zip(matrices, lambdas, strict=True))
-    windows, change = choose_halo(channels[1], member, camera_shape, white, max(budget, 0.05 / 255))
+    windows, change = choose_halo(channels[1], member, camera_shape, white, tolerance)
     return channels, windows, change
 
 

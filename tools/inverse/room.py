@@ -80,7 +80,7 @@ def _details(inverse: Inverse, correction: RowMap, transport: Transport, options
             "damping": inverse.damping,
             "damping_errors": {f"{key:g}": value for key, value in inverse.damping_errors.items()},
             "clusters": inverse.clusters.count,
-            "largest_cluster": [int(inverse.clusters.camera_sizes.max()), int(inverse.clusters.projector_sizes.max())],
+            "largest_cluster": list(inverse.largest_cluster),
             "windowed_clusters": inverse.windowed_clusters,
             "window_halo": inverse.halo,
             "window_change_drive_measured": inverse.window_change,
@@ -89,7 +89,7 @@ def _details(inverse: Inverse, correction: RowMap, transport: Transport, options
         "certified": {
             "truncation_drive": float(inverse.truncation.max(initial=0.0)),
             "truncation_camera_radiance": float(camera_bound.max(initial=0.0)),
-            "holds_for": "|c − e| at most white, or the ambient light where that is brighter",
+            "holds_for": "light handed to T⁺ (far light taken out) of at most white, or the ambient light if brighter",
         },
     }
 
@@ -103,17 +103,18 @@ def _decomposition(inverse: Inverse) -> dict[str, Any]:
 
 def _summary(inverse: Inverse, packed: RoomMaps) -> str:
     clusters, correction = inverse.clusters, packed.correction
-    largest = int(np.argmax(clusters.projector_sizes))
     texture = f"{correction.entries.shape[1]}x{correction.entries.shape[0]}"
     chosen = " (auto)" if inverse.damping_errors else ""
-    cut = ""
+    cut, doubt = "", ""
+    if inverse.window_change > inverse.window_tolerance:
+        doubt = f"wider windows would still change pictures by {255 * inverse.window_change:.1f} code values, "
     if inverse.decomposition is not None:
         parameters, report = inverse.decomposition
         kept = 100 * report.connections_after / report.connections_before
         cut = f"cut to {kept:.0f} % of the connections (radius {parameters.radius:g}, τ₁ {parameters.tau_1:g}), "
     return (
-        f"{cut}{clusters.count} clusters, largest {clusters.camera_sizes[largest]} camera x "
-        f"{clusters.projector_sizes[largest]} projector pixels, λ {inverse.damping:g} σ₁{chosen}, "
-        f"{correction.count} entries, texture {texture}, fill {100 * correction.fill:.1f} %, "
+        f"{cut}{clusters.count} clusters, largest {inverse.largest_cluster[0]} camera x "
+        f"{inverse.largest_cluster[1]} projector pixels, λ {inverse.damping:g} σ₁{chosen}, "
+        f"{doubt}{correction.count} entries, texture {texture}, fill {100 * correction.fill:.1f} %, "
         f"{sum(m.nbytes for m in packed.named().values()) / 2**20:.1f} MiB of maps"
     )

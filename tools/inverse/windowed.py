@@ -21,7 +21,8 @@ from tools.transport.transport import Csr
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-BLOCK = 16
+BLOCKS = (16, 8, 4, 2, 1)
+BLOCK_VALUES = 1 << 24  # float64 values of one block's rows, three channels (128 MiB)
 HALOS = (4, 6, 8, 12, 16, 24)
 SAMPLE_WINDOWS = 5
 
@@ -34,6 +35,7 @@ class WindowedChannel:
 
     def __init__(self, T: Csr, damping: float) -> None:
         wide = T.astype(np.float64)
+        self.camera_pixels = int(np.count_nonzero(np.diff(T.indptr)))
         self._columns = sparse.csc_array(wide)
         self._normal = sparse.csr_array(wide.T @ wide + damping**2 * sparse.eye_array(T.shape[1]))
 
@@ -54,22 +56,23 @@ class WindowedChannel:
 
 @dataclass(frozen=True)
 class Windows:
-    """How a large cluster is cut: its pixels as a picture (label or not), the block's side and the halo around it."""
+    """How a large cluster is cut: its pixels as a picture (label or not), the blocks' side and the halo around them."""
 
     member: NDArray[np.bool_]
     halo: int
+    block: int
 
     def blocks(self) -> list[tuple[int, int]]:
         """Upper left corners (row, column) of the blocks that hold any pixel of the cluster."""
         height, width = self.member.shape
-        corners = [(y, x) for y in range(0, height, BLOCK) for x in range(0, width, BLOCK)]
-        return [(y, x) for y, x in corners if self.member[y : y + BLOCK, x : x + BLOCK].any()]
+        corners = [(y, x) for y in range(0, height, self.block) for x in range(0, width, self.block)]
+        return [(y, x) for y, x in corners if self.member[y : y + self.block, x : x + self.block].any()]
 
     def pixels(self, corner: tuple[int, int], halo: int) -> IntArray:
         """Projector pixels of the cluster in the block at `corner` widened by `halo`, ascending."""
         y, x = corner
-        rows = slice(max(y - halo, 0), y + BLOCK + halo)
-        columns = slice(max(x - halo, 0), x + BLOCK + halo)
+        rows = slice(max(y - halo, 0), y + self.block + halo)
+        columns = slice(max(x - halo, 0), x + self.block + halo)
         inside_y, inside_x = np.nonzero(self.member[rows, columns])
         return np.asarray((inside_y + rows.start) * self.member.shape[1] + inside_x + columns.start, np.int64)
 
@@ -82,18 +85,29 @@ def choose_halo(
     member : (projector height, projector width).  Returns the windows and the change that was measured.
     """
     pictures = white * np.stack([picture.ravel() for picture in typical_pictures(camera_shape)], axis=1)
-    corners = Windows(member, 0).blocks()
+    block = _block_side(member, channel.camera_pixels)
+    corners = Windows(member, 0, block).blocks()
     sample = [corners[i] for i in np.linspace(0, len(corners) - 1, SAMPLE_WINDOWS + 2).astype(int)[1:-1]]
     sample = list(dict.fromkeys(sample))
     change = np.inf
-    previous = _compensate(channel, Windows(member, HALOS[0]), sample, pictures)
+    previous = _compensate(channel, Windows(member, HALOS[0], block), sample, pictures)
     for halo, wider in pairwise(HALOS):
-        following = _compensate(channel, Windows(member, wider), sample, pictures)
+        following = _compensate(channel, Windows(member, wider, block), sample, pictures)
         change = max(float(np.max(np.abs(a - b))) for a, b in zip(previous, following, strict=True))
         if change <= tolerance:
-            return Windows(member, halo), change
+            return Windows(member, halo, block), change
         previous = following
-    return Windows(member, HALOS[-1]), change
+    return Windows(member, HALOS[-1], block), change
+
+
+def _block_side(member: NDArray[np.bool_], camera_pixels: int) -> int:
+    """The largest side whose rows, over all camera pixels that a window sees, stay within memory."""
+    density = camera_pixels / np.count_nonzero(member)
+    for side in BLOCKS:
+        seen = min(density * (side + 2 * HALOS[-1]) ** 2, camera_pixels)
+        if 3 * side**2 * seen <= BLOCK_VALUES:
+            return side
+    return BLOCKS[-1]
 
 
 def windowed_jobs(

@@ -111,7 +111,7 @@ def _shared_grey_residual(transport: Transport, target: FloatArray, lit: BoolArr
 
 
 def best_drive(transport: Transport, b: FloatArray, asked: BoolArray, steps: int = BOX_STEPS) -> FloatArray:
-    """Minimise ½‖asked · (T p − b)‖² over 0 ≤ p ≤ 1, (projector pixels, 3), per channel (DESIGN: refinement).
+    """Minimise ½‖asked · (T p − b)‖² over 0 ≤ p ≤ 1, (projector pixels, 3), per channel.
 
     T ≥ 0, so TᵀT ≼ diag(TᵀT1): the step is the gradient over d = TᵀT1, with Nesterov's momentum, restarted where it
     points uphill (O'Donoghue and Candès 2015).

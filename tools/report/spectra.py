@@ -10,7 +10,7 @@ from scipy.linalg import svdvals
 
 from tools.clusters.components import Clusters
 from tools.inverse.inverse import LARGEST_DENSE
-from tools.inverse.windowed import BLOCK, Windows
+from tools.inverse.windowed import BLOCKS, Windows
 from tools.transport.transport import Csr
 
 FloatArray = NDArray[np.float64]
@@ -57,7 +57,7 @@ def spectra(T: Csr, clusters: Clusters, projector_shape: tuple[int, int]) -> lis
     ]
     largest = int(np.argmax(clusters.projector_sizes))
     if clusters.projector_sizes[largest] > LARGEST_DENSE:
-        windows = Windows((clusters.projector == largest).reshape(projector_shape), WIDEST_HALO)
+        windows = Windows((clusters.projector == largest).reshape(projector_shape), WIDEST_HALO, BLOCKS[0])
         corners = np.array(windows.blocks(), np.int64)
         for y, x in _evenly(corners, MOST_WINDOWS):
             found.append(_spectrum("window", columns, windows.pixels((int(y), int(x)), WIDEST_HALO)))
@@ -78,7 +78,7 @@ def summary(found: list[Spectrum]) -> dict[str, Any]:
         if (of_kind := [s for s in found if s.kind == kind])
     } | {
         "cluster_side_limit": LARGEST_SVD,
-        "window_side": BLOCK + 2 * WIDEST_HALO,
+        "window_side": BLOCKS[0] + 2 * WIDEST_HALO,
     }
 
 

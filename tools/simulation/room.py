@@ -4,6 +4,7 @@ from pathlib import Path
 
 from player import calibration
 from player.calibration import Calibration, Device
+from player.errors import InputError
 from player.response import Response
 from tools.simulation.scene import Scene
 from tools.simulation.simulate import simulate
@@ -21,6 +22,10 @@ def write_simulated_room(scene: Scene, folder: Path, *, force: bool = False) -> 
     shape = scene.camera.height, scene.camera.width, 3
     direct = Transport(result.transport.near).composition().reshape(shape)
     mask = lit_pixels(direct, result.ambient)
+    if not mask.any():
+        raise InputError(
+            f"{scene.name}: the projector raises no camera pixel clearly above the ambient light; dim that"
+        )
     room = Calibration(
         name=scene.name,
         provenance=f"simulated from the scene {scene.name} by simulate-transport",

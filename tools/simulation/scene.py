@@ -68,6 +68,8 @@ class Pinhole:
 
     def resized(self, height: int, width: int) -> "Pinhole":
         """The same horizontal field of view with other pixels."""
+        if max(height, width) > MAX_SIDE:
+            raise InputError(f"size {width}x{height}: expected at most {MAX_SIDE} pixels a side")
         tan_x = self.tan_half[0]
         return replace(self, width=width, height=height, tan_half=(tan_x, tan_x * height / width))
 

@@ -19,6 +19,7 @@ from tools.transport.transport import Csr, FarLight, Transport
 FloatArray = NDArray[np.float64]
 R = TypeVar("R")
 BYTES_A_RAY = 40  # pixel, u, v, and the entries that rays become
+BYTES_A_BEAM = 250  # a projector pixel's rays and where they land
 MAX_BYTES = 8 << 30
 
 
@@ -99,9 +100,10 @@ def _far_entries(far: FarLight | None) -> int:
 def _check_memory(scene: Scene) -> None:
     rays = scene.camera.width * scene.camera.height * scene.samples**2
     cells = 0 if len(scene.surfaces) == 1 else scene.cells
-    needed = rays * BYTES_A_RAY + cells**2 * 8 * 12
+    beams = 0 if len(scene.surfaces) == 1 else scene.projector.width * scene.projector.height
+    needed = rays * BYTES_A_RAY + beams * BYTES_A_BEAM + cells**2 * 8 * 12
     if needed > MAX_BYTES:
         raise InputError(
-            f"{scene.name}: {rays} camera rays and {cells} cells need about {needed >> 30} GiB, at most "
-            f"{MAX_BYTES >> 30} are used; lower samples, cells or the camera's size"
+            f"{scene.name}: {rays} camera rays, {beams} projector pixels and {cells} cells need about "
+            f"{needed >> 30} GiB, at most {MAX_BYTES >> 30} are used; lower samples, cells or the devices' sizes"
         )

@@ -1,6 +1,7 @@
 """The transport's files in a calibration folder: transport_*.npz (scipy's layout, no pickle) and far_light.npz."""
 
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,17 @@ from tools.transport.transport import CHANNELS, Csr, FarLight, Transport
 FAR_LIGHT = "far_light.npz"
 MAX_BYTES = 16 << 30
 # What numpy raises for archives that are damaged, or that claim arrays larger than memory.
-UNREADABLE = (OSError, ValueError, KeyError, EOFError, TypeError, MemoryError, zipfile.BadZipFile)
+UNREADABLE = (
+    OSError,
+    RuntimeError,
+    zlib.error,
+    ValueError,
+    KeyError,
+    EOFError,
+    TypeError,
+    MemoryError,
+    zipfile.BadZipFile,
+)
 
 
 def write_transport(transport: Transport, folder: Path) -> None:

@@ -21,6 +21,7 @@ IntArray = NDArray[np.int64]
 POINTS = 3  # sample points an axis and cell for form factors
 BEAMS = 2  # rays an axis and projector pixel for the direct light on cells
 ALBEDO_POINTS = 8  # an axis and cell
+BAND_RAYS = 1 << 19  # rays traced at once
 
 
 @dataclass(frozen=True)
@@ -158,17 +159,22 @@ def _gather(scene: Scene, grids: list[Grid]) -> Csr:
     starts = np.array([grid.first for grid in grids])
     areas = np.array([grid.cell_area for grid in grids])
     facing = np.array([(projector.position - grid.surface.corner) @ grid.surface.normal > 0 for grid in grids])
-    directions, pixels = pixel_rays(projector, range(projector.height), BEAMS)
-    hits = trace(projector.position, directions, scene.surfaces)
-    lands = (hits.surface >= 0) & facing[hits.surface]
-    surface = hits.surface[lands]
-    across = np.array([grid.across for grid in grids])[surface]
-    along = np.array([grid.along for grid in grids])[surface]
-    i = np.minimum((hits.u[lands] * across).astype(np.int64), across - 1)
-    j = np.minimum((hits.v[lands] * along).astype(np.int64), along - 1)
-    cell = starts[surface] + j * across + i
+    sizes = np.array([(grid.across, grid.along) for grid in grids])
+    parts = []
+    height = max(1, BAND_RAYS // (projector.width * BEAMS**2))
+    for top in range(0, projector.height, height):
+        rows = range(top, min(top + height, projector.height))
+        directions, pixels = pixel_rays(projector, rows, BEAMS)
+        hits = trace(projector.position, directions, scene.surfaces)
+        lands = (hits.surface >= 0) & facing[hits.surface]
+        surface = hits.surface[lands]
+        across, along = sizes[surface].T
+        i = np.minimum((hits.u[lands] * across).astype(np.int64), across - 1)
+        j = np.minimum((hits.v[lands] * along).astype(np.int64), along - 1)
+        parts.append((flux / areas[surface], starts[surface] + j * across + i, pixels[lands]))
+    values, cell, pixel = (np.concatenate(part) for part in zip(*parts, strict=True))
     shape = int(starts[-1] + grids[-1].count), projector.width * projector.height
-    return sparse.csr_array((flux / areas[surface], (cell, pixels[lands])), shape=shape)
+    return sparse.csr_array((values, (cell, pixel)), shape=shape)
 
 
 def _scatter(scene: Scene, view: CameraView, grids: list[Grid]) -> tuple[Csr, ...]:
