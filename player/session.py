@@ -109,7 +109,7 @@ class Session:
             "i": lambda: self._flip("show_stats"),
             "b": lambda: self._flip("blackout"),
             "v": self._next_view,
-            "f": self._display.toggle_fullscreen,
+            "f": self._toggle_fullscreen,
             "s": self._screenshot,
             "q": lambda: self._flip("done"),
             "escape": lambda: self._flip("done"),
@@ -134,6 +134,13 @@ class Session:
         self._position_s = max(0.0, self._position_s + step)
         self._reader.seek(self._position_s)
         self._started_at, self._rendered = None, False
+
+    def _toggle_fullscreen(self) -> None:
+        try:
+            self._display.toggle_fullscreen()
+        except InputError as error:  # the monitor has gone: the show goes on in its window
+            self._message = str(error)
+            print(error, file=sys.stderr)
 
     def _next_view(self) -> None:
         self.view = VIEWS[(VIEWS.index(self.view) + 1) % len(VIEWS)]

@@ -1,5 +1,6 @@
 """The player's window: a GLFW window with an OpenGL 3.3 context, its keys, and the pass that presents a picture."""
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -99,6 +100,9 @@ class Window:
             self._windowed_at = glfw.get_window_pos(self._handle)
             handle = glfw.get_primary_monitor() if self._monitor is None else monitor_handle(self._monitor)
             mode = glfw.get_video_mode(handle)
+            if (mode.size.height, mode.size.width) != self._shape:
+                found, needed = f"{mode.size.width}x{mode.size.height}", f"{self._shape[1]}x{self._shape[0]}"
+                print(f"the monitor is {found}, the projector {needed}: centred, so not corrected", file=sys.stderr)
             glfw.set_window_monitor(self._handle, handle, 0, 0, *mode.size, mode.refresh_rate)
             glfw.set_input_mode(self._handle, glfw.CURSOR, glfw.CURSOR_HIDDEN)
         glfw.swap_interval(int(self._vsync))  # some drivers forget it with the change
