@@ -1,0 +1,55 @@
+"""compensate-image: one picture by a CPU solver, and what the camera sees of it; the reference for the player."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from player.command import Parser, run
+from tools.solve.compensate import METHODS, CompensateOptions, compensate
+
+MEANING = """none: uncorrected; direct: one camera pixel per projector pixel; map: the correction map, as the player
+applies it; qr, svd: least squares per cluster; nnls: non-negative; box: the best that a projector can show (0 to 1).
+All are clamped to 0..1 and judged through the undecomposed transport."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    return run(_main, argv)
+
+
+def _main(argv: Sequence[str] | None) -> None:
+    options = _parser().parse_args(argv)
+    names = METHODS if options.solver == "all" else tuple(options.solver.split(","))
+    wanted = CompensateOptions(tuple(dict.fromkeys(names)), options.max_cluster, options.white)
+    for line in compensate(options.calibration, options.picture, options.output, wanted):
+        print(line, flush=True)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser("compensate-image", description=__doc__, epilog=MEANING)
+    parser.add_argument("calibration", type=Path, help="a calibration folder")
+    parser.add_argument(
+        "picture", type=Path, help="what the camera is to see, fitted into its frame; .exr is radiance, pixel by pixel"
+    )
+    parser.add_argument(
+        "--solver", default="box", metavar="NAME[,NAME…]", help=f"all, or some of {', '.join(METHODS)} (default box)"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help=".png (the projector's code values) or .exr (linear drive); with several solvers FILE-solver.png",
+    )
+    parser.add_argument(
+        "--max-cluster",
+        type=int,
+        metavar="N",
+        help="for qr, svd and nnls: decompose T into clusters of up to N pixels",
+    )
+    parser.add_argument("--white", type=float, metavar="RADIANCE", help="of a white picture (default: as the player)")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,86 @@
+"""Every cluster solved by itself (thesis 4.2.1): dense, batched by shape, on all cores; larger ones by Krylov steps."""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from player.command import track
+from tools.clusters.blocks import Batch, ClusterBlocks
+from tools.solve.krylov import least_squares
+from tools.solve.solution import Solution
+from tools.solve.system import CAUSES, LinearSystem, NonFiniteError, describe_cluster
+
+FloatArray = NDArray[np.float64]
+DenseSolver = Callable[[FloatArray, FloatArray], tuple[FloatArray, NDArray[np.bool_]]]
+LargeSolver = Callable[[LinearSystem], Solution]
+LARGEST_BLOCK = 1 << 22  # camera times projector pixels of a cluster solved densely; an SVD of that takes some 20 s
+BATCH_VALUES = 1 << 20
+
+
+def solve_clusters(
+    system: LinearSystem, dense: DenseSolver, unusual: str, large: LargeSolver | None = None
+) -> Solution:
+    """Solve each cluster by `dense`, and what is too large for that by `large`.
+
+    dense : blocks (k, m, n) and b (k, m) -> p (k, n), and (k,) whether a block needed special treatment.
+    unusual : what that was, for the note "3 of 120 clusters …".
+    large : default is least squares of minimum norm by LSMR.
+    Far light joins everything into one cluster, which `large` takes.
+    Raises NonFiniteError, naming the cluster, if a result is not finite.
+    """
+    large = least_squares if large is None else large
+    if system.far is not None:
+        solution = large(system)
+        _refuse_not_finite(system, solution.unclamped)
+        return solution
+    clusters = system.clusters
+    fits = clusters.camera_sizes * clusters.projector_sizes <= LARGEST_BLOCK
+    drive, notes = np.zeros(system.shape[1]), list[str]()
+    blocks = ClusterBlocks(clusters, fits)
+    entries = blocks.entries(system.near)
+
+    def work(batch: Batch) -> tuple[Batch, FloatArray, NDArray[np.bool_]]:
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # what is not finite is refused below
+            return batch, *dense(blocks.dense(entries, batch), system.target[batch.camera])
+
+    special = 0
+    batches = list(blocks.batches(BATCH_VALUES))
+    with threadpool_limits(limits=1), ThreadPoolExecutor(os.cpu_count()) as pool:
+        try:
+            for batch, p, treated in track(pool.map(work, batches), "solving clusters", len(batches)):
+                drive[batch.projector] = p
+                special += int(treated.sum())
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    if special:
+        notes.append(f"{special} of {clusters.count} clusters {unusual}")
+    if not fits.all():
+        rest = _only(system, ~fits)
+        solution = large(rest)
+        drive += np.where(np.isin(clusters.projector, np.flatnonzero(~fits)), solution.unclamped, 0.0)
+        largest = int(clusters.projector_sizes.max())
+        notes += [f"{int((~fits).sum())} clusters of up to {largest} projector pixels: {n}" for n in solution.notes]
+    _refuse_not_finite(system, drive)
+    return Solution(drive, tuple(notes))
+
+
+def _only(system: LinearSystem, chosen: NDArray[np.bool_]) -> LinearSystem:
+    """The system with the rows of the other clusters left empty."""
+    label = system.clusters.camera
+    keep = (label >= 0) & chosen[label]
+    near = system.near.copy()
+    near.data[~np.repeat(keep, np.diff(near.indptr))] = 0
+    near.eliminate_zeros()
+    return LinearSystem(near, np.where(keep, system.target, 0.0))
+
+
+def _refuse_not_finite(system: LinearSystem, drive: FloatArray) -> None:
+    bad = np.flatnonzero(~np.isfinite(drive))
+    if bad.size:
+        where = describe_cluster(system.clusters, int(system.clusters.projector[bad[0]]))
+        raise NonFiniteError(f"the solution overflows in {where}; {CAUSES}")

@@ -1,0 +1,80 @@
+"""How good a picture is in the camera's eyes: RMSE, PSNR, SSIM and CIEDE2000 over the camera pixels that count.
+
+All compare what the camera sees, c = T p + e through the undecomposed T, with the desired radiance, both divided by the
+room's white level. RMSE and PSNR are of linear radiance. For SSIM and CIEDE2000, which stand for the eye, 0..1 is taken
+as linear light of sRGB's primaries (BT.709, D65), cut to 0..1:
+
+- SSIM: Wang et al. (2004) with their Gaussian window (σ = 1.5) on sRGB code values 0..1, mean over channels and pixels;
+  outside the mask both pictures are the desired one.
+- CIEDE2000: Sharma et al. (2005), kL = kC = kH = 1, in CIE Lab under D65 (2° observer), mean over pixels.
+"""
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from skimage.metrics import structural_similarity
+
+with warnings.catch_warnings(record=True):  # it says that matplotlib is not there, and resets filters that hush it
+    warnings.simplefilter("ignore")
+    import colour
+
+FloatArray = NDArray[np.float64]
+QUIETEST = 1e-30  # mean squared error that counts as none
+SSIM_WINDOW = 11  # pixels that σ = 1.5 reaches, cut at 3.5 σ
+
+
+@dataclass(frozen=True)
+class Quality:
+    """rmse : relative to white.  psnr : decibels, peak white.  ssim : NaN for views of less than 11 pixels a side."""
+
+    rmse: float
+    psnr: float
+    ssim: float
+    ciede2000: float
+
+
+def measure(desired: FloatArray, seen: FloatArray, mask: NDArray[np.bool_], white: float) -> Quality:
+    """Compare radiance (camera height, camera width, 3) inside the mask (camera height, camera width)."""
+    wanted, found = desired / white, np.where(mask[..., None], seen, desired) / white
+    mean_square = float(np.mean((found - wanted)[mask] ** 2))
+    codes = [_srgb(picture) for picture in (wanted, found)]
+    return Quality(
+        rmse=float(np.sqrt(mean_square)),
+        psnr=psnr(mean_square),
+        ssim=_ssim(codes[0], codes[1], mask),
+        ciede2000=float(np.mean(colour.delta_E(_lab(wanted[mask]), _lab(found[mask]), method="CIE 2000"))),
+    )
+
+
+def psnr(mean_square: float) -> float:
+    """10 log₁₀(1 / mean square) in decibels, for errors relative to white."""
+    return float(-10 * np.log10(max(mean_square, QUIETEST)))
+
+
+def _ssim(wanted: FloatArray, found: FloatArray, mask: NDArray[np.bool_]) -> float:
+    if min(mask.shape) < SSIM_WINDOW:
+        return float("nan")
+    _, similar = structural_similarity(  # type: ignore[no-untyped-call]
+        wanted,
+        found,
+        data_range=1.0,
+        channel_axis=2,
+        gaussian_weights=True,
+        sigma=1.5,
+        use_sample_covariance=False,
+        full=True,
+    )
+    return float(np.mean(similar[mask]))
+
+
+def _srgb(linear: FloatArray) -> FloatArray:
+    return np.asarray(colour.cctf_encoding(np.clip(linear, 0, 1), function="sRGB"))
+
+
+def _lab(linear: FloatArray) -> FloatArray:
+    """CIE Lab of linear sRGB (n, 3)."""
+    space = colour.RGB_COLOURSPACES["sRGB"]
+    xyz = np.clip(linear, 0, 1) @ space.matrix_RGB_to_XYZ.T
+    return np.asarray(colour.XYZ_to_Lab(xyz, space.whitepoint))
