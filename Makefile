@@ -7,10 +7,10 @@ ready := $(VENV)/.ready
 .DEFAULT_GOAL := help
 # apt and pip are run one at a time, whatever -j says.
 .NOTPARALLEL:
-.PHONY: help play test lint bench clean system-play system-test
+.PHONY: help play test lint bench hard-cases clean system-play system-test
 
 help: ## show this list
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST))
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST))
 
 play: $(ready) ## see what it does: the shipped example, before and after
 	$(python) -m tools.show_example
@@ -25,6 +25,9 @@ lint: $(ready) ## style and types
 
 bench: $(ready) ## timings, beside scipy's on this machine
 	$(python) -m tests.bench
+
+hard-cases: $(ready) ## how every method takes near-singular, contradictory and noisy systems
+	$(python) -m tests.hard_cases
 
 clean: ## remove the environment and everything that was built
 	[ ! -f $(VENV)/pyvenv.cfg ] || rm -rf $(VENV)

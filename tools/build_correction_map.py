@@ -20,7 +20,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     start = time.monotonic()
-    inverse_options = InverseOptions(options.regularize, options.max_error, options.max_cluster)
+    inverse_options = InverseOptions(options.regularize, options.max_error, options.max_cluster, options.noise)
     if options.report is not None:
         check_report_folder(options.report)
     built = build_room_maps(calibration.read(options.calibration), inverse_options)
@@ -62,6 +62,14 @@ def _parser() -> argparse.ArgumentParser:
         metavar="PIXELS",
         help="cut the transport into clusters of at most this many projector pixels, as the thesis does: a smaller, "
         "less accurate map, above all out of focus (default: nothing is cut)",
+    )
+    parser.add_argument(
+        "--noise",
+        type=float,
+        default=0.0,
+        metavar="SHARE",
+        help="relative noise of the measured transport (0.01 is 1 %%): with --regularize none, singular values that it "
+        "alone would have are left out (default: those below float32 rounding)",
     )
     parser.add_argument(
         "--report", type=Path, metavar="FOLDER", help="also write a page with pictures of what was found, and its JSON"

@@ -17,7 +17,7 @@ from player.row_map import SparseRows
 from tools.clusters.components import Clusters, find_clusters
 from tools.clusters.decomposition import Parameters, Report
 from tools.clusters.search import decompose_to
-from tools.inverse.clustered import clustered_jobs
+from tools.inverse.clustered import clustered_jobs, damped_inverse
 from tools.inverse.damping import choose_damping, largest_singular_value
 from tools.inverse.pieces import Piece, join
 from tools.inverse.windowed import WindowedChannel, Windows, choose_halo, windowed_jobs
@@ -40,18 +40,24 @@ class InverseOptions:
 
     damping : λ as a fraction of each channel's largest singular value, 0 for the plain pseudo-inverse, None to choose.
     max_error : certified change of a pixel by truncation, in 8-bit code values of linear drive; 0 keeps everything.
+    noise : relative noise of T's entries; the plain pseudo-inverse leaves out singular values that it alone would have.
     max_cluster : decompose T into clusters of at most so many projector pixels (thesis 4.2.2); None leaves it whole.
     """
 
     damping: float | None = None
     max_error: float = 0.5
     max_cluster: int | None = None
+    noise: float = 0.0
 
     def __post_init__(self) -> None:
         if self.damping is not None and not 0 <= self.damping <= 1:
             raise InputError(f"--regularize {self.damping}: expected auto, none, or a number from 0 to 1")
         if not 0 <= self.max_error <= 255:
             raise InputError(f"--max-error {self.max_error}: expected 0 to 255 (code values)")
+        if not 0 <= self.noise < 1:
+            raise InputError(f"--noise {self.noise}: expected 0 up to 1, the share of T's entries that is noise")
+        if self.max_cluster is not None and self.max_cluster < 1:
+            raise InputError(f"--max-cluster {self.max_cluster}: expected at least 1 projector pixel")
 
 
 @dataclass(frozen=True)
@@ -124,7 +130,11 @@ def invert_near_light(
     large = clusters.projector_sizes > (LARGEST_DENSE if damping else LARGEST_PLAIN)
     large |= clusters.projector_sizes * clusters.camera_sizes > LARGEST_BLOCK
     tolerance = max(budget, FINEST_TOLERANCE)
-    jobs = [clustered_jobs(matrices, clusters, ~large, lambdas, reach, budget)]
+
+    def invert(blocks: FloatArray, channel: int) -> FloatArray:
+        return damped_inverse(blocks, lambdas[channel], options.noise)
+
+    jobs = [clustered_jobs(matrices, clusters, ~large, invert, reach, budget)]
     halo, change = 0, 0.0
     for label in np.flatnonzero(large):
         member = (clusters.projector == label).reshape(projector_shape)

@@ -6,8 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from player.errors import InputError
 from player.row_map import SparseRows
 from tools.inverse.truncation import entries_to_keep
+
+FLOAT32_MAX = float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,13 @@ def truncated_piece(
     products = np.max([np.abs(block) * reach[columns, i] for i, block in enumerate(blocks)], axis=0)
     keep, dropped = entries_to_keep(products, budget)
     i, j = np.nonzero(keep)
+    largest = np.max(np.abs(blocks), axis=(0, 2), initial=0.0)
+    if not largest.max(initial=0.0) <= FLOAT32_MAX:  # NaN, too
+        worst = int(np.argmax(np.where(np.isfinite(largest), largest, np.inf)))
+        raise InputError(
+            f"projector pixel {rows[worst]}: its weights in T⁺ are beyond float32; the light that it sends is too "
+            f"faint (about {1 / largest[worst]:.0e}); draw a mask that leaves its camera pixels out"
+        )
     weights = np.stack([block[i, j] for block in blocks], axis=1).astype(np.float32)
     return Piece(rows[i], columns[i, j], weights, rows, dropped)
 
