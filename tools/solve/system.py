@@ -85,6 +85,8 @@ def linear_system(T: Csr | ArrayLike, b: ArrayLike) -> LinearSystem:
     if target.shape != near.shape[:1]:
         raise ValueError(f"b has shape {target.shape}, T has {near.shape[0]} rows")
     near.eliminate_zeros()
+    if max(*near.shape, near.nnz) <= np.iinfo(np.int32).max:  # half the indices to read in every product
+        near.indices, near.indptr = near.indices.astype(np.int32), near.indptr.astype(np.int32)
     refuse_not_finite(near, target)
     return LinearSystem(near, target)
 
