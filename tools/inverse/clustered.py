@@ -6,71 +6,71 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.clusters.blocks import Batch, ClusterBlocks
+from tools.clusters.blocks import Batch, ClusterBlocks, Entries
 from tools.clusters.components import Clusters
-from tools.inverse.pieces import Piece, truncated_piece
+from tools.inverse.noise import cut_off
+from tools.inverse.pieces import Piece, Truncation, truncated_piece
 from tools.transport.transport import Csr
 
 FloatArray = NDArray[np.float64]
-BATCH_VALUES = (
-    1 << 22
-)  # float64 values of one batch of blocks (32 MiB); a batch needs about ten times that while it runs
-FLOAT32_EPS = float(np.finfo(np.float32).eps)  # T is stored in float32: singular values below σ₁ · n · eps are noise
+BATCH_VALUES = 1 << 22  # float64 values of one batch of blocks (32 MiB); see memory.py for what a batch needs at work
+SMALLEST_SQUARED = 1e-5  # λ/σ₁ below which TᵀT + λ²I, of condition (σ₁/λ)², would leave fewer than six digits
 
 
 def damped_inverse(T: FloatArray, damping: FloatArray, noise: float = 0.0) -> FloatArray:
     """Regularised pseudo-inverses T⁺ = (TᵀT + λ²I)⁻¹Tᵀ of a batch of blocks (docs/mathematics.md 2).
 
-    T : (…, camera pixels, projector pixels).  damping : broadcast to (…,), λ itself; 0 gives Moore-Penrose by SVD.
-    noise : of T's entries, relative; without damping, singular values that such noise alone would have are left out.
+    T : (…, camera pixels, projector pixels).  damping : broadcast to (…,), λ itself; 0 gives Moore-Penrose by SVD,
+    without the singular values that are noise.  noise : share of T's entries, 0 if rounding is all (noise.py).
     Returns (…, projector pixels, camera pixels).
     """
     rows, columns = T.shape[-2:]
-    if not np.any(damping):
-        return _plain_inverse(T, noise)
+    damping = np.asarray(damping, np.float64)
+    if np.any(damping**2 < SMALLEST_SQUARED**2 * np.sum(T**2, axis=(-2, -1))):
+        return _by_singular_values(T, damping, noise)
     transposed = np.swapaxes(T, -1, -2)
-    squared = np.asarray(damping)[..., None, None] ** 2
+    squared = damping[..., None, None] ** 2
     if rows < columns:  # Tᵀ(TTᵀ + λ²I)⁻¹ is the same matrix with the smaller system to solve
         return np.asarray(np.swapaxes(np.linalg.solve(T @ transposed + squared * np.eye(rows), T), -1, -2))
     return np.asarray(np.linalg.solve(transposed @ T + squared * np.eye(columns), transposed))
 
 
-def _plain_inverse(T: FloatArray, noise: float) -> FloatArray:
-    """V Σ⁺ Uᵀ without the singular values that are rounding or noise.
-
-    A random matrix of independent entries of standard deviation s has a largest singular value of about s (√m + √n)
-    (Davidson and Szarek 2001); here s is `noise` times the root mean square of T's entries.
-    """
-    m, n = T.shape[-2:]
+def _by_singular_values(T: FloatArray, damping: FloatArray, noise: float) -> FloatArray:
+    """V · diag(σ / (σ² + λ²)) · Uᵀ; undamped, over the singular values that are more than noise."""
     U, sigma, Vt = np.linalg.svd(T, full_matrices=False)
-    rms = np.sqrt(np.sum(sigma**2, axis=-1, keepdims=True) / (m * n))
-    floor = np.maximum(FLOAT32_EPS * max(m, n) * sigma[..., :1], noise * rms * (np.sqrt(m) + np.sqrt(n)))
-    kept = sigma > floor
-    inverse = np.where(kept, 1 / np.where(kept, sigma, 1.0), 0.0)
-    return np.asarray(np.swapaxes(Vt, -1, -2) @ (inverse[..., None] * np.swapaxes(U, -1, -2)))
+    floor = np.where(damping[..., None] == 0, cut_off(T, sigma[..., :1], noise), 0.0)
+    gain = np.divide(sigma, sigma**2 + damping[..., None] ** 2, out=np.zeros_like(sigma), where=sigma > floor)
+    return np.asarray(np.swapaxes(Vt, -1, -2) @ (gain[..., None] * np.swapaxes(U, -1, -2)))
 
 
 def clustered_jobs(
     matrices: tuple[Csr, ...],
     clusters: Clusters,
     chosen: NDArray[np.bool_],
-    invert: Callable[[FloatArray, int], FloatArray],
-    reach: FloatArray,
-    budget: float,
+    damping: FloatArray,
+    noise: float,
+    truncation: Truncation,
 ) -> Iterator[Callable[[], Piece]]:
     """Jobs that invert the chosen clusters, each a batch of blocks of one shape.
 
-    matrices : T for red, green and blue.  chosen : (clusters,).
-    invert : blocks (k, m, n) of a channel 0, 1 or 2 -> their inverses (k, n, m).
+    matrices : T for red, green and blue.  chosen : (clusters,).  damping : (3,) λ.  noise : share of T's entries.
     """
     blocks = ClusterBlocks(clusters, chosen)
     entries = [blocks.entries(T) for T in matrices]
-
-    def work(batch: Batch) -> Piece:
-        m, n = batch.camera.shape[1], batch.projector.shape[1]
-        inverses = [invert(blocks.dense(part, batch), channel).reshape(-1, m) for channel, part in enumerate(entries)]
-        columns = np.repeat(batch.camera, n, axis=0)
-        return truncated_piece(batch.projector.ravel(), columns, np.stack(inverses), reach, budget)
-
     for batch in blocks.batches(BATCH_VALUES):
-        yield partial(work, batch)
+        yield partial(_invert, blocks, entries, batch, damping, noise, truncation)
+
+
+def _invert(
+    blocks: ClusterBlocks,
+    entries: list[Entries],
+    batch: Batch,
+    damping: FloatArray,
+    noise: float,
+    truncation: Truncation,
+) -> Piece:
+    inverses = [
+        damped_inverse(blocks.dense(channel, batch), damp, noise)
+        for channel, damp in zip(entries, damping, strict=True)
+    ]
+    return truncated_piece(batch.projector, batch.camera, np.stack(inverses), truncation)

@@ -1,37 +1,33 @@
 """T⁺ of a whole room: clusters found, λ chosen, each part inverted, truncated and joined (thesis 4.2.1, 5.1)."""
 
-import os
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
 from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from threadpoolctl import threadpool_limits
 
-from player.command import track
 from player.errors import InputError
 from player.row_map import SparseRows
 from tools.clusters.components import Clusters, find_clusters
 from tools.clusters.decomposition import Parameters, Report
 from tools.clusters.search import decompose_to
-from tools.inverse.clustered import clustered_jobs, damped_inverse
-from tools.inverse.damping import choose_damping, largest_singular_value
-from tools.inverse.pieces import Piece, join
-from tools.inverse.windowed import WindowedChannel, Windows, choose_halo, windowed_jobs
+from tools.inverse import memory
+from tools.inverse.bidiagonal import largest_singular_value
+from tools.inverse.clustered import clustered_jobs
+from tools.inverse.damping import DampingChoice, choose_damping
+from tools.inverse.jobs import run_jobs
+from tools.inverse.method import METHODS, Method, choose_method
+from tools.inverse.noise import noise_of_matrix
+from tools.inverse.pieces import Piece, Truncation, join
+from tools.inverse.windowed import FINEST_TOLERANCE, WindowedChannel, plan_windows, windowed_jobs
 from tools.transport.mask import LUMINANCE
-from tools.transport.transport import Csr, shared_pattern
+from tools.transport.transport import CHANNELS, Csr, shared_pattern
 
 FloatArray = NDArray[np.float64]
-# Projector pixels of a cluster that is inverted whole. Damped, windows are faster beyond (2475 pixels: 33 s whole, 7 s
-# in windows); undamped, there are no windows, and a block of the limit costs minutes.
-LARGEST_DENSE, LARGEST_PLAIN = 1000, 4000
-LARGEST_BLOCK = (
-    1 << 24
-)  # camera times projector pixels of a cluster inverted whole: 128 MiB, about ten times that at work
-FINEST_TOLERANCE = 0.05 / 255  # drive; windows are not widened for less
+GOLDEN_RATIO = (np.sqrt(5) - 1) / 2
 
 
 @dataclass(frozen=True)
@@ -40,47 +36,57 @@ class InverseOptions:
 
     damping : λ as a fraction of each channel's largest singular value, 0 for the plain pseudo-inverse, None to choose.
     max_error : certified change of a pixel by truncation, in 8-bit code values of linear drive; 0 keeps everything.
-    noise : relative noise of T's entries; the plain pseudo-inverse leaves out singular values that it alone would have.
     max_cluster : decompose T into clusters of at most so many projector pixels (thesis 4.2.2); None leaves it whole.
+    noise : of T's entries, relative, standard deviation (0.01 is 1 %); 0 if unknown: then float32 rounding counts.
+    method : clusters inverted whole, through windows, or as their sizes allow (tools.inverse.method.METHODS).
     """
 
     damping: float | None = None
     max_error: float = 0.5
     max_cluster: int | None = None
     noise: float = 0.0
+    method: str = "auto"
 
     def __post_init__(self) -> None:
         if self.damping is not None and not 0 <= self.damping <= 1:
             raise InputError(f"--regularize {self.damping}: expected auto, none, or a number from 0 to 1")
         if not 0 <= self.max_error <= 255:
             raise InputError(f"--max-error {self.max_error}: expected 0 to 255 (code values)")
-        if not 0 <= self.noise < 1:
-            raise InputError(f"--noise {self.noise}: expected 0 up to 1, the share of T's entries that is noise")
         if self.max_cluster is not None and self.max_cluster < 1:
             raise InputError(f"--max-cluster {self.max_cluster}: expected at least 1 projector pixel")
+        if not 0 <= self.noise < 1:
+            raise InputError(f"--noise {self.noise}: expected 0 up to 1, the share of T's entries that is noise")
+        if self.method not in METHODS:
+            raise InputError(f"--method {self.method}: expected {', '.join(METHODS)}")
 
 
 @dataclass(frozen=True)
 class Inverse:
     """T⁺ and what was found on the way.
 
-    rows : (projector pixels) rows over camera pixels.  truncation : (projector pixels,) certified change, drive.
+    rows : (projector pixels) rows over camera pixels.
+    truncation : (projector pixels, 3), certified change by what was left out and by rounding, drive.
     decomposition : the settings and outcome if T was decomposed.
+    method : what was inverted whole and what through windows.
     damping : λ / σ₁; damping_errors : the candidates' errors if λ was chosen.
-    halo, window_change : of the windowed clusters, 0 if there are none; the change is measured, in drive.
-    window_tolerance : the change that was to be reached.
+    residual : (projector pixels,), ‖r‖₁ of the windows, 0 elsewhere; what they were to reach is window_tolerance.
+    halos : (blocks,) of the windows.
     """
 
     rows: SparseRows
     truncation: FloatArray
     clusters: Clusters
     decomposition: tuple[Parameters, Report] | None
+    method: Method
     damping: float
     damping_errors: dict[float, float]
-    windowed_clusters: int
-    halo: int
-    window_change: float
+    residual: FloatArray
     window_tolerance: float
+    halos: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+
+    @property
+    def windowed_clusters(self) -> int:
+        return int(self.method.windowed.sum())
 
     @property
     def largest_cluster(self) -> tuple[int, int]:
@@ -115,36 +121,94 @@ def invert_near_light(
     whole = luminance = _luminance(matrices)
     if whole.nnz == 0:
         raise InputError("no camera pixel inside the mask sees the projector; check the mask and the transport")
+    _check_max_cluster(options, near[0].shape[1])
     decomposition = None
     if options.max_cluster is not None:
         parameters, cut = decompose_to(matrices, mask.shape, projector_shape, options.max_cluster)
         matrices, decomposition = cut.matrices, (parameters, cut.report)
         luminance = _luminance(matrices)
     clusters = find_clusters(luminance)
-    damping, errors = options.damping, dict[float, float]()
-    if damping is None:
-        choice = choose_damping(luminance, white, mask, whole)
-        damping, errors = choice.damping, choice.errors
-    lambdas = damping * np.array([largest_singular_value(T) for T in matrices])
-    budget = options.max_error / 255
-    large = clusters.projector_sizes > (LARGEST_DENSE if damping else LARGEST_PLAIN)
-    large |= clusters.projector_sizes * clusters.camera_sizes > LARGEST_BLOCK
-    tolerance = max(budget, FINEST_TOLERANCE)
-
-    def invert(blocks: FloatArray, channel: int) -> FloatArray:
-        return damped_inverse(blocks, lambdas[channel], options.noise)
-
-    jobs = [clustered_jobs(matrices, clusters, ~large, invert, reach, budget)]
-    halo, change = 0, 0.0
-    for label in np.flatnonzero(large):
-        member = (clusters.projector == label).reshape(projector_shape)
-        channels, windows, moved = _plan_windows(matrices, member, mask.shape, lambdas, white, tolerance)
-        jobs.append(windowed_jobs(channels, windows, reach, budget))
-        halo, change = max(halo, windows.halo), max(change, moved)
-    rows, truncation = join(run_jobs(chain(*jobs)), near[0].shape[1])
+    method = choose_method(clusters, options.method, options.damping)
+    memory.check_whole(clusters, ~method.windowed)
+    sigmas = _largest_singular_values(matrices)
+    choice = _choose_damping(matrices, sigmas, luminance, whole, white, mask, options)
+    lambdas = choice.damping * sigmas
+    truncation = Truncation(reach, options.max_error / 255)
+    tolerance = max(truncation.budget, FINEST_TOLERANCE)
+    jobs = [clustered_jobs(matrices, clusters, ~method.windowed, lambdas, options.noise, truncation)]
+    if method.windowed.any():
+        member = np.isin(clusters.projector, np.flatnonzero(method.windowed)).reshape(projector_shape)
+        jobs.append(_windowed(matrices, lambdas, member, truncation, tolerance))
+    pieces = _run(list(chain(*jobs)), int(clusters.projector_sizes.sum()))
+    joined = join(pieces, near[0].shape[1])
+    halos = np.array([piece.halo for piece in pieces if piece.halo], np.int64)
     return Inverse(
-        rows, truncation, clusters, decomposition, damping, errors, int(large.sum()), halo, change, tolerance
+        joined.rows,
+        joined.changed,
+        clusters,
+        decomposition,
+        method,
+        choice.damping,
+        choice.errors,
+        joined.residual,
+        tolerance,
+        halos,
     )
+
+
+def _largest_singular_values(matrices: tuple[Csr, ...]) -> FloatArray:
+    """σ₁ of each channel; InputError if one is 0."""
+    sigmas = np.array([largest_singular_value(T) for T in matrices])
+    for name, sigma in zip(CHANNELS, sigmas, strict=True):
+        if sigma == 0:
+            raise InputError(f"transport_{name}: no entry inside the mask; check the channel's file and mask.png")
+    return sigmas
+
+
+def _check_max_cluster(options: InverseOptions, projector_pixels: int) -> None:
+    if options.max_cluster is not None and options.max_cluster > projector_pixels:
+        raise InputError(
+            f"--max-cluster {options.max_cluster}: the projector has {projector_pixels} pixels; expected at most that, "
+            "or leave the option out to cut nothing"
+        )
+
+
+def _choose_damping(
+    matrices: tuple[Csr, ...],
+    sigmas: FloatArray,
+    luminance: Csr,
+    whole: Csr,
+    white: float,
+    mask: NDArray[np.bool_],
+    options: InverseOptions,
+) -> DampingChoice:
+    """λ / σ₁ as asked for, or chosen, not below the noise of any channel."""
+    if options.damping is not None:
+        return DampingChoice(options.damping, {})
+    memory.check_choice(luminance.shape[1])
+    noise = [noise_of_matrix(T, options.noise) for T in matrices]
+    floor = max(float(n / sigma) for n, sigma in zip(noise, sigmas, strict=True))
+    return choose_damping(luminance, white, mask, whole, floor)
+
+
+def _windowed(
+    matrices: tuple[Csr, ...],
+    lambdas: FloatArray,
+    member: NDArray[np.bool_],
+    truncation: Truncation,
+    tolerance: float,
+) -> Iterator[Callable[[], Piece]]:
+    memory.check_windows(matrices[1], int(member.sum()))
+    channels = tuple(WindowedChannel(T, float(damp)) for T, damp in zip(matrices, lambdas, strict=True))
+    windows = plan_windows(channels[1], member, tolerance)
+    return windowed_jobs(channels, windows, truncation, tolerance)
+
+
+def _run(jobs: list[Callable[[], Piece]], row_count: int) -> list[Piece]:
+    """Run the jobs in an order of which every beginning is spread over them all, so that memory is foretold early."""
+    spread = [jobs[i] for i in np.argsort(np.arange(len(jobs)) * GOLDEN_RATIO % 1)]
+    with closing(run_jobs(spread, "inverting")) as results:
+        return list(memory.checked_as_they_come(results, row_count))
 
 
 def _luminance(matrices: tuple[Csr, ...]) -> Csr:
@@ -159,34 +223,3 @@ def _rows_inside(T: Csr, mask: NDArray[np.bool_]) -> Csr:
     inside = sparse.csr_array((kept, T.indices.copy(), T.indptr.copy()), shape=T.shape)
     inside.eliminate_zeros()
     return inside
-
-
-def _plan_windows(
-    matrices: tuple[Csr, ...],
-    member: NDArray[np.bool_],
-    camera_shape: tuple[int, int],
-    lambdas: FloatArray,
-    white: float,
-    tolerance: float,
-) -> tuple[tuple[WindowedChannel, ...], Windows, float]:
-    if not lambdas.all():
-        size = int(np.count_nonzero(member))
-        raise InputError(
-            f"--regularize none: a cluster of {size} projector pixels is too large for its plain pseudo-inverse "
-            f"(at most {LARGEST_PLAIN}, or {LARGEST_BLOCK >> 20} million entries, are inverted whole); "
-            "use --regularize auto, a number, or --max-cluster"
-        )
-    channels = tuple(WindowedChannel(T, float(damp)) for T, damp in zip(matrices, lambdas, strict=True))
-    windows, change = choose_halo(channels[1], member, camera_shape, white, tolerance)
-    return channels, windows, change
-
-
-def run_jobs(jobs: Iterable[Callable[[], Piece]]) -> Iterator[Piece]:
-    """Run jobs on all cores, one BLAS thread each (two per job made small factorisations five times slower)."""
-    todo = list(jobs)
-    with threadpool_limits(limits=1), ThreadPoolExecutor(os.cpu_count()) as pool:
-        try:
-            yield from track(pool.map(lambda job: job(), todo), "inverting", len(todo))
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+PICTURES = 3
 
 
 def typical_pictures(shape: tuple[int, int]) -> list[FloatArray]:

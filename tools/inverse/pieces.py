@@ -1,6 +1,6 @@
 """A part of the inverse as entries; parts come from clusters and windows and are joined into one set of sparse rows."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,38 +10,91 @@ from player.errors import InputError
 from player.row_map import SparseRows
 from tools.inverse.truncation import entries_to_keep
 
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+FLOAT32_ROUNDING = 2.0**-24  # relative, of a weight
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True)
-class Piece:
-    """Entries of T⁺: rows (projector pixels), columns (camera pixels), weights (entries, 3) float32.
+class Truncation:
+    """What may be left out.
 
-    dropped : (distinct rows,) the certified change per row of `dropped_rows`.
+    reach : (camera pixels, 3), the largest |c − e| of a picture.  budget : change of a pixel, in drive.
     """
 
-    rows: NDArray[np.int64]
-    columns: NDArray[np.int64]
+    reach: FloatArray
+    budget: float
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Whole rows of T⁺.
+
+    rows : (n,) projector pixels, each once.  lengths : (n,) entries of each.
+    columns : (entries,) camera pixels, ascending in a row.  weights : (entries, 3) float32.
+    changed : (n, 3) certified change by truncation and rounding, in drive.
+    residual : (n,), of the window that the row was solved on, ‖N x − 1‖₁ in the worst channel; 0 for a whole cluster.
+    halo : of that window.
+    """
+
+    rows: IntArray
+    lengths: IntArray
+    columns: NDArray[np.int32]
     weights: NDArray[np.float32]
-    dropped_rows: NDArray[np.int64]
-    dropped: NDArray[np.float64]
+    changed: FloatArray
+    residual: FloatArray
+    halo: int
+
+
+@dataclass(frozen=True)
+class Joined:
+    """All pieces: sparse rows, and per row what the pieces say of them."""
+
+    rows: SparseRows
+    changed: FloatArray
+    residual: FloatArray
 
 
 def truncated_piece(
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
-    blocks: NDArray[np.float64],
-    reach: NDArray[np.float64],
-    budget: float,
+    rows: IntArray,
+    columns: IntArray,
+    blocks: FloatArray,
+    truncation: Truncation,
+    residual: FloatArray | None = None,
+    halo: int = 0,
 ) -> Piece:
-    """Turn dense rows of T⁺ into entries, dropping what the budget allows.
+    """Turn dense rows of T⁺ into float32 entries, leaving out what the budget allows.
 
-    rows : (n,).  columns : (n, m), each row's camera pixels.  blocks : (3, n, m), red, green and blue.
-    reach : (camera pixels, 3), the largest |c − e| of a picture.
+    The change of a row is Σ |exact − stored| · u, over entries left out and rounded ones; rounding comes first in the
+    budget, so it is kept unless the row's weights cancel so far that rounding alone exceeds it.
+    Blocks are of one shape: rows (k, n), the camera pixels of their columns (k, m), ascending, and blocks (3, k, n, m)
+    for red, green and blue.  residual : (k · n,).
+    Raises InputError if a weight is beyond float32.
     """
-    products = np.max([np.abs(block) * reach[columns, i] for i, block in enumerate(blocks)], axis=0)
-    keep, dropped = entries_to_keep(products, budget)
+    k, n = rows.shape
+    reach = np.moveaxis(truncation.reach[columns], -1, 0)[:, :, None]
+    products = (np.abs(blocks) * reach).reshape(3, k * n, -1)
+    rows, blocks = rows.ravel(), blocks.reshape(products.shape)
+    largest = products.max(axis=0)
+    rounding = FLOAT32_ROUNDING * largest.sum(axis=1)
+    keep = entries_to_keep(largest, np.maximum(truncation.budget - rounding, 0.0))
     i, j = np.nonzero(keep)
+    exact = blocks[:, i, j].T
+    _refuse_overflow(rows, blocks)
+    weights = exact.astype(np.float32)
+    camera = columns[i // n, j]
+    rounded = np.abs(exact - weights) * truncation.reach[camera]
+    changed = [
+        np.where(keep, 0.0, product).sum(axis=1) + np.bincount(i, rounded[:, channel], rows.size)
+        for channel, product in enumerate(products)
+    ]
+    lengths = np.bincount(i, minlength=rows.size).astype(np.int64)
+    residual = np.zeros(rows.size) if residual is None else residual
+    return Piece(rows, lengths, camera.astype(np.int32), weights, np.stack(changed, axis=1), residual, halo)
+
+
+def _refuse_overflow(rows: IntArray, blocks: FloatArray) -> None:
     largest = np.max(np.abs(blocks), axis=(0, 2), initial=0.0)
     if not largest.max(initial=0.0) <= FLOAT32_MAX:  # NaN, too
         worst = int(np.argmax(np.where(np.isfinite(largest), largest, np.inf)))
@@ -49,19 +102,18 @@ def truncated_piece(
             f"projector pixel {rows[worst]}: its weights in T⁺ are beyond float32; the light that it sends is too "
             f"faint (about {1 / largest[worst]:.0e}); draw a mask that leaves its camera pixels out"
         )
-    weights = np.stack([block[i, j] for block in blocks], axis=1).astype(np.float32)
-    return Piece(rows[i], columns[i, j], weights, rows, dropped)
 
 
-def join(pieces: Iterable[Piece], row_count: int) -> tuple[SparseRows, NDArray[np.float64]]:
-    """All pieces as sparse rows, columns ascending, and the certified change of each row in drive."""
-    parts = list(pieces)
-    rows = np.concatenate([part.rows for part in parts]) if parts else np.empty(0, np.int64)
-    columns = np.concatenate([part.columns for part in parts]) if parts else np.empty(0, np.int64)
-    weights = np.concatenate([part.weights for part in parts]) if parts else np.empty((0, 3), np.float32)
-    order = np.lexsort((columns, rows))
-    indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=row_count))])
-    dropped = np.zeros(row_count)
-    for part in parts:
-        dropped[part.dropped_rows] = part.dropped
-    return SparseRows(indptr, columns[order], weights[order]), dropped
+def join(pieces: Sequence[Piece], row_count: int) -> Joined:
+    """All pieces as sparse rows; rows that no piece holds are empty."""
+    lengths = np.zeros(row_count, np.int64)
+    changed, residual = np.zeros((row_count, 3)), np.zeros(row_count)
+    for piece in pieces:
+        lengths[piece.rows], changed[piece.rows], residual[piece.rows] = piece.lengths, piece.changed, piece.residual
+    indptr = np.concatenate([[0], np.cumsum(lengths)])
+    indices, weights = np.empty(indptr[-1], np.int64), np.empty((indptr[-1], 3), np.float32)
+    for piece in pieces:
+        first = np.cumsum(piece.lengths) - piece.lengths
+        place = np.repeat(indptr[piece.rows] - first, piece.lengths) + np.arange(piece.columns.size)
+        indices[place], weights[place] = piece.columns, piece.weights
+    return Joined(SparseRows(indptr, indices, weights), changed, residual)

@@ -13,6 +13,7 @@ from player.maps import FarMaps, RoomMaps
 from player.row_map import RowMap, pack
 from tools.inverse.far_light import undo_far_light
 from tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
+from tools.packing.refinement_maps import refinement_maps
 from tools.packing.row_maps import pack_matrices
 from tools.transport.storage import read_transport
 from tools.transport.transport import Csr, FarLight, Transport
@@ -31,8 +32,8 @@ class BuiltRoom:
     summary: str
 
 
-def build_room_maps(stored: StoredCalibration, options: InverseOptions) -> BuiltRoom:
-    """Build and write every row map of a calibration."""
+def build_room_maps(stored: StoredCalibration, options: InverseOptions, *, refine: bool = True) -> BuiltRoom:
+    """Build and write every row map of a calibration; those that only refinement needs if `refine`."""
     calibration = stored.calibration
     transport = read_transport(stored)
     camera, projector = calibration.camera.shape, calibration.projector.shape
@@ -43,7 +44,9 @@ def build_room_maps(stored: StoredCalibration, options: InverseOptions) -> Built
     correction = pack(inverse.rows, projector, camera)
     far, undo = _pack_far_light(transport, inverse, calibration)
     details = _details(inverse, correction, transport, options)
-    packed = RoomMaps(correction, pack_matrices(transport.near, camera, projector), far, undo, white, details)
+    further = refinement_maps(transport, calibration) if refine else None
+    observe = pack_matrices(transport.near, camera, projector)
+    packed = RoomMaps(correction, observe, far, undo, white, details, further)
     maps.write_maps(packed, stored)
     return BuiltRoom(calibration, transport, inverse, packed, _summary(inverse, packed))
 
@@ -67,12 +70,14 @@ def _pack_mix(far: FarLight, cells: tuple[int, int]) -> RowMap:
 
 def _details(inverse: Inverse, correction: RowMap, transport: Transport, options: InverseOptions) -> dict[str, Any]:
     """What the manifest says beside the maps: options, what was found, and the bounds that hold."""
-    camera_bound = transport.apply(np.repeat(inverse.truncation[:, None], 3, axis=1))
+    camera_bound = transport.apply(inverse.truncation)
     lengths = correction.lookup[..., 2]
     return {
         "options": {
             "regularize": "auto" if options.damping is None else options.damping,
             "max_error_codes": options.max_error,
+            "method": options.method,
+            "noise": options.noise,
             **({} if options.max_cluster is None else {"max_cluster": options.max_cluster}),
         },
         **_decomposition(inverse),
@@ -81,9 +86,10 @@ def _details(inverse: Inverse, correction: RowMap, transport: Transport, options
             "damping_errors": {f"{key:g}": value for key, value in inverse.damping_errors.items()},
             "clusters": inverse.clusters.count,
             "largest_cluster": list(inverse.largest_cluster),
+            "method": inverse.method.name,
+            "method_reason": inverse.method.reason,
             "windowed_clusters": inverse.windowed_clusters,
-            "window_halo": inverse.halo,
-            "window_change_drive_measured": inverse.window_change,
+            **_windows(inverse),
             "longest_row": int(lengths.max()),
         },
         "certified": {
@@ -91,6 +97,17 @@ def _details(inverse: Inverse, correction: RowMap, transport: Transport, options
             "truncation_camera_radiance": float(camera_bound.max(initial=0.0)),
             "holds_for": "light handed to T⁺ (far light taken out) of at most white, or the ambient light if brighter",
         },
+    }
+
+
+def _windows(inverse: Inverse) -> dict[str, Any]:
+    if not inverse.halos.size:
+        return {}
+    halos, counts = np.unique(inverse.halos, return_counts=True)
+    return {
+        "window_halos": {str(halo): int(count) for halo, count in zip(halos, counts, strict=True)},
+        "window_residual": float(inverse.residual.max()),
+        "window_residual_meaning": "change of a pixel, times the largest drive that the exact inverse asks for nearby",
     }
 
 
@@ -106,15 +123,16 @@ def _summary(inverse: Inverse, packed: RoomMaps) -> str:
     texture = f"{correction.entries.shape[1]}x{correction.entries.shape[0]}"
     chosen = " (auto)" if inverse.damping_errors else ""
     cut, doubt = "", ""
-    if inverse.window_change > inverse.window_tolerance:
-        doubt = f"wider windows would still change pictures by {255 * inverse.window_change:.1f} code values, "
+    worst = float(inverse.residual.max(initial=0.0))
+    if worst > inverse.window_tolerance:
+        doubt = f"windows leave a residual of {255 * worst:.1f} code values (more damping lets them do), "
     if inverse.decomposition is not None:
         parameters, report = inverse.decomposition
         kept = 100 * report.connections_after / report.connections_before
         cut = f"cut to {kept:.0f} % of the connections (radius {parameters.radius:g}, τ₁ {parameters.tau_1:g}), "
     return (
         f"{cut}{clusters.count} clusters, largest {inverse.largest_cluster[0]} camera x "
-        f"{inverse.largest_cluster[1]} projector pixels, λ {inverse.damping:g} σ₁{chosen}, "
+        f"{inverse.largest_cluster[1]} projector pixels, {inverse.method}, λ {inverse.damping:g} σ₁{chosen}, "
         f"{doubt}{correction.count} entries, texture {texture}, fill {100 * correction.fill:.1f} %, "
         f"{sum(m.nbytes for m in packed.named().values()) / 2**20:.1f} MiB of maps"
     )

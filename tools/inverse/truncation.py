@@ -6,17 +6,14 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 
-def entries_to_keep(products: FloatArray, budget: float) -> tuple[NDArray[np.bool_], FloatArray]:
-    """Which entries of each row stay, and the largest change that leaving out the others can make.
+def entries_to_keep(products: FloatArray, budget: FloatArray | float) -> NDArray[np.bool_]:
+    """Which entries of each row stay, (rows, columns): the smallest go, as long as their sum is within the budget.
 
-    products : (rows, columns) of |T⁺_ij| · u_j, u_j the largest |c_j − e_j|; the smallest are dropped first.
-    budget : largest change of a row's result, in drive.
-    Returns keep (rows, columns) and dropped (rows,) = Σ of the products left out, ≤ budget.
+    products : (rows, columns) of |T⁺_ij| · u_j, u_j the largest |c_j − e_j|.
+    budget : (rows,) or one for all, the largest change of a row's result, in drive. Equal products go or stay together.
     """
-    order = np.argsort(products, axis=1)
-    running = np.cumsum(np.take_along_axis(products, order, axis=1), axis=1)
-    drop_sorted = running <= budget
-    keep = np.empty(products.shape, bool)
-    np.put_along_axis(keep, order, ~drop_sorted, axis=1)
-    dropped = np.max(np.where(drop_sorted, running, 0.0), axis=1, initial=0.0)
-    return keep & (products > 0), dropped
+    ascending = np.sort(products, axis=1)
+    fit = np.count_nonzero(np.cumsum(ascending, axis=1) <= np.reshape(budget, (-1, 1)), axis=1)
+    ascending = np.concatenate([ascending, np.full((len(products), 1), np.inf)], axis=1)
+    first_kept = ascending[np.arange(len(products)), fit]
+    return np.asarray((products >= first_kept[:, None]) & (products > 0))

@@ -1,22 +1,23 @@
-"""A large cluster inverted through overlapping windows of the projector picture.
+"""Large clusters inverted through overlapping windows of the projector picture.
 
 Rows of a damped inverse decay: what a projector pixel needs to know lies within a few pixels around it. So each block
-of pixels solves the normal equations of a window, the block and a halo, and keeps the block's rows. The halo grows
-until a wider one no longer changes compensated pictures (docs/mathematics.md 2; Demko 1984 on such decay).
+of pixels solves the normal equations N x = 1_i, N = TᵀT + λ²I, of a window, the block and a halo, and keeps the block's
+rows x Tᵀ. What is left, r = N x − 1_i, lies just outside the window, and for any picture the drive differs from that of
+the exact inverse by rᵀ p*, p* the exact drive (docs/mathematics.md 2). The halo grows, block by block and channel by
+channel, until ‖r‖₁ is within the tolerance.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, solve_triangular
+from scipy.linalg.lapack import dpotri
 
-from tools.inverse.pictures import typical_pictures
-from tools.inverse.pieces import Piece, truncated_piece
+from tools.inverse.pieces import Piece, Truncation, truncated_piece
 from tools.transport.transport import Csr
 
 FloatArray = NDArray[np.float64]
@@ -25,10 +26,23 @@ BLOCKS = (16, 8, 4, 2, 1)
 BLOCK_VALUES = 1 << 24  # float64 values of one block's rows, three channels (128 MiB)
 HALOS = (4, 6, 8, 12, 16, 24)
 SAMPLE_WINDOWS = 5
+FINEST_TOLERANCE = 0.05 / 255  # drive; windows are not widened for less
+
+
+@dataclass(frozen=True)
+class WindowRows:
+    """Rows of T⁺ of one channel.
+
+    camera : (m,) pixels, ascending.  columns : (m, block pixels), each a row of T⁺.  residual : (block pixels,) ‖r‖₁.
+    """
+
+    camera: IntArray
+    columns: FloatArray
+    residual: FloatArray
 
 
 class WindowedChannel:
-    """One colour channel of a large cluster: T by columns and the normal matrix TᵀT + λ²I, from which windows are cut.
+    """One colour channel of large clusters: T by columns and the normal matrix TᵀT + λ²I, from which windows are cut.
 
     T : (camera pixels, projector pixels).  damping : λ > 0.
     """
@@ -39,37 +53,62 @@ class WindowedChannel:
         self._columns = sparse.csc_array(wide)
         self._normal = sparse.csr_array(wide.T @ wide + damping**2 * sparse.eye_array(T.shape[1]))
 
-    def rows(self, block: IntArray, window: IntArray) -> tuple[IntArray, FloatArray]:
-        """Rows `block` of T⁺ computed on `window` ⊇ block (sorted projector pixels).
-
-        Returns the camera pixels (m,), ascending, and the rows (block pixels, m).
-        """
-        factor = cho_factor(self._normal[window][:, window].toarray(), lower=True, overwrite_a=True, check_finite=False)
-        unit = np.zeros((window.size, block.size))
-        unit[np.searchsorted(window, block), np.arange(block.size)] = 1
-        solution = cho_solve(factor, unit, overwrite_b=True, check_finite=False)
-        local = self._columns[:, window]
+    def solve(self, block: IntArray, window: IntArray) -> WindowRows:
+        """Rows `block` of T⁺ computed on `window` ⊇ block (sorted projector pixels)."""
+        ordered = np.concatenate([np.setdiff1d(window, block, assume_unique=True), block])
+        normal, outside = self._split(ordered)
+        X = last_columns_of_inverse(normal, block.size)
+        residual = np.abs(outside @ X).sum(axis=0)
+        local = self._columns[:, ordered]
         camera, place = np.unique(local.indices, return_inverse=True)
-        compact = sparse.csc_array((local.data, place, local.indptr), shape=(camera.size, window.size))
-        return camera.astype(np.int64), (compact @ solution).T
+        compact = sparse.csc_array((local.data, place, local.indptr), shape=(camera.size, ordered.size))
+        return WindowRows(camera.astype(np.int64), compact @ X, residual)
+
+    def _split(self, ordered: IntArray) -> tuple[FloatArray, Csr]:
+        """N[window, window], dense, and N[outside, window] with rows for those pixels only that the window touches."""
+        rows = self._normal[ordered]
+        by_pixel = np.argsort(ordered)
+        place = by_pixel[np.minimum(np.searchsorted(ordered, rows.indices, sorter=by_pixel), ordered.size - 1)]
+        inside = ordered[place] == rows.indices
+        row = np.repeat(np.arange(ordered.size), np.diff(rows.indptr))
+        normal = np.zeros((ordered.size, ordered.size), order="F")
+        normal[row[inside], place[inside]] = rows.data[inside]
+        touched, outer = np.unique(rows.indices[~inside], return_inverse=True)
+        shape = touched.size, ordered.size
+        return normal, sparse.csr_array((rows.data[~inside], (outer, row[~inside])), shape=shape)
+
+
+def last_columns_of_inverse(N: FloatArray, count: int) -> FloatArray:
+    """The last `count` columns of N⁻¹, N symmetric and positive definite, (n, n), overwritten.
+
+    With N = L Lᵀ and the columns last, they end in the inverse of the last block of L Lᵀ: half the work.
+    """
+    factor = cho_factor(N, lower=True, overwrite_a=True, check_finite=False)[0]
+    split = len(N) - count
+    lower = np.tril(dpotri(factor[split:, split:], lower=True)[0])
+    X = np.empty((len(N), count))
+    X[split:] = lower + np.tril(lower, -1).T
+    right = factor[split:, :split].T @ X[split:]
+    X[:split] = -solve_triangular(factor[:split, :split], right, lower=True, trans=1, check_finite=False)
+    return X
 
 
 @dataclass(frozen=True)
 class Windows:
-    """How a large cluster is cut: its pixels as a picture (label or not), the blocks' side and the halo around them."""
+    """How large clusters are cut: their pixels as a picture, the blocks' side and the halo to begin with."""
 
     member: NDArray[np.bool_]
     halo: int
     block: int
 
     def blocks(self) -> list[tuple[int, int]]:
-        """Upper left corners (row, column) of the blocks that hold any pixel of the cluster."""
+        """Upper left corners (row, column) of the blocks that hold any pixel of the clusters."""
         height, width = self.member.shape
         corners = [(y, x) for y in range(0, height, self.block) for x in range(0, width, self.block)]
         return [(y, x) for y, x in corners if self.member[y : y + self.block, x : x + self.block].any()]
 
     def pixels(self, corner: tuple[int, int], halo: int) -> IntArray:
-        """Projector pixels of the cluster in the block at `corner` widened by `halo`, ascending."""
+        """Projector pixels of the clusters in the block at `corner` widened by `halo`, ascending."""
         y, x = corner
         rows = slice(max(y - halo, 0), y + self.block + halo)
         columns = slice(max(x - halo, 0), x + self.block + halo)
@@ -77,27 +116,16 @@ class Windows:
         return np.asarray((inside_y + rows.start) * self.member.shape[1] + inside_x + columns.start, np.int64)
 
 
-def choose_halo(
-    channel: WindowedChannel, member: NDArray[np.bool_], camera_shape: tuple[int, int], white: float, tolerance: float
-) -> tuple[Windows, float]:
-    """The smallest halo that a wider one would change by at most `tolerance` (drive), measured on a few windows.
+def plan_windows(channel: WindowedChannel, member: NDArray[np.bool_], tolerance: float) -> Windows:
+    """Blocks, and the smallest halo that a few sample windows of one channel get by with; blocks grow their own.
 
-    member : (projector height, projector width).  Returns the windows and the change that was measured.
+    member : (projector height, projector width).
     """
-    pictures = white * np.stack([picture.ravel() for picture in typical_pictures(camera_shape)], axis=1)
-    block = _block_side(member, channel.camera_pixels)
-    corners = Windows(member, 0, block).blocks()
-    sample = [corners[i] for i in np.linspace(0, len(corners) - 1, SAMPLE_WINDOWS + 2).astype(int)[1:-1]]
-    sample = list(dict.fromkeys(sample))
-    change = np.inf
-    previous = _compensate(channel, Windows(member, HALOS[0], block), sample, pictures)
-    for halo, wider in pairwise(HALOS):
-        following = _compensate(channel, Windows(member, wider, block), sample, pictures)
-        change = max(float(np.max(np.abs(a - b))) for a, b in zip(previous, following, strict=True))
-        if change <= tolerance:
-            return Windows(member, halo, block), change
-        previous = following
-    return Windows(member, HALOS[-1], block), change
+    side = _block_side(member, channel.camera_pixels)
+    corners = Windows(member, HALOS[0], side).blocks()
+    sample = {corners[i] for i in np.linspace(0, len(corners) - 1, SAMPLE_WINDOWS + 2).astype(int)[1:-1]}
+    grown = [_grow(channel, Windows(member, HALOS[0], side), corner, tolerance)[1] for corner in sorted(sample)]
+    return Windows(member, int(np.median(grown)), side)
 
 
 def _block_side(member: NDArray[np.bool_], camera_pixels: int) -> int:
@@ -110,32 +138,41 @@ def _block_side(member: NDArray[np.bool_], camera_pixels: int) -> int:
     return BLOCKS[-1]
 
 
+def _grow(
+    channel: WindowedChannel, windows: Windows, corner: tuple[int, int], tolerance: float
+) -> tuple[WindowRows, int]:
+    """The block at `corner`, solved with the first halo whose residual is within the tolerance, or else the widest."""
+    block = windows.pixels(corner, 0)
+    for halo in HALOS[HALOS.index(windows.halo) :]:
+        found = channel.solve(block, windows.pixels(corner, halo))
+        if found.residual.max() <= tolerance:
+            break
+    return found, halo
+
+
 def windowed_jobs(
-    channels: tuple[WindowedChannel, ...], windows: Windows, reach: FloatArray, budget: float
+    channels: tuple[WindowedChannel, ...], windows: Windows, truncation: Truncation, tolerance: float
 ) -> Iterator[Callable[[], Piece]]:
     """Jobs that invert one block of projector pixels each."""
     for corner in windows.blocks():
-        block, window = windows.pixels(corner, 0), windows.pixels(corner, windows.halo)
-        yield partial(_invert, channels, block, window, reach, budget)
+        yield partial(_invert, channels, windows, corner, truncation, tolerance)
 
 
 def _invert(
-    channels: tuple[WindowedChannel, ...], block: IntArray, window: IntArray, reach: FloatArray, budget: float
+    channels: tuple[WindowedChannel, ...],
+    windows: Windows,
+    corner: tuple[int, int],
+    truncation: Truncation,
+    tolerance: float,
 ) -> Piece:
-    parts = [channel.rows(block, window) for channel in channels]
-    camera = np.unique(np.concatenate([columns for columns, _ in parts]))
-    blocks = np.zeros((len(parts), block.size, camera.size))
-    for blocks_of_channel, (columns, rows) in zip(blocks, parts, strict=True):
-        blocks_of_channel[:, np.searchsorted(camera, columns)] = rows
-    columns_of_rows = np.broadcast_to(camera, (block.size, camera.size))
-    return truncated_piece(block, columns_of_rows, blocks, reach, budget)
-
-
-def _compensate(
-    channel: WindowedChannel, windows: Windows, corners: list[tuple[int, int]], pictures: FloatArray
-) -> list[FloatArray]:
-    results = []
-    for corner in corners:
-        camera, rows = channel.rows(windows.pixels(corner, 0), windows.pixels(corner, windows.halo))
-        results.append(np.clip(rows @ pictures[camera], 0, 1))
-    return results
+    grown = [_grow(channel, windows, corner, tolerance) for channel in channels]
+    parts = [part for part, _ in grown]
+    block = windows.pixels(corner, 0)
+    camera = np.unique(np.concatenate([part.camera for part in parts]))
+    blocks = np.zeros((len(parts), camera.size, block.size))
+    for blocks_of_channel, part in zip(blocks, parts, strict=True):
+        blocks_of_channel[np.searchsorted(camera, part.camera)] = part.columns
+    residual = np.max([part.residual for part in parts], axis=0)
+    rows = np.ascontiguousarray(blocks.transpose(0, 2, 1))
+    halo = max(halo for _, halo in grown)
+    return truncated_piece(block[None], camera[None], rows[:, None], truncation, residual, halo)

@@ -9,7 +9,7 @@ from scipy import sparse
 from scipy.linalg import svdvals
 
 from tools.clusters.components import Clusters
-from tools.inverse.inverse import LARGEST_DENSE
+from tools.inverse.method import LARGEST_DENSE
 from tools.inverse.windowed import BLOCKS, Windows
 from tools.transport.transport import Csr
 

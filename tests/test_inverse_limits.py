@@ -1,0 +1,168 @@
+"""What build-correction-map refuses, and that neither a refusal nor Ctrl-C touches the map that is there."""
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+import termios
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from player import calibration
+from player.calibration import Calibration, Device
+from player.errors import InputError
+from player.files import describe_files
+from player.response import Response
+from tests.rooms import blurred_transport, write_blurred_room
+from tests.test_player import command, fail
+from tools import build_correction_map
+from tools.inverse import memory
+from tools.inverse.inverse import InverseOptions, invert_near_light
+from tools.transport.storage import write_transport
+from tools.transport.transport import Transport
+
+CAMERA, PROJECTOR = (15, 19), (12, 16)
+BUILD = "build-correction-map"
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A room with its map, of 1200 projector pixels in one cluster."""
+    folder = tmp_path_factory.mktemp("rooms") / "wall"
+    write_blurred_room(folder, np.random.default_rng(7))
+    done = command(BUILD, folder, "--regularize", "0.1")
+    assert done.returncode == 0, done.stderr
+    assert "windowed: one cluster of 1 200 projector pixels is beyond the 1 000 inverted whole" in done.stdout
+    return folder
+
+
+def test_the_manifest_says_what_was_done_and_why(built: Path) -> None:
+    inverse = tomllib.loads((built / "correction" / "manifest.toml").read_text())["inverse"]
+    assert inverse["method"] == "windowed"
+    assert inverse["method_reason"] == "one cluster of 1 200 projector pixels is beyond the 1 000 inverted whole"
+    assert sum(inverse["window_halos"].values()) == 6  # blocks of 16x16 in 40x30
+    assert inverse["window_residual"] <= 0.5 / 255
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (["--regularize", "-0.1"], "--regularize -0.1: expected auto, none, or a number from 0 to 1"),
+        (["--regularize", "nan"], "--regularize nan: expected auto, none"),
+        (["--regularize", "strong"], "expected auto, none or a number from 0 to 1, found 'strong'"),
+        (["--max-error", "-1"], "--max-error -1.0: expected 0 to 255 (code values)"),
+        (["--max-cluster", "0"], "--max-cluster 0: expected at least 1 projector pixel"),
+        (["--max-cluster", "-5"], "--max-cluster -5: expected at least 1 projector pixel"),
+        (["--max-cluster", "1201"], "--max-cluster 1201: the projector has 1200 pixels; expected at most that"),
+        (["--max-cluster", "many"], "invalid int value: 'many'"),
+        (["--noise", "-1"], "--noise -1.0: expected 0 up to 1"),
+        (["--noise", "nan"], "--noise nan: expected 0 up to 1"),
+        (["--method", "whole"], "--method whole: expected auto, clustered, windowed"),
+        (
+            ["--method", "windowed", "--regularize", "none"],
+            "--regularize none: a cluster of 1200 projector pixels",
+        ),
+    ],
+)
+def test_impossible_options_are_one_line_and_change_nothing(
+    built: Path, capsys: pytest.CaptureFixture[str], options: list[str], complaint: str
+) -> None:
+    before = describe_files(built)
+    assert build_correction_map.main([str(built), *options]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("error: ")
+    assert printed.err.count("\n") == 1
+    assert complaint in printed.err
+    assert describe_files(built) == before
+
+
+def test_an_inverse_that_cannot_fit_is_refused_before_the_work(tmp_path: Path) -> None:
+    """One chain of 65536 pixels on either side, inverted whole: 32 GiB a channel, and as many again to work."""
+    side = 256
+    chain = sparse.diags_array([np.ones(side**2), np.full(side**2 - 1, 0.1)], offsets=[0, 1], format="csr")
+    device = Device(side, side, Response("linear"))
+    dark = np.zeros((side, side, 3), np.float32)
+    large = Calibration("chain", "made by a test", (device,), device, dark, np.ones((side, side), bool))
+    with calibration.writing(tmp_path / "chain", large) as stage:
+        write_transport(Transport((sparse.csr_array(chain),) * 3), stage)
+    line = fail(BUILD, tmp_path / "chain", "--method", "clustered", "--regularize", "0.1")
+    assert "inverting clusters of up to 65536 projector pixels whole needs about 768.0 GiB of memory" in line
+    assert line.endswith("use --method auto with damping, or a smaller --max-cluster")
+    assert not (tmp_path / "chain" / "correction").exists()
+
+
+@pytest.mark.parametrize(
+    ("kib", "options", "complaint"),
+    [
+        (16, InverseOptions(0.1, 0.5), "inverting clusters of up to 192 projector pixels whole"),
+        (16, InverseOptions(0.1, 0.5, method="windowed"), "through windows needs .* use --max-cluster"),
+        (100 << 10, InverseOptions(None, 0.0), None),
+    ],
+)
+def test_every_need_is_compared_with_what_there_is(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, kib: int, options: InverseOptions, complaint: str | None
+) -> None:
+    monkeypatch.setattr(memory, "available_bytes", lambda: kib << 10)
+    near = (blurred_transport(rng, CAMERA, PROJECTOR, 0.6),) * 3
+    arguments = near, np.ones(CAMERA, bool), PROJECTOR, np.full((CAMERA[0] * CAMERA[1], 3), 0.5), 0.5, options
+    if complaint is None:
+        invert_near_light(*arguments)
+        return
+    with pytest.raises(InputError, match=complaint):
+        invert_near_light(*arguments)
+
+
+def test_a_map_that_cannot_fit_is_refused_from_its_first_rows(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    near = (blurred_transport(rng, CAMERA, PROJECTOR, 0.6),) * 3
+    arguments = near, np.ones(CAMERA, bool), PROJECTOR, np.full((CAMERA[0] * CAMERA[1], 3), 0.5), 0.5
+    short, long = (InverseOptions(0.4, max_error, method="windowed") for max_error in (4.0, 0.0))
+    needs = [invert_near_light(*arguments, each).rows.indices.size * memory.ENTRY_BYTES for each in (short, long)]
+    monkeypatch.setattr(memory, "available_bytes", lambda: sum(needs) // 2)
+    monkeypatch.setattr(memory, "check_windows", lambda *_: None)  # room for the work itself
+    invert_near_light(*arguments, short)
+    with pytest.raises(InputError, match=r"correction map, of about 0 million entries, needs .* --max-error"):
+        invert_near_light(*arguments, long)
+
+
+def test_available_memory_is_that_of_this_machine() -> None:
+    installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    assert 0 < memory.available_bytes() <= installed
+
+
+def test_the_size_of_the_normal_matrix_is_foretold(rng: np.random.Generator) -> None:
+    T = blurred_transport(rng, CAMERA, PROJECTOR, 0.6)
+    assert memory.normal_entries(T) == pytest.approx((T.T @ T).nnz, rel=0.1)  # a third of the columns are looked at
+
+
+def test_an_interrupt_leaves_the_previous_map(tmp_path: Path, built: Path) -> None:
+    """Ctrl-C while it inverts. Its progress bar, on a terminal, tells when that is."""
+    room = tmp_path / "wall"
+    write_blurred_room(room, np.random.default_rng(7), (45, 64), (48, 64))
+    first = command(BUILD, room, "--max-cluster", "60", "--regularize", "0.1")
+    assert first.returncode == 0, first.stderr
+    before = describe_files(room)
+    terminal, theirs = pty.openpty()
+    termios.tcsetwinsize(theirs, (24, 80))
+    slow = [room, "--regularize", "0.001", "--max-error", "0", "--method", "windowed"]
+    program = subprocess.Popen([Path(sys.executable).with_name(BUILD), *slow], stdout=subprocess.PIPE, stderr=theirs)
+    os.close(theirs)
+    told = b""
+    while b"inverting" not in told:
+        told += os.read(terminal, 1024)
+    program.send_signal(signal.SIGINT)
+    output = program.communicate(timeout=300)[0]
+    while b"interrupted" not in told:
+        told += os.read(terminal, 1024)
+    os.close(terminal)
+    assert (program.returncode, output) == (130, b"")
+    assert b"Traceback" not in told
+    assert describe_files(room) == before
+    assert not list(room.glob(".correction*"))  # no stage is left behind

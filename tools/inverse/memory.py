@@ -1,0 +1,97 @@
+"""Whether an inverse fits into memory, asked before the work starts: a refusal is kinder than a swapping machine.
+
+Every need is an estimate from above; peaks were measured with tracemalloc.
+"""
+
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from player.errors import InputError
+from tools.clusters.components import Clusters
+from tools.inverse.bidiagonal import bytes_of_basis
+from tools.inverse.damping import MOST_STEPS
+from tools.inverse.pictures import PICTURES
+from tools.inverse.pieces import Piece
+from tools.inverse.windowed import BLOCKS, HALOS
+from tools.transport.transport import Csr
+
+WORK_BYTES = 24 * 8  # of a block inverted whole, per entry: three channels, their inverses, what truncation sorts
+ENTRY_BYTES = 110  # of T⁺, per entry: pieces, joined rows, the packed texture and its copies while it is written
+NORMAL_BYTES = 3 * 40  # of TᵀT, per entry: three channels, while they are added up
+FORETELLING_SHARE = 0.02  # of the rows, after which the entries of all are foretold
+SAMPLE_COLUMNS = 64
+
+
+def available_bytes() -> int:
+    """Memory that can be had without swapping; what Linux estimates, else all that is installed."""
+    try:
+        lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
+        return int(lines["MemAvailable"].split()[0]) << 10
+    except (OSError, KeyError, ValueError):
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def check(needed: float, what: str, remedy: str) -> None:
+    """InputError if `needed` bytes are not available."""
+    available = available_bytes()
+    if needed > available:
+        raise InputError(
+            f"{what} needs about {needed / 2**30:.1f} GiB of memory, {available / 2**30:.1f} GiB are available; "
+            f"{remedy}"
+        )
+
+
+def check_choice(projector_pixels: int) -> None:
+    """Before λ is chosen: one Krylov basis for each picture at work."""
+    needed = min(PICTURES, os.cpu_count() or 1) * bytes_of_basis(MOST_STEPS, projector_pixels)
+    check(needed, "choosing λ", "name it instead, such as --regularize 0.03")
+
+
+def check_whole(clusters: Clusters, whole: NDArray[np.bool_]) -> None:
+    """Before clusters are inverted whole: the largest of them at once, one on each core."""
+    entries = np.sort((clusters.camera_sizes * clusters.projector_sizes)[whole])[-(os.cpu_count() or 1) :]
+    if entries.size:
+        largest = int(clusters.projector_sizes[whole].max())
+        what = f"inverting clusters of up to {largest} projector pixels whole"
+        check(WORK_BYTES * float(entries.sum()), what, "use --method auto with damping, or a smaller --max-cluster")
+
+
+def check_windows(T: Csr, projector_pixels: int) -> None:
+    """Before large clusters are inverted through windows: TᵀT of three channels, and the widest window on each core.
+
+    T : one channel.  projector_pixels : of the large clusters.
+    """
+    window = min((BLOCKS[0] + 2 * HALOS[-1]) ** 2, projector_pixels)
+    needed = NORMAL_BYTES * normal_entries(T) + (os.cpu_count() or 1) * 2 * 8 * window**2
+    remedy = "use --max-cluster to cut the transport apart, or thin it out (drop its smallest entries)"
+    check(needed, "inverting large clusters through windows", remedy)
+
+
+def normal_entries(T: Csr) -> float:
+    """Entries of TᵀT, from evenly spaced columns of it."""
+    lit = np.unique(T.indices)
+    chosen = lit[np.linspace(0, lit.size - 1, min(SAMPLE_COLUMNS, lit.size)).astype(int)]
+    sampled: Csr = T.T @ T[:, chosen]
+    return float(int(sampled.nnz) / chosen.size * lit.size)
+
+
+def checked_as_they_come(pieces: Iterable[Piece], row_count: int) -> Iterator[Piece]:
+    """Pass pieces on; as soon as they hold 2 % of the rows, foretell the entries of all, and refuse what cannot fit.
+
+    pieces : in an order of which every beginning is spread over them all.  row_count : of all pieces together.
+    """
+    rows = entries = 0
+    for piece in pieces:
+        rows, entries = rows + piece.rows.size, entries + piece.columns.size
+        if rows >= FORETELLING_SHARE * row_count:
+            expected = entries * row_count / rows
+            check(
+                ENTRY_BYTES * expected - entries * 16,
+                f"the correction map, of about {expected / 1e6:.0f} million entries,",
+                "shorten its rows with a larger --max-error or --regularize, or use --max-cluster",
+            )
+        yield piece

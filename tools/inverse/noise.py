@@ -1,0 +1,42 @@
+"""What T does not know about itself: singular values that noise alone could make are not inverted.
+
+By Weyl, noise N moves a singular value of T by at most ‖N‖. For independent noise of a share s of each entry, ‖N‖ is
+about s (the largest norm of a row of T + that of a column), and rarely above that + 3 s (the largest entry) (Davidson
+and Szarek 2001 for full matrices, Bandeira and van Handel 2016 for any). What lies below is noise; inverted, it would
+be amplified most. A calibration does not hold s, and its smallest weight does not tell it (exact sparse matrices have
+large ones, direct mapping has one weight a row): unless the caller knows it, only the rounding of T counts.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.transport.transport import Csr
+
+FloatArray = NDArray[np.float64]
+FLOAT32_EPS = float(np.finfo(np.float32).eps)  # T is stored in float32
+TAIL = 3.0  # standard deviations of ‖N‖ above its mean
+
+
+def cut_off(T: FloatArray, largest: FloatArray, noise: float) -> FloatArray:
+    """Singular values up to this are noise: the larger of the float32 rounding, σ₁ · max(m, n) · 2⁻²³, and ‖N‖.
+
+    T : blocks (…, m, n).  largest : (…, 1), their σ₁.  noise : s.  Returns (…, 1).
+    """
+    rounding = largest * FLOAT32_EPS * max(T.shape[-2:])
+    if not noise:
+        return np.asarray(rounding, np.float64)
+    squared = T**2
+    row, column = (np.sqrt(squared.sum(axis=axis).max(axis=-1)) for axis in (-1, -2))
+    return np.asarray(np.maximum(rounding, noise_norm(noise, row, column, T.max(axis=(-2, -1)))[..., None]))
+
+
+def noise_of_matrix(T: Csr, noise: float) -> float:
+    """‖N‖ of a sparse matrix."""
+    squared = T.astype(np.float64) ** 2
+    row, column = (np.sqrt(squared.sum(axis=axis).max(initial=0)) for axis in (1, 0))
+    return float(noise_norm(noise, row, column, T.data.max(initial=0)))
+
+
+def noise_norm(noise: float, row: FloatArray, column: FloatArray, entry: FloatArray) -> FloatArray:
+    """s (row + column + 3 entry): the largest norm of a row, of a column, and the largest entry of T ≥ 0."""
+    return np.asarray(noise * (row + column + TAIL * entry))
