@@ -41,5 +41,5 @@ system-play system-test:
 $(ready): pyproject.toml constraints.txt | system-play
 	$(PYTHON) -m venv $(VENV)
 	$(python) -m pip install --disable-pip-version-check -c constraints.txt setuptools
-	$(python) -m pip install --disable-pip-version-check -c constraints.txt --no-build-isolation -e '.[test,lint]'
+	$(python) -m pip install --disable-pip-version-check -c constraints.txt --no-build-isolation -e '.[test,lint,study]'
 	@touch $@

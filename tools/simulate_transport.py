@@ -8,8 +8,10 @@ from pathlib import Path
 
 from player import calibration
 from player.command import Parser, parse_size, run
+from player.errors import InputError
 from tools.simulation.room import write_simulated_room
 from tools.simulation.scene import load_scene
+from tools.simulation.simulate import simulate
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -18,21 +20,30 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
-    calibration.refuse_existing(options.output, force=options.force)
+    if options.output is None and not options.explain:
+        raise InputError("simulate-transport: nothing to do; give -o FOLDER, --explain or both")
+    if options.output is not None:
+        calibration.refuse_existing(options.output, force=options.force)
     scene = load_scene(options.scene)
     if options.camera:
         scene = replace(scene, camera=scene.camera.resized(*options.camera))
     if options.projector:
         scene = replace(scene, projector=scene.projector.resized(*options.projector))
-    print(write_simulated_room(scene, options.output, force=options.force))
+    result = simulate(scene, without=options.without, only=options.only)
+    print(result.explained(all_effects=options.explain))
+    if options.output is not None:
+        print(write_simulated_room(scene, result, options.output, force=options.force))
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser("simulate-transport", description=__doc__)
     parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="the room; see calib_data/scenes")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="the calibration folder")
+    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="the calibration folder")
     parser.add_argument("--camera", type=parse_size, metavar="WxH", help="camera pixels, instead of the scene's")
     parser.add_argument("--projector", type=parse_size, metavar="WxH", help="projector pixels, instead of the scene's")
+    parser.add_argument("--explain", action="store_true", help="say of every effect why it is on or off, and its cost")
+    parser.add_argument("--without", nargs="+", action="extend", default=[], metavar="EFFECT", help="leave effects out")
+    parser.add_argument("--only", nargs="+", action="extend", default=[], metavar="EFFECT", help="leave all others out")
     parser.add_argument("--force", action="store_true", help="replace a calibration that is there already")
     return parser
 

@@ -1,4 +1,4 @@
-"""What surfaces are made of: albedo over a surface's (u, v), per colour channel, 0..1."""
+"""What surfaces are made of: albedo over a surface's (u, v), per colour channel, 0..1, and optics beside it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,17 +10,57 @@ from numpy.typing import NDArray
 
 from player.errors import InputError
 from player.response import Response
+from tools.simulation.tables import Table
 
 FloatArray = NDArray[np.float64]
+PATTERNS = ("bricks", "stripes", "checker")
 MORTAR = 0.08  # of a brick's height
 MAX_TEXTURE_PIXELS = 1 << 26
 
 
-class Material(Protocol):
+class Paint(Protocol):
     """Something with a colour at every point."""
 
     def albedo(self, u: FloatArray, v: FloatArray) -> FloatArray:
         """Diffuse reflectance (…, 3) at u, v (…) in 0..1."""
+
+
+@dataclass(frozen=True)
+class Gloss:
+    """A coat that reflects: `reflectance` at normal incidence, 0..1; `roughness` 0 (mirror) to 1 (dull)."""
+
+    reflectance: float
+    roughness: float
+
+
+@dataclass(frozen=True)
+class Dielectric:
+    """A clear solid: refractive index at 587.6 nm, Abbe number (infinite: no dispersion), absorption (3,) per metre."""
+
+    index: float
+    abbe: float
+    absorption: FloatArray
+
+
+@dataclass(frozen=True)
+class Translucency:
+    """Light enters, scatters and leaves elsewhere: mean free path (3,) in metres."""
+
+    mean_free_path: FloatArray
+
+
+@dataclass(frozen=True)
+class Material:
+    """A matt paint, and what the surface does with light beyond that; None for nothing."""
+
+    paint: Paint
+    gloss: Gloss | None = None
+    dielectric: Dielectric | None = None
+    translucency: Translucency | None = None
+
+    def albedo(self, u: FloatArray, v: FloatArray) -> FloatArray:
+        """Diffuse reflectance (…, 3) at u, v (…) in 0..1."""
+        return self.paint.albedo(u, v)
 
 
 @dataclass(frozen=True)
@@ -70,6 +110,63 @@ class Pattern:
             second = (column + row) % 2 == 1
         shade = 1 - self.variation * _hash(column, row)
         return np.asarray(np.where(second[..., None], self.colours[1], self.colours[0] * shade[..., None]))
+
+
+def read_material(table: Table, folder: Path) -> Material:
+    """A surface's material from its table; a dielectric needs no paint."""
+    dielectric = _dielectric(table.table("dielectric")) if "dielectric" in table else None
+    gloss = _gloss(table.table("gloss")) if "gloss" in table else None
+    translucency = _translucency(table.table("translucency")) if "translucency" in table else None
+    if gloss is not None and translucency is not None:
+        raise InputError(f"{table.where}: takes gloss or translucency, not both; leave one out")
+    if dielectric is not None and (gloss is not None or translucency is not None):
+        raise InputError(f"{table.where}: a dielectric takes neither gloss nor translucency; leave them out")
+    kinds = [key for key in ("albedo", "texture", "pattern") if key in table]
+    if dielectric is not None:
+        if kinds:
+            raise InputError(f"{table.where}, {kinds[0]}: a dielectric is clear; colour it with its absorption")
+        return Material(PlainColour(np.zeros(3)), dielectric=dielectric)
+    if len(kinds) != 1:
+        raise InputError(
+            f"{table.where}: found {' and '.join(kinds) or 'none'}, expected one of albedo, texture, pattern"
+        )
+    return Material(_paint(table, folder, kinds[0]), gloss, None, translucency)
+
+
+def _paint(table: Table, folder: Path, kind: str) -> Paint:
+    if kind == "albedo":
+        return PlainColour(table.colour("albedo"))
+    if kind == "texture":
+        return Texture(read_texture(folder / table.text("texture"), f"{table.where}, texture"))
+    pattern = table.table("pattern")
+    chosen = pattern.choice("kind", PATTERNS)
+    colours = pattern.rows("colours", 2, 3, 0.0, 1.0)
+    repeat = pattern.numbers("repeat", 2, (8.0, 8.0), 1e-3, 1e4)
+    result = Pattern(chosen, colours, (float(repeat[0]), float(repeat[1])), pattern.number("variation", 0.0, 0.0, 1.0))
+    pattern.refuse_unknown()
+    return result
+
+
+def _gloss(table: Table) -> Gloss:
+    gloss = Gloss(table.number("reflectance", 0.04, 0.0, 1.0), table.number("roughness", None, 0.0, 1.0))
+    table.refuse_unknown()
+    return gloss
+
+
+def _dielectric(table: Table) -> Dielectric:
+    result = Dielectric(
+        table.number("index", None, 1.0, 4.0),
+        table.number("abbe", np.inf, 5.0, np.inf),
+        table.vector("absorption", (0.0, 0.0, 0.0), low=0.0),
+    )
+    table.refuse_unknown()
+    return result
+
+
+def _translucency(table: Table) -> Translucency:
+    result = Translucency(table.vector("mean_free_path", None, low=1e-6))
+    table.refuse_unknown()
+    return result
 
 
 def read_texture(path: Path, where: str) -> FloatArray:

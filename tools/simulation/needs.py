@@ -1,16 +1,25 @@
 """Which effects a scene calls for, and why: read off its geometry and its numbers, before any effect is imported."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 import cv2
 import numpy as np
 
-from tools.simulation.geometry import project
-from tools.simulation.scene import Scene, Surface
+from player.errors import InputError
+from tools.simulation.devices import Device
+from tools.simulation.optics_needs import OPTICS
+from tools.simulation.scene import Scene
+from tools.simulation.shapes.parallelogram import Parallelogram
+from tools.simulation.shapes.shape import FloatArray, sample_places
+from tools.simulation.surfaces import Surface
 
-COPLANAR = 1e-9  # metres
+AHEAD = 1e-9  # metres
 OVERLAP = 1e-3  # projector pixels²
+SHARP = 0.5  # pixels: a smaller circle of confusion is no blur
+OUTLINE_SIDE = 17  # points an axis that stand for a curved surface
+Rule = Callable[[Scene], tuple[bool, str]]
 
 
 @dataclass(frozen=True)
@@ -24,24 +33,61 @@ class Need:
 
 def needs_of(scene: Scene) -> dict[str, Need]:
     """Every effect that can be simulated, by name, in the order of their work."""
-    rules: dict[str, Callable[[Scene], tuple[bool, str]]] = {
-        "direct": lambda _: (True, "every scene has it"),
-        "shadows": _shadows,
-        "inter_reflection": _inter_reflection,
-        "ambient_light": _ambient_light,
-        "black_level": _black_level,
+    return {name: Need(name, *rule(scene)) for name, rule in RULES.items()}
+
+
+def chosen(needs: Mapping[str, Need], without: Collection[str] = (), only: Collection[str] = ()) -> dict[str, Need]:
+    """The same, with some switched off for a study; an effect that the scene does not call for stays off."""
+    for name in (*without, *only):
+        if name not in needs:
+            near = get_close_matches(name, needs, 1, 0.4)
+            hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(needs)}"
+            raise InputError(f"unknown effect {name!r}; {hint}")
+    off = dict.fromkeys(without, "--without") | {name: "--only" for name in needs if only and name not in only}
+    return {
+        name: Need(name, False, f"switched off by {off[name]}") if need.on and name in off else need
+        for name, need in needs.items()
     }
-    return {name: Need(name, *rule(scene)) for name, rule in rules.items()}
+
+
+def outline(surface: Surface) -> tuple[FloatArray, FloatArray]:
+    """Points (n, 3) and normals (n, 3) that stand for a surface: a plane's corners, else places all over it."""
+    shape = surface.shape
+    if isinstance(shape, Parallelogram):
+        return shape.corners, np.broadcast_to(shape.normal, (4, 3))
+    if getattr(shape, "grid", True) is None:  # a mesh without (u, v)
+        step = max(1, len(shape.vertices) // OUTLINE_SIDE**2)  # type: ignore[attr-defined]
+        faces = shape.faces[::step]  # type: ignore[attr-defined]
+        return shape.vertices[faces].mean(axis=1), shape.facet_normals[::step]  # type: ignore[attr-defined]
+    u, v = sample_places(shape, OUTLINE_SIDE)
+    return shape.at(u, v), shape.normals(u, v)
 
 
 def facing_pairs(scene: Scene) -> list[tuple[Surface, Surface]]:
-    """Pairs of surfaces of which each has a part in front of the other."""
-    surfaces = scene.surfaces
-    pairs = [(a, b) for i, a in enumerate(surfaces) for b in surfaces[i + 1 :]]
-    return [(a, b) for a, b in pairs if _in_front(a, b) and _in_front(b, a)]
+    """Pairs of matt surfaces that have points in front of each other; a surface that is not convex may face itself."""
+    matt = [surface for surface in scene.surfaces if surface.matt]
+    pairs = [(a, b) for i, a in enumerate(matt) for b in matt[i:] if a is not b or not a.shape.convex]
+    return [(a, b) for a, b in pairs if _face(a, b)]
+
+
+def _face(a: Surface, b: Surface) -> bool:
+    (p, normal_p), (q, normal_q) = outline(a), outline(b)
+    if a.shape.flat and b.shape.flat:
+        return bool(np.any((q - p[0]) @ normal_p[0] > AHEAD) and np.any((p - q[0]) @ normal_q[0] > AHEAD))
+    between = q[None] - p[:, None]
+    leaves = np.sum(between * normal_p[:, None], axis=-1) > AHEAD
+    arrives = -np.sum(between * normal_q[None], axis=-1) > AHEAD
+    return bool(np.any(leaves & arrives))
+
+
+def _direct(scene: Scene) -> tuple[bool, str]:
+    return True, "every scene has it"
 
 
 def _shadows(scene: Scene) -> tuple[bool, str]:
+    for a in scene.surfaces:
+        if not a.shape.convex:
+            return True, f"'{a.name}' is not convex: parts of it may shade others"
     for i, a in enumerate(scene.surfaces):
         for b in scene.surfaces[i + 1 :]:
             if _overlap_in_projector(scene, a, b):
@@ -54,12 +100,46 @@ def _shadows(scene: Scene) -> tuple[bool, str]:
 def _inter_reflection(scene: Scene) -> tuple[bool, str]:
     pairs = facing_pairs(scene)
     if not pairs:
-        only = "one plane" if len(scene.surfaces) == 1 else "no surface sees another"
-        return False, only
+        return False, "one plane" if len(scene.surfaces) == 1 and scene.surfaces[
+            0
+        ].shape.flat else "no surface sees another"
     a, b = pairs[0]
-    angle = np.degrees(np.arccos(np.clip(-a.normal @ b.normal, -1, 1)))
     more = f" and {len(pairs) - 1} more pairs" if len(pairs) > 1 else ""
-    return True, f"'{a.name}' and '{b.name}' face each other at {angle:.0f}°{more}"
+    if a is b:
+        return True, f"parts of '{a.name}' face each other{more}"
+    if isinstance(a.shape, Parallelogram) and isinstance(b.shape, Parallelogram):
+        angle = np.degrees(np.arccos(np.clip(-a.shape.normal @ b.shape.normal, -1, 1)))
+        return True, f"'{a.name}' and '{b.name}' face each other at {angle:.0f}°{more}"
+    return True, f"'{a.name}' and '{b.name}' face each other{more}"
+
+
+def _defocus(device: Device, scene: Scene) -> tuple[bool, str]:
+    if not device.aperture:
+        return False, "its lens is a pinhole"
+    depths = np.concatenate([(outline(surface)[0] - device.position) @ device.forward for surface in scene.surfaces])
+    ahead = depths[depths > 0]
+    if not ahead.size:
+        return False, "nothing is before its lens"
+    widest = float(device.blur_pixels(ahead).max())
+    if widest < SHARP:
+        return False, f"everything is sharp: circles of confusion up to {widest:.2g} pixels"
+    return True, f"from {ahead.min():.2f} to {ahead.max():.2f} m, circles of confusion up to {widest:.3g} pixels"
+
+
+def _vignetting(scene: Scene) -> tuple[bool, str]:
+    found = [
+        f"{name}: {device.vignetting if device.vignetting == 'cos4' else f'{100 * float(device.vignetting):g} %'}"
+        for name, device in (("projector", scene.projector), ("camera", scene.camera))
+        if device.vignetting
+    ]
+    return bool(found), ", ".join(found) or "both lenses are even"
+
+
+def _blooming(scene: Scene) -> tuple[bool, str]:
+    share, radius = scene.camera.bloom_share, np.degrees(scene.camera.bloom_radius)
+    if not share:
+        return False, "the camera's lens scatters no light"
+    return True, f"the camera scatters {100 * share:g} % of the light into a halo of {radius:g}°"
 
 
 def _ambient_light(scene: Scene) -> tuple[bool, str]:
@@ -69,22 +149,41 @@ def _ambient_light(scene: Scene) -> tuple[bool, str]:
 
 
 def _black_level(scene: Scene) -> tuple[bool, str]:
-    if scene.black_level:
-        return True, f"the projector's black is {100 * scene.black_level:g} % of its white"
+    if scene.projector.black_level:
+        return True, f"the projector's black is {100 * scene.projector.black_level:g} % of its white"
     return False, "the projector's black is black"
 
 
-def _in_front(a: Surface, b: Surface) -> bool:
-    """Is any corner of b in front of a's plane?"""
-    return bool(np.any((b.corners - a.corner) @ a.normal > COPLANAR))
+def _capture_noise(scene: Scene) -> tuple[bool, str]:
+    sensor = scene.camera.sensor
+    if sensor is None:
+        return False, "the camera has no sensor"
+    return True, f"pictures taken have {sensor.full_well:g} electrons at most and {sensor.bits} bits; T has no noise"
 
 
 def _overlap_in_projector(scene: Scene, a: Surface, b: Surface) -> bool:
     outlines = []
     for surface in (a, b):
-        x, y, depth = project(scene.projector, surface.corners)
+        x, y, depth = scene.projector.project(outline(surface)[0])
         if np.any(depth <= 0):
             return True  # reaches behind the projector: its picture is no polygon, so let the rays decide
-        outlines.append(np.stack([x, y], axis=1).astype(np.float32))
+        outlines.append(cv2.convexHull(np.stack([x, y], axis=1).astype(np.float32)))
     area, _ = cv2.intersectConvexConvex(outlines[0], outlines[1])
     return bool(area > OVERLAP)
+
+
+RULES: dict[str, Rule] = {
+    "camera_defocus": lambda scene: _defocus(scene.camera, scene),
+    "direct": _direct,
+    **OPTICS,
+    "projector_defocus": lambda scene: _defocus(scene.projector, scene),
+    "shadows": _shadows,
+    "vignetting": _vignetting,
+    "inter_reflection": _inter_reflection,
+    "ambient_light": _ambient_light,
+    "black_level": _black_level,
+    "blooming": _blooming,
+    "capture_noise": _capture_noise,
+}
+TAKES = ("shadows", "vignetting")  # their energy is what they take away
+MOVES = ("camera_defocus", "projector_defocus", "dispersion", "blooming", "capture_noise")  # theirs goes elsewhere

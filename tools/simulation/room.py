@@ -1,4 +1,4 @@
-"""From a scene to a calibration folder."""
+"""From a simulated scene to a calibration folder."""
 
 from pathlib import Path
 
@@ -7,18 +7,17 @@ from player.calibration import Calibration, Device
 from player.errors import InputError
 from player.response import Response
 from tools.simulation.scene import Scene
-from tools.simulation.simulate import simulate
+from tools.simulation.simulate import Simulated
 from tools.transport.mask import lit_pixels
 from tools.transport.storage import write_transport
 from tools.transport.transport import Transport
 
 
-def write_simulated_room(scene: Scene, folder: Path, *, force: bool = False) -> str:
-    """Simulate a scene and write its calibration; returns a line per effect and one on the whole.
+def write_simulated_room(scene: Scene, result: Simulated, folder: Path, *, force: bool = False) -> str:
+    """Write a simulated scene as a calibration; returns a line on the whole.
 
     The mask holds the camera pixels that the projector lights directly.
     """
-    result = simulate(scene)
     shape = scene.camera.height, scene.camera.width, 3
     direct = Transport(result.transport.near).composition().reshape(shape)
     mask = lit_pixels(direct, result.ambient)
@@ -29,15 +28,12 @@ def write_simulated_room(scene: Scene, folder: Path, *, force: bool = False) -> 
     room = Calibration(
         name=scene.name,
         provenance=f"simulated from the scene {scene.name} by simulate-transport",
-        projectors=(Device(scene.projector.height, scene.projector.width, scene.response),),
+        projectors=(Device(scene.projector.height, scene.projector.width, scene.projector.response),),
         camera=Device(scene.camera.height, scene.camera.width, Response("linear")),
         ambient=result.ambient,
         mask=mask,
     )
     with calibration.writing(folder, room, force=force) as stage:
         write_transport(result.transport, stage)
-    effects = "\n".join(map(str, result.reports))
     entries = result.transport.near[0].nnz
-    return (
-        f"{effects}\n{folder}: {entries} near entries a channel, {mask.sum()} of {mask.size} camera pixels lit directly"
-    )
+    return f"{folder}: {entries} near entries a channel, {mask.sum()} of {mask.size} camera pixels lit directly"

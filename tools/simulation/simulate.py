@@ -1,42 +1,57 @@
-"""Run the effects that a scene calls for, and say what each cost."""
+"""Run the effects that a scene calls for, band by band of camera rows, and say what each cost."""
 
-import importlib
 import time
-from collections.abc import Callable
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from types import ModuleType
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from player.command import track
 from player.errors import InputError
-from tools.simulation.needs import Need, needs_of
-from tools.simulation.scene import Scene
-from tools.simulation.view import CameraView
-from tools.transport.transport import Csr, FarLight, Transport
+from tools.simulation.assembly import ADVICE, NearLight, summed
+from tools.simulation.camera_side import albedo_of, camera_samples, paint_of
+from tools.simulation.effects_on import EffectsOn
+from tools.simulation.needs import MOVES, TAKES, Need, chosen, needs_of
+from tools.simulation.paths import Arrivals, Deposits, Samples
+from tools.simulation.projector_side import arrivals, deposits
+from tools.simulation.scene import Scene, inside_of
+from tools.simulation.shapes.shape import FloatArray, IntArray
+from tools.transport.transport import FarLight, Transport
 
-FloatArray = NDArray[np.float64]
-R = TypeVar("R")
-BYTES_A_RAY = 40  # pixel, u, v, and the entries that rays become
-BYTES_A_BEAM = 250  # a projector pixel's rays and where they land
+BAND_RAYS = 1 << 18  # traced at once
+SAMPLES_AT_ONCE = 1 << 15  # lit at once: a light map may send a hundred arrivals to a sample
+MANY = 1 << 17  # entries of a batch that are summed before the next
 MAX_BYTES = 8 << 30
+BYTES_A_RAY = 16  # the entries that rays become
+BYTES_A_BEAM = 100  # a projector pixel's entries in the gather
+NEGLIGIBLE = 1e-3  # of the floodlit room's light
+THROUGH_GLASS = ("refraction", "caustics")  # whose light dispersion moves
+Entries = tuple[IntArray, IntArray, FloatArray]
 
 
 @dataclass(frozen=True)
 class EffectReport:
-    """An effect, its cost and its share: seconds, entries of T or its factors, share of the floodlit room's light."""
+    """An effect: processor seconds, entries of T or its factors, share of the floodlit room's light."""
 
     need: Need
     seconds: float = 0.0
     entries: int = 0
     energy_share: float = 0.0
 
+    @property
+    def negligible(self) -> bool:
+        return self.need.on and self.energy_share < NEGLIGIBLE
+
     def __str__(self) -> str:
+        name = f"{self.need.effect:17}"
         if not self.need.on:
-            return f"{self.need.effect:17} off  {self.need.reason}"
-        cost = f"{self.seconds:.2f} s, {self.entries} entries, {100 * self.energy_share:.1f} % of the light"
-        return f"{self.need.effect:17} on   {self.need.reason}; {cost}"
+            return f"{name} off  {'':32}{self.need.reason}"
+        sign = "-" if self.need.effect in TAKES else "~" if self.need.effect in MOVES else "+"
+        energy = f"{sign}{100 * self.energy_share:.2f} %"
+        doubt = f"; negligible (below {100 * NEGLIGIBLE:g} %)" if self.negligible else ""
+        return f"{name} on   {self.seconds:7.2f} {self.entries:13,} {energy:>9}  {self.need.reason}{doubt}"
 
 
 @dataclass(frozen=True)
@@ -46,64 +61,221 @@ class Simulated:
     transport: Transport
     ambient: NDArray[np.float32]
     reports: tuple[EffectReport, ...]
+    cpu_seconds: float
+    seconds: float
+
+    def explained(self, *, all_effects: bool = True) -> str:
+        """The reports as lines under a heading: what was on, what it cost, and why."""
+        heading = f"{'effect':22} {'CPU s':>7} {'entries':>13} {'energy':>9}  why (+ adds, - takes away, ~ moves)"
+        lines = [str(report) for report in self.reports if all_effects or report.need.on]
+        rest = self.cpu_seconds - sum(report.seconds for report in self.reports)
+        lines += [
+            f"{'rays and entries':22} {rest:7.2f}",
+            f"{'together':22} {self.cpu_seconds:7.2f}  in {self.seconds:.1f} s",
+        ]
+        return "\n".join([heading, *lines])
 
 
-def simulate(scene: Scene) -> Simulated:
-    """Simulate what a scene calls for, nothing else; InputError if projector or camera sees nothing."""
-    _check_memory(scene)
-    needs = needs_of(scene)
-    seconds = dict.fromkeys(needs, 0.0)
+def simulate(scene: Scene, *, without: Collection[str] = (), only: Collection[str] = ()) -> Simulated:
+    """Simulate what a scene calls for, nothing else; InputError if projector or camera sees nothing.
 
-    def timed(effect: str, work: Callable[[ModuleType], R]) -> R:
-        start = time.perf_counter()
-        result = work(importlib.import_module(f"tools.simulation.effects.{effect}"))
-        seconds[effect] += time.perf_counter() - start
-        return result
+    without, only : effects to leave out, or to keep, for a study.
+    """
+    needs = chosen(needs_of(scene), without, only)
+    _check(scene, needs)
+    return _Simulation(scene, needs).run()
 
-    view = CameraView(scene)
-    if view.empty:
-        raise InputError(f"{scene.name}: the camera sees no surface; move it or point look_at at one")
 
-    def shadow(points: FloatArray) -> NDArray[np.bool_]:
-        return timed("shadows", lambda module: module.shaded(scene, points))
+class _Simulation:
+    """What is collected while the bands go by."""
 
-    shadow_test = shadow if needs["shadows"].on else None
-    near: tuple[Csr, ...] = timed("direct", lambda module: module.direct_transport(scene, view, shadow_test))
-    if near[0].nnz == 0:
-        raise InputError(f"{scene.name}: no surface that the camera sees is lit by the projector; point it at one")
-    far: FarLight | None = None
-    if needs["inter_reflection"].on:
-        far = timed("inter_reflection", lambda module: module.far_light(scene, view))
-    transport = Transport(near, far)
-    composition = transport.composition()
-    added: dict[str, FloatArray] = {}
-    if needs["ambient_light"].on:
-        added["ambient_light"] = timed("ambient_light", lambda module: module.ambient_radiance(scene, view))
-    if needs["black_level"].on:
-        added["black_level"] = timed("black_level", lambda module: module.black_radiance(scene, composition))
-    ambient = sum(added.values(), np.zeros_like(composition))
-    seconds["direct"] -= seconds["shadows"]  # the shadow test runs inside
-    light = {"direct": Transport(near).composition(), **added}
-    light["inter_reflection"] = composition - light["direct"]
-    total = float(np.sum(composition + ambient))
-    shares = {name: float(np.sum(part)) / total for name, part in light.items()}
-    entries = {"direct": sum(T.nnz for T in near), "inter_reflection": _far_entries(far)}
-    reports = (EffectReport(need, seconds[n], entries.get(n, 0), shares.get(n, 0.0)) for n, need in needs.items())
-    shape = scene.camera.height, scene.camera.width, 3
-    return Simulated(transport, ambient.reshape(shape).astype(np.float32), tuple(reports))
+    def __init__(self, scene: Scene, needs: dict[str, Need]) -> None:
+        self.start = time.process_time(), time.perf_counter()
+        self.scene, self.needs, self.effects = scene, needs, EffectsOn(needs)
+        pixels = scene.camera.pixels
+        self.near = NearLight((pixels, scene.projector.pixels), scene.threshold, scene.name)
+        self.ambient = np.zeros((pixels, 3))
+        self.seen, self.lit = False, False
+        self.maps: dict[str, Any] = {}
+        self.exchange: Any = None
+
+    def run(self) -> Simulated:
+        scene, effects = self.scene, self.effects
+        self.maps = {name: effects.call(name, "light_map", scene, effects) for name in effects.having("light_map")}
+        if "inter_reflection" in effects:
+            self.exchange = effects.call("inter_reflection", "prepare", scene, self._deposits())
+            self.far = NearLight((scene.camera.pixels, self.exchange.cells), 0.0, scene.name)
+        height = max(1, BAND_RAYS // (scene.camera.width * scene.samples**2))
+        starts = range(0, scene.camera.height, height)
+        for top in track(starts, "tracing light paths", len(starts)):
+            self._band(range(top, min(top + height, scene.camera.height)))
+        if not self.seen:
+            raise InputError(f"{scene.name}: the camera sees no surface; move it or point look_at at one")
+        if not self.lit and "direct" in effects:
+            raise InputError(f"{scene.name}: no surface that the camera sees is lit by the projector; point it at one")
+        return self._finished()
+
+    def _deposits(self) -> Iterator[Deposits]:
+        yield from deposits(self.scene, self.effects)
+        for name, light_map in self.maps.items():
+            yield from self.effects.timed(name, light_map.deposits)
+
+    def _band(self, rows: range) -> None:
+        width, columns = self.scene.camera.width, self.scene.projector.pixels
+        first, count = rows.start * width, len(rows) * width
+        self.sharp: list[IntArray] = []
+        near: dict[str, list[Entries]] = {}
+        far: list[Entries] = []
+        for batch in camera_samples(self.scene, rows, self.effects):
+            self.seen = True
+            for start in range(0, batch.pixel.size, SAMPLES_AT_ONCE):
+                self._light(batch.at(slice(start, start + SAMPLES_AT_ONCE)), near, far)
+        reduced = []
+        for effect, entries in near.items():
+            pixel, column, weights = _joined(entries)
+            place, weights = summed((pixel - first) * columns + column, weights)
+            blurred = (
+                place.size - np.unique(np.concatenate(self.sharp)).size if effect == "direct" and self.sharp else 0
+            )
+            self.effects.account(effect, weights.sum(), place.size - blurred)
+            if effect in THROUGH_GLASS and "dispersion" in self.effects:
+                self.effects.account("dispersion", weights.sum())
+            if blurred:
+                self.effects.account("projector_defocus", 0.0, blurred)
+            reduced.append((place // columns + first, place % columns, weights))
+        self.near.add_band(first, count, *_joined(reduced))
+        if self.exchange is not None:
+            self.far.add_band(first, count, *_joined(far))
+
+    def _light(self, samples: Samples, near: dict[str, list[Entries]], far: list[Entries]) -> None:
+        """All that one batch of samples contributes."""
+        paint, around = paint_of(self.scene, samples), 1 / np.pi
+        matt = samples.throughput * albedo_of(self.scene, samples, paint, self.effects) * around
+        for found in self._arrivals(samples):
+            weights = self._seen_light(samples, paint, found)
+            effect = found.effect if samples.effect == "direct" else samples.effect
+            lit = weights @ np.ones(3) > 0  # a product is much faster than any() over three columns
+            if lit.any():
+                self.lit = True
+                entries = samples.pixel[found.sample[lit]], found.pixel[lit], weights[lit]
+                near.setdefault(effect, []).append(self._merged(*entries) if lit.size > MANY else entries)
+        if "ambient_light" in self.effects:
+            added = self.effects.call("ambient_light", "radiance", self.scene, matt)
+            self.effects.account("ambient_light", added.sum())
+            for i in range(3):
+                self.ambient[:, i] += np.bincount(samples.pixel, added[:, i], len(self.ambient))
+        if self.exchange is not None:
+            far += self.effects.call("inter_reflection", "seen_by_camera", self.scene, self.exchange, samples, matt)
+
+    def _merged(self, pixel: IntArray, column: IntArray, weights: FloatArray) -> Entries:
+        """The same entries, those of several samples of one pixel summed."""
+        columns = self.scene.projector.pixels
+        place, weights = summed(pixel * columns + column, weights)
+        return place // columns, place % columns, weights
+
+    def _arrivals(self, samples: Samples) -> Iterator[Arrivals]:
+        yield from arrivals(self.scene, samples, self.effects)
+        for name, light_map in self.maps.items():
+            yield from self.effects.timed(name, light_map.arrivals, samples)
+
+    def _seen_light(self, samples: Samples, paint: FloatArray, found: Arrivals) -> FloatArray:
+        """Radiance in the camera's pixels of some arrivals, (n, 3): reflected, less what shadows and lenses take."""
+        scene, effects = self.scene, self.effects
+        straight = found.effect == "direct"
+        reflectance = paint[found.sample] / np.pi
+        if not straight and not effects.having("reflectance"):  # most of a light map's many arrivals
+            return np.asarray(samples.throughput[found.sample] * reflectance * found.irradiance)
+        there = samples.at(found.sample)
+        for name in effects.having("reflectance"):
+            to_light = found.origin - there.point
+            to_light /= np.linalg.norm(to_light, axis=1, keepdims=True)
+            reflectance = effects.call(name, "reflectance", scene, there, to_light, reflectance)
+        weights = there.throughput * reflectance * found.irradiance
+        if straight and "shadows" in effects:
+            dark = effects.call("shadows", "shaded", scene, there.point, found.origin)
+            effects.account("shadows", weights[dark].sum())
+            weights[dark] = 0
+        if straight and "vignetting" in effects and scene.projector.vignetting:
+            passed = weights * effects.call("vignetting", "transmission", scene.projector)[found.pixel, None]
+            effects.account("vignetting", weights.sum() - passed.sum())
+            weights = passed
+        if straight and samples.effect == "direct":
+            self._account_blur(there, found, weights)
+        return weights
+
+    def _account_blur(self, there: Samples, found: Arrivals, weights: FloatArray) -> None:
+        """Light that defocus brings from, or to, other pixels than pinholes would."""
+        projector, camera = self.scene.projector, self.scene.camera
+        if "projector_defocus" in self.effects:
+            moved = projector.pixel_at(*projector.project(there.point)[:2]) != found.pixel
+            self.effects.account("projector_defocus", weights[moved].sum())
+            self.sharp.append(np.unique((there.pixel * projector.pixels + found.pixel)[~moved]))
+        if "camera_defocus" in self.effects:
+            moved = camera.pixel_at(*camera.project(there.point)[:2]) != there.pixel
+            self.effects.account("camera_defocus", weights[moved].sum())
+
+    def _finished(self) -> Simulated:
+        scene, effects = self.scene, self.effects
+        far: FarLight | None = None
+        near = self.near.matrices()
+        if self.exchange is not None:
+            far = self.exchange.far_light(self.far.matrices())
+            lit = Transport(near, far).composition() - Transport(near).composition()
+            effects.account("inter_reflection", lit.sum(), _far_entries(far))
+        transport, ambient = Transport(near, far), self.ambient
+        composition = transport.composition()
+        if "black_level" in effects:
+            added = effects.call("black_level", "radiance", scene, composition)
+            effects.account("black_level", added.sum())
+            ambient = ambient + added
+        total = float(np.sum(composition + ambient))
+        if "vignetting" in effects and scene.camera.vignetting:
+            passed = effects.call("vignetting", "transmission", scene.camera)[:, None]
+            effects.account("vignetting", np.sum((composition + ambient) * (1 / passed - 1)))
+        if "capture_noise" in effects:
+            noise = effects.call("capture_noise", "deviation", scene.camera, composition + ambient)
+            effects.account("capture_noise", noise.sum())
+        if "blooming" in effects:
+            transport, ambient, moved = effects.call("blooming", "bloom", scene, transport, ambient)
+            effects.account("blooming", moved * total, _far_entries(transport.far) - _far_entries(far))
+        shape = scene.camera.height, scene.camera.width, 3
+        picture = ambient.reshape(shape).astype(np.float32)
+        spent = time.process_time() - self.start[0], time.perf_counter() - self.start[1]
+        return Simulated(transport, picture, self._reports(total), *spent)
+
+    def _reports(self, total: float) -> tuple[EffectReport, ...]:
+        effects = self.effects
+        return tuple(
+            EffectReport(need, effects.seconds[name], effects.entries[name], effects.energy[name] / total)
+            if name in effects
+            else EffectReport(need)
+            for name, need in self.needs.items()
+        )
+
+
+def _joined(entries: list[Entries]) -> Entries:
+    if not entries:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3))
+    pixels, columns, weights = zip(*entries, strict=True)
+    return np.concatenate(pixels), np.concatenate(columns), np.concatenate(weights)
 
 
 def _far_entries(far: FarLight | None) -> int:
     return 0 if far is None else far.mix.size + sum(part.nnz for part in (*far.gather, *far.scatter))
 
 
-def _check_memory(scene: Scene) -> None:
-    rays = scene.camera.width * scene.camera.height * scene.samples**2
-    cells = 0 if len(scene.surfaces) == 1 else scene.cells
-    beams = 0 if len(scene.surfaces) == 1 else scene.projector.width * scene.projector.height
+def _check(scene: Scene, needs: dict[str, Need]) -> None:
+    """InputError for a device inside a solid and for what would not fit in memory."""
+    for name, device in (("camera", scene.camera), ("projector", scene.projector)):
+        solid = inside_of(scene, device.position)
+        if solid is not None:
+            raise InputError(f"{scene.name}: [{name}], position: is inside the solid '{solid.name}'; move it out")
+    far = needs["inter_reflection"].on
+    cells, beams = (scene.cells, scene.projector.pixels) if far else (0, 0)
+    rays = scene.camera.pixels * scene.samples**2
     needed = rays * BYTES_A_RAY + beams * BYTES_A_BEAM + cells**2 * 8 * 12
     if needed > MAX_BYTES:
         raise InputError(
             f"{scene.name}: {rays} camera rays, {beams} projector pixels and {cells} cells need about "
-            f"{needed >> 30} GiB, at most {MAX_BYTES >> 30} are used; lower samples, cells or the devices' sizes"
+            f"{needed >> 30} GiB, at most {MAX_BYTES >> 30} are used; {ADVICE}"
         )

@@ -1,12 +1,13 @@
-"""Shadows: a point is dark if a surface stands between it and the projector."""
+"""Shadows: light does not arrive if a surface stands between a point and where the light comes from."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tools.simulation.geometry import blocked
 from tools.simulation.scene import Scene
+from tools.simulation.shapes.shape import FloatArray
 
 
-def shaded(scene: Scene, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which points (n, 3) on surfaces the projector does not see."""
-    return blocked(points, scene.projector.position, scene.surfaces)
+def shaded(scene: Scene, points: FloatArray, origins: FloatArray) -> NDArray[np.bool_]:
+    """Which points (n, 3) get no light from the points (n, 3) of the projector's lens."""
+    return blocked(points, origins, scene.surfaces)

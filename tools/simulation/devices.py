@@ -1,0 +1,196 @@
+"""Projector and camera: where they stand, what they see, and the lens that they see it through."""
+
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from player.errors import InputError
+from player.response import Response
+from tools.simulation.tables import Table, Vector
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+MAX_SIDE = 4096
+
+
+@dataclass(frozen=True)
+class Device:
+    """A picture plane behind a thin lens. Right, up and forward are orthonormal; tan_half is (x, y).
+
+    Pixel (x, y), continuous, row 0 at the top, looks through the lens' centre along
+    forward + (2x/width − 1) tan_x right − (2y/height − 1) tan_y up.
+    target_distance : metres to look_at.
+    aperture : the lens' diameter in metres, 0 for a pinhole.  focus_distance : depth along the axis that is sharp.
+    vignetting : "cos4" or the share of light lost in the picture's corner, growing with the square of the distance
+    from its centre.
+    """
+
+    width: int
+    height: int
+    position: Vector
+    right: Vector
+    up: Vector
+    forward: Vector
+    tan_half: tuple[float, float]
+    target_distance: float
+    aperture: float
+    focus_distance: float
+    vignetting: str | float
+
+    @property
+    def pixels(self) -> int:
+        return self.width * self.height
+
+    @property
+    def pixel_area(self) -> float:
+        """Area of a pixel's picture on the plane at depth 1."""
+        return 4 * self.tan_half[0] * self.tan_half[1] / self.pixels
+
+    def resized(self, height: int, width: int) -> Self:
+        """The same horizontal field of view with other pixels."""
+        if max(height, width) > MAX_SIDE:
+            raise InputError(f"size {width}x{height}: expected at most {MAX_SIDE} pixels a side")
+        tan_x = self.tan_half[0]
+        return replace(self, width=width, height=height, tan_half=(tan_x, tan_x * height / width))
+
+    def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Pixel coordinates x, y (continuous) and depth along the axis of points (n, 3); NaN behind the device."""
+        towards = points - self.position
+        depth = towards @ self.forward
+        safe = np.where(depth > 0, depth, np.nan)
+        x = (towards @ self.right / safe / self.tan_half[0] + 1) * self.width / 2
+        y = (1 - towards @ self.up / safe / self.tan_half[1]) * self.height / 2
+        return x, y, depth
+
+    def pixel_at(self, x: FloatArray, y: FloatArray) -> IntArray:
+        """Index of the pixel that contains (x, y); −1 outside the picture or behind the device."""
+        inside = (x >= 0) & (x < self.width) & (y >= 0) & (y < self.height)  # False for NaN
+        column = np.where(inside, x, 0).astype(np.int64)
+        row = np.where(inside, y, 0).astype(np.int64)
+        return np.where(inside, row * self.width + column, -1)
+
+    def pixel_rays(self, rows: range, samples: int) -> tuple[FloatArray, IntArray]:
+        """Directions (rays, 3) of samples × samples rays through each pixel of some rows, and its index.
+
+        They go through the lens' centre, and their depth along the axis is 1.
+        """
+        offset = (np.arange(samples) + 0.5) / samples
+        y, x, sy, sx = np.meshgrid(np.array(rows), np.arange(self.width), offset, offset, indexing="ij")
+        tan_x, tan_y = self.tan_half
+        across = (2 * (x + sx) / self.width - 1).ravel() * tan_x
+        down = (2 * (y + sy) / self.height - 1).ravel() * tan_y
+        directions = self.forward + across[:, None] * self.right - down[:, None] * self.up
+        return directions, (y * self.width + x).ravel()
+
+    def blur_pixels(self, depth: FloatArray) -> FloatArray:
+        """Diameter in pixels of the circle of confusion at depths z: aperture · |1/f − 1/z| · width / (2 tan_x).
+
+        Thin lens: the rays from a point at depth z through a lens of diameter a cut the plane of focus at depth f in a
+        disc of diameter a |1 − f/z|.
+        """
+        return np.asarray(
+            self.aperture * np.abs(1 / self.focus_distance - 1 / depth) * self.width / (2 * self.tan_half[0])
+        )
+
+
+@dataclass(frozen=True)
+class Projector(Device):
+    """brightness : radiance of a white card that faces it at target_distance.  black_level : share of white."""
+
+    brightness: float
+    black_level: float
+    response: Response
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What turns radiance into code values (EMVA Standard 1288): electrons at saturation, read noise, bits."""
+
+    full_well: float
+    read_noise: float
+    bits: int
+
+
+@dataclass(frozen=True)
+class Camera(Device):
+    """bloom_share : light that the lens and the sensor scatter into a halo of the angle `bloom_radius` (radians)."""
+
+    response: Response
+    bloom_share: float
+    bloom_radius: float
+    sensor: Sensor | None
+
+
+def read_projector(table: Table) -> Projector:
+    projector = Projector(
+        **_pose(table),
+        brightness=table.number("brightness", 1.0, 1e-6, 1e6),
+        black_level=table.number("black_level", 0.0, 0.0, 1.0),
+        response=table.response(),
+    )
+    table.refuse_unknown()
+    return projector
+
+
+def read_camera(table: Table) -> Camera:
+    bloom, sensor = table.table("bloom", optional=True), table.table("sensor", optional=True)
+    camera = Camera(
+        **_pose(table),
+        response=table.response(),
+        bloom_share=bloom.number("share", 0.0, 0.0, 0.9) if bloom.values else 0.0,
+        bloom_radius=float(np.radians(bloom.number("radius_deg", None, 0.001, 30.0))) if bloom.values else 0.0,
+        sensor=_sensor(sensor) if sensor.values else None,
+    )
+    for part in (table, bloom, sensor):
+        part.refuse_unknown()
+    return camera
+
+
+def _sensor(table: Table) -> Sensor:
+    return Sensor(
+        full_well=table.number("full_well_electrons", 20000.0, 1.0, 1e9),
+        read_noise=table.number("read_noise_electrons", 5.0, 0.0, 1e6),
+        bits=table.integer("bits", 12, 1, 16),
+    )
+
+
+def _pose(table: Table) -> dict[str, Any]:
+    """The fields that both devices share."""
+    width, height = (table.integer(key, None, 1, MAX_SIDE) for key in ("width", "height"))
+    position, look_at = table.vector("position"), table.vector("look_at")
+    angle = table.number("horizontal_field_of_view_deg", None, 0.1, 170.0)
+    forward = look_at - position
+    distance = float(np.linalg.norm(forward))
+    if distance == 0:
+        raise InputError(f"{table.where}: position and look_at are the same point; move one")
+    forward = forward / distance
+    up = table.vector("up", (0.0, 1.0, 0.0))
+    right = np.cross(forward, up)
+    if np.linalg.norm(right) < 1e-9:
+        raise InputError(f"{table.where}: looks straight along up = {up.tolist()}; give another up")
+    right = right / np.linalg.norm(right)
+    tan_x = float(np.tan(np.radians(angle) / 2))
+    return {
+        "width": width,
+        "height": height,
+        "position": position,
+        "right": right,
+        "up": np.cross(right, forward),
+        "forward": forward,
+        "tan_half": (tan_x, tan_x * height / width),
+        "target_distance": distance,
+        "aperture": table.number("aperture", 0.0, 0.0, 1.0),
+        "focus_distance": table.number("focus_distance", distance, 1e-3, 1e6),
+        "vignetting": _vignetting(table),
+    }
+
+
+def _vignetting(table: Table) -> str | float:
+    if table.values.get("vignetting") == "cos4":
+        return table.text("vignetting")
+    try:
+        return table.number("vignetting", 0.0, 0.0, 0.99)
+    except InputError as error:
+        raise InputError(f'{error}, or "cos4"') from None

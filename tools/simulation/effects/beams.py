@@ -1,0 +1,202 @@
+"""Beams: the light between neighbouring rays of the projector, kept together while they pass the same faces.
+
+Rays leave the projector through a lattice of points in its picture, finer than its pixels, and are followed from face
+to face to where they land. Four neighbours that passed the same faces in the same way bound a beam: its flux is spread
+over the four-sided patch between their landing points, so that a beam that widens leaves no gaps and one that narrows
+grows bright. Where neighbours part (at the edge of a glass) each ray lays down its own quarter. Either way the flux is
+kept. The beams start at the centre of the projector's lens: they are sharp where straight light may be out of focus.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.simulation.batch import Batch
+from tools.simulation.geometry import Hits, trace
+from tools.simulation.paths import Deposits, Rays
+from tools.simulation.projector_side import pixel_flux
+from tools.simulation.scene import Scene
+from tools.simulation.shapes.shape import FloatArray, IntArray, Shape
+
+if TYPE_CHECKING:
+    from tools.simulation.effects_on import EffectsOn
+
+CELLS = 2  # of the lattice, an axis and projector pixel
+MOST_FACES = 10
+FAINTEST = 4e-3  # share of a ray's light below which it is not followed
+LEVELS, COARSER = 3, 4  # of the map, and how much coarser each is than the one before
+WIDEST_FINE = 3  # pitches that a patch may be wide before it goes to a coarser level
+POINTS_A_PITCH = 1.5
+MOST_STEPS = 24  # points along a patch at the coarsest level; those of a wider one lie further apart
+LONE = 1  # the level for rays that stand for themselves
+BAND_RAYS = 1 << 18  # traced at once
+Pitches = dict[int, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Landed(Batch):
+    """Rays that ended on a matt surface: tag in the lattice, history, share of their light (n, 3), and where.
+
+    history : a number for the faces on the way and what happened there.
+    """
+
+    tag: IntArray
+    history: IntArray
+    share: FloatArray
+    surface: IntArray
+    u: FloatArray
+    v: FloatArray
+    facet: IntArray
+    front: NDArray[np.bool_]
+    point: FloatArray
+    normal: FloatArray
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Corners of cells of some rows of the projector's picture; a ray's tag is row · columns + column.
+
+    directions : (rows · columns, 3) unit.  flux : (cells,) of a cell, row by row.  pixel : (cells,) its pixel.
+    """
+
+    rows: int
+    columns: int
+    directions: FloatArray
+    flux: FloatArray
+    pixel: IntArray
+
+    @property
+    def corners(self) -> IntArray:
+        """Tags of each cell's corners, (cells, 4), in order 00, 01, 10, 11."""
+        first = (np.arange(self.rows - 1)[:, None] * self.columns + np.arange(self.columns - 1)).ravel()
+        return np.stack([first, first + 1, first + self.columns, first + self.columns + 1], axis=1)
+
+
+@dataclass(frozen=True)
+class Beams(Batch):
+    """Four-sided beams that land whole on one surface: places of their corners (n, 4), pixel, flux (n, 3)."""
+
+    u: FloatArray
+    v: FloatArray
+    front: NDArray[np.bool_]
+    pixel: IntArray
+    flux: FloatArray
+
+
+def deposits(scene: Scene, effects: "EffectsOn", pitches: Pitches) -> Iterator[tuple[int, Deposits]]:
+    """Projector light that lands on matt surfaces by way of effects that send rays forward, with the level of each.
+
+    pitches : for each surface with (u, v), how far apart in u and v points may lie at the finest level; on others every
+    ray stands for itself. Each level up is COARSER times as coarse.
+    """
+    height = max(1, BAND_RAYS // (scene.projector.width * CELLS**2))
+    for top in range(0, scene.projector.height, height):
+        lattice = lattice_of(scene, range(top, min(top + height, scene.projector.height)), effects)
+        for landed in follow(scene, lattice, effects):
+            index = int(landed.surface[0])
+            yield from _bundle(landed, lattice, scene.surfaces[index].shape, pitches.get(index))
+
+
+def lattice_of(scene: Scene, rows: range, effects: "EffectsOn") -> Lattice:
+    """Rays through the corners of CELLS × CELLS cells of every pixel of some rows."""
+    projector = scene.projector
+    y = np.linspace(rows.start, rows.stop, len(rows) * CELLS + 1)
+    x = np.linspace(0, projector.width, projector.width * CELLS + 1)
+    down, across = np.meshgrid(2 * y / projector.height - 1, 2 * x / projector.width - 1, indexing="ij")
+    tan_x, tan_y = projector.tan_half
+    directions = projector.forward + across.reshape(-1, 1) * tan_x * projector.right
+    directions = directions - down.reshape(-1, 1) * tan_y * projector.up
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    row, column = np.meshgrid(np.arange(len(rows) * CELLS), np.arange(projector.width * CELLS), indexing="ij")
+    pixel = ((rows.start + row // CELLS) * projector.width + column // CELLS).ravel()
+    flux = np.full(pixel.size, pixel_flux(scene) / CELLS**2)
+    if "vignetting" in effects and projector.vignetting:
+        flux *= effects.call("vignetting", "transmission", projector)[pixel]
+    return Lattice(y.size, x.size, directions, flux, pixel)
+
+
+def follow(scene: Scene, lattice: Lattice, effects: "EffectsOn") -> list[Landed]:
+    """Rays of one history on one matt surface each, those left out that land there straight away."""
+    count = len(lattice.directions)
+    origins = np.broadcast_to(scene.projector.position, (count, 3))
+    rays = Rays(np.arange(count), origins, lattice.directions, np.ones((count, 3)), np.full(count, -1), "direct")
+    matt = np.array([surface.matt for surface in scene.surfaces])
+    ways = effects.having("forward")
+    histories, landed = 1, []
+    waiting = [(0, 0, rays)]
+    while waiting:
+        faces, history, rays = waiting.pop()
+        hits = trace(rays.origin, rays.direction, scene.surfaces)
+        for index in np.unique(hits.surface[hits.surface >= 0]):
+            there = hits.surface == index
+            some, met = rays.at(there), hits.at(there)
+            if faces and matt[index]:
+                landed.append(_landed(some, met, history))
+            if faces < MOST_FACES:
+                for name in ways:
+                    for more in effects.call(name, "forward", scene, some, met, effects):
+                        strongest = np.maximum(np.maximum(*more.throughput.T[:2]), more.throughput[:, 2])
+                        bright = more.at(strongest > FAINTEST)
+                        if bright.pixel.size:
+                            waiting.append((faces + 1, histories, bright))
+                            histories += 1
+    return landed
+
+
+def _landed(rays: Rays, hits: Hits, history: int) -> Landed:
+    places = hits.surface, hits.u, hits.v, hits.facet, hits.front, hits.point, hits.normal
+    return Landed(rays.pixel, np.full(rays.pixel.size, history), rays.throughput, *places)
+
+
+def _bundle(
+    landed: Landed, lattice: Lattice, shape: Shape, pitch: tuple[float, float] | None
+) -> Iterator[tuple[int, Deposits]]:
+    """Rays with one history on one surface: whole beams as patches, broken ones as points."""
+    place = np.full(lattice.rows * lattice.columns, -1)
+    place[landed.tag] = np.arange(landed.tag.size)
+    corner = place[lattice.corners]
+    cells = np.flatnonzero((corner >= 0).any(axis=1))
+    corner, pixel = corner[cells], lattice.pixel[cells]
+    there = corner >= 0
+    flux = landed.share[corner] * there[..., None] / 4 * lattice.flux[cells, None, None]
+    whole = np.zeros(len(cells), bool)
+    if pitch is not None:
+        u, v, front = landed.u[corner], landed.v[corner], landed.front[corner]
+        whole = there.all(axis=1) & (front == front[:, :1]).all(axis=1) & (np.ptp(u, axis=1) < 0.5)  # else: at a seam
+        beams = Beams(u[whole], v[whole], front[whole, 0], pixel[whole], flux[whole].sum(axis=1))
+        yield from _patches(shape, int(landed.surface[0]), beams, pitch)
+    alone, corners = np.nonzero(there & ~whole[:, None])
+    if alone.size:
+        some = landed.at(corner[alone, corners])
+        places = some.surface, some.u, some.v, some.facet, some.front, some.point, some.normal
+        yield LONE, Deposits(pixel[alone], *places, flux[alone, corners], "caustics")
+
+
+def _patches(shape: Shape, surface: int, beams: Beams, pitch: tuple[float, float]) -> Iterator[tuple[int, Deposits]]:
+    """Whole beams, each at the level where a few points fill its patch."""
+    extent = np.maximum(np.ptp(beams.u, axis=1) / pitch[0], np.ptp(beams.v, axis=1) / pitch[1])
+    level = np.searchsorted(WIDEST_FINE * COARSER ** np.arange(LEVELS - 1), extent)
+    steps = np.clip(np.ceil(POINTS_A_PITCH * extent / COARSER**level), 1, MOST_STEPS).astype(np.int64)
+    for key in np.unique(level * 2 * MOST_STEPS + steps):
+        some = beams.at(level * 2 * MOST_STEPS + steps == key)
+        yield int(key) // (2 * MOST_STEPS), _patch(shape, surface, some, int(key) % (2 * MOST_STEPS))
+
+
+def _patch(shape: Shape, surface: int, beams: Beams, steps: int) -> Deposits:
+    """steps × steps points on each beam's patch, and an even part of its flux on each."""
+    blend = _blend(steps)
+    copies = len(blend)
+    u, v, front = (blend @ beams.u.T).ravel(), (blend @ beams.v.T).ravel(), np.tile(beams.front, copies)
+    normal = np.where(front[:, None], 1.0, -1.0) * shape.normals(u, v)
+    places = np.full(u.size, surface), u, v, np.full(u.size, -1), front, shape.at(u, v), normal
+    return Deposits(np.tile(beams.pixel, copies), *places, np.tile(beams.flux / copies, (copies, 1)), "caustics")
+
+
+def _blend(count: int) -> FloatArray:
+    """Weights (count², 4) of a patch's corners at evenly spread points."""
+    offset = (np.arange(count) + 0.5) / count
+    s, t = (part.ravel() for part in np.meshgrid(offset, offset))
+    return np.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t], axis=1)

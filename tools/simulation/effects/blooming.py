@@ -1,0 +1,73 @@
+"""Blooming: lens and sensor scatter a share of each pixel's light into a halo around it (veiling glare, ISO 9358).
+
+The point spread is (1 − s) δ + s h with h = exp(−d / r) / (2π r²) at a distance of d pixels. A halo reaches hundreds of
+pixels and is smooth, so it is far light: T' = (1 − s) T + s V K A T, A averages the camera picture over cells, K is h
+between the cells' centres, V interpolates. A halo narrower than a cell becomes as wide as a cell. Light that is
+scattered beyond the picture is lost.
+"""
+
+import numpy as np
+from scipy import sparse
+
+from tools.simulation.devices import Camera
+from tools.simulation.scene import Scene
+from tools.simulation.shapes.shape import FloatArray
+from tools.transport.transport import Csr, FarLight, Transport
+
+MAX_CELLS = 1600
+REACH = 8  # radii: 0.3 % of the halo lie further out
+
+
+def bloom(scene: Scene, transport: Transport, ambient: FloatArray) -> tuple[Transport, FloatArray, float]:
+    """T and e (camera pixels, 3) with halos, and the share of the light that moved."""
+    share = scene.camera.bloom_share
+    average, halo, interpolate = halo_factors(scene.camera)
+    near = tuple(Csr((1 - share) * T) for T in transport.near)
+    collected = [Csr(average @ T) for T in transport.near]
+    far = transport.far
+    if far is None:
+        bloomed = FarLight(tuple(collected), np.stack([halo] * 3), (share * interpolate,) * 3)
+    else:
+        gather = [Csr(sparse.vstack([D, own])) for D, own in zip(far.gather, collected, strict=True)]
+        mix = [_stacked(M, halo @ (average @ U) @ M, halo) for M, U in zip(far.mix, far.scatter, strict=True)]
+        scatter = [Csr(sparse.hstack([(1 - share) * U, share * interpolate])) for U in far.scatter]
+        bloomed = FarLight(tuple(gather), np.stack(mix), tuple(scatter))
+    spread_ambient = (1 - share) * ambient + share * (interpolate @ (halo @ (average @ ambient)))
+    return Transport(near, bloomed), spread_ambient, share
+
+
+def halo_factors(camera: Camera) -> tuple[Csr, FloatArray, Csr]:
+    """A (cells, pixels), K (cells, cells) and V (pixels, cells)."""
+    step = max(1.0, np.sqrt(camera.pixels / MAX_CELLS))
+    across, along = (max(1, int(size / step)) for size in (camera.width, camera.height))
+    average = sparse.kron(_average(along, camera.height), _average(across, camera.width))
+    interpolate = sparse.kron(_interpolate(camera.height, along), _interpolate(camera.width, across))
+    radius = np.tan(camera.bloom_radius) * camera.width / (2 * camera.tan_half[0])
+    steps = camera.width / across, camera.height / along
+    y, x = np.divmod(np.arange(across * along), across)
+    apart = np.hypot((x[:, None] - x) * steps[0], (y[:, None] - y) * steps[1])
+    return Csr(average), np.exp(-apart / radius) / _whole_halo(radius, steps), Csr(interpolate)
+
+
+def _whole_halo(radius: float, steps: tuple[float, float]) -> float:
+    """The sum of exp(−d / r) over all cells of an endless picture."""
+    x, y = (np.arange(-n, n + 1) * step for step in steps for n in [int(np.ceil(REACH * radius / step))])
+    return float(np.exp(-np.hypot(x[:, None], y) / radius).sum())
+
+
+def _average(cells: int, pixels: int) -> Csr:
+    """Means over cells of equal length, (cells, pixels); a pixel on a border counts in part."""
+    edges = np.linspace(0, pixels, cells + 1)
+    inside = np.minimum(edges[1:, None], np.arange(1, pixels + 1)) - np.maximum(edges[:-1, None], np.arange(pixels))
+    return Csr(np.maximum(inside, 0) * cells / pixels)
+
+
+def _interpolate(pixels: int, cells: int) -> Csr:
+    """Linear between the cells' centres, (pixels, cells)."""
+    place = np.clip((np.arange(pixels) + 0.5) * cells / pixels - 0.5, 0, cells - 1)
+    return Csr(np.maximum(0, 1 - np.abs(place[:, None] - np.arange(cells))))
+
+
+def _stacked(far: FloatArray, across: FloatArray, halo: FloatArray) -> FloatArray:
+    """[[far, 0], [across, halo]]."""
+    return np.block([[far, np.zeros((len(far), len(halo)))], [across, halo]])

@@ -1,0 +1,174 @@
+"""Gloss: a clear coat over the paint that reflects like a rough mirror, and reflects other surfaces as well.
+
+The lobe is that of microfacets with the GGX distribution (Walter et al. 2007):
+
+    f = F(i·h) D(h) G(i, o) / (4 cos i cos o),      h the half vector,
+    D = α² / (π ((α² − 1) cos² h + 1)²),            G = 1 / (1 + Λ(i) + Λ(o)),   Λ(v) = (√(1 + α² tan² v) − 1) / 2,
+    F(c) = F₀ + (1 − F₀) (1 − c)⁵                   (Schlick 1994).
+
+The paint gets and gives what the coat lets through: f = (1 − F(cos i)) (1 − F(cos o)) ρ / π. Both are reciprocal, and
+together they return no more than they get; a facet's light that hits another facet is lost. Below MIRROR a coat is a
+plain mirror, in which the projector's own lens is not seen.
+"""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.simulation.effects.sequence import even_pairs, tangents
+from tools.simulation.geometry import Hits
+from tools.simulation.paths import Rays, Samples
+from tools.simulation.scene import Scene
+from tools.simulation.surfaces import Surface
+
+if TYPE_CHECKING:
+    from tools.simulation.effects_on import EffectsOn
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+MIRROR = 0.01  # roughness
+FACETS = 16  # directions for each ray of the projector's that a rough coat reflects
+EVEN = 1 / 21  # mean of (1 − c)⁵ over evenly arriving light
+
+
+def scatter(scene: Scene, rays: Rays, hits: Hits, effects: "EffectsOn") -> list[Rays]:
+    """What coats reflect towards the camera: one ray for each that meets one, drawn from the lobe."""
+    result = []
+    for surface, met in _coated(scene, hits.surface):
+        there, place = rays.at(met), hits.at(met)
+        result.append(_reflected(surface, there, place, even_pairs(len(place.surface))))
+    return result
+
+
+def forward(scene: Scene, rays: Rays, hits: Hits, effects: "EffectsOn") -> list[Rays]:
+    """What coats reflect of the projector's light: FACETS batches, each with the same draw for all rays."""
+    result = []
+    for surface, met in _coated(scene, hits.surface):
+        there, place = rays.at(met), hits.at(met)
+        coat = surface.material.gloss
+        count = 1 if coat is None or coat.roughness < MIRROR else FACETS
+        for pair in even_pairs(count):
+            drawn = _reflected(surface, there, place, np.broadcast_to(pair, (len(place.surface), 2)))
+            result.append(replace(drawn, throughput=drawn.throughput / count))
+    return result
+
+
+def reflectance(scene: Scene, samples: Samples, to_light: FloatArray, paint: FloatArray) -> FloatArray:
+    """f (n, 3), 1/sr, of coated samples for light from unit directions; NaN: from everywhere, paint only."""
+    result = paint.copy()
+    for surface, on in _coated(scene, samples.surface):
+        coat = surface.material.gloss
+        assert coat is not None
+        there, source = samples.at(on), to_light[on]
+        cos_in = np.sum(source * there.normal, axis=1)
+        gets = np.where(np.isnan(cos_in), 1 - mean_fresnel(coat.reflectance), 1 - fresnel(cos_in, coat.reflectance))
+        gives = 1 - fresnel(np.sum(there.towards * there.normal, axis=1), coat.reflectance)
+        result[on] = paint[on] * (gets * gives)[:, None]
+        if coat.roughness >= MIRROR:
+            shine = lobe_between(source, there.towards, there.normal, coat.roughness, coat.reflectance)
+            result[on] += np.nan_to_num(shine)[:, None]
+    return result
+
+
+def albedo(scene: Scene, samples: Samples, paint: FloatArray) -> FloatArray:
+    """Share (n, 3) of evenly arriving light that the paint gives back through the coat towards the viewer."""
+    result = paint.copy()
+    for surface, on in _coated(scene, samples.surface):
+        coat = surface.material.gloss
+        assert coat is not None
+        there = samples.at(on)
+        gives = 1 - fresnel(np.sum(there.towards * there.normal, axis=1), coat.reflectance)
+        result[on] *= (gives * (1 - mean_fresnel(coat.reflectance)))[:, None]
+    return result
+
+
+def fresnel(cosine: FloatArray, head_on: float) -> FloatArray:
+    """Share that a facet reflects (Schlick), from F₀."""
+    return np.asarray(head_on + (1 - head_on) * (1 - np.clip(cosine, 0, 1)) ** 5)
+
+
+def mean_fresnel(head_on: float) -> float:
+    """The same for evenly arriving light: ∫ F cos dω / π."""
+    return head_on + (1 - head_on) * EVEN
+
+
+def lobe_between(
+    towards: FloatArray, leaving: FloatArray, normals: FloatArray, roughness: float, head_on: float
+) -> FloatArray:
+    """f (n,), 1/sr, for unit vectors (n, 3) to where light comes from and to where it goes; 0 below the surface."""
+    half = towards + leaving
+    half = half / np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-30)
+    cos_in, cos_out, cos_half = (np.sum(vectors * normals, axis=1) for vectors in (towards, leaving, half))
+    above = (cos_in > 0) & (cos_out > 0)
+    i, o = np.where(above, cos_in, 1.0), np.where(above, cos_out, 1.0)
+    facets = _distribution(cos_half, roughness) / (1 + _shade(i, roughness) + _shade(o, roughness))
+    return np.where(above, facets * fresnel(np.sum(towards * half, axis=1), head_on) / (4 * i * o), 0.0)
+
+
+def sampled(
+    leaving: FloatArray, normals: FloatArray, roughness: float, head_on: float, random: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Directions (n, 3) that light comes from, drawn for one that it leaves in, and their weights (n,) f cos i / p.
+
+    Facets are drawn as they are seen from `leaving` (Heitz 2018), so that the weight F G / G₁ is at most 1.
+    random : (n, 2) in 0..1.  Directions below the surface weigh 0.
+    """
+    first, second = tangents(normals)
+    axes = np.stack([first, second, normals], axis=1)
+    seen = np.einsum("nij,nj->ni", axes, leaving)
+    facet = _visible_facet(seen, roughness, random)
+    along = np.sum(seen * facet, axis=1)
+    local = 2 * along[:, None] * facet - seen
+    cos_in, cos_out = local[:, 2], np.maximum(seen[:, 2], 1e-9)
+    shade_in, shade_out = _shade(np.maximum(cos_in, 1e-9), roughness), _shade(cos_out, roughness)
+    weight = fresnel(along, head_on) * (1 + shade_out) / (1 + shade_out + shade_in)
+    return np.einsum("nij,ni->nj", axes, local), np.where(cos_in > 0, weight, 0.0)
+
+
+def _coated(scene: Scene, index: NDArray[np.int64]) -> list[tuple[Surface, BoolArray]]:
+    """Coated surfaces, and which places lie on them."""
+    coated = [(surface, index == k) for k, surface in enumerate(scene.surfaces) if surface.material.gloss is not None]
+    return [(surface, on) for surface, on in coated if on.any()]
+
+
+def _reflected(surface: Surface, rays: Rays, hits: Hits, random: FloatArray) -> Rays:
+    coat = surface.material.gloss
+    assert coat is not None
+    if coat.roughness < MIRROR:
+        cosine = -np.sum(rays.direction * hits.normal, axis=1)
+        onward, weight = rays.direction + 2 * cosine[:, None] * hits.normal, fresnel(cosine, coat.reflectance)
+    else:
+        onward, weight = sampled(-rays.direction, hits.normal, coat.roughness, coat.reflectance, random)
+    throughput = rays.throughput * weight[:, None]
+    return replace(rays, origin=hits.point, direction=onward, throughput=throughput, effect="gloss")
+
+
+def _distribution(cos_half: FloatArray, roughness: float) -> FloatArray:
+    square = roughness**2
+    return np.asarray(square / (np.pi * ((square - 1) * cos_half**2 + 1) ** 2))
+
+
+def _shade(cosine: FloatArray, roughness: float) -> FloatArray:
+    """Λ of Smith's shadowing."""
+    return np.asarray((np.sqrt(1 + roughness**2 * (1 / cosine**2 - 1)) - 1) / 2)
+
+
+def _visible_facet(seen: FloatArray, roughness: float, random: FloatArray) -> FloatArray:
+    """Facet normals (n, 3), z up, in proportion to their area as seen from unit vectors `seen` (Heitz 2018)."""
+    squeeze = np.array([roughness, roughness, 1.0])
+    stretched = seen * squeeze
+    stretched /= np.linalg.norm(stretched, axis=1, keepdims=True)
+    across = np.stack([-stretched[:, 1], stretched[:, 0], np.zeros(len(seen))], axis=1)
+    length = np.linalg.norm(across, axis=1, keepdims=True)
+    across = np.where(length > 1e-9, across / np.maximum(length, 1e-9), [1.0, 0.0, 0.0])
+    radius, angle = np.sqrt(random[:, 0]), 2 * np.pi * random[:, 1]
+    x, y = radius * np.cos(angle), radius * np.sin(angle)
+    share = (1 + stretched[:, 2]) / 2
+    y = (1 - share) * np.sqrt(np.maximum(1 - x**2, 0)) + share * y
+    z = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
+    facet = x[:, None] * across + y[:, None] * np.cross(stretched, across) + z[:, None] * stretched
+    facet *= squeeze
+    facet[:, 2] = np.maximum(facet[:, 2], 1e-9)
+    return np.asarray(facet / np.linalg.norm(facet, axis=1, keepdims=True))

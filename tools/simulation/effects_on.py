@@ -1,0 +1,57 @@
+"""The effects that are on: imported here, called through here, and what each of them cost."""
+
+import importlib
+import time
+from collections.abc import Callable, Mapping
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from tools.simulation.needs import Need
+
+
+class EffectsOn:
+    """Effects by name. A call is timed; processor seconds, entries and energy are summed for the report.
+
+    Energy is radiance summed over camera pixels and channels under a white projector picture: what an effect adds,
+    takes away or moves to other pixels.
+    """
+
+    def __init__(self, needs: Mapping[str, Need]) -> None:
+        names = [name for name, need in needs.items() if need.on]
+        self._modules: dict[str, ModuleType] = {
+            name: importlib.import_module(f"tools.simulation.effects.{name}") for name in names
+        }
+        self._calling: list[str] = []
+        self.seconds = dict.fromkeys(names, 0.0)
+        self.entries = dict.fromkeys(names, 0)
+        self.energy = dict.fromkeys(names, 0.0)
+
+    def __contains__(self, effect: str) -> bool:
+        return effect in self._modules
+
+    def call(self, effect: str, function: str, *arguments: Any) -> Any:
+        """Call a function of an effect's module."""
+        return self.timed(effect, getattr(self._modules[effect], function), *arguments)
+
+    def timed(self, effect: str, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Call a function on an effect's account. Time inside a nested call counts for the inner effect alone."""
+        start = time.process_time()
+        self._calling.append(effect)
+        try:
+            return function(*arguments)
+        finally:
+            self._calling.pop()
+            spent = time.process_time() - start
+            self.seconds[effect] += spent
+            if self._calling:
+                self.seconds[self._calling[-1]] -= spent
+
+    def having(self, function: str) -> list[str]:
+        """Effects that are on and plug in with this function, in the order of needs.py."""
+        return [name for name, module in self._modules.items() if hasattr(module, function)]
+
+    def account(self, effect: str, energy: float | np.floating[Any], entries: int = 0) -> None:
+        self.energy[effect] += float(energy)
+        self.entries[effect] += entries

@@ -1,0 +1,69 @@
+"""The projector's side of every light path: which projector pixels light a point, and where their light lands.
+
+The projector lights a plane across its axis evenly, as real ones are built to: at depth z along the axis the irradiance
+on such a plane is E⊥ = π · brightness · (z₀ / z)², z₀ the distance of look_at, so that a white card there has radiance
+`brightness`. On a surface turned by θ towards a beam at α from the axis, E = E⊥ cos θ / cos α. Every projector pixel
+then carries the same flux, π · brightness · z₀² times its area on the plane at depth 1.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tools.simulation.effects_on import EffectsOn
+from tools.simulation.geometry import trace
+from tools.simulation.paths import Arrivals, Deposits, Samples
+from tools.simulation.scene import Scene
+from tools.simulation.shapes.shape import FloatArray
+
+BAND_BEAMS = 1 << 18  # traced at once
+BEAMS = 2  # an axis and projector pixel for the light on cells
+
+
+def irradiance(scene: Scene, points: FloatArray, normals: FloatArray) -> FloatArray:
+    """Irradiance of a white picture at points (n, 3) with unit normals (n, 3), unshaded; 0 on the far side."""
+    projector = scene.projector
+    towards = points - projector.position
+    depth = towards @ projector.forward
+    distance = np.linalg.norm(towards, axis=1)
+    cos_surface = np.maximum(-np.sum(towards * normals, axis=1) / distance, 0)
+    lit = depth > 0
+    safe = np.where(lit, depth, 1.0)
+    across = np.pi * projector.brightness * (projector.target_distance / safe) ** 2
+    return np.where(lit, across * cos_surface * distance / safe, 0.0)
+
+
+def pixel_flux(scene: Scene) -> float:
+    """Power that leaves one projector pixel per unit drive."""
+    projector = scene.projector
+    return float(np.pi * projector.brightness * projector.target_distance**2 * projector.pixel_area)
+
+
+def arrivals(scene: Scene, samples: Samples, effects: EffectsOn) -> Iterator[Arrivals]:
+    """Projector light that reaches samples, straight and by way of light maps; shadows are not yet taken off."""
+    if "direct" in effects:
+        if "projector_defocus" in effects:
+            yield from effects.call("projector_defocus", "arrivals", scene, samples)
+        else:
+            yield effects.call("direct", "arrivals", scene, samples)
+
+
+def deposits(scene: Scene, effects: EffectsOn, beams: int = BEAMS) -> Iterator[Deposits]:
+    """Where beams² beams a projector pixel land on matt surfaces straight away, band by band of projector rows."""
+    projector = scene.projector
+    flux = pixel_flux(scene) / beams**2
+    share = np.ones(projector.pixels)
+    if "vignetting" in effects and projector.vignetting:
+        share = effects.call("vignetting", "transmission", projector)
+    matt = np.array([surface.matt for surface in scene.surfaces])
+    height = max(1, BAND_BEAMS // (projector.width * beams**2))
+    for top in range(0, projector.height, height):
+        rows = range(top, min(top + height, projector.height))
+        directions, pixel = projector.pixel_rays(rows, beams)
+        hits = trace(projector.position, directions, scene.surfaces)
+        lands = (hits.surface >= 0) & matt[hits.surface]
+        hits, pixel = hits.at(lands), pixel[lands]
+        power = flux * share[pixel, None]
+        yield Deposits(
+            pixel, hits.surface, hits.u, hits.v, hits.facet, hits.front, hits.point, hits.normal, power, "direct"
+        )

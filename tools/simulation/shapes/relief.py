@@ -1,0 +1,37 @@
+"""Reliefs: heights over a parallelogram, towards the camera's side."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from player.errors import InputError
+from tools.simulation.shapes.parallelogram import Parallelogram
+from tools.simulation.shapes.shape import FloatArray
+from tools.simulation.shapes.triangles import Triangles, over_grid
+
+
+def relief(base: Parallelogram, heights: FloatArray, *, cut: bool) -> Triangles:
+    """heights : (rows, columns) metres above the base, row 0 at v = 0.  cut : leave out what does not rise above 0."""
+    rows, columns = heights.shape
+    u, v = np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows))
+    points = base.at(u, v) + heights[..., None] * base.normal
+    keep = None
+    if cut:
+        keep = (heights[:-1, :-1] > 0) | (heights[:-1, 1:] > 0) | (heights[1:, :-1] > 0) | (heights[1:, 1:] > 0)
+    if np.cross(base.edge_u, base.edge_v) @ base.normal < 0:  # the grid's normals are to be the base's
+        points = points[:, ::-1]
+        keep = None if keep is None else keep[:, ::-1]
+    return over_grid(points, keep, closed=False, wraps=False)
+
+
+def read_heights(path: Path, where: str, columns: int, rows: int) -> FloatArray:
+    """A grey picture (8 or 16 bit; white 1, black 0; its bottom row at v = 0) as heights (rows, columns)."""
+    picture = cv2.imread(str(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE)
+    if picture is None:
+        raise InputError(f"{where}: {path} is no readable picture; check the path, or save it as a grey PNG")
+    whites = {"uint8": 255.0, "uint16": 65535.0}
+    if picture.dtype.name not in whites:
+        raise InputError(f"{where}: {path} holds {picture.dtype} values; save it as a PNG of 8 or 16 bits")
+    grey = picture.astype(np.float64) / whites[picture.dtype.name]
+    return np.asarray(cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA)[::-1], np.float64)

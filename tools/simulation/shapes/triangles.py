@@ -1,0 +1,160 @@
+"""Surfaces of triangles: reliefs, turned solids and meshes; rays meet them through Embree (Wald et al. 2014).
+
+Embree works in float32. It finds the triangle; the distance is then computed in float64 on that triangle's plane.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from player.errors import InputError
+from tools.simulation.shapes.shape import FloatArray, IntArray, Meeting
+
+START_GAP = 1e-4  # metres that a ray moves before it can meet: float32 knows points of a room to 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """A triangle mesh.
+
+    vertices (n, 3), faces (m, 3).  places : (u, v) of the vertices, (n, 2).
+    vertex_normals : unit normals to interpolate, (n, 3), or None for facets.
+    grid : columns and rows of vertices, row by row in v, when the mesh is a grid over u and v; else None.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    places: FloatArray
+    vertex_normals: FloatArray | None
+    closed: bool
+    grid: tuple[int, int] | None = None
+    wraps: bool = False
+    flat = False
+    convex = False
+    v_range = (0.0, 1.0)
+    _embree: Any = field(init=False, repr=False, compare=False)
+    facet_normals: FloatArray = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        across = np.cross(b - a, c - a)
+        object.__setattr__(self, "facet_normals", across / np.linalg.norm(across, axis=1, keepdims=True))
+        object.__setattr__(self, "_embree", _embree_scene(self.vertices, self.faces))
+
+    @property
+    def face_areas(self) -> FloatArray:
+        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+    def meet(self, origins: FloatArray, directions: FloatArray) -> Meeting:
+        origins = np.broadcast_to(origins, directions.shape)
+        length = np.linalg.norm(directions, axis=1)
+        unit = directions / length[:, None]
+        starts = (origins + START_GAP * unit).astype(np.float32)
+        found = self._embree.run(starts, unit.astype(np.float32), output=1)
+        ray = np.flatnonzero(found["geomID"] >= 0)
+        face = found["primID"][ray].astype(np.int64)
+        corners, normal = self.vertices[self.faces[face]], self.facet_normals[face]
+        height = np.sum((corners[:, 0] - origins[ray]) * normal, axis=1)
+        distance = height / np.sum(directions[ray] * normal, axis=1)
+        v, w = found["u"][ray].astype(np.float64), found["v"][ray].astype(np.float64)
+        weights = np.stack([1 - v - w, v, w], axis=1)
+        places = np.sum(weights[..., None] * self.places[self.faces[face]], axis=1)
+        normal = self._smooth(normal, face, weights)
+        return Meeting(ray, distance, places[:, 0], places[:, 1], normal, face)
+
+    def blocks(self, starts: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+        length = np.linalg.norm(directions, axis=1)
+        unit = directions / length[:, None]
+        origins = (np.broadcast_to(starts, directions.shape) + START_GAP * unit).astype(np.float32)
+        reach = np.maximum(length - 2 * START_GAP, 0).astype(np.float32)
+        found = self._embree.run(origins, unit.astype(np.float32), dists=reach, query="OCCLUDED")
+        return np.asarray((found >= 0) & (reach > 0))
+
+    def at(self, u: FloatArray, v: FloatArray) -> FloatArray:
+        return self._interpolated(self.vertices, u, v)
+
+    def normals(self, u: FloatArray, v: FloatArray) -> FloatArray:
+        assert self.vertex_normals is not None
+        normal = self._interpolated(self.vertex_normals, u, v)
+        return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
+
+    def density(self, u: FloatArray, v: FloatArray) -> FloatArray:
+        step = 1e-3
+        u, v = np.clip(u, step, 1 - step), np.clip(v, step, 1 - step)
+        du = (self.at(u + step, v) - self.at(u - step, v)) / (2 * step)
+        dv = (self.at(u, v + step) - self.at(u, v - step)) / (2 * step)
+        return np.asarray(np.linalg.norm(np.cross(du, dv), axis=-1))
+
+    def _smooth(self, facet: FloatArray, face: IntArray, weights: FloatArray) -> FloatArray:
+        """Interpolated normals, where they stay on the facet's side."""
+        if self.vertex_normals is None:
+            return facet
+        normal = np.sum(weights[..., None] * self.vertex_normals[self.faces[face]], axis=1)
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        return np.where(np.sum(normal * facet, axis=1, keepdims=True) > 0, normal, facet)
+
+    def _interpolated(self, values: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
+        assert self.grid is not None
+        columns, rows = self.grid
+        x, y = np.clip(u, 0, 1) * (columns - 1), np.clip(v, 0, 1) * (rows - 1)
+        i, j = np.minimum(x.astype(np.int64), columns - 2), np.minimum(y.astype(np.int64), rows - 2)
+        s, t = (x - i)[..., None], (y - j)[..., None]
+        corner = values.reshape(rows, columns, 3)
+        lower = corner[j, i] * (1 - s) + corner[j, i + 1] * s
+        upper = corner[j + 1, i] * (1 - s) + corner[j + 1, i + 1] * s
+        return np.asarray(lower * (1 - t) + upper * t)
+
+
+def over_grid(points: FloatArray, keep: NDArray[np.bool_] | None, *, closed: bool, wraps: bool) -> Triangles:
+    """Triangles between the points (rows, columns, 3) of a grid, v by row and u by column; smooth normals.
+
+    keep : (rows − 1, columns − 1), which fields are part of the surface; None for all. Normals are ∂u × ∂v.
+    """
+    rows, columns = points.shape[:2]
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]))
+    faces = np.stack([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)], axis=1)
+    if keep is not None:
+        faces = faces[keep.ravel()]
+    faces, vertices = faces.reshape(-1, 3), points.reshape(-1, 3)
+    faces = faces[_areas(vertices, faces) > 0]
+    v, u = np.meshgrid(np.linspace(0, 1, rows), np.linspace(0, 1, columns), indexing="ij")
+    normals = _vertex_normals(vertices, faces, seam=(rows, columns) if wraps else None)
+    places = np.stack([u.ravel(), v.ravel()], axis=1)
+    return Triangles(vertices, faces, places, normals, closed, (columns, rows), wraps)
+
+
+def _areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+
+def _vertex_normals(vertices: FloatArray, faces: IntArray, seam: tuple[int, int] | None) -> FloatArray:
+    """Means of the neighbouring faces' normals by area (Gouraud 1971); a seam joins the first and the last column."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    across = np.cross(b - a, c - a)
+    total = np.zeros_like(vertices)
+    for k in range(3):
+        np.add.at(total, faces[:, k], across)
+    if seam is not None:
+        grid = total.reshape(*seam, 3)
+        grid[:, 0] = grid[:, -1] = grid[:, 0] + grid[:, -1]
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    unused = np.array([0.0, 0.0, 1.0])
+    return np.where(length > 0, total / np.where(length > 0, length, 1.0), unused)
+
+
+def _embree_scene(vertices: FloatArray, faces: IntArray) -> Any:
+    try:
+        from embreex import rtcore_scene
+        from embreex.mesh_construction import TriangleMesh
+    except ImportError as error:
+        raise InputError(
+            f"reliefs, turned solids and meshes need the package embreex ({error}); pip install embreex"
+        ) from None
+    scene = rtcore_scene.EmbreeScene()
+    TriangleMesh(scene, vertices.astype(np.float32), faces.astype(np.int32))
+    return scene
