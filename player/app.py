@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal, TypeAlias
 
 from player import calibration as calibrations
 from player import maps
@@ -12,10 +13,13 @@ from player.command import Parser, run
 from player.cpu_renderer import CpuRenderer
 from player.errors import InputError
 from player.headless import render_to_file
+from player.refinement import DEFAULT_STEPS, MOST_STEPS, STARTS, StepBudget
 from player.renderer import DITHERS, VIEWS, Renderer, Room
 from player.session import Session
 from player.stats import Stats
 from player.video import MediaReader
+
+Steps: TypeAlias = int | Literal["auto"] | None
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -33,7 +37,7 @@ def _main(argv: Sequence[str] | None) -> None:
         raise InputError(f"{options.stats.parent}: no such folder for --stats; make it first")
     if options.calibration is None or options.media is None:
         raise InputError("play-corrected: needs a CALIBRATION and MEDIA; see play-corrected --help")
-    room = read_room(options.calibration, options.white, options.dither)
+    room = read_room(options.calibration, options.white, options.dither, options.refine, options.refine_from)
     print(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white is None else ''}")
     with MediaReader.open(options.media, loop=options.loop, frames_per_second=options.fps) as reader:
         if options.start and not (reader.info.still and not options.output):
@@ -46,11 +50,26 @@ def _main(argv: Sequence[str] | None) -> None:
         stats.write(options.stats)
 
 
-def read_room(folder: Path, white: float | None, dither: str = "ordered") -> Room:
-    """Read a calibration with its correction map; `white` None takes the level that most of the room can reach."""
+def read_room(
+    folder: Path, white: float | None, dither: str = "ordered", refine: Steps = None, start: str | None = None
+) -> Room:
+    """Read a calibration with its correction map; `white` None takes the level that most of the room can reach.
+
+    refine : steps of refinement; None for the usual number where the room has the maps for it.
+    start : one of STARTS, where they begin.
+    """
+    if refine == 0 and start is not None:
+        raise InputError(
+            f"--refine-from {start}: --refine 0 makes no step that could start there; leave one of them out"
+        )
     stored = calibrations.read(folder)
-    room_maps = maps.read_maps(stored)
-    return Room(stored.calibration, room_maps, room_maps.white if white is None else white, dither)
+    room_maps = maps.read_maps(stored, refinement=refine != 0)
+    if (refine or start) and room_maps.refinement is None:
+        raise InputError(
+            f"{folder}: its maps were built without what refinement needs; "
+            f"rebuild them with: build-correction-map {folder}, or leave out --refine and --refine-from"
+        )
+    return Room(stored.calibration, room_maps, room_maps.white if white is None else white, dither, start or STARTS[0])
 
 
 @contextmanager
@@ -70,9 +89,18 @@ def headless_renderer(backend: str, room: Room) -> Iterator[Renderer]:
             renderer.release()
 
 
+def _fixed_steps(refine: Steps, room: Room) -> int:
+    """The steps of a frame if nothing is said of its time."""
+    if isinstance(refine, int):
+        return refine
+    return DEFAULT_STEPS if room.maps.refinement is not None else 0
+
+
 def _render(options: argparse.Namespace, reader: MediaReader, room: Room) -> Stats:
     if options.loop and options.frames is None:
         raise InputError("--loop with --output never ends; add --frames N")
+    if options.refine == "auto":
+        raise InputError("--refine auto is for a window: a file has no time to keep; give a number of steps")
     with headless_renderer(options.backend, room) as renderer:
         renderer.open(reader.info.format)
         stats = render_to_file(
@@ -84,6 +112,7 @@ def _render(options: argparse.Namespace, reader: MediaReader, room: Room) -> Sta
             compensate=not options.no_compensation,
             frames=options.frames,
             white=room.white,
+            steps=_fixed_steps(options.refine, room),
         )
     quality = stats.facts.get("camera_psnr_db")
     print(f"{options.output}: {stats.frames} frames" + (f", camera PSNR {quality:.1f} dB" if quality else ""))
@@ -114,7 +143,15 @@ def _play(options: argparse.Namespace, reader: MediaReader, room: Room) -> Stats
         try:
             renderer.open(reader.info.format)
             window.attach(lambda: renderer.encoded_texture)
-            session = Session(reader, renderer, window, view=options.view, compensate=not options.no_compensation)
+            session = Session(
+                reader,
+                renderer,
+                window,
+                view=options.view,
+                compensate=not options.no_compensation,
+                steps=_fixed_steps(options.refine, room),
+                budget=StepBudget(1 / reader.info.frames_per_second) if options.refine == "auto" else None,
+            )
             return session.run(options.frames)
         finally:
             renderer.release()
@@ -134,6 +171,18 @@ def _parser() -> argparse.ArgumentParser:
         type=_white,
         metavar="auto|LEVEL",
         help="camera radiance of a white picture (default auto:\nthe level that nine in ten camera pixels can reach)",
+    )
+    add(
+        "--refine",
+        type=_steps,
+        metavar="N|auto",
+        help=f"steps a frame towards the best picture (default {DEFAULT_STEPS};\n"
+        "auto: as many as the frame time leaves; 0: the correction map alone)",
+    )
+    add(
+        "--refine-from",
+        choices=STARTS,
+        help="where they start (default previous: the correction map's\npicture, changed as in the frame before)",
     )
     add("--no-compensation", action="store_true", help="show the picture as any player would")
     add(
@@ -165,11 +214,19 @@ def _parser() -> argparse.ArgumentParser:
 
 
 KEYS = """keys: space pause   ←→ ±5 s   ↑↓ ±60 s   c compensation   v view   i statistics   b blackout   f full screen
-      s screenshot   q quit"""
+      [ ] refinement steps   s screenshot   q quit"""
 
 
 def _white(text: str) -> float | None:
     return None if text == "auto" else _number(text, 1e-30, 1e30, "auto or a radiance above 0")
+
+
+def _steps(text: str) -> Steps:
+    if text == "auto":
+        return "auto"
+    if not (text.isdecimal() and int(text) <= MOST_STEPS):
+        raise argparse.ArgumentTypeError(f"expected auto or a number of steps from 0 to {MOST_STEPS}, found {text!r}")
+    return int(text)
 
 
 def _seconds(text: str) -> float:

@@ -1,11 +1,31 @@
-"""What a picture asks of a room: the white level that the room can reach."""
+"""What a picture asks of a room: the white level that the room can reach; and what the next frame has to do with it."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from player.errors import InputError
+from player.frames import Frame
 
 REACHABLE_SHARE = 0.9  # of the camera pixels that count
+CUT, THUMBNAIL = 0.1, 48  # mean change of the code values, in full scale; samples along the shorter side
+
+
+class SceneCuts:
+    """Finds the frames that have little to do with the one before, by their luma (red, where there is none)."""
+
+    def __init__(self) -> None:
+        self._last: NDArray[np.float32] | None = None
+
+    def starts_with(self, frame: Frame) -> bool:
+        """True for the first frame, and if the thinned-out luma changes by more than CUT on average."""
+        pixels, plane = frame.format, frame.planes[0]
+        every = max(1, min(pixels.height, pixels.width) // THUMBNAIL)
+        samples = plane[: pixels.height : every, : pixels.width : every].astype(np.float32)
+        last, self._last = self._last, samples
+        if last is None:
+            return True
+        full = (1 << pixels.depth) - 1 if pixels.layout != "radiance" else max(last.max(), samples.max())
+        return bool(np.mean(np.abs(samples - last)) > CUT * full)
 
 
 def reachable_white(floodlight: NDArray[np.floating], mask: NDArray[np.bool_]) -> float:

@@ -5,8 +5,10 @@ from numpy.typing import NDArray
 
 from player import reference
 from player.colour import decoding_of
-from player.maps import FarMaps
+from player.content import SceneCuts
+from player.maps import FarMaps, RefinementMaps
 from player.reference import PreparedRows
+from player.refinement import GREY, OVER_RELAXATION, Certificate, momentum
 from player.renderer import Room, check_radiance_size, place
 from player.response import Response, transfer_table
 from player.video import Frame, PixelFormat
@@ -23,12 +25,15 @@ class CpuRenderer:
         self._transport = PreparedRows(room.maps.transport)
         self._far = None if room.maps.far is None else _FarChain(room.maps.far)
         self._undo = None if room.maps.undo is None else _FarChain(room.maps.undo)
+        self._refinement = None if room.maps.refinement is None else _Refinement(room.maps.refinement)
         self._projector_codes = room.calibration.projector.response.inverse_table()
         self._camera_codes = Response("srgb").inverse_table()
 
     def open(self, pixels: PixelFormat) -> None:
         check_radiance_size(pixels, self._room.calibration)
-        self._pixels = pixels
+        self._pixels, self._cuts = pixels, SceneCuts()
+        self._before: FloatArray | None = None  # what refinement changed in the frame before
+        self._now: FloatArray | None = None  # and in this one
         self._radiance = pixels.layout == "radiance"
         self._decoding = None if self._radiance else decoding_of(pixels)
         self._transfer = transfer_table("linear" if self._radiance else pixels.transfer)
@@ -43,13 +48,15 @@ class CpuRenderer:
             self._transfer,
             self._pixels.rotation,
         )
+        self._before, self._now = None if self._cuts.starts_with(frame) else self._now, None
 
-    def render(self, view: str, *, compensate: bool, frame: int = 0) -> None:
+    def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
+        self._compensated: tuple[FloatArray, FloatArray] | None = None
         if view == "split":
-            plain, corrected = (self._observe(self._drive(compensate=choice)) for choice in (False, True))
+            plain, corrected = self._observe(self._plain_drive()), self._observe(self._drive(steps))
             self._linear = reference.split(plain, corrected, self._room.white)
         else:
-            drive = self._drive(compensate=compensate)
+            drive = self._drive(steps) if compensate else self._plain_drive()
             self._linear = drive if view == "projector" else self._observe(drive)
         self._view, self._frame = view, frame
 
@@ -64,6 +71,15 @@ class CpuRenderer:
     def desired(self) -> NDArray[np.float32]:
         return (self._asked_white() * self._placed(self._room.calibration.camera.shape)).astype(np.float32)
 
+    def certificate(self) -> Certificate | None:
+        if self._refinement is None or self._compensated is None:
+            return None
+        drive, b = self._compensated
+        residual = b - self._light(drive)
+        error = reference.squared_error(residual, self._room.calibration.mask)
+        gap = reference.gap_terms(self._refinement.descent(residual), drive)
+        return Certificate(error.sum(axis=(0, 1)), gap.sum(axis=(0, 1)))
+
     def finish(self) -> None:
         """Nothing runs in the background."""
 
@@ -77,19 +93,62 @@ class CpuRenderer:
         spot = place(self._pixels, target)
         return reference.resample(self._picture, target, (spot.left, spot.top, spot.width, spot.height))
 
-    def _drive(self, *, compensate: bool) -> FloatArray:
+    def _plain_drive(self) -> FloatArray:
+        picture = self._placed(self._room.calibration.projector.shape)
+        return np.asarray(np.clip(picture / (self._room.white if self._radiance else 1.0), 0, 1))
+
+    def _drive(self, steps: int) -> FloatArray:
         calibration = self._room.calibration
-        if not compensate:
-            picture = self._placed(calibration.projector.shape)
-            return np.asarray(np.clip(picture / (self._room.white if self._radiance else 1.0), 0, 1))
         b = reference.desired_light(self._placed(calibration.camera.shape), calibration.ambient, self._asked_white())
-        if self._undo is not None:
-            b = b - self._undo.apply(b)
-        return np.clip(self._correction.apply(b), 0, 1)
+        if self._refinement is None or not steps:
+            drive = np.clip(self._product(b), 0, 1)
+        else:
+            drive = self._refined(b, steps, self._refinement)
+        self._compensated = drive, b
+        return drive
+
+    def _product(self, b: FloatArray) -> FloatArray:
+        """T⁺ b of the near light, the far light of the compensated picture taken out."""
+        return self._correction.apply(b if self._undo is None else b - self._undo.apply(b))
+
+    def _refined(self, b: FloatArray, steps: int, refinement: "_Refinement") -> FloatArray:
+        if self._room.start == "direct":
+            return self._descend(np.clip(refinement.direct.apply(b), 0, 1), b, steps, refinement)
+        if self._room.start == "grey":
+            return self._descend(np.full((*self._room.calibration.projector.shape, 3), GREY), b, steps, refinement)
+        product = self._product(b)
+        change = np.zeros_like(product) if self._before is None or self._room.start == "map" else self._before
+        drive = self._descend(reference.combine(product, change, 1.0, clamp=True), b, steps, refinement)
+        self._now = reference.combine(drive, product, -1.0)
+        return drive
+
+    def _descend(self, p: FloatArray, b: FloatArray, steps: int, refinement: "_Refinement") -> FloatArray:
+        y = p
+        for step in range(1, steps + 1):
+            descent = refinement.descent(b - self._light(y))
+            p, y = reference.refinement_step(descent, y, p, refinement.step_size, momentum(step), OVER_RELAXATION)
+        return p
+
+    def _light(self, drive: FloatArray) -> FloatArray:
+        """T p."""
+        near = self._transport.apply(drive)
+        return near if self._far is None else near + self._far.apply(drive)
 
     def _observe(self, drive: FloatArray) -> FloatArray:
-        near = self._room.calibration.ambient + self._transport.apply(drive)
-        return near if self._far is None else near + self._far.apply(drive)
+        return self._room.calibration.ambient + self._light(drive)
+
+
+class _Refinement:
+    """Tᵀ, the step sizes and direct mapping."""
+
+    def __init__(self, maps: RefinementMaps) -> None:
+        self._dual, self.direct, self.step_size = PreparedRows(maps.dual), PreparedRows(maps.direct), maps.step_size
+        self._far_dual = None if maps.far_dual is None else _FarChain(maps.far_dual)
+
+    def descent(self, residual: FloatArray) -> FloatArray:
+        """Tᵀ(b − T p) of b − T p."""
+        near = self._dual.apply(residual)
+        return near if self._far_dual is None else near + self._far_dual.apply(residual)
 
 
 class _FarChain:

@@ -27,10 +27,12 @@ def render_to_file(
     compensate: bool,
     frames: int | None,
     white: float,
+    steps: int = 0,
 ) -> Stats:
     """Render up to `frames` frames of an open medium into `output`; returns what was counted and timed.
 
-    For the camera's view the stats hold the mean PSNR against the desired picture inside the mask.
+    For the camera's view the stats hold the mean PSNR against the desired picture inside the mask; where the room has
+    the maps for it, the steps of refinement and how far the last frame can be from the optimum.
     Raises InputError if the medium breaks off; the output is then removed.
     """
     stats, quality = Stats(), []
@@ -45,7 +47,7 @@ def render_to_file(
             renderer.upload(frame)
             reader.release(frame)
             uploaded = time.perf_counter()
-            renderer.render(view, compensate=compensate, frame=index)
+            renderer.render(view, compensate=compensate, frame=index, steps=steps)
             renderer.finish()
             rendered = time.perf_counter()
             sink.write(renderer, frame.time_s)
@@ -62,6 +64,9 @@ def render_to_file(
                 quality.append(camera_psnr(renderer.desired(), renderer.linear(), calibration.mask, white))
         if stats.frames == 0:
             raise InputError(f"{reader.info.path}: no frame to render; check --start and --frames")
+    certificate = renderer.certificate()
+    if certificate is not None:
+        stats.facts["refinement"] = {"steps": steps, **certificate.to_dict()}
     if quality:
         stats.facts["camera_psnr_db"] = float(np.mean(quality))
     return stats

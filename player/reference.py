@@ -93,6 +93,44 @@ def desired_light(picture: FloatArray, ambient: FloatArray, white: float) -> Flo
     return white * picture - ambient
 
 
+def combine(first: FloatArray, second: FloatArray, factor: float, *, clamp: bool = False) -> FloatArray:
+    """One picture plus a multiple of another, limited to 0..1 if `clamp` (combine.frag)."""
+    result = first + factor * second
+    return np.clip(result, 0, 1) if clamp else result
+
+
+def refinement_step(
+    descent: FloatArray,
+    y: FloatArray,
+    p: FloatArray,
+    step_size: FloatArray,
+    momentum: float,
+    over_relaxation: float,
+) -> tuple[FloatArray, FloatArray]:
+    """One accelerated projected gradient step from y, Tᵀ(b − T y) given; the next p and y (refinement_step.frag).
+
+    A pixel whose step size is 0 stays dark.
+    """
+    q = np.where(step_size > 0, np.clip(y + step_size * descent, 0, 1), 0)
+    return q, q + momentum * (q - p) + over_relaxation * (q - y)
+
+
+def gap_terms(descent: FloatArray, p: FloatArray) -> FloatArray:
+    """Each pixel's share of the gap, max(g p, g (p − 1)), of the gradient g = −descent (gap.frag)."""
+    return np.maximum(-descent * p, descent * (1 - p))
+
+
+def squared_error(residual: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
+    """residual² inside the mask, 0 outside (squared_error.frag)."""
+    return np.where(mask[..., None], residual**2, 0)
+
+
+def block_sum(picture: FloatArray, side: int) -> FloatArray:
+    """The sum of each block of side × side pixels, smaller at the right and lower edge (block_sum.frag)."""
+    rows, columns = (np.arange(0, length, side) for length in picture.shape[:2])
+    return np.asarray(np.add.reduceat(np.add.reduceat(picture, rows, axis=0), columns, axis=1))
+
+
 def split(left: FloatArray, right: FloatArray, line: float) -> FloatArray:
     """The left half of one picture, the right half of the other, a line of light `line` between (split.frag)."""
     middle = left.shape[1] // 2

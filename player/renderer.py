@@ -10,6 +10,7 @@ from player.calibration import Calibration
 from player.errors import InputError
 from player.maps import RoomMaps
 from player.placement import Placement, fit
+from player.refinement import Certificate
 from player.video import Frame, PixelFormat
 
 VIEWS = ("projector", "camera", "split")
@@ -21,12 +22,14 @@ class Room:
     """What a renderer needs to know of a room.
 
     white : camera radiance of a white picture.  dither : one of DITHERS.
+    start : one of player.refinement.STARTS, where refinement begins.
     """
 
     calibration: Calibration
     maps: RoomMaps
     white: float
     dither: str = "ordered"
+    start: str = "previous"
 
 
 class Renderer(Protocol):
@@ -38,8 +41,11 @@ class Renderer(Protocol):
     def upload(self, frame: Frame) -> None:
         """Take a frame's planes; the frame may be released afterwards."""
 
-    def render(self, view: str, *, compensate: bool, frame: int = 0) -> None:
-        """Compute a view of the uploaded frame: one of VIEWS; split shows the camera's without | with compensation."""
+    def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
+        """Compute a view of the uploaded frame: one of VIEWS; split shows the camera's without | with compensation.
+
+        steps : of refinement, if the room has its maps; 0 is clamp(T⁺ b), the thesis' method.
+        """
 
     def encoded(self) -> NDArray[np.uint8]:
         """The rendered view as 8-bit code values: the projector's response, or sRGB with white = 1 for the camera."""
@@ -49,6 +55,12 @@ class Renderer(Protocol):
 
     def desired(self) -> NDArray[np.float32]:
         """The camera radiance that is asked for, (camera height, camera width, 3)."""
+
+    def certificate(self) -> Certificate | None:
+        """How far the drive of the rendered view can be from the best one; None without compensation or its maps.
+
+        Costs as much as a step of refinement.
+        """
 
     def finish(self) -> None:
         """Wait until everything asked for has been computed."""

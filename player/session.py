@@ -10,6 +10,7 @@ from typing import Protocol
 from player.errors import InputError
 from player.files import replacing_file
 from player.output import write_picture
+from player.refinement import MOST_STEPS, Certificate, StepBudget
 from player.renderer import VIEWS, Renderer
 from player.stats import Stats
 from player.video import Frame, MediaReader
@@ -38,6 +39,7 @@ class Session:
     """Plays one medium through a renderer into a display.
 
     clock : seconds, monotonic. A frame is due when the clock has reached its time; frames overtaken are dropped.
+    steps : of refinement.  budget : finds their number instead, until a key sets it.
     """
 
     def __init__(
@@ -48,12 +50,15 @@ class Session:
         *,
         view: str = "projector",
         compensate: bool = True,
+        steps: int = 0,
+        budget: StepBudget | None = None,
         screenshots: Path = Path(),
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.stats = Stats()
         self.view, self.compensate = view, compensate
         self.paused = self.blackout = self.show_stats = self.done = False
+        self.steps, self._budget = steps, budget
         self._reader, self._renderer, self._display = reader, renderer, display
         self._screenshots, self._clock = screenshots, clock
         self._pending: Frame | None = None
@@ -61,6 +66,9 @@ class Session:
         self._started_at: float | None = None  # clock time of media time 0; None until the next frame arrives
         self._dirty = self._rendered = False
         self._message = ""
+        self._certificate: Certificate | None = None
+        self._certified_at = float("-inf")
+        self._draws = self._steps_made = 0
         self._keys = self._bindings()
 
     def run(self, limit: int | None = None) -> Stats:
@@ -71,6 +79,10 @@ class Session:
             self.step()
             if limit is not None and self.stats.frames >= limit:
                 break
+        if self._draws:
+            self._certify()
+            certified = {} if self._certificate is None else self._certificate.to_dict()
+            self.stats.facts["refinement"] = {"steps": round(self._steps_made / self._draws, 1), **certified}
         return self.stats
 
     def step(self) -> None:
@@ -108,6 +120,8 @@ class Session:
             "c": lambda: self._flip("compensate"),
             "i": lambda: self._flip("show_stats"),
             "b": lambda: self._flip("blackout"),
+            "[": lambda: self._set_steps(self.steps // 2),
+            "]": lambda: self._set_steps(min(max(2 * self.steps, 1), MOST_STEPS)),
             "v": self._next_view,
             "f": self._toggle_fullscreen,
             "s": self._screenshot,
@@ -118,6 +132,10 @@ class Session:
 
     def _flip(self, name: str) -> None:
         setattr(self, name, not getattr(self, name))
+
+    def _set_steps(self, steps: int) -> None:
+        self.steps, self._budget = steps, None
+        self._message = f"{steps} steps of refinement"
 
     def _toggle_pause(self) -> None:
         self.paused = not self.paused
@@ -195,11 +213,23 @@ class Session:
 
     def _draw(self) -> None:
         start = time.perf_counter()
-        self._renderer.render(self.view, compensate=self.compensate, frame=self.stats.frames)
+        if self._budget is not None:
+            self.steps = self._budget.steps
+        self._renderer.render(self.view, compensate=self.compensate, frame=self.stats.frames, steps=self.steps)
         self._renderer.finish()
-        self.stats.add("gpu", time.perf_counter() - start)
+        seconds = time.perf_counter() - start
+        self.stats.add("gpu", seconds)
+        if self._budget is not None:
+            self._budget.took(seconds)
+        self._draws += 1
+        self._steps_made += self.steps
+        if self.show_stats and self._clock() - self._certified_at >= STATS_INTERVAL_S:
+            self._certify()
         self._display.present(self._lines() if self.show_stats else [], black=self.blackout)
         self._dirty = False
+
+    def _certify(self) -> None:
+        self._certificate, self._certified_at = self._renderer.certificate(), self._clock()
 
     def _lines(self) -> list[str]:
         info, stats = self._reader.info, self.stats
@@ -208,5 +238,6 @@ class Session:
             f"{self._position_s:.2f} s  view {self.view}  compensation {'on' if self.compensate else 'off'}",
             f"frames {stats.frames}  dropped {stats.dropped}",
             *(f"{stage} {stats.median_ms(stage):.1f} ms" for stage in ("decode", "upload", "gpu")),
+            *([f"refinement {self.steps} steps, {self._certificate}"] if self._certificate is not None else []),
             *([self._message] if self._message else []),
         ]

@@ -14,6 +14,7 @@ from tools.inverse.pictures import typical_pictures
 from tools.inverse.room import build_room_maps
 from tools.simulation.room import write_simulated_room
 from tools.simulation.scene import load_scene
+from tools.simulation.simulate import simulate
 from tools.solve.compensate import CompensateOptions, CompensationTask
 
 SCENES = Path(__file__).resolve().parents[1] / "calib_data" / "scenes"
@@ -35,7 +36,8 @@ def test_the_default_map_is_never_worse_than_direct_or_the_plain_inverse(room: s
     else:
         scene = load_scene(SCENES / f"{room}.toml")
         small = replace(scene, camera=scene.camera.resized(*CAMERA), projector=scene.projector.resized(*PROJECTOR))
-        write_simulated_room(replace(small, cells=150), tmp_path / room)
+        small = replace(small, cells=150)
+        write_simulated_room(small, simulate(small), tmp_path / room)
     stored = calibration.read(tmp_path / room)
     psnr: dict[str, list[float]] = {}
     for name, damping in (("default", None), ("plain", 0.0)):

@@ -20,6 +20,8 @@ from player.reference import PreparedRows
 from player.renderer import Renderer
 from tests.rooms import write_blurred_room
 from tools import build_correction_map
+from tools.solve.registry import solve
+from tools.solve.system import channel_system
 from tools.transport.transport import Transport
 
 CLIP = Path(__file__).resolve().parents[1] / "calib_data" / "media" / "big_buck_bunny.mp4"
@@ -81,7 +83,8 @@ def test_an_exr_is_compensated_as_the_equation_says(
     room: Path, tmp_path: Path, target: np.ndarray, backend: str
 ) -> None:
     exr.write_rgb(tmp_path / "c.exr", target)
-    succeed("play-corrected", room, tmp_path / "c.exr", "--output", tmp_path / "p.exr", "--backend", backend)
+    files = room, tmp_path / "c.exr", "--output", tmp_path / "p.exr"
+    succeed("play-corrected", *files, "--backend", backend, "--refine", "0")
     stored = calibration.read(room)
     T_pinv = PreparedRows(maps.read_maps(stored).correction)
     expected = np.clip(T_pinv.apply(target - stored.calibration.ambient), 0, 1)
@@ -106,7 +109,7 @@ def test_imported_matrices_are_played_through_numpys_pseudo_inverse(tmp_path: Pa
     succeed("build-correction-map", tmp_path / "room", "--regularize", "none", "--max-error", "0")
     c = rng.uniform(0, 1, (*camera, 3)).astype(np.float32)
     exr.write_rgb(tmp_path / "c.exr", c)
-    succeed("play-corrected", tmp_path / "room", tmp_path / "c.exr", "--output", tmp_path / "p.exr")
+    succeed("play-corrected", tmp_path / "room", tmp_path / "c.exr", "--output", tmp_path / "p.exr", "--refine", "0")
     light = (c.astype(float) - ambient).reshape(-1, 3)
     drive = np.stack([np.linalg.pinv(dense[i].astype(float)) @ light[:, i] for i in range(3)], axis=1)
     result = exr.read_rgb(tmp_path / "p.exr").reshape(-1, 3)
@@ -120,7 +123,8 @@ def test_the_camera_sees_what_was_asked_for(built: tuple[Path, Transport], tmp_p
     drive = cv2.GaussianBlur(np.random.default_rng(3).uniform(0.2, 0.8, (*ROOM_PROJECTOR, 3)), (0, 0), 2)
     asked = transport.apply(drive.reshape(-1, 3)).reshape(*ROOM_CAMERA, 3) + stored.calibration.ambient
     exr.write_rgb(tmp_path / "c.exr", asked.astype(np.float32))
-    succeed("play-corrected", folder, tmp_path / "c.exr", "--output", tmp_path / "seen.exr", "--view", "camera")
+    files = folder, tmp_path / "c.exr", "--output", tmp_path / "seen.exr"
+    succeed("play-corrected", *files, "--view", "camera", "--refine", "0")
     seen = exr.read_rgb(tmp_path / "seen.exr")
     assert np.sqrt(np.mean((seen - asked) ** 2)) < 0.005 * asked.max()  # damping of 0.02 σ₁ shrinks by about λ²/σ²
     plain = transport.apply(np.clip(asked.reshape(-1, 3)[: drive.size // 3], 0, 1)).reshape(*ROOM_CAMERA, 3)
@@ -171,7 +175,50 @@ def test_compensation_is_what_raises_the_psnr(room: Path, tmp_path: Path) -> Non
     assert figures[0] > figures[1] + 8
 
 
-@pytest.mark.parametrize("file", ["lookup.exr", "entries.exr", "transport/entries.exr"])
+def test_refinement_approaches_the_box_optimum(built: tuple[Path, Transport], tmp_path: Path) -> None:
+    """Letters, whose T⁺ clips: the error falls with every step and ends at what the CPU solver finds."""
+    folder, transport = built
+    stored = calibration.read(folder)
+    c = np.kron(np.random.default_rng(4).choice([0.02, 0.4], (9, 10, 3)), np.ones((4, 5, 1))).astype(np.float32)
+    exr.write_rgb(tmp_path / "c.exr", c)
+    b = (c - stored.calibration.ambient).reshape(-1, 3).astype(float)
+    systems = [channel_system(transport, i, b[:, i], stored.calibration.mask.ravel()) for i in range(3)]
+    best = sum(system.squared_error(solve("box", system).drive) for system in systems)
+    errors, bounds = [], []
+    for steps in (0, 2, 8, 256):
+        out, stats = tmp_path / "p.exr", tmp_path / "stats.json"
+        files = folder, tmp_path / "c.exr", "--output", out, "--stats", stats
+        succeed("play-corrected", *files, "--refine", steps)
+        drive = exr.read_rgb(out).reshape(-1, 3).astype(float)
+        errors.append(sum(system.squared_error(drive[:, i]) for i, system in enumerate(systems)))
+        if steps:
+            facts = json.loads(stats.read_text())["refinement"]
+            assert facts["steps"] == steps
+            bounds.append(np.inf if facts["below_optimum_db"] is None else facts["below_optimum_db"])
+    assert errors == sorted(errors, reverse=True)
+    assert errors[-1] == pytest.approx(best, rel=1e-3)  # the solver's own gap is 1e-4
+    assert errors[0] > 1.1 * best
+    assert all(10 * np.log10(error / best) <= bound + 1e-3 for error, bound in zip(errors[1:], bounds, strict=True))
+    assert bounds[-1] < 0.1
+
+
+def test_a_map_without_refinement_plays_and_says_what_is_missing(room: Path, tmp_path: Path) -> None:
+    out = tmp_path / "o.png"
+    summary = succeed("build-correction-map", room, "--regularize", "0.1", "--no-refine")
+    assert {path.name for path in (room / "correction").iterdir() if path.is_dir()} == {"transport"}
+    succeed("play-corrected", room, CLIP, "--output", out)
+    for option in (["--refine", "4"], ["--refine-from", "grey"], ["--refine", "auto"]):
+        line = fail("play-corrected", room, CLIP, "--output", out, *option)
+        assert "built without what refinement needs; rebuild them with: build-correction-map" in line
+    succeed("play-corrected", room, CLIP, "--output", out, "--refine", "0")
+    sizes = [float(re.findall(r"([\d.]+) MiB", text)[0]) for text in (summary, succeed("build-correction-map", room))]
+    assert sizes[0] < sizes[1]
+
+
+@pytest.mark.parametrize(
+    "file",
+    ["lookup.exr", "entries.exr", "transport/entries.exr", "dual/entries.exr", "direct/lookup.exr", "step_size.exr"],
+)
 @pytest.mark.parametrize("damage", ["truncated", "flipped", "missing"])
 def test_a_damaged_map_is_refused(room: Path, tmp_path: Path, file: str, damage: str) -> None:
     path = room / "correction" / file
@@ -216,6 +263,11 @@ def test_no_map_yet(tmp_path: Path) -> None:
         (["ROOM"], "needs a CALIBRATION and MEDIA"),
         (["ROOM", "CLIP", "--start", "99", "--output", "OUT/o.png"], "no frame to render"),
         (["ROOM", "CLIP", "--loop", "--output", "OUT/o.mp4"], "never ends"),
+        (["ROOM", "CLIP", "--output", "OUT/o.png", "--refine", "-1"], "auto or a number of steps from 0 to 256"),
+        (["ROOM", "CLIP", "--output", "OUT/o.png", "--refine", "257"], "auto or a number of steps from 0 to 256"),
+        (["ROOM", "CLIP", "--output", "OUT/o.png", "--refine", "auto"], "a file has no time to keep"),
+        (["ROOM", "CLIP", "--output", "OUT/o.png", "--refine-from", "white"], "invalid choice: 'white'"),
+        (["ROOM", "CLIP", "--refine", "0", "--refine-from", "map"], "makes no step that could start there"),
         (["ROOM", "CLIP", "--output", "OUT/o.png", "--stats", "OUT/no/s.json"], "no such folder for --stats"),
         (["ROOM", "CLIP", "--frames", "1", "--output", "/proc/o.png"], "/proc/o.png: cannot be written"),
         (["ROOM", "CLIP", "--frames", "1", "--output", "/proc/o.mp4"], "/proc/o.mp4: cannot be written"),

@@ -8,8 +8,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
+from player.refinement import Certificate, StepBudget
 from player.session import Session
 
 
@@ -68,12 +70,19 @@ class Screen:
     uploaded: list[int] = field(default_factory=list)
     shown: list[tuple[str, bool, bool, int]] = field(default_factory=list)
     state: tuple[str, bool] = ("", False)
+    steps: list[int] = field(default_factory=list)
+    certified: int = 0
 
     def upload(self, frame: Any) -> None:
         self.uploaded.append(frame.index)
 
-    def render(self, view: str, *, compensate: bool, frame: int = 0) -> None:
+    def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
         self.state = view, compensate
+        self.steps.append(steps)
+
+    def certificate(self) -> Certificate:
+        self.certified += 1
+        return Certificate(np.ones(3), np.full(3, 0.01))
 
     def finish(self) -> None: ...
 
@@ -202,3 +211,34 @@ def test_a_video_ends_and_a_still_stays() -> None:
     still.session.handle("right")
     advance(still, 0.1)
     assert still.screen.uploaded == [0]
+
+
+def test_brackets_halve_and_double_the_steps(stage: SimpleNamespace) -> None:
+    advance(stage, 0.05)
+    for key, steps in (("]", 1), ("]", 2), ("]", 4), ("[", 2), ("[", 1), ("[", 0), ("[", 0)):
+        stage.session.handle(key)
+        stage.session.step()
+        assert stage.screen.steps[-1] == steps
+
+
+def test_steps_that_follow_the_frame_time_are_counted() -> None:
+    reader, clock, screen = Reader(), Clock(), Screen()
+    session = Session(reader, screen, screen, clock=clock, budget=StepBudget(3600.0))  # type: ignore[arg-type]
+    stage = SimpleNamespace(clock=clock, session=session)
+    advance(stage, 0.4)
+    assert screen.steps[:6] == [1, 2, 3, 4, 5, 6]  # nothing here takes an hour
+    session.handle("[")
+    advance(stage, 0.12)
+    assert screen.steps[-1] == screen.steps[-2] == session.steps  # a key ends it
+    facts = session.run(limit=len(screen.uploaded)).facts["refinement"]
+    assert facts["steps"] == pytest.approx(np.mean(screen.steps), abs=0.05)
+    assert facts["below_optimum_db"] == pytest.approx(-20 * np.log10(0.99))
+
+
+def test_the_certificate_is_measured_now_and_then_and_only_to_be_shown(stage: SimpleNamespace) -> None:
+    advance(stage, 0.4)
+    assert stage.screen.certified == 0
+    stage.session.handle("i")
+    advance(stage, 1.0)
+    assert 2 <= stage.screen.certified <= 3
+    assert any("below the optimum" in line for line in stage.session._lines())

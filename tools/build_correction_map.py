@@ -9,6 +9,7 @@ from pathlib import Path
 from player import calibration
 from player.command import Parser, run
 from tools.inverse.inverse import InverseOptions
+from tools.inverse.method import METHODS
 from tools.inverse.room import build_room_maps
 from tools.report.report import check_report_folder, write_report
 
@@ -20,10 +21,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     start = time.monotonic()
-    inverse_options = InverseOptions(options.regularize, options.max_error, options.max_cluster, options.noise)
+    inverse_options = InverseOptions(
+        options.regularize, options.max_error, options.max_cluster, options.noise, options.method
+    )
     if options.report is not None:
         check_report_folder(options.report)
-    built = build_room_maps(calibration.read(options.calibration), inverse_options)
+    built = build_room_maps(calibration.read(options.calibration), inverse_options, refine=not options.no_refine)
     print(f"{built.summary}, {time.monotonic() - start:.1f} s")
     if options.report is not None:
         print(f"report: {write_report(built, options.report)}")
@@ -64,12 +67,23 @@ def _parser() -> argparse.ArgumentParser:
         "less accurate map, above all out of focus (default: nothing is cut)",
     )
     parser.add_argument(
+        "--method",
+        default="auto",
+        metavar="|".join(METHODS),
+        help="invert clusters whole, through windows, or as their sizes allow (default auto, which says what and why)",
+    )
+    parser.add_argument(
         "--noise",
         type=float,
         default=0.0,
         metavar="SHARE",
         help="relative noise of the measured transport (0.01 is 1 %%): with --regularize none, singular values that it "
-        "alone would have are left out (default: those below float32 rounding)",
+        "alone could make are left out (default: those below float32 rounding); auto damps at least as much",
+    )
+    parser.add_argument(
+        "--no-refine",
+        action="store_true",
+        help="leave out the maps that only refinement needs (play-corrected --refine)",
     )
     parser.add_argument(
         "--report", type=Path, metavar="FOLDER", help="also write a page with pictures of what was found, and its JSON"

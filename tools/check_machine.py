@@ -14,6 +14,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import metadata
@@ -24,7 +25,12 @@ from tools.system_packages import BAD_INPUT, DONE, PLAY, PYTHON_FLOOR, TEST, apt
 
 PROBE_S = 60.0  # a software renderer's first context on a busy machine takes seconds
 SMALLEST_TEXTURE = 4096
-IMPORT_NAMES = {"opencv-contrib-python-headless": "cv2", "tomli-w": "tomli_w"}
+IMPORT_NAMES = {
+    "opencv-contrib-python-headless": "cv2",
+    "tomli-w": "tomli_w",
+    "scikit-image": "skimage",
+    "colour-science": "colour",
+}
 
 
 @dataclass(frozen=True)
@@ -103,7 +109,7 @@ def check_packages() -> list[Finding]:
 
 
 def check_package(requirement: str) -> Finding:
-    name, _, floor = requirement.partition(">=")
+    name, _, floor = requirement.partition(";")[0].partition(">=")
     fix = f"{sys.executable} -m pip install '{requirement}'"
     try:
         version = metadata.version(name)
@@ -114,7 +120,9 @@ def check_package(requirement: str) -> Finding:
     module = IMPORT_NAMES.get(name, name)
     if module not in ("moderngl", "glfw"):  # those two are imported by player.gl alone, in a child
         try:
-            importlib.import_module(module)
+            with warnings.catch_warnings(record=True):  # colour-science says what optional packages it misses
+                warnings.simplefilter("ignore")
+                importlib.import_module(module)
         except Exception as error:  # whatever a broken installation raises
             return Finding(name, "missing", f"{version}, import fails: {_one_line(error)}", f"{fix} --force-reinstall")
     return Finding(name, "ok", f"{version} (needs {floor})")

@@ -1,7 +1,8 @@
 """One full-screen pass: a program, the textures it reads, the texture it writes. Built once, run every frame."""
 
 from collections.abc import Mapping
-from typing import Any, TypeAlias
+from contextlib import ExitStack
+from typing import Any, Protocol, TypeAlias, TypeVar
 
 import moderngl
 import numpy as np
@@ -14,11 +15,38 @@ Uniform: TypeAlias = float | int | tuple[float, ...] | tuple[int, ...]
 FLOAT_COMPONENTS = 4  # three-component float textures need not be renderable
 
 
+class Releasable(Protocol):
+    def release(self) -> None: ...
+
+
+R = TypeVar("R", bound=Releasable)
+
+
+class Owner:
+    """Holds what must be released, and releases it, the last first."""
+
+    def __init__(self) -> None:
+        self._stack = ExitStack()
+
+    def own(self, resource: R) -> R:
+        self._stack.callback(resource.release)
+        return resource
+
+    def release(self) -> None:
+        self._stack.close()
+
+
 def float_texture(
     context: moderngl.Context, shape: tuple[int, int], data: NDArray[np.float32] | None = None
 ) -> moderngl.Texture:
     """An RGBA32F texture (height, width) for data: nearest texel, no wrapping. Raises InputError if it cannot exist."""
     return _texture(context, shape, FLOAT_COMPONENTS, "f4", data)
+
+
+def picture_texture(context: moderngl.Context, picture: NDArray[np.float32]) -> moderngl.Texture:
+    """A picture (height, width, 3) as a float texture."""
+    rgba = np.concatenate([picture, np.ones((*picture.shape[:2], 1), np.float32)], axis=2)
+    return float_texture(context, picture.shape[:2], rgba)
 
 
 def table_texture(context: moderngl.Context, table: NDArray[np.float32]) -> moderngl.Texture:
@@ -117,6 +145,10 @@ class Pass(ScreenPass):
         self._framebuffer.use()
         self.draw(**inputs)
         return self.target
+
+    def clear(self) -> None:
+        """Make the target black."""
+        self._framebuffer.clear()
 
     def release(self) -> None:
         super().release()

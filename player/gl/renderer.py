@@ -3,16 +3,20 @@
 Every texture and program is made when the room or the medium is opened; a frame allocates nothing.
 """
 
-from contextlib import ExitStack
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from player.colour import decoding_of
-from player.gl.passes import Pass, Uniform, float_texture, plane_texture, table_texture
+from player.content import SceneCuts
+from player.gl.passes import Owner, Pass, Uniform, float_texture, picture_texture, plane_texture, table_texture
+from player.gl.refinement import Refiner
 from player.gl.row_map_pass import FarPass, FarTextures, MapTextures, RowMapPass
+from player.gl.starts import DirectStart, GreyStart, MapStart, PreviousStart, Start
+from player.maps import RefinementMaps
+from player.refinement import Certificate
 from player.renderer import Room, check_radiance_size, place, shown_shape
 from player.response import Response, transfer_table
 from player.video import Frame, PixelFormat
@@ -20,80 +24,88 @@ from player.video import Frame, PixelFormat
 LAYOUTS = {"yuv": "LAYOUT_YUV", "rgb": "LAYOUT_RGB", "radiance": "LAYOUT_RADIANCE"}
 
 
-class _Releasable(Protocol):
-    def release(self) -> None: ...
-
-
-R = TypeVar("R", bound=_Releasable)
-
-
 class GlRenderer:
     """Renderer in OpenGL 3.3; see player.renderer.Renderer. The caller owns the context."""
 
     def __init__(self, context: moderngl.Context, room: Room) -> None:
         self._context, self._room = context, room
-        self._owned, self._medium = ExitStack(), ExitStack()
+        self._owner, self._medium = Owner(), Owner()
         try:
             self._build()
         except BaseException:
-            self._owned.close()
+            self._owner.release()
             raise
 
     def _build(self) -> None:
-        context, room = self._context, self._room
-        camera, projector = room.calibration.camera.shape, room.calibration.projector.shape
-        self._ambient = self._own(float_texture(context, camera, _with_alpha(room.calibration.ambient)))
-        self._black = self._own(float_texture(context, projector, np.zeros((*projector, 4), np.float32)))
-        self._desired = self._own(Pass(context, "desired.frag", float_texture(context, camera)))
-        self._plain = self._own(Pass(context, "desired.frag", float_texture(context, projector), {"CLAMP": None}))
-        correction = self._own(MapTextures(context, room.maps.correction))
-        self._correct = self._own(RowMapPass(context, correction, "CLAMP"))
+        context, room, own = self._context, self._room, self._owner.own
+        maps, calibration = room.maps, room.calibration
+        camera, projector = calibration.camera.shape, calibration.projector.shape
+        self._ambient = own(picture_texture(context, calibration.ambient))
+        self._black = own(float_texture(context, projector, np.zeros((*projector, 4), np.float32)))
+        self._desired = own(Pass(context, "desired.frag", float_texture(context, camera)))
+        self._plain = own(Pass(context, "desired.frag", float_texture(context, projector), {"CLAMP": None}))
+        self._correction = own(MapTextures(context, maps.correction))
+        self._correct = own(RowMapPass(context, self._correction, "CLAMP"))
         self._undo = None
-        if room.maps.undo is not None:
-            undo = self._own(FarTextures(context, room.maps.undo))
-            self._undo = self._own(FarPass(context, undo, "SUBTRACT_FROM_BASE"))
-        transport = self._own(MapTextures(context, room.maps.transport))
-        far = None if room.maps.far is None else self._own(FarTextures(context, room.maps.far))
-        self._observers = [self._own(_Observer(context, transport, far, self._ambient)) for _ in range(2)]
-        self._split = self._own(Pass(context, "split.frag", float_texture(context, camera), line=room.white))
-        self._projector_view = self._own(
-            _Encoder(context, projector, room.calibration.projector.response, 1.0, room.dither)
-        )
-        self._camera_view = self._own(_Encoder(context, camera, Response("srgb"), room.white, "none"))
+        if maps.undo is not None:
+            self._undo = own(FarPass(context, own(FarTextures(context, maps.undo)), "SUBTRACT_FROM_BASE"))
+        transport = own(MapTextures(context, maps.transport))
+        far = None if maps.far is None else own(FarTextures(context, maps.far))
+        self._refiner = None
+        if maps.refinement is not None:
+            self._refiner = own(Refiner(context, transport, far, maps.refinement, calibration.mask))
+            self._start = own(self._make_start(maps.refinement))
+        self._observers = [own(_Observer(context, transport, far, self._ambient)) for _ in range(2)]
+        self._split = own(Pass(context, "split.frag", float_texture(context, camera), line=room.white))
+        self._projector_view = own(_Encoder(context, projector, calibration.projector.response, 1.0, room.dither))
+        self._camera_view = own(_Encoder(context, camera, Response("srgb"), room.white, "none"))
+
+    def _make_start(self, maps: RefinementMaps) -> Start:
+        context, projector = self._context, self._room.calibration.projector.shape
+        if self._room.start == "direct":
+            return DirectStart(context, maps)
+        if self._room.start == "grey":
+            return GreyStart(context, projector)
+        if self._room.start == "map":
+            return MapStart(lambda b: self._correct.run(self._near_light(b)))
+        product = self._owner.own(RowMapPass(context, self._correction))
+        return PreviousStart(context, projector, lambda b: product.run(self._near_light(b)))
 
     def open(self, pixels: PixelFormat) -> None:
         check_radiance_size(pixels, self._room.calibration)
-        self._medium.close()
-        context, radiance = self._context, pixels.layout == "radiance"
-        self._pixels = pixels
+        self._medium.release()
+        context, own, radiance = self._context, self._medium.own, pixels.layout == "radiance"
+        self._pixels, self._cuts = pixels, SceneCuts()
         dtype = np.dtype({8: np.uint8, 32: np.float32}.get(pixels.depth, np.uint16))
         self._planes = [
-            self._own_medium(plane_texture(context, (plane.height, plane.stride_samples), dtype))
-            for plane in pixels.planes
+            own(plane_texture(context, (plane.height, plane.stride_samples), dtype)) for plane in pixels.planes
         ]
         self._decode_inputs = {f"plane_{i}": texture for i, texture in enumerate(self._planes)}
         if not radiance:
             table = table_texture(context, transfer_table(pixels.transfer))
-            self._decode_inputs["transfer"] = self._own_medium(table)
-        self._decode = self._own_medium(_decode_pass(context, pixels))
+            self._decode_inputs["transfer"] = own(table)
+        self._decode = own(_decode_pass(context, pixels))
         calibration = self._room.calibration
-        self._placed = self._own_medium(_Placer(context, pixels, calibration.camera.shape))
-        self._placed_plainly = self._own_medium(_Placer(context, pixels, calibration.projector.shape))
+        self._placed = own(_Placer(context, pixels, calibration.camera.shape))
+        self._placed_plainly = own(_Placer(context, pixels, calibration.projector.shape))
         self._desired.set(white=1.0 if radiance else self._room.white)
         self._plain.set(white=1 / self._room.white if radiance else 1.0)
 
     def upload(self, frame: Frame) -> None:
         for texture, plane in zip(self._planes, frame.planes, strict=True):
             texture.write(plane)
+        if self._refiner is not None:
+            self._start.advance(cut=self._cuts.starts_with(frame))
 
-    def render(self, view: str, *, compensate: bool, frame: int = 0) -> None:
+    def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
         self._picture = self._decoded()
+        self._compensated: tuple[moderngl.Texture, moderngl.Texture] | None = None
         if view == "split":
-            drives = self._drive(compensate=False), self._drive(compensate=True)
+            drives = self._plain_drive(), self._drive(steps)
             plain, corrected = (observe.run(drive) for observe, drive in zip(self._observers, drives, strict=True))
             self._linear = self._split.run(left=plain, right=corrected)
         else:
-            drive = self._drive(compensate=compensate)
+            drive = self._drive(steps) if compensate else self._plain_drive()
             self._linear = drive if view == "projector" else self._observers[0].run(drive)
         encoder = self._projector_view if view == "projector" else self._camera_view
         self._encoded = encoder.run(self._linear, frame)
@@ -116,28 +128,34 @@ class GlRenderer:
     def finish(self) -> None:
         self._context.finish()
 
+    def certificate(self) -> Certificate | None:
+        if self._refiner is None or self._compensated is None:
+            return None
+        return self._refiner.certify(*self._compensated)
+
     def release(self) -> None:
-        self._medium.close()
-        self._owned.close()
+        self._medium.release()
+        self._owner.release()
 
     def _decoded(self) -> moderngl.Texture:
         return self._decode.run(**self._decode_inputs)
 
-    def _drive(self, *, compensate: bool) -> moderngl.Texture:
-        if not compensate:
-            return self._plain.run(picture=self._placed_plainly.run(self._picture), ambient=self._black)
+    def _plain_drive(self) -> moderngl.Texture:
+        return self._plain.run(picture=self._placed_plainly.run(self._picture), ambient=self._black)
+
+    def _drive(self, steps: int) -> moderngl.Texture:
         b = self._desired.run(picture=self._placed.run(self._picture), ambient=self._ambient)
-        if self._undo is not None:
-            b = self._undo.run(b, b)
-        return self._correct.run(b)
+        if self._refiner is None or not steps:
+            drive = self._correct.run(self._near_light(b))
+        else:
+            drive = self._refiner.run(self._start.run(b), b, steps)
+            self._start.keep(drive)
+        self._compensated = drive, b
+        return drive
 
-    def _own(self, resource: R) -> R:
-        self._owned.callback(resource.release)
-        return resource
-
-    def _own_medium(self, resource: R) -> R:
-        self._medium.callback(resource.release)
-        return resource
+    def _near_light(self, b: moderngl.Texture) -> moderngl.Texture:
+        """b without the far light of the compensated picture."""
+        return b if self._undo is None else self._undo.run(b, b)
 
 
 class _Placer:
@@ -223,10 +241,6 @@ def _decode_pass(context: moderngl.Context, pixels: PixelFormat) -> Pass:
             }
     target = float_texture(context, shown_shape(pixels))
     return Pass(context, "planes_to_linear.frag", target, {LAYOUTS[pixels.layout]: None}, **uniforms)
-
-
-def _with_alpha(picture: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.concatenate([picture, np.ones((*picture.shape[:2], 1), np.float32)], axis=2)
 
 
 def _read(texture: moderngl.Texture, dtype: type) -> NDArray[Any]:

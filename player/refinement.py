@@ -1,0 +1,92 @@
+"""Refinement: a few steps a frame towards the best picture that the projector can show (docs/refinement.md).
+
+Per colour channel, over the camera pixels inside the mask,
+
+    min ½‖T p − b‖²,  0 ≤ p ≤ 1,        b = c − e.
+
+As T ≥ 0, TᵀT ≼ diag(d) with d = TᵀT·1, so a step of s = 1/d never overshoots:
+
+    q = clamp(y + s Tᵀ(b − T y)),   y ← q + β (q − p) + γ (q − y),   p ← q.
+
+β is Nesterov's momentum; γ is the over-relaxation of the optimised gradient method (Kim and Fessler 2016). Both are a
+fixed schedule that begins anew with every frame, so that no step waits for a sum over the picture.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+STARTS = ("previous", "map", "direct", "grey")
+DEFAULT_STEPS = 4
+GREY = 0.5
+OVER_RELAXATION = 0.6
+LARGEST_MOMENTUM = 0.95  # below 1, every mode of an unclamped iteration decays however many steps are made
+
+MOST_STEPS = 256
+SHARE_OF_FRAME, PATIENCE = 0.8, 100
+
+
+def momentum(step: int) -> float:
+    """β after step 1, 2, …"""
+    return min(step / (step + 1), LARGEST_MOMENTUM)
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """How far a drive can be from the best one, per colour channel.
+
+    squared_error : (3,) E = ‖T p − b‖² inside the mask.
+    gap : (3,) G = Σ max(g p, g (p − 1)), g = Tᵀ(T p − b): no drive has a ½‖T p − b‖² smaller by more than G.
+    """
+
+    squared_error: NDArray[np.float64]
+    gap: NDArray[np.float64]
+
+    @property
+    def relative(self) -> float:
+        """G over the objective ½E, all channels."""
+        return float(2 * self.gap.sum() / max(self.squared_error.sum(), 1e-300))
+
+    @property
+    def decibels(self) -> float:
+        """The PSNR is at most this far below the optimum's; infinite where G says nothing.
+
+        The residual is a point of the dual problem; scaling it by its best factor turns G into E* ≥ (E − G)²/E.
+        """
+        E, G = self.squared_error, self.gap
+        least = np.sum(np.maximum(E - G, 0) ** 2 / np.maximum(E, 1e-300))
+        return float(10 * np.log10(max(E.sum(), 1e-300) / least)) if least > 0 else float("inf")
+
+    def to_dict(self) -> dict[str, float | None]:
+        """For JSON, which has no infinity."""
+        bound = self.decibels
+        return {"relative_gap": self.relative, "below_optimum_db": bound if np.isfinite(bound) else None}
+
+    def __str__(self) -> str:
+        bound = f"at most {self.decibels:.2g} dB below the optimum" if np.isfinite(self.decibels) else "no bound yet"
+        return f"{bound}, relative gap {self.relative:.2g}"
+
+
+class StepBudget:
+    """As many steps as the time of a frame leaves (`--refine auto`).
+
+    interval_s : from one frame to the next.
+    The count grows by a quarter while frames end early; a quarter more than SHARE_OF_FRAME still ends in time. Once a
+    frame has taken too long, the count that would have fitted is kept for PATIENCE frames before more is tried.
+    """
+
+    def __init__(self, interval_s: float) -> None:
+        self._goal_s = SHARE_OF_FRAME * interval_s
+        self._wait = 0
+        self.steps = 1
+
+    def took(self, seconds: float) -> None:
+        """Tell what the last frame took with `steps` steps."""
+        if seconds > self._goal_s:
+            self.steps = min(int(self.steps * self._goal_s / seconds), max(self.steps - 1, 0))
+            self._wait = PATIENCE
+        elif self._wait:
+            self._wait -= 1
+        else:
+            self.steps = min(self.steps + max(self.steps // 4, 1), MOST_STEPS)

@@ -1,0 +1,22 @@
+#version 330 core
+// The sum of each block of SIDE × SIDE pixels. A few such passes after one another sum a picture.
+//
+// Inputs: `source`.
+// Defines: SIDE.
+// Output: one value a block and channel; blocks at the right and lower edge may be smaller.
+// CPU twin: block_sum in player/reference.py.
+uniform sampler2D source;
+
+out vec4 sum;
+
+void main() {
+    ivec2 first = ivec2(gl_FragCoord.xy) * SIDE;
+    ivec2 end = min(first + SIDE, textureSize(source, 0));
+    vec3 total = vec3(0.0);
+    for (int row = first.y; row < end.y; ++row) {
+        for (int column = first.x; column < end.x; ++column) {
+            total += texelFetch(source, ivec2(column, row), 0).rgb;
+        }
+    }
+    sum = vec4(total, 1.0);
+}

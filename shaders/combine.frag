@@ -1,0 +1,20 @@
+#version 330 core
+// One picture plus a multiple of another.
+//
+// Inputs: `first`, `second`, of one size.
+// Defines: CLAMP limits the result to 0..1.
+// Output: first + factor · second.
+// CPU twin: combine in player/reference.py.
+uniform sampler2D first, second;
+uniform float factor;
+
+out vec4 result;
+
+void main() {
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    vec3 sum = texelFetch(first, at, 0).rgb + factor * texelFetch(second, at, 0).rgb;
+#ifdef CLAMP
+    sum = clamp(sum, 0.0, 1.0);
+#endif
+    result = vec4(sum, 1.0);
+}

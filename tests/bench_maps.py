@@ -1,0 +1,97 @@
+"""What a correction map costs, from T to files, beside numpy.linalg.pinv looped over the same systems.
+
+The wall of bench_rooms: camera 640x480, projector 512x512, 25 entries a column, three channels.
+"""
+
+import resource
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from player import calibration
+from player.calibration import Calibration, Device
+from player.response import Response
+from tests.bench_rooms import CAMERA, MAX_CLUSTER, PROJECTOR, wall, wall_decomposed
+from tests.bench_rows import Timed, seconds
+from tools.clusters.blocks import ClusterBlocks
+from tools.clusters.components import find_clusters
+from tools.inverse.clustered import BATCH_VALUES, clustered_jobs
+from tools.inverse.inverse import InverseOptions
+from tools.inverse.jobs import run_jobs
+from tools.inverse.pieces import Truncation
+from tools.inverse.room import build_room_maps
+from tools.inverse.windowed import BLOCKS, HALOS, Windows
+from tools.transport.storage import write_transport
+from tools.transport.transport import Csr, Transport
+
+GIB_PER_KB = 1 / (1 << 20)
+SAMPLE_WINDOWS = 2
+
+
+def map_decomposed() -> Iterator[object]:
+    """T cut into clusters of up to 200 projector pixels, λ chosen, inverted, packed, written."""
+    yield _from_t_to_files(f"clusters of up to {MAX_CLUSTER}", InverseOptions(max_cluster=MAX_CLUSTER), 60)
+    yield _peak()
+    _, cut = wall_decomposed()
+    clusters = find_clusters(cut.matrices[0])
+    everything = np.ones(clusters.count, bool)
+    truncation = Truncation(np.full((CAMERA[0] * CAMERA[1], 3), 0.3), 0.5 / 255)
+    jobs = list(clustered_jobs(cut.matrices, clusters, everything, np.full(3, 0.01), 0.0, truncation))
+    ours = seconds(lambda: list(run_jobs(jobs, "inverting")))
+    blocks = ClusterBlocks(clusters, everything)
+    baseline = seconds(lambda: [_pinv_loop(blocks, T) for T in cut.matrices])
+    yield Timed(
+        f"  of that, {clusters.count} clusters inverted and truncated", ours, "numpy.linalg.pinv, looped,", baseline
+    )
+
+
+def map_windowed() -> Iterator[object]:
+    """T as it is: one cluster, through windows."""
+    total = _from_t_to_files("windowed", InverseOptions(), 600)
+    windows = Windows(np.ones(PROJECTOR, bool), HALOS[0], BLOCKS[0])
+    corners = windows.blocks()
+    middle = corners[len(corners) // 2 :: len(corners)][:SAMPLE_WINDOWS]
+    columns = wall()[1].tocsc()
+    spent = seconds(lambda: [np.linalg.pinv(_window(columns, windows, corner)) for corner in middle])
+    scaled = 3 * spent * len(corners) / len(middle)
+    name = f"numpy.linalg.pinv of the {3 * len(corners)} windows (halo {HALOS[0]}; {len(middle)} measured, scaled)"
+    yield Timed(total.what, total.seconds, name, scaled, total.goal_s)
+    yield _peak()
+
+
+def _from_t_to_files(name: str, options: InverseOptions, goal_s: float) -> Timed:
+    with tempfile.TemporaryDirectory() as folder:
+        stored = calibration.read(_written(Path(folder) / "wall"))
+        start = time.perf_counter()
+        built = build_room_maps(stored, options)
+        return Timed(f"map, {name} ({built.summary})", time.perf_counter() - start, goal_s=goal_s)
+
+
+def _written(folder: Path) -> Path:
+    dark = np.zeros((*CAMERA, 3), np.float32)
+    projector, camera = Device(*PROJECTOR, Response("srgb")), Device(*CAMERA, Response("linear"))
+    room = Calibration("wall", "made by the benchmark", (projector,), camera, dark, np.ones(CAMERA, bool))
+    with calibration.writing(folder, room) as stage:
+        write_transport(Transport(wall()), stage)
+    return folder
+
+
+def _pinv_loop(blocks: ClusterBlocks, T: Csr) -> None:
+    entries = blocks.entries(T)
+    for batch in blocks.batches(BATCH_VALUES):
+        for block in blocks.dense(entries, batch):
+            np.linalg.pinv(block)
+
+
+def _window(columns: Csr, windows: Windows, corner: tuple[int, int]) -> np.ndarray:
+    local = columns[:, windows.pixels(corner, windows.halo)]
+    return local[np.unique(local.indices)].toarray()
+
+
+def _peak() -> str:
+    return (
+        f"  most memory so far: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * GIB_PER_KB:.1f} GiB (goal 8 GiB)"
+    )

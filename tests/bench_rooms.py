@@ -1,0 +1,65 @@
+"""The rooms of the benchmarks: made up in a second, of the thesis' sizes, three channels of different tints."""
+
+from functools import cache
+
+import numpy as np
+from scipy import sparse
+
+from tests.rooms import blurred_transport
+from tools.clusters.decomposition import Decomposition, Parameters
+from tools.clusters.search import decompose_to
+from tools.transport.transport import Csr
+
+CAMERA, PROJECTOR = (480, 640), (512, 512)
+MAX_CLUSTER = 200
+SIDE = 5  # camera pixels that a projector pixel lights, a side: 25 entries a column
+BLUR = 0.9  # camera pixels
+UNEVEN = 0.2
+FOCUS_CAMERA, FOCUS_PROJECTOR = (48, 48), (50, 54)  # the thesis' 2304 x 2700 (4.3.3)
+FOCUS_BLUR = 1.2  # projector pixels
+
+
+@cache
+def wall() -> tuple[Csr, ...]:
+    """A textured wall, slightly out of focus: T for red, green and blue, 25 entries a column but for the edges."""
+    rng = np.random.default_rng(1)
+    rows, columns = np.divmod(np.arange(PROJECTOR[0] * PROJECTOR[1]), PROJECTOR[1])
+    offset = np.arange(SIDE) - SIDE // 2
+    (y, fall_y), (x, fall_x) = (
+        _lit(place, CAMERA[axis] / PROJECTOR[axis], offset) for axis, place in enumerate((rows, columns))
+    )
+    weights = (fall_y[:, :, None] * fall_x[:, None, :]).reshape(rows.size, -1)
+    weights *= rng.uniform(1 - UNEVEN, 1 + UNEVEN, weights.shape)  # else the cut falls on a regular grid
+    camera = (y[:, :, None] * CAMERA[1] + x[:, None, :]).reshape(rows.size, -1)
+    inside = ((y >= 0) & (y < CAMERA[0]))[:, :, None] & ((x >= 0) & (x < CAMERA[1]))[:, None, :]
+    inside = inside.reshape(rows.size, -1)
+    projector = np.broadcast_to(np.arange(rows.size)[:, None], camera.shape)
+    shape = CAMERA[0] * CAMERA[1], rows.size
+    blur = sparse.csr_array((weights[inside], (camera[inside], projector[inside])), shape=shape)
+    return tinted(blur, rng)
+
+
+def _lit(place: np.ndarray, scale: float, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Along one axis: the camera pixels (projector pixels, SIDE) that each projector pixel lights, and how much."""
+    middle = (place + 0.5) * scale - 0.5
+    pixel = np.rint(middle).astype(np.int64)[:, None] + offset
+    return pixel, np.exp(-((pixel - middle[:, None]) ** 2) / (2 * BLUR**2)) / (BLUR * np.sqrt(2 * np.pi))
+
+
+@cache
+def wall_decomposed() -> tuple[Parameters, Decomposition]:
+    return decompose_to(wall(), CAMERA, PROJECTOR, MAX_CLUSTER)
+
+
+@cache
+def focus() -> tuple[Csr, ...]:
+    """48x48 camera pixels of a projection out of focus, not decomposed."""
+    rng = np.random.default_rng(2)
+    return tinted(blurred_transport(rng, FOCUS_CAMERA, FOCUS_PROJECTOR, FOCUS_BLUR), rng)
+
+
+def tinted(blur: Csr, rng: np.random.Generator) -> tuple[Csr, ...]:
+    """The blur on a surface of random colours, 0.4 to 1."""
+    return tuple(
+        sparse.csr_array(blur.multiply(rng.uniform(0.4, 1, (blur.shape[0], 1))), dtype=np.float32) for _ in range(3)
+    )

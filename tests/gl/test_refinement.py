@@ -1,0 +1,210 @@
+"""Refinement on the GPU against its CPU twin: each shader, the iteration, the certificate, what a frame leaves."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import moderngl
+import numpy as np
+import pytest
+
+from player import reference
+from player.cpu_renderer import CpuRenderer
+from player.gl.passes import Pass, ScreenPass, float_texture, integer_texture, picture_texture
+from player.gl.renderer import GlRenderer
+from player.refinement import STARTS
+from player.renderer import Room
+from player.video import Frame
+from tests.refined_rooms import physical_room
+from tests.rooms import CAMERA, radiance_frame, random_room, rgb_frame
+
+ATOL = 1e-5  # the issue's bound
+SHAPE = (37, 21)
+
+
+def read(texture: moderngl.Texture) -> np.ndarray:
+    return np.frombuffer(texture.read(), np.float32).reshape(texture.height, texture.width, 4)[..., :3]
+
+
+def run(
+    context: moderngl.Context,
+    shader: str,
+    shape: tuple[int, int],
+    inputs: dict[str, np.ndarray],
+    defines: dict[str, int | None] | None = None,
+    **uniforms: float,
+) -> np.ndarray:
+    """One shader over float32 pictures, drawn once."""
+    textures = {
+        name: integer_texture(context, picture) if picture.dtype == np.uint32 else picture_texture(context, picture)
+        for name, picture in inputs.items()
+    }
+    step = Pass(context, shader, float_texture(context, shape), defines, **uniforms)
+    result = read(step.run(**textures))
+    for resource in (step, *textures.values()):
+        resource.release()
+    return result
+
+
+def pictures(rng: np.random.Generator, *names: str) -> dict[str, np.ndarray]:
+    return {name: rng.uniform(-1, 2, (*SHAPE, 3)).astype(np.float32) for name in names}
+
+
+def test_combine_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+    inputs = pictures(rng, "first", "second")
+    for clamp, defines in ((False, None), (True, {"CLAMP": None})):
+        result = run(gl_context, "combine.frag", SHAPE, inputs, defines, factor=-0.75)
+        expected = reference.combine(inputs["first"], inputs["second"], -0.75, clamp=clamp)
+        np.testing.assert_allclose(result, expected, atol=1e-6)  # float32
+
+
+def test_a_step_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+    inputs = pictures(rng, "descent", "y", "p", "step_size")
+    inputs["step_size"] = np.where(rng.uniform(size=(*SHAPE, 3)) < 0.3, 0, np.abs(inputs["step_size"]))
+    expected = reference.refinement_step(*(inputs[name] for name in ("descent", "y", "p", "step_size")), 0.7, 0.6)
+    assert all(0 < np.mean(expected[0] == bound) < 0.9 for bound in (0, 1))
+    textures = {name: picture_texture(gl_context, picture) for name, picture in inputs.items()}
+    targets = [float_texture(gl_context, SHAPE) for _ in range(2)]
+    framebuffer = gl_context.framebuffer(targets)
+    step = ScreenPass(gl_context, "refinement_step.frag", uniforms={"momentum": 0.7, "over_relaxation": 0.6})
+    framebuffer.use()
+    step.draw(**textures)
+    results = [read(target) for target in targets]
+    gl_context.detect_framebuffer(0).use()
+    for resource in (step, framebuffer, *targets, *textures.values()):
+        resource.release()
+    for result, twin in zip(results, expected, strict=True):
+        np.testing.assert_allclose(result, twin, atol=2e-6)  # float32, sums of terms up to 5
+
+
+def test_the_gap_and_the_error_equal_their_twins(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+    inputs = pictures(rng, "descent", "p")
+    inputs["p"] = np.clip(inputs["p"], 0, 1)
+    result = run(gl_context, "gap.frag", SHAPE, inputs)
+    np.testing.assert_allclose(result, reference.gap_terms(**inputs), atol=1e-6)  # float32
+    assert result.min() >= 0
+    residual, mask = pictures(rng, "residual")["residual"], rng.uniform(size=SHAPE) < 0.5
+    squared = {"residual": residual, "mask": mask.astype(np.uint32)}
+    result = run(gl_context, "squared_error.frag", SHAPE, squared)
+    np.testing.assert_allclose(result, reference.squared_error(residual, mask), atol=1e-6)  # float32
+
+
+@pytest.mark.parametrize("side", [2, 5, 16, 64])
+def test_a_block_sum_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator, side: int) -> None:
+    inputs = pictures(rng, "source")
+    shape = -(-SHAPE[0] // side), -(-SHAPE[1] // side)
+    result = run(gl_context, "block_sum.frag", shape, inputs, {"SIDE": side})
+    expected = reference.block_sum(inputs["source"].astype(float), side)
+    np.testing.assert_allclose(result, expected, atol=1e-3)  # float32 sums of up to 777 terms
+    np.testing.assert_allclose(expected.sum(axis=(0, 1)), inputs["source"].sum(axis=(0, 1), dtype=float))
+
+
+@contextmanager
+def both(context: moderngl.Context, room: Room, frame: Frame) -> Iterator[tuple[GlRenderer, CpuRenderer]]:
+    renderers = GlRenderer(context, room), CpuRenderer(room)
+    try:
+        for renderer in renderers:
+            renderer.open(frame.format)
+            renderer.upload(frame)
+        yield renderers
+    finally:
+        renderers[0].release()
+
+
+def letters(rng: np.random.Generator) -> Frame:
+    return radiance_frame(rng.choice([0.02, 0.3, 0.9], (*CAMERA, 3)).astype(np.float32))
+
+
+@pytest.mark.parametrize("start", STARTS)
+@pytest.mark.parametrize("far", [False, True])
+def test_the_drive_equals_its_twin_after_any_steps(
+    gl_context: moderngl.Context, rng: np.random.Generator, far: bool, start: str
+) -> None:
+    room, frame = physical_room(rng, far=far, start=start).room, letters(rng)
+    for steps in (0, 1, 5, 50):
+        with both(gl_context, room, frame) as (gl, cpu):
+            for renderer in (gl, cpu):
+                renderer.render("projector", compensate=True, steps=steps)
+            assert gl.linear().std() > 0.05
+            np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=ATOL)
+            found, expected = gl.certificate(), cpu.certificate()
+            assert found is not None
+            assert expected is not None
+            np.testing.assert_allclose(found.squared_error, expected.squared_error, rtol=1e-4)  # float32
+            scale = expected.squared_error.sum()
+            np.testing.assert_allclose(found.gap, expected.gap, rtol=1e-4, atol=1e-5 * scale)  # g nearly cancels
+
+
+def test_frames_in_a_row_equal_their_twins(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+    """Two that resemble each other, a cut, one without refinement, one after it."""
+    scene, other = (rng.integers(0, 255, (*CAMERA, 3)).astype(np.uint8) for _ in range(2))
+    darker = (scene * 0.95).astype(np.uint8)
+    shown = [(scene, 3), (darker, 3), (darker, 3), (other, 3), (other, 0), (darker, 3)]
+    with both(gl_context, physical_room(rng).room, rgb_frame(scene)) as (gl, cpu):
+        drives = []
+        for picture, steps in shown:
+            for renderer in (gl, cpu):
+                renderer.upload(rgb_frame(picture))
+                renderer.render("projector", compensate=True, steps=steps)
+            np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=ATOL)
+            drives.append(gl.linear())
+            for renderer in (gl, cpu):  # drawn again, a frame stays as it is
+                renderer.render("projector", compensate=True, steps=steps)
+            np.testing.assert_array_equal(gl.linear(), drives[-1])
+            np.testing.assert_allclose(cpu.linear(), drives[-1], atol=ATOL)
+    assert np.abs(drives[2] - drives[1]).max() > 1e-3  # the same frame again goes on
+    assert np.abs(drives[5] - drives[1]).max() > 1e-3  # after a frame without, it begins anew
+
+
+@pytest.mark.parametrize("view", ["projector", "camera", "split"])
+def test_no_step_is_the_thesis_method_bit_for_bit(
+    gl_context: moderngl.Context, rng: np.random.Generator, view: str
+) -> None:
+    room, frame = physical_room(rng).room, letters(rng)
+    bare = replace(room, maps=replace(room.maps, refinement=None))
+    results = []
+    for each in (room, bare):
+        with both(gl_context, each, frame) as (gl, _):
+            gl.render(view, compensate=True, steps=0)
+            results.append((gl.linear().tobytes(), gl.encoded().tobytes()))
+    assert results[0] == results[1]
+
+
+def test_without_the_maps_there_are_no_steps_and_no_certificate(
+    gl_context: moderngl.Context, rng: np.random.Generator
+) -> None:
+    with both(gl_context, random_room(rng, far=False), letters(rng)) as renderers:
+        for renderer in renderers:
+            renderer.render("projector", compensate=True)
+            plain = renderer.linear().copy()
+            renderer.render("projector", compensate=True, steps=8)
+            np.testing.assert_array_equal(renderer.linear(), plain)
+            assert renderer.certificate() is None
+    with both(gl_context, physical_room(rng).room, letters(rng)) as renderers:
+        for renderer in renderers:
+            renderer.render("projector", compensate=False)
+            assert renderer.certificate() is None
+
+
+def test_the_camera_sees_less_error_with_every_step(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+    physical, frame = physical_room(rng, start="map"), letters(rng)
+    inside = physical.inside
+    with both(gl_context, physical.room, frame) as (gl, _):
+        errors = []
+        for steps in (0, 1, 4, 16):
+            gl.render("camera", compensate=True, steps=steps)
+            errors.append(np.mean((gl.linear() - gl.desired()).reshape(-1, 3)[inside] ** 2))
+    assert errors == sorted(errors, reverse=True)
+    assert errors[3] < 0.97 * errors[0]
+
+
+def test_steps_allocate_nothing(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+    frame = letters(rng)
+    with both(gl_context, physical_room(rng).room, frame) as (gl, _):
+        gl.render("split", compensate=True, steps=2)
+        before = len(gl_context.objects)
+        for index in range(30):
+            gl.upload(frame)
+            gl.render("split", compensate=True, frame=index, steps=index % 5)
+            gl.certificate()
+        assert len(gl_context.objects) == before
