@@ -18,13 +18,14 @@ from tests.rooms import blurred_transport, write_blurred_room
 from tests.test_player import fail, succeed
 from tests.test_relight import far_transport
 from tools import build_correction_map
+from tools.clusters.finite import NonFiniteError
 from tools.solve.box import TOLERANCE, certificate, relative_gap
 from tools.solve.clusterwise import solve_clusters
 from tools.solve.compensate import CompensateOptions, CompensationTask
 from tools.solve.krylov import least_squares
 from tools.solve.quality import measure
 from tools.solve.registry import SOLVERS, solve
-from tools.solve.system import LinearSystem, NonFiniteError, channel_system, linear_system
+from tools.solve.system import LinearSystem, channel_system, linear_system
 from tools.transport.storage import write_transport
 
 CAMERA, PROJECTOR = (18, 26), (14, 20)

@@ -13,6 +13,7 @@ from player.errors import InputError
 from player.row_map import SparseRows
 from tools.clusters.components import Clusters, find_clusters
 from tools.clusters.decomposition import Parameters, Report
+from tools.clusters.finite import refuse_not_finite
 from tools.clusters.search import decompose_to
 from tools.inverse import memory
 from tools.inverse.bidiagonal import largest_singular_value
@@ -118,6 +119,8 @@ def invert_near_light(
     white : the radiance of a white picture.
     """
     matrices = tuple(_rows_inside(T, mask) for T in near)
+    for T in matrices:
+        refuse_not_finite(T, np.zeros(T.shape[0]))
     whole = luminance = _luminance(matrices)
     if whole.nnz == 0:
         raise InputError("no camera pixel inside the mask sees the projector; check the mask and the transport")

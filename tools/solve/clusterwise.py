@@ -10,9 +10,10 @@ from threadpoolctl import threadpool_limits
 
 from player.command import track
 from tools.clusters.blocks import Batch, ClusterBlocks
+from tools.clusters.finite import CAUSES, NonFiniteError, describe_cluster
 from tools.solve.krylov import least_squares
 from tools.solve.solution import Solution
-from tools.solve.system import CAUSES, LinearSystem, NonFiniteError, describe_cluster
+from tools.solve.system import LinearSystem
 
 FloatArray = NDArray[np.float64]
 DenseSolver = Callable[[FloatArray, FloatArray], tuple[FloatArray, NDArray[np.bool_]]]

@@ -7,16 +7,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from player.errors import InputError
 from tools.clusters.components import Clusters, find_clusters
+from tools.clusters.finite import refuse_not_finite
 from tools.transport.transport import Csr, Transport
 
 FloatArray = NDArray[np.float64]
-CAUSES = "likely causes: a division by a black floodlight picture, a saturated capture, or weights beyond 1e300"
-
-
-class NonFiniteError(InputError):
-    """T or b holds NaN or infinity, or numbers so large that a solver overflows."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +73,7 @@ class LinearSystem:
 def linear_system(T: Csr | ArrayLike, b: ArrayLike) -> LinearSystem:
     """A system from a matrix (camera pixels, projector pixels) and b (camera pixels,).
 
-    Raises NonFiniteError, naming the cluster, if T or b holds NaN or infinity; ValueError for shapes that differ.
+    Raises NonFiniteError, naming the cluster, if T or b is not finite in float32; ValueError for shapes that differ.
     """
     near: Csr = sparse.csr_array(T).astype(np.float64)  # type: ignore[arg-type]
     target = np.array(b, np.float64)
@@ -102,28 +97,6 @@ def channel_system(transport: Transport, channel: int, target: FloatArray, mask:
     far = transport.far
     scatter = _rows_kept(far.scatter[channel], mask)
     return LinearSystem(system.near, system.target, FarFactors(far.gather[channel], far.mix[channel], scatter))
-
-
-def refuse_not_finite(near: Csr, target: FloatArray) -> None:
-    """NonFiniteError naming the first cluster in which T or b is not finite."""
-    rows = np.repeat(np.arange(near.shape[0]), np.diff(near.indptr))
-    bad = np.union1d(rows[~np.isfinite(near.data)], np.flatnonzero(~np.isfinite(target)))
-    if not bad.size:
-        return
-    clusters = find_clusters(near)
-    label = clusters.camera[bad[0]]
-    cluster = "no cluster" if label < 0 else describe_cluster(clusters, int(label))
-    raise NonFiniteError(
-        f"T or b is not finite in {bad.size} of {near.shape[0]} camera pixels, first camera pixel {bad[0]} "
-        f"({cluster}); {CAUSES}"
-    )
-
-
-def describe_cluster(clusters: Clusters, label: int) -> str:
-    """Its number, sizes and first camera pixel."""
-    first = int(np.argmax(clusters.camera == label))
-    m, n = clusters.camera_sizes[label], clusters.projector_sizes[label]
-    return f"cluster {label} of {clusters.count}, {m} camera x {n} projector pixels from camera pixel {first} on"
 
 
 def _rows_kept(matrix: Csr, mask: NDArray[np.bool_]) -> Csr:

@@ -1,0 +1,284 @@
+"""The hard cases as data, and the methods: tests/hard_cases.py measures them, tests/test_hard_*.py prove what holds."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+
+from player.content import reachable_white
+from tests.rooms import blurred_transport
+from tools.inverse.damping import largest_singular_value
+from tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
+from tools.inverse.pictures import typical_pictures
+from tools.solve.registry import SOLVERS, solve
+from tools.solve.system import linear_system
+from tools.transport.transport import Csr
+
+FloatArray = NDArray[np.float64]
+Apply = Callable[[FloatArray], FloatArray]  # b (camera pixels,) -> p (projector pixels,), not clamped
+KEEP_ALL = 0.0
+CUT = 40  # projector pixels of a cluster of the decomposed map
+NOISE = 0.01
+LARGEST_SVD = 1200
+SEED = 20060504
+CONDITIONS = tuple(10.0**k for k in range(2, 15, 2))
+WALL_CAMERA, WALL_PROJECTOR = (15, 19), (12, 16)
+LARGE_CAMERA, LARGE_PROJECTOR = (80, 105), (32, 64)
+
+
+@dataclass(frozen=True)
+class HardCase:
+    """A system of equations and what makes it hard.
+
+    T : (camera pixels, projector pixels), what a method is given.  target : b = c − e, (camera pixels,).
+    camera, projector : (height, width).  truth : the transport that the camera sees by; T if None.
+    """
+
+    name: str
+    T: Csr
+    target: FloatArray
+    camera: tuple[int, int]
+    projector: tuple[int, int]
+    truth: Csr | None = None
+
+    @cached_property
+    def dense(self) -> FloatArray:
+        return np.asarray(self.T.toarray(), np.float64)
+
+    @cached_property
+    def singular(self) -> tuple[FloatArray, FloatArray] | None:
+        """U and σ of T, singular values of 0 left out; None if T is too large for that."""
+        if self.T.shape[1] > LARGEST_SVD:
+            return None
+        U, sigma, _ = np.linalg.svd(self.dense, full_matrices=False)
+        kept = sigma > 0
+        return U[:, kept], sigma[kept]
+
+    @cached_property
+    def largest_singular_value(self) -> float:
+        return largest_singular_value(self.T) if self.singular is None else float(self.singular[1][0])
+
+    @property
+    def seen_by(self) -> Csr:
+        return self.T if self.truth is None else self.truth
+
+    @property
+    def floodlight(self) -> FloatArray:
+        """T·1, (camera pixels,)."""
+        return np.asarray(self.seen_by @ np.ones(self.T.shape[1]))
+
+    def error(self, p: FloatArray, target: FloatArray | None = None) -> float:
+        """RMS camera error after the clamp, as a share of the floodlit room's RMS."""
+        residual = self.seen_by @ np.clip(p, 0, 1) - (self.target if target is None else target)
+        return float(np.linalg.norm(residual) / np.linalg.norm(self.floodlight))
+
+
+def listed(name: str, T: ArrayLike, target: ArrayLike) -> HardCase:
+    """A case whose pixels have no neighbours: pictures of one line."""
+    matrix = Csr(np.asarray(T, np.float64))
+    shapes = (1, matrix.shape[0]), (1, matrix.shape[1])
+    return HardCase(name, matrix, np.asarray(target, np.float64), *shapes)
+
+
+def rng(extra: int = 0) -> np.random.Generator:
+    return np.random.default_rng(SEED + extra)
+
+
+# Linear algebra
+
+
+def conflicting_rows() -> HardCase:
+    """Two camera pixels see the same projector pixel and want different radiance: the mean is the best."""
+    return listed("conflicting rows", [[0.8, 0], [0.8, 0], [0, 0.5]], [0.2, 0.6, 0.25])
+
+
+def parallel_columns(gap: float) -> HardCase:
+    """Two projector pixels whose columns a and a + gap·d differ little: condition ≈ 2 / gap; p = (0.3, 0.6)."""
+    a, d = np.full(4, 0.5), np.array([0.5, -0.5, 0.5, -0.5])
+    T = np.stack([a, a + gap * d], axis=1)
+    name = f"parallel columns, condition {2 / gap:.0e}" if gap else "parallel columns, exactly"
+    return listed(name, T, 0.9 * a + 0.6 * gap * d)
+
+
+def rank_deficient(shape: tuple[int, int]) -> HardCase:
+    """Rank min(shape) − 2 and a target that no drive reaches."""
+    m, n = shape
+    rank, numbers = min(shape) - 2, rng(m)
+    T = numbers.uniform(size=(m, rank)) @ numbers.uniform(size=(rank, n)) / rank
+    kind = "square" if m == n else "wide" if m < n else "tall"
+    return listed(f"rank-deficient, {kind}", T, T @ numbers.uniform(-0.2, 1.2, n) + 0.05 * numbers.normal(size=m))
+
+
+def zero_rows_and_columns() -> HardCase:
+    """Camera pixels without light that want some, and projector pixels that light nothing."""
+    numbers = rng(1)
+    T = np.zeros((9, 7))
+    T[np.ix_([1, 3, 4, 6, 8], [0, 2, 3, 6])] = numbers.uniform(0.1, 1, (5, 4))
+    return listed("zero rows and columns", T, numbers.uniform(0.2, 0.8, 9))
+
+
+def one_entry_clusters() -> HardCase:
+    """Sixty clusters of one camera and one projector pixel; p = b / T."""
+    numbers = rng(2)
+    weights = numbers.uniform(0.05, 1, 60)
+    return listed("one-entry clusters", np.diag(weights), weights * numbers.uniform(0, 1, 60))
+
+
+def graded_weights() -> HardCase:
+    """Weights from 1e-7 to 1e3 in one cluster: condition 1e10 by size alone; b within reach."""
+    numbers = rng(3)
+    scale = np.logspace(3, -7, 12)
+    T = np.eye(16, 12) * scale + 0.2 * np.eye(16, 12, -1) * scale + 0.1 * np.eye(16, 12, -4) * scale
+    return listed("weights 1e-7 to 1e3", T, T @ numbers.uniform(0.1, 0.9, 12))
+
+
+def denormal_weights() -> HardCase:
+    """Every weight is denormal in float32, in which T is stored; b within reach."""
+    case = defocused_wall(1e2)
+    T = Csr(1e-40 * case.T.astype(np.float64))
+    T.data = T.data.astype(np.float32).astype(np.float64)
+    T.eliminate_zeros()
+    return replace(case, name="denormal weights", T=T, target=T @ rng(4).uniform(size=T.shape[1]))
+
+
+# Walls
+
+
+def defocused_wall(condition: float) -> HardCase:
+    """A white wall out of focus, by as wide a Gaussian as gives T that condition number.
+
+    b is what a photograph gives on the projector, and 1 % of noise.
+
+    T = B_y ⊗ B_x, so the condition number is the product of the factors', exact beyond what an SVD of T resolves.
+    """
+    T = Csr(np.kron(*_factors(defocus(condition))))
+    photograph = typical_pictures(WALL_PROJECTOR)[0].ravel()
+    target = T @ photograph + NOISE * rng(6).normal(size=T.shape[0])
+    return HardCase(f"wall, condition {condition:.0e}", T, target, WALL_CAMERA, WALL_PROJECTOR)
+
+
+def defocus(condition: float) -> float:
+    """The Gaussian's standard deviation in projector pixels for a wall of that condition number."""
+
+    def excess(sigma: float) -> float:
+        return float(sum(np.log10(np.linalg.cond(B)) for B in _factors(sigma)) - np.log10(condition))
+
+    return float(brentq(excess, 0.3, 3.0, xtol=1e-6))
+
+
+def _factors(sigma: float) -> tuple[FloatArray, FloatArray]:
+    y, x = (_blur(m, n, sigma) for m, n in zip(WALL_CAMERA, WALL_PROJECTOR, strict=True))
+    return y, x
+
+
+def _blur(camera: int, projector: int, sigma: float) -> FloatArray:
+    """(camera, projector) along one axis, rows of sum 1."""
+    x, u = (np.arange(camera) + 0.5) * projector / camera, np.arange(projector) + 0.5
+    B = np.exp(-((x[:, None] - u) ** 2) / (2 * sigma**2))
+    return np.asarray(B / B.sum(axis=1, keepdims=True))
+
+
+def large_cluster() -> HardCase:
+    """One cluster of 2048 projector pixels, textured, a little out of focus; b within reach."""
+    T = Csr(blurred_transport(rng(7), LARGE_CAMERA, LARGE_PROJECTOR, 0.5).astype(np.float64))
+    target = T @ rng(8).uniform(size=T.shape[1])
+    return HardCase("cluster of 2048", T, target, LARGE_CAMERA, LARGE_PROJECTOR)
+
+
+def noise_floor() -> HardCase:
+    """Half of the wall is lit a ten-thousandth as bright, and measured with noise as large as that light."""
+    wall = defocused_wall(1e2)
+    bright = np.where(np.arange(wall.T.shape[1]) % WALL_PROJECTOR[1] < WALL_PROJECTOR[1] // 2, 1.0, 1e-4)
+    truth = wall.dense * bright
+    measured = truth + 1e-4 * np.abs(rng(9).normal(size=truth.shape)) * (truth > 0)
+    return replace(wall, name="noise floor", T=Csr(measured), truth=Csr(truth))
+
+
+def capture_noise(share: float, seed: int = 0) -> HardCase:
+    """Every entry of T measured with independent noise, a share of itself; the camera sees by the true T."""
+    wall = defocused_wall(1e4)
+    measured = wall.T.copy()
+    measured.data *= np.maximum(1 + share * rng(100 + seed).normal(size=measured.data.size), 0)
+    return replace(wall, name=f"capture noise {share:.0%}", T=measured, truth=wall.T)
+
+
+def targets() -> list[HardCase]:
+    """Pictures on a wall of condition 1e4, and an ambient light brighter than most of a picture."""
+    wall = defocused_wall(1e4)
+    y, x = np.mgrid[: WALL_CAMERA[0], : WALL_CAMERA[1]]
+    random = rng(10).uniform(size=y.shape)
+    pictures = {
+        "black": 0.0 * y,
+        "white": 1.0 + 0.0 * y,
+        "one pixel": 1.0 * ((y == 7) & (x == 9)),
+        "checkerboard": 1.0 * ((y + x) % 2),
+        "random": random,
+        "ambient above": random - 0.7,
+    }
+    return [replace(wall, name=f"target {name}", target=picture.ravel()) for name, picture in pictures.items()]
+
+
+def rescaled(case: HardCase, factor: float) -> HardCase:
+    """T and b in another unit."""
+    truth = None if case.truth is None else Csr(factor * case.truth)
+    name = f"{case.name}, T × {factor:.0e}"
+    return replace(case, name=name, T=Csr(factor * case.T), target=factor * case.target, truth=truth)
+
+
+def permuted(case: HardCase) -> tuple[HardCase, NDArray[np.int64]]:
+    """The pixels of both sides in another order, and the projector's: p of the new case is p[order] of the old."""
+    rows, columns = rng(11).permutation(case.T.shape[0]), rng(12).permutation(case.T.shape[1])
+    T = Csr(case.T[rows][:, columns])
+    return replace(case, name=f"{case.name}, permuted", T=T, target=case.target[rows]), columns
+
+
+def all_cases() -> Iterator[HardCase]:
+    yield conflicting_rows()
+    yield from (parallel_columns(gap) for gap in (0.0, 2e-8, 2e-14))
+    yield from (rank_deficient(shape) for shape in ((12, 12), (9, 15), (20, 8)))
+    yield zero_rows_and_columns()
+    yield one_entry_clusters()
+    yield large_cluster()
+    yield graded_weights()
+    yield denormal_weights()
+    yield noise_floor()
+    yield from (capture_noise(share) for share in (0.01, 0.05))
+    yield from targets()
+    wall = defocused_wall(1e4)
+    yield from (rescaled(wall, factor) for factor in (1e-6, 1e6))
+    yield permuted(wall)[0]
+
+
+# Methods
+
+
+def by_solver(name: str, case: HardCase) -> Apply:
+    return lambda b: solve(name, linear_system(case.T, b)).unclamped
+
+
+def by_map(damping: float | None, max_cluster: int | None, case: HardCase) -> Apply:
+    largest = None if max_cluster is None else min(max_cluster, case.T.shape[1])
+    T_pinv = inverse_of(case, InverseOptions(damping, KEEP_ALL, largest)).matrices(case.T.shape[0])[1]
+    return lambda b: np.asarray(T_pinv @ b)
+
+
+def inverse_of(case: HardCase, options: InverseOptions) -> Inverse:
+    """The inverse of a room that is grey: three equal channels."""
+    flood = (case.T @ np.ones(case.T.shape[1])).reshape(case.camera)
+    white = reachable_white(np.repeat(flood[..., None], 3, axis=2), flood > 0)
+    mask = np.ones(case.camera, bool)
+    reach = np.full((mask.size, 3), max(white, float(np.abs(case.target).max())))
+    return invert_near_light((case.T,) * 3, mask, case.projector, reach, white, options)
+
+
+METHODS: dict[str, Callable[[HardCase], Apply]] = {
+    **{name: partial(by_solver, name) for name in SOLVERS},
+    "map none": partial(by_map, 0.0, None),
+    "map 0.01": partial(by_map, 0.01, None),
+    "map 0.1": partial(by_map, 0.1, None),
+    "map auto": partial(by_map, None, None),
+    "map auto cut": partial(by_map, None, CUT),
+}

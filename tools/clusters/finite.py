@@ -1,0 +1,42 @@
+"""What no solver can take: a transport or a target that is not finite, refused by the cluster that holds it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from player.errors import InputError
+from tools.clusters.components import Clusters, find_clusters
+from tools.transport.transport import Csr
+
+FLOAT32 = np.finfo(np.float32)  # what T and pictures are stored in; squares of its numbers fit float64
+CAUSES = "likely causes: a division by a black floodlight picture, a saturated capture, or another unit of radiance"
+
+
+class NonFiniteError(InputError):
+    """T or b holds NaN or infinity, numbers beyond float32, or such that a solver overflows."""
+
+
+def refuse_not_finite(near: Csr, target: NDArray[np.float64]) -> None:
+    """NonFiniteError naming the first cluster in which T or b is not finite, or beyond float32.
+
+    near : T, (camera pixels, projector pixels).  target : b, (camera pixels,).
+    """
+    rows = np.repeat(np.arange(near.shape[0]), np.diff(near.indptr))
+    size = np.abs(near.data)
+    usable = (size <= FLOAT32.max) & (np.fmax.reduce(size, initial=0.0) >= FLOAT32.smallest_subnormal)
+    bad = np.union1d(rows[~usable], np.flatnonzero(~(np.abs(target) <= FLOAT32.max)))
+    if not bad.size:
+        return
+    clusters = find_clusters(near)
+    label = clusters.camera[bad[0]]
+    cluster = "no cluster" if label < 0 else describe_cluster(clusters, int(label))
+    raise NonFiniteError(
+        f"T or b is not finite, or beyond float32, in {bad.size} of {near.shape[0]} camera pixels, first camera pixel "
+        f"{bad[0]} ({cluster}); {CAUSES}"
+    )
+
+
+def describe_cluster(clusters: Clusters, label: int) -> str:
+    """Its number, sizes and first camera pixel."""
+    first = int(np.argmax(clusters.camera == label))
+    m, n = clusters.camera_sizes[label], clusters.projector_sizes[label]
+    return f"cluster {label} of {clusters.count}, {m} camera x {n} projector pixels from camera pixel {first} on"
