@@ -31,6 +31,14 @@ edge_u = [4, 0, 0]
 edge_v = [0, 4, 0]
 albedo = [0.5, 0.6, 0.7]
 """
+COATED = """
+[[surfaces]]
+corner = [-1, -1, 0.5]
+edge_u = [2, 0, 0]
+edge_v = [0, 2, 0]
+albedo = [0, 0, 0]
+gloss = { reflectance = 0.9, roughness = 0.1 }
+"""
 GLASS = "dielectric = { index = 1.5 }"
 
 
@@ -281,63 +289,6 @@ def coarse(T: FloatArray) -> FloatArray:
     """Sums over 6 × 6 pixels of each picture."""
     blocks = T.reshape(3, 6, 4, 6, 3, 6, 4, 6).sum(axis=(1, 3, 5, 7))
     return np.asarray(blocks.reshape(12, 12))
-
-
-# Mirrors
-
-MIRROR = """
-[[surfaces]]
-name = "mirror"
-corner = [-1, -1, 0]
-edge_u = [0, 0, 2]
-edge_v = [0, 2, 0]
-albedo = [0, 0, 0]
-gloss = { reflectance = 1, roughness = 0 }
-"""
-COATED = """
-[[surfaces]]
-corner = [-1, -1, 0.5]
-edge_u = [2, 0, 0]
-edge_v = [0, 2, 0]
-albedo = [0, 0, 0]
-gloss = { reflectance = 0.9, roughness = 0.1 }
-"""
-CARD = """
-[[surfaces]]
-name = "card"
-corner = [0, -0.6, 0]
-edge_u = [1.2, 0, -0.2]
-edge_v = [0, 1.2, 0]
-pattern = { kind = "checker", colours = [[0.8, 0.7, 0.6], [0.2, 0.3, 0.4]], repeat = [5, 7] }
-"""
-
-
-def test_a_mirror_shows_what_a_mirrored_camera_sees(tmp_path: Path) -> None:
-    """The mirror is the plane x = −1; the camera looks into it and sees the card behind it."""
-    lamp = at([1.5, 0.2, 3], [0.6, 0, 0])
-    real = room(tmp_path, MIRROR + CARD, lamp, at([0.8, 0.1, 2.5], [-2.6, 0, -0.1]))
-    virtual = room(tmp_path, CARD, lamp, at([-2.8, 0.1, 2.5], [0.6, 0, -0.1]))
-    only = ["direct", "shadows", "gloss"]  # the projector's light straight onto the card
-    seen, expected = (simulate(s, only=only).transport.composition().reshape(18, 24, 3) for s in (real, virtual))
-    lit = expected.max(axis=2) > 0
-    assert lit.mean() > 0.3
-    np.testing.assert_allclose(seen, expected[:, ::-1], rtol=1e-4, atol=1e-6)  # float32; rays run the same way
-
-
-def test_a_mirror_lights_as_a_mirrored_projector_would(tmp_path: Path) -> None:
-    eye = at([0.8, 0.1, 2.5], [0.6, 0, -0.1])
-    real = room(tmp_path, MIRROR + CARD, at([0.8, 0.1, 2.5], [-2.6, 0, -0.1]), eye, (48, 36))
-    virtual = room(tmp_path, CARD, at([-2.8, 0.1, 2.5], [0.6, 0, -0.1]), eye, (48, 36))
-    drive = np.zeros((36, 48, 3))
-    drive[10:26, 14:34] = 1
-    pictures = []
-    for scene, picture in ((real, drive[:, ::-1]), (virtual, drive)):
-        T = simulate(scene, only=["direct", "shadows", "caustics", "gloss"]).transport.near
-        pictures.append(np.stack([T[i] @ picture[..., i].ravel() for i in range(3)], axis=1))
-    seen, expected = (picture.reshape(9, 4, 12, 4, 3).mean(axis=(1, 3)) for picture in pictures)
-    assert expected.max() > 0.3
-    np.testing.assert_allclose(seen, expected, atol=0.08 * expected.max())  # the map blurs edges by half a pixel
-    assert seen.sum() == pytest.approx(expected.sum(), rel=0.01)
 
 
 # On demand
