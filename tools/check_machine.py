@@ -30,6 +30,7 @@ IMPORT_NAMES = {
     "tomli-w": "tomli_w",
     "scikit-image": "skimage",
     "colour-science": "colour",
+    "Pillow": "PIL",
 }
 
 

@@ -1,0 +1,112 @@
+"""What a radiance map costs: the thesis' figure 3.4 on this machine, beside OpenCV in the same run.
+
+Prints medians of wall time and of processor time, and ratios; nothing here decides a test. 13 exposures a stop apart at
+1280x1024 in colour, 8 bit, and the mean of 13 shots; pictures are in memory, results are read back.
+"""
+
+import os
+import time
+from collections.abc import Callable
+
+import cv2
+import moderngl
+import numpy as np
+
+from player.gl.context import headless_context
+from player.gl.exposure_sums import GlSums
+from player.response import Response
+from tests.brackets import codes_of
+from tools.hdr.camera_response import exposure_table
+from tools.hdr.estimators import METHODS, SLACK, USUAL_WEIGHTING, Estimator, make_estimator
+from tools.hdr.sums import CpuSums, ExposureSums
+from tools.hdr.weights import weight_table
+
+SHAPE, EXPOSURES = (1024, 1280, 3), 13
+WARM_UP, REPEATS = 1, 7
+Times = tuple[float, float]
+
+
+def interleaved(works: dict[str, Callable[[], object]]) -> dict[str, Times]:
+    """Median wall and processor time of each, ms; taken in turn, so that other load meets all of them alike."""
+    times: dict[str, list[Times]] = {name: [] for name in works}
+    for _ in range(WARM_UP + REPEATS):
+        for name, work in works.items():
+            wall, cpu = time.perf_counter(), time.process_time()
+            work()
+            times[name].append((1000 * (time.perf_counter() - wall), 1000 * (time.process_time() - cpu)))
+    medians = {name: np.median(values[WARM_UP:], axis=0) for name, values in times.items()}
+    return {name: (float(wall), float(cpu)) for name, (wall, cpu) in medians.items()}
+
+
+def merging(
+    sums: ExposureSums, estimator: Estimator, codes: list[np.ndarray], times: np.ndarray
+) -> Callable[[], np.ndarray]:
+    def work() -> np.ndarray:
+        for picture, t in zip(codes, times, strict=True):
+            sums.add(picture, estimator.coefficients(float(t)), float(t))
+        return sums.estimate()
+
+    return work
+
+
+def opencv(method: str, codes: list[np.ndarray], times: np.ndarray, exposure: np.ndarray) -> Callable[[], np.ndarray]:
+    """The same with OpenCV; it has no average, so its table look-up and its accumulation make one."""
+    curve = np.maximum(exposure, exposure[1] / 2).astype(np.float32)  # its logarithm of 0 has a weight of 0
+    if method == "average":
+        return lambda: opencv_mean(codes, curve)
+    merge = cv2.createMergeDebevec() if method == "debevec" else cv2.createMergeRobertson()
+    return lambda: merge.process(codes, times, curve.reshape(256, 1, 3))
+
+
+def opencv_mean(codes: list[np.ndarray], curve: np.ndarray) -> np.ndarray:
+    total = np.zeros(SHAPE, np.float32)
+    for picture in codes:
+        cv2.accumulate(cv2.LUT(picture, curve[None]), total)
+    return total / np.float32(len(codes))
+
+
+def agreement(ours: np.ndarray, theirs: np.ndarray, codes: list[np.ndarray]) -> str:
+    """Of pixels with every channel between 10 % and 90 % of the range in some picture."""
+    well = np.any([np.all((z > 25) & (z < 230), axis=-1) for z in codes], axis=0)
+    error = np.abs(ours[well] / theirs[well] - 1)
+    return (
+        f"differs from OpenCV by {np.median(error):.1e} (median), {np.percentile(error, 99):.1e} (99 % of the values)"
+    )
+
+
+def compare(
+    context: moderngl.Context, method: str, codes: list[np.ndarray], times: np.ndarray, exposure: np.ndarray
+) -> str:
+    """A row of the table: the three contenders' times, and how far the shader's picture is from OpenCV's."""
+    estimator = make_estimator(method, exposure, weight_table(USUAL_WEIGHTING.get(method, "hat"), 256), margin=0)
+    with GlSums(context, estimator.table, SHAPE, estimator.exponential, SLACK) as gl:
+        works = {
+            "GPU": merging(gl, estimator, codes, times),
+            "CPU": merging(CpuSums(estimator, SHAPE), estimator, codes, times),
+            "OpenCV": opencv(method, codes, times, exposure),
+        }
+        medians = interleaved(works)
+        apart = "" if method == "average" else "; " + agreement(works["GPU"](), works["OpenCV"](), codes)
+    row = ", ".join(f"{name} {wall:.0f} ({cpu:.0f})" for name, (wall, cpu) in medians.items())
+    wall, cpu = (medians["OpenCV"][i] / medians["GPU"][i] for i in range(2))
+    return f"{method}: {row}; OpenCV/GPU {wall:.2f} ({cpu:.2f}){apart}"
+
+
+def main() -> None:
+    rng = np.random.default_rng(1)
+    response = Response("gamma", gamma=2.2)
+    exposure = exposure_table(response, 256, 3)
+    times = (0.01 * 2.0 ** np.arange(EXPOSURES)).astype(np.float32)
+    light = np.exp(rng.normal(0, 1.5, (*SHAPE[:2], 1)))
+    scenes = {"neutral": light.repeat(3, axis=2), "coloured": light * np.exp(rng.normal(0, 0.3, SHAPE))}
+    with headless_context() as context:
+        print(f"{os.cpu_count()} cores, {context.info['GL_RENDERER']}, OpenCV {cv2.__version__}")
+        print(f"{EXPOSURES} pictures of {SHAPE[1]}x{SHAPE[0]}, medians of {REPEATS}, wall ms (processor ms)")
+        for name, scene in scenes.items():
+            codes = [codes_of(scene, float(t), response) for t in times]
+            for method in METHODS:
+                print(f"{name}, {compare(context, method, codes, times, exposure)}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,99 @@
+"""Files in, files out: a bracket on disk -> a radiance map as OpenEXR, and the response that was used."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from player.errors import InputError
+from player.exr import write_rgb
+from player.files import replacing_file
+from player.response import Response
+from tools.acquisition.room_options import named_response
+from tools.hdr.bracket import Bracket, open_bracket
+from tools.hdr.radiance import MergeOptions, RadianceMap, merge
+from tools.hdr.recovery import METHODS as RECOVERIES
+from tools.hdr.recovery import NAME_IT, recover_response
+from tools.hdr.response_table import write_response
+
+
+@dataclass(frozen=True)
+class ResponseSource:
+    """Where the camera's response comes from: the name of a recovery, or a known curve as `named_response` reads it."""
+
+    name: str
+
+    def of(self, bracket: Bracket) -> Response:
+        if self.name not in RECOVERIES:
+            return named_response(self.name)
+        return recover_response(bracket.samples(), bracket.times_s, self.name)
+
+    def __str__(self) -> str:
+        return f"response recovered ({self.name})" if self.name in RECOVERIES else f"response {self.name}"
+
+
+@dataclass(frozen=True)
+class MergeSummary:
+    """What was merged; its text is the command's output.
+
+    decades : log₁₀ of the quotient of the 99.9th and 0.1th percentile of what was measured.
+    """
+
+    bracket: Bracket
+    source: ResponseSource
+    options: MergeOptions
+    shape: tuple[int, int]
+    decades: float
+    saturated: float
+    black: float
+
+    def __str__(self) -> str:
+        times = self.bracket.times_s
+        weights = "" if self.options.method == "average" else f", {self.options.weights} weights"
+        return (
+            f"{self.shape[1]}x{self.shape[0]}, {len(times)} pictures of {times.min():g} to {times.max():g} s, "
+            f"{self.options.method}{weights}, {self.source}, {'GPU' if self.options.gpu else 'CPU'}: "
+            f"{self.decades:.1f} decades, {self.saturated:.2%} of the values saturated in every picture, "
+            f"{self.black:.2%} black"
+        )
+
+
+def merge_bracket(
+    paths: Sequence[Path],
+    output: Path,
+    *,
+    times_s: Sequence[float] | None,
+    source: ResponseSource,
+    options: MergeOptions,
+    save_response: Path | None = None,
+) -> MergeSummary:
+    """Merge pictures into `output` (R, G, B; a grey camera's three are alike); it appears whole or not at all.
+
+    Raises InputError for whatever makes the bracket useless: see open_bracket, Bracket.shots, recover_response, merge.
+    """
+    if output.suffix.lower() != ".exr":
+        raise InputError(f"{output}: a radiance map is written as OpenEXR; name it {output.stem}.exr")
+    if options.method == "average" and source.name in RECOVERIES:
+        raise InputError(f"--method average: shots of one exposure do not show the camera's response; {NAME_IT}")
+    bracket = open_bracket(paths, times_s, repeated=options.method == "average")
+    response = source.of(bracket)
+    merged = merge(bracket.shots(), response, options)
+    with replacing_file(output) as temporary:
+        write_rgb(temporary, np.broadcast_to(merged.radiance, (*merged.radiance.shape[:2], 3)))
+    if save_response is not None:
+        write_response(save_response, response)
+    return _summary(merged, bracket, source, options)
+
+
+def _summary(merged: RadianceMap, bracket: Bracket, source: ResponseSource, options: MergeOptions) -> MergeSummary:
+    low, high = np.percentile(merged.radiance[~(merged.saturated | merged.black)], (0.1, 99.9))
+    return MergeSummary(
+        bracket,
+        source,
+        options,
+        (merged.radiance.shape[0], merged.radiance.shape[1]),
+        float(np.log10(high / low)),
+        float(merged.saturated.mean()),
+        float(merged.black.mean()),
+    )

@@ -1,0 +1,96 @@
+"""A projector's response from measured light at known code values (thesis 2.2: intensity transfer function).
+
+It differs between channels but not over the picture (Raij, Gill, Majumder, Towles and Fuchs 2003), so one table a
+channel is enough. What the projector emits at code 0 is no part of it: that is the black level, and belongs to the
+ambient term of c = T p + e.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import isotonic_regression
+
+from player.errors import InputError
+from player.response import Response
+from tools.hdr.response_table import NODES, table_response
+
+FloatArray = NDArray[np.float64]
+
+LEAST_LEVELS = 5
+
+
+@dataclass(frozen=True)
+class ProjectorResponse:
+    """response : a table, light above black for a code value, 0..1.
+
+    black_level : (channels,), light at code 0 as a fraction of light at full code.
+    pooled : the largest change, as a fraction of white, that made the readings rise.
+    """
+
+    response: Response
+    black_level: tuple[float, ...]
+    pooled: float
+
+    def __str__(self) -> str:
+        blacks = ", ".join(f"{level:.2%}" for level in self.black_level)
+        return f"black level {blacks} of white, readings moved by at most {self.pooled:.2%} of white to make them rise"
+
+
+def fit_projector_response(
+    levels: FloatArray, readings: FloatArray, counts: FloatArray | None = None
+) -> ProjectorResponse:
+    """Fit a rising curve a channel: (L(v) − L(0)) / (L(1) − L(0)).
+
+    Readings are pooled where noise makes them fall (isotonic regression, the closest rising sequence), and joined by
+    monotone cubics (Fritsch and Carlson 1980), so that no gamma and no polynomial is assumed.
+
+    levels : (readings,), code values 0..1 with 0 and 1 among them, in any order; a level's readings are averaged.
+    readings : (readings, 1 or 3), linear light.  counts : (readings,), how many measurements each stands for.
+    Raises InputError for fewer than five levels, for a missing black or white, and for white no brighter than black.
+    """
+    weights = np.ones(len(levels)) if counts is None else counts
+    codes, place = np.unique(levels, return_inverse=True)
+    _check_levels(codes)
+    mass = np.bincount(place, weights).astype(np.float64)
+    light = np.stack([np.bincount(place, weights * column) / mass for column in readings.T], axis=1)
+    black, white = light[0], light[-1]
+    if not (np.isfinite(light).all() and np.all(white > black)):
+        raise InputError("grey ramp: white is no brighter than black; check the order of the levels")
+    relative = (light - black) / (white - black)
+    rising = np.stack([_rising(column, mass) for column in relative.T], axis=1)
+    table = np.clip(PchipInterpolator(codes, rising)(np.linspace(0, 1, NODES)), 0, 1)
+    table[[0, -1]] = rising[[0, -1]]
+    return ProjectorResponse(
+        table_response(table),
+        tuple(float(v) for v in black / white),
+        float(np.abs(rising - relative).max()),
+    )
+
+
+def level_means(codes: NDArray[np.uint8], light: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Levels, mean light (levels, 1) and counts of pixels whose code and light are known, for `fit_projector_response`.
+
+    codes : (pixels,), what the projector showed there.  light : (pixels,), relative to the pixel's own white.
+    """
+    counts = np.bincount(codes, minlength=256)
+    shown = np.flatnonzero(counts)
+    means = np.bincount(codes, light, 256)[shown] / counts[shown]
+    return shown / 255, means[:, None], counts[shown].astype(np.float64)
+
+
+def _rising(relative: FloatArray, mass: FloatArray) -> FloatArray:
+    rising = np.clip(isotonic_regression(relative, weights=mass).x, 0, 1)
+    rising[0], rising[-1] = 0, 1
+    return np.asarray(rising)
+
+
+def _check_levels(codes: FloatArray) -> None:
+    if len(codes) < LEAST_LEVELS:
+        raise InputError(f"grey ramp: {len(codes)} different levels, expected at least {LEAST_LEVELS}; measure more")
+    if codes[0] != 0 or codes[-1] != 1:
+        raise InputError(
+            f"grey ramp: levels {codes[0] * 255:g} to {codes[-1] * 255:g} of 255, expected 0 to 255; measure black and "
+            "white, too"
+        )

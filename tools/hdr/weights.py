@@ -1,0 +1,36 @@
+"""How far a code value is to be trusted: least at both ends of the camera's range, 0 where it clips."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+STEEPNESS = 4.0  # W of thesis eq. 3.7; Robertson et al. (2003) and OpenCV use the same
+
+
+def hat(codes: FloatArray) -> FloatArray:
+    """w(z) = z below the middle, 1 − z above, scaled to a peak of 1 (thesis eq. 3.5; Debevec and Malik 1997, eq. 4).
+
+    codes : 0..1 of the camera's range.
+    """
+    return np.asarray(1 - np.abs(2 * codes - 1))
+
+
+def gaussian(codes: FloatArray) -> FloatArray:
+    """w(z) = exp(−W (2z − 1)²), shifted and scaled so that w = 0 at both ends and 1 in the middle (thesis eq. 3.7).
+
+    codes : 0..1 of the camera's range.
+    """
+    least = np.exp(-STEEPNESS)
+    bell = np.exp(-STEEPNESS * (2 * codes - 1) ** 2)
+    return np.asarray(np.maximum(bell - least, 0) / (1 - least))
+
+
+WEIGHTINGS: dict[str, Callable[[FloatArray], FloatArray]] = {"hat": hat, "gaussian": gaussian}
+
+
+def weight_table(weighting: str, levels: int) -> FloatArray:
+    """The weight of each code value of a camera with so many levels: (levels,)."""
+    return WEIGHTINGS[weighting](np.linspace(0, 1, levels))

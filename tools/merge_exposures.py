@@ -1,0 +1,74 @@
+"""merge-exposures: a radiance map from photographs of one scene with different exposure times."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+
+from player.command import Parser, run
+from tools.hdr.estimators import METHODS
+from tools.hdr.merging import ResponseSource, merge_bracket
+from tools.hdr.radiance import MergeOptions
+from tools.hdr.weights import WEIGHTINGS
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    return run(_main, argv)
+
+
+def _main(argv: Sequence[str] | None) -> None:
+    options = _parser().parse_args(argv)
+    summary = merge_bracket(
+        options.pictures,
+        options.output,
+        times_s=options.times,
+        source=ResponseSource(options.response),
+        options=MergeOptions(options.method, options.weighting, options.gpu),
+        save_response=options.save_response,
+    )
+    print(f"{options.output}: {summary}")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser("merge-exposures", description=__doc__)
+    parser.add_argument("pictures", type=Path, nargs="+", help="PNG or JPEG, 8 or 16 bit, from one fixed camera")
+    parser.add_argument(
+        "--times",
+        type=_seconds,
+        nargs="+",
+        metavar="SECONDS",
+        help="exposure time of each picture, such as 0.125 or 1/8 (default: from the pictures' EXIF)",
+    )
+    parser.add_argument(
+        "--response",
+        default="debevec",
+        metavar="debevec|robertson|linear|srgb|GAMMA|FILE.toml",
+        help="the camera's: recovered from the bracket by one of two methods, or known (default debevec)",
+    )
+    parser.add_argument("--save-response", type=Path, metavar="FILE.toml", help="write the response, too")
+    parser.add_argument(
+        "--method",
+        default="debevec",
+        choices=METHODS,
+        help="mean of log radiance; most likely radiance; mean of shots of one exposure (default debevec)",
+    )
+    parser.add_argument(
+        "--weighting",
+        choices=tuple(WEIGHTINGS),
+        help="trust in a code value (default: hat for debevec, gaussian for robertson)",
+    )
+    parser.add_argument("--gpu", action="store_true", help="merge in OpenGL")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.exr")
+    return parser
+
+
+def _seconds(text: str) -> float:
+    try:
+        return float(Fraction(text))
+    except (ValueError, ZeroDivisionError):
+        raise argparse.ArgumentTypeError(f"a time is in seconds, such as 0.125 or 1/8, found {text!r}") from None
+
+
+if __name__ == "__main__":
+    sys.exit(main())
