@@ -22,24 +22,19 @@ class PreparedRows:
     """
 
     def __init__(self, packed: RowMap) -> None:
+        from player.products import product_of_channels  # Numba takes half a second, which a window need not wait for
+
+        self._product = product_of_channels
         rows = unpack(packed)
-        used = np.flatnonzero(rows.lengths)
         self._shape = packed.output_shape
         self._source_shape = packed.source_shape
-        self._used = used
-        self._starts = rows.indptr[used]
-        self._indices = rows.indices
-        self._weights = rows.weights.T.copy()
+        self._rows = rows.indptr, rows.indices.astype(np.int32), np.ascontiguousarray(rows.weights)
 
     def apply(self, source: FloatArray) -> NDArray[np.float64]:
         """source : (source height, source width, 3).  Returns (output height, output width, 3)."""
         if source.shape[:2] != self._source_shape:
             raise ValueError(f"source of shape {source.shape[:2]}, the row map reads {self._source_shape}")
-        result = np.zeros((self._shape[0] * self._shape[1], 3))
-        if self._used.size:
-            for channel, weights in enumerate(self._weights):
-                values = source[..., channel].ravel().astype(np.float64)
-                result[self._used, channel] = np.add.reduceat(weights * values[self._indices], self._starts)
+        result = self._product(*self._rows, np.ascontiguousarray(source).reshape(-1, 3))
         return result.reshape(*self._shape, 3)
 
 

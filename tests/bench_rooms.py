@@ -13,7 +13,7 @@ from tools.transport.transport import Csr
 CAMERA, PROJECTOR = (480, 640), (512, 512)
 MAX_CLUSTER = 200
 SIDE = 5  # camera pixels that a projector pixel lights, a side: 25 entries a column
-BLUR = 0.9  # camera pixels
+BLUR = 0.7  # camera pixels
 UNEVEN = 0.2
 FOCUS_CAMERA, FOCUS_PROJECTOR = (48, 48), (50, 54)  # the thesis' 2304 x 2700 (4.3.3)
 FOCUS_BLUR = 1.2  # projector pixels

@@ -60,7 +60,7 @@ class StudyRoom:
         """The optimal drive of the box solver; b : (camera pixels, 3)."""
         mask = self.room.calibration.mask.ravel()
         systems = [channel_system(self.transport, i, b[:, i], mask) for i in range(3)]
-        return np.stack([projected_gradient(system, 1.0, TOLERANCE).drive for system in systems], axis=1)
+        return np.stack([found.drive for found in projected_gradient(systems, 1.0, TOLERANCE)], axis=1)
 
     def psnr(self, drive: FloatArray, b: FloatArray) -> float:
         mask = self.room.calibration.mask.ravel()

@@ -91,7 +91,7 @@ def test_each_block_grows_its_own_halo(rng: np.random.Generator) -> None:
     T = sparse.csr_array((soft @ right + sharp @ left).astype(np.float32))
     channel, tolerance = WindowedChannel(T, 0.1), 1e-3
     truncation = Truncation(np.full((T.shape[0], 3), 0.5), 0.0)
-    windows = Windows(EVERYWHERE, HALOS[0], 4)
+    windows = Windows(EVERYWHERE, HALOS[0], 8)
     pieces = [job() for job in windowed_jobs((channel,) * 3, windows, truncation, tolerance)]
     halos = np.array([piece.halo for piece in pieces])
     on_the_right = np.array([columns[piece.rows[0]] >= 17 for piece in pieces])

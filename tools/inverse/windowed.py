@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import cho_factor, solve_triangular
-from scipy.linalg.lapack import dpotri
+from scipy.linalg.lapack import dtrtri
 
 from tools.inverse.pieces import Piece, Truncation, truncated_piece
 from tools.transport.transport import Csr
@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BLOCKS = (16, 8, 4, 2, 1)
 BLOCK_VALUES = 1 << 24  # float64 values of one block's rows, three channels (128 MiB)
-HALOS = (4, 6, 8, 12, 16, 24)
+HALOS = (4, 6, 8, 10, 12, 14, 17, 20, 24)
 SAMPLE_WINDOWS = 5
 FINEST_TOLERANCE = 0.05 / 255  # drive; windows are not widened for less
 
@@ -81,16 +81,13 @@ class WindowedChannel:
 def last_columns_of_inverse(N: FloatArray, count: int) -> FloatArray:
     """The last `count` columns of N⁻¹, N symmetric and positive definite, (n, n), overwritten.
 
-    With N = L Lᵀ and the columns last, they end in the inverse of the last block of L Lᵀ: half the work.
+    With N = L Lᵀ, the last columns of L⁻¹ are 0 but for the inverse of L's last block: half of the work is saved.
     """
     factor = cho_factor(N, lower=True, overwrite_a=True, check_finite=False)[0]
     split = len(N) - count
-    lower = np.tril(dpotri(factor[split:, split:], lower=True)[0])
-    X = np.empty((len(N), count))
-    X[split:] = lower + np.tril(lower, -1).T
-    right = factor[split:, :split].T @ X[split:]
-    X[:split] = -solve_triangular(factor[:split, :split], right, lower=True, trans=1, check_finite=False)
-    return X
+    X = np.zeros((len(N), count), order="F")
+    X[split:] = np.tril(dtrtri(factor[split:, split:], lower=True)[0])
+    return np.asarray(solve_triangular(factor, X, lower=True, trans=1, overwrite_b=True, check_finite=False))
 
 
 @dataclass(frozen=True)

@@ -1,23 +1,29 @@
 """The best picture that a projector can show: min ½‖T p − b‖², 0 ≤ p ≤ 1, to a stated gap (docs/mathematics.md 2).
 
 As T ≥ 0, TᵀT ≼ diag(d), d = TᵀT·1: a step −Tᵀ(T p − b)/d never overshoots, whatever T is scaled by. Nesterov's momentum
-with the gradient restart of O'Donoghue and Candès (2015) makes it fast. With g the gradient at p, convexity gives
+with the gradient restart of O'Donoghue and Candès (2015) and most of the over-relaxation of the optimised gradient
+method (Kim and Fessler 2016) make it fast. With g the gradient at p, convexity gives
 f(p) − f* ≤ Σ max(g p, g (p − 1)), which certifies how far the optimum can be.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from player.command import track
+from player.products import LARGE, compiled
+from tools.solve.products import CHANNELS, ChannelProducts
 from tools.solve.solution import Solution
 from tools.solve.system import LinearSystem
 
 FloatArray = NDArray[np.float64]
 TOLERANCE = 1e-4
 MOST_STEPS = 2000
-CHECK_EVERY = 10
+CHECK_EVERY = 20
+OVER_RELAXATION = 0.9
 FINEST = 1e-6  # of ½‖b‖²: an error 60 dB below the target needs no finer certificate
 
 
@@ -39,45 +45,97 @@ class Certificate:
         return self.gap / scale if scale > 0 else 0.0
 
 
-def solve_box(system: LinearSystem) -> Solution:
-    """The optimum for 0 ≤ p ≤ 1, to a relative gap of 1e-4; the note says the gap reached and the steps."""
-    return projected_gradient(system, 1.0)
+def solve_box(systems: Sequence[LinearSystem]) -> list[Solution]:
+    """The optima for 0 ≤ p ≤ 1, to a relative gap of 1e-4; the notes say the gap reached and the steps."""
+    return projected_gradient(systems, 1.0)
 
 
 def projected_gradient(
-    system: LinearSystem, upper: float, tolerance: float = TOLERANCE, most_steps: int = MOST_STEPS
-) -> Solution:
-    """The optimum for 0 ≤ p ≤ upper to a relative gap; an infinite `upper` is certified up to twice the largest p."""
-    d = system.apply_transpose(system.apply(np.ones(system.shape[1])))
-    lit = d > 0
-    step = np.divide(1.0, d, out=np.zeros_like(d), where=lit)
-    p = np.where(lit, 0.5, 0.0)
-    y, momentum, steps = p, 1.0, 0
-    found = certificate(system, p, upper)
+    systems: Sequence[LinearSystem], upper: float, tolerance: float = TOLERANCE, most_steps: int = MOST_STEPS
+) -> list[Solution]:
+    """The optima for 0 ≤ p ≤ upper to a relative gap; an infinite `upper` is certified up to twice the largest p.
+
+    systems : up to three colour channels, of one shape.
+    """
+    products, count = ChannelProducts(systems), len(systems)
+    target = np.zeros((systems[0].shape[0], CHANNELS))
+    target[:, :count] = np.stack([system.target for system in systems], axis=1)
+    d = products.apply_transpose(products.apply(np.ones((systems[0].shape[1], CHANNELS))))
+    step = np.divide(1.0, d, out=np.zeros_like(d), where=d > 0)
+    p = np.where(d > 0, 0.5, 0.0)
+    y, momentum, steps = p, np.ones(CHANNELS), 0
+    projected, extrapolated = _PROJECTED[p.size >= LARGE], _EXTRAPOLATED[p.size >= LARGE]
+    found = _certificates(products, target, p, upper, count)
     for _ in track(range(-(-most_steps // CHECK_EVERY)), f"projected gradient, {CHECK_EVERY} steps each"):
-        if found.relative <= tolerance:
+        if all(one.relative <= tolerance for one in found):
             break
         for _ in range(CHECK_EVERY):
-            gradient = system.apply_transpose(system.apply(y) - system.target)
-            following = np.clip(y - step * gradient, 0.0, upper)
-            if np.dot(y - following, following - p) > 0:
-                momentum = 1.0
+            descent = products.apply_transpose(target - products.apply(y))
+            following, against = projected(y, p, descent, step, upper)
+            momentum[against > 0] = 1.0
             larger = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
-            y = following + (momentum - 1) / larger * (following - p)
+            y = extrapolated(y, p, following, (momentum - 1) / larger)
             p, momentum = following, larger
         steps += CHECK_EVERY
-        found = certificate(system, p, upper)
-    short = "" if found.relative <= tolerance else ", its limit"
-    return Solution(p, (f"relative gap {found.relative:.1e} after {steps} steps{short}",))
+        found = _certificates(products, target, p, upper, count)
+    return [
+        Solution(drive.copy(), (f"relative gap {one.relative:.1e} after {steps} steps{_short(one, tolerance)}",))
+        for drive, one in zip(p.T, found, strict=False)
+    ]
+
+
+def _projected(
+    y: FloatArray, p: FloatArray, descent: FloatArray, step: FloatArray, upper: float
+) -> tuple[FloatArray, FloatArray]:
+    """The step from y, limited to the box (n, 3), and (y − it)·(it − p), above 0 where momentum leads uphill (3,)."""
+    following = np.empty_like(y)
+    red, green, blue = 0.0, 0.0, 0.0
+    for j in numba.prange(len(y)):
+        for i in range(CHANNELS):
+            following[j, i] = min(max(y[j, i] + step[j, i] * descent[j, i], 0.0), upper)
+        red += (y[j, 0] - following[j, 0]) * (following[j, 0] - p[j, 0])
+        green += (y[j, 1] - following[j, 1]) * (following[j, 1] - p[j, 1])
+        blue += (y[j, 2] - following[j, 2]) * (following[j, 2] - p[j, 2])
+    return following, np.array([red, green, blue])
+
+
+def _extrapolated(y: FloatArray, p: FloatArray, following: FloatArray, momentum: FloatArray) -> FloatArray:
+    """The next y (n, 3).  momentum : (3,)."""
+    result = np.empty_like(y)
+    for j in numba.prange(len(y)):
+        for i in range(CHANNELS):
+            q = following[j, i]
+            result[j, i] = q + momentum[i] * (q - p[j, i]) + OVER_RELAXATION * (q - y[j, i])
+    return result
+
+
+_PROJECTED, _EXTRAPOLATED = compiled(_projected), compiled(_extrapolated)
+
+
+def _short(found: Certificate, tolerance: float) -> str:
+    return "" if found.relative <= tolerance else ", its limit"
 
 
 def certificate(system: LinearSystem, drive: FloatArray, upper: float = 1.0) -> Certificate:
     """The bound at any 0 ≤ p ≤ upper."""
     residual = system.apply(drive) - system.target
-    gradient = system.apply_transpose(residual)
+    return _certificate(residual, system.apply_transpose(residual), system.target, drive, upper)
+
+
+def _certificates(
+    products: ChannelProducts, target: FloatArray, p: FloatArray, upper: float, count: int
+) -> list[Certificate]:
+    residual = products.apply(p) - target
+    gradient = products.apply_transpose(residual)
+    return [_certificate(residual[:, i], gradient[:, i], target[:, i], p[:, i], upper) for i in range(count)]
+
+
+def _certificate(
+    residual: FloatArray, gradient: FloatArray, target: FloatArray, drive: FloatArray, upper: float
+) -> Certificate:
     reach = upper if np.isfinite(upper) else max(1.0, 2 * float(drive.max(initial=0.0)))
     gap = float(np.sum(np.maximum(gradient * drive, gradient * (drive - reach))))
-    return Certificate(0.5 * float(residual @ residual), gap, 0.5 * float(system.target @ system.target))
+    return Certificate(0.5 * float(residual @ residual), gap, 0.5 * float(target @ target))
 
 
 def relative_gap(system: LinearSystem, drive: FloatArray) -> float:

@@ -1,10 +1,6 @@
 """The solvers by name."""
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-
-from threadpoolctl import threadpool_limits
 
 from tools.solve.box import solve_box
 from tools.solve.direct import solve_direct
@@ -14,26 +10,27 @@ from tools.solve.solution import Solution
 from tools.solve.svd import solve_svd
 from tools.solve.system import LinearSystem
 
-SOLVERS: dict[str, Callable[[LinearSystem], Solution]] = {
-    "direct": solve_direct,
-    "qr": solve_qr,
-    "svd": solve_svd,
-    "nnls": solve_nnls,
+Solver = Callable[[Sequence[LinearSystem]], list[Solution]]
+
+
+def one_by_one(solver: Callable[[LinearSystem], Solution]) -> Solver:
+    return lambda systems: [solver(system) for system in systems]
+
+
+SOLVERS: dict[str, Solver] = {
+    "direct": one_by_one(solve_direct),
+    "qr": one_by_one(solve_qr),
+    "svd": one_by_one(solve_svd),
+    "nnls": one_by_one(solve_nnls),
     "box": solve_box,
 }
 
 
-ONE_CORE = ("direct", "box")  # the others use all cores for each channel
-
-
 def solve(name: str, system: LinearSystem) -> Solution:
     """One of SOLVERS on one colour channel; KeyError for another name."""
-    return SOLVERS[name](system)
+    return SOLVERS[name]([system])[0]
 
 
 def solve_channels(name: str, systems: Sequence[LinearSystem]) -> list[Solution]:
-    """One of SOLVERS on several colour channels."""
-    if name not in ONE_CORE:
-        return [solve(name, system) for system in systems]
-    with threadpool_limits(limits=1), ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(SOLVERS[name], systems))
+    """One of SOLVERS on up to three colour channels of one shape."""
+    return SOLVERS[name](systems)

@@ -6,7 +6,7 @@ everything but is smooth: stored entry by entry it would fill T, so it is kept a
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +73,9 @@ class Transport:
         return near + far
 
 
-def shared_pattern(matrices: Sequence[Csr]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
+def shared_pattern(
+    matrices: Sequence[Csr], dtype: type[np.floating] = np.float32
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[Any]]:
     """The union of three sparsity patterns: indptr, indices and (entries, 3) weights, sorted by column in each row."""
     ones = [sparse.csr_array((np.ones(m.nnz, np.int8), m.indices, m.indptr), shape=m.shape) for m in matrices]
     union = sparse.csr_array(ones[0] + ones[1] + ones[2])
@@ -81,7 +83,7 @@ def shared_pattern(matrices: Sequence[Csr]) -> tuple[NDArray[np.int64], NDArray[
     columns = union.shape[1]
     rows = np.repeat(np.arange(union.shape[0], dtype=np.int64), np.diff(union.indptr))
     places = rows * columns + union.indices
-    weights = np.zeros((union.nnz, 3), np.float32)
+    weights = np.zeros((union.nnz, 3), dtype)
     for i, matrix in enumerate(matrices):
         matrix_rows = np.repeat(np.arange(matrix.shape[0], dtype=np.int64), np.diff(matrix.indptr))
         at = np.searchsorted(places, matrix_rows * columns + matrix.indices)

@@ -1,0 +1,51 @@
+"""Products of sparse rows with pictures, compiled by Numba on first use and kept for the next start.
+
+Large ones run on all cores; for small ones, waking the other cores would take longer than the product.
+"""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.floating]
+F = TypeVar("F", bound=Callable[..., object])
+LARGE = 1 << 16  # entries or values
+
+
+def compiled(function: F) -> tuple[F, F]:
+    """A function whose outer loop is a `numba.prange`, compiled for one core and for all."""
+    one: Any = numba.njit(cache=True)(function)
+    all_cores: Any = numba.njit(parallel=True, cache=True)(function)
+    return one, all_cores
+
+
+def product_of_channels(
+    indptr: NDArray[np.integer], indices: NDArray[np.integer], weights: FloatArray, source: FloatArray
+) -> NDArray[np.float64]:
+    """Σ_k weights[k] source[indices[k]] of every row: an index is read once for all channels.
+
+    indptr : (rows + 1,).  indices : (entries,).  weights : (entries, 3).  source : (source pixels, 3).
+    Returns (rows, 3), summed in float64.
+    """
+    return _PRODUCT[indices.size >= LARGE](indptr, indices, weights, source)
+
+
+def _product(
+    indptr: NDArray[np.integer], indices: NDArray[np.integer], weights: FloatArray, source: FloatArray
+) -> NDArray[np.float64]:
+    result = np.empty((indptr.size - 1, 3))
+    for row in numba.prange(indptr.size - 1):
+        red, green, blue = 0.0, 0.0, 0.0
+        for k in range(indptr[row], indptr[row + 1]):
+            at = indices[k]
+            red += weights[k, 0] * source[at, 0]
+            green += weights[k, 1] * source[at, 1]
+            blue += weights[k, 2] * source[at, 2]
+        result[row, 0], result[row, 1], result[row, 2] = red, green, blue
+    return result
+
+
+_PRODUCT = compiled(_product)
