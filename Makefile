@@ -7,7 +7,7 @@ ready := $(VENV)/.ready
 .DEFAULT_GOAL := help
 # apt and pip are run one at a time, whatever -j says.
 .NOTPARALLEL:
-.PHONY: help play test lint bench hard-cases clean system-play system-test
+.PHONY: help play test lint bench study hard-cases clean system-play system-test
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST))
@@ -26,12 +26,15 @@ lint: $(ready) ## style and types
 bench: $(ready) ## timings, beside scipy's on this machine
 	$(python) -m tests.bench
 
+study: $(ready) ## what accuracy costs in time: study/report.html
+	$(python) -m tools.study_accuracy -o study
+
 hard-cases: $(ready) ## how every method takes near-singular, contradictory and noisy systems
 	$(python) -m tests.hard_cases
 
 clean: ## remove the environment and everything that was built
 	[ ! -f $(VENV)/pyvenv.cfg ] || rm -rf $(VENV)
-	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis calib_data/example
+	rm -rf study build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis calib_data/example
 	find . -name __pycache__ -not -path './.git/*' -prune -exec rm -rf {} +
 
 system-play system-test:

@@ -10,6 +10,7 @@ from player import calibration
 from player.command import Parser, run
 from tools.inverse.inverse import InverseOptions
 from tools.inverse.method import METHODS
+from tools.inverse.presets import PRESETS
 from tools.inverse.room import build_room_maps
 from tools.report.report import check_report_folder, write_report
 
@@ -19,7 +20,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _main(argv: Sequence[str] | None) -> None:
-    options = _parser().parse_args(argv)
+    parser = _parser()
+    options = parser.parse_args(argv)
+    if options.preset is not None:  # what is given beside it prevails
+        preset = PRESETS[options.preset]
+        parser.set_defaults(regularize=preset.damping, max_error=preset.max_error, max_cluster=preset.max_cluster)
+        options = parser.parse_args(argv)
     start = time.monotonic()
     inverse_options = InverseOptions(
         options.regularize, options.max_error, options.max_cluster, options.noise, options.method
@@ -44,6 +50,11 @@ def _damping(text: str) -> float | None:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser("build-correction-map", description=__doc__)
     parser.add_argument("calibration", type=Path, help="a calibration folder; correction/ is written into it")
+    parser.add_argument(
+        "--preset",
+        choices=PRESETS,
+        help="settings found by study-accuracy, for small maps or good pictures; options given beside it prevail",
+    )
     parser.add_argument(
         "--regularize",
         type=_damping,

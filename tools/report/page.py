@@ -11,6 +11,7 @@ body { font: 16px/1.45 system-ui, sans-serif; color: var(--ink); background: var
   max-width: 1080px; margin: 2em auto; padding: 0 1em; }
 h2 { margin-top: 2em; border-bottom: 1px solid var(--faint); }
 .row { display: grid; grid-template-columns: repeat(auto-fit, minmax(320px, 1fr)); gap: 1.5em; }
+.wide { grid-template-columns: 1fr; }
 figure { margin: 0; }
 figure img { width: 100%; max-height: 480px; object-fit: contain; object-position: left;
   background: light-dark(#eee, #24272b); border: 1px solid var(--faint); box-sizing: border-box; }
@@ -18,6 +19,7 @@ figcaption, .note { color: var(--faint); font-size: 0.9em; }
 figcaption b { color: var(--ink); }
 table { border-collapse: collapse; }
 td, th { text-align: left; padding: 0.15em 1em 0.15em 0; vertical-align: top; }
+.wide img { max-height: none; }
 td.number { text-align: right; font-variant-numeric: tabular-nums; }
 .swatch { display: inline-block; width: 1em; height: 1em; border: 1px solid var(--faint); vertical-align: -0.15em; }
 svg { width: 100%; max-width: 560px; fill: var(--bar); stroke: none; }
@@ -43,15 +45,17 @@ class Figure:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, figures beside each other, and what stands below them (HTML)."""
+    """A heading, figures beside each other (wide: below each other), and what stands below them (HTML)."""
 
     title: str
     figures: Sequence[Figure]
     below: str = ""
+    wide: bool = False
 
     def html(self) -> str:
         figures = "".join(figure.html() for figure in self.figures)
-        return f'<h2>{escape(self.title)}</h2><div class="row">{figures}</div>{self.below}'
+        kind = "row wide" if self.wide else "row"
+        return f'<h2>{escape(self.title)}</h2><div class="{kind}">{figures}</div>{self.below}'
 
 
 def table(rows: Sequence[tuple[str, str]]) -> str:

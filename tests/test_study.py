@@ -1,0 +1,360 @@
+"""The study: its figures recomputed, its front and advice on made-up methods, its report, and nothing half-written."""
+
+import csv
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from player import calibration
+from player.files import describe_files
+from player.renderer import Room
+from player.row_map import RowMap, unpack
+from tests.rooms import random_room, write_blurred_room
+from tests.test_player import fail, succeed
+from tools.inverse.inverse import InverseOptions
+from tools.inverse.presets import PRESETS
+from tools.packing.row_maps import pack_matrices
+from tools.solve.compensate import CompensateOptions, CompensationTask
+from tools.study.frames import graphics, player
+from tools.study.measure import SHOWN
+from tools.study.methods import HALF_ENTRY, Map, Solver, catalogue, frame_bytes, in_half, uncut_knobs
+from tools.study.pictures import BUILT_IN, DARK, find_pictures
+from tools.study.recommend import CLOSE_DB, FRAME_MS, wishes
+from tools.study.results import Mean, Row, everywhere, geometric, label, means, pareto
+from tools.study.rooms import SCENES, StudyRoom, Task, open_room
+from tools.study.table_6_1 import HEADER, THESIS_ROWS, OurRow, to_markdown
+
+ROOM_CAMERA, ROOM_PROJECTOR = (16, 22), (13, 17)  # more projector pixels than the thesis' 200 a cluster
+TIMEOUT_S = 300.0
+ROW = Row("a", "p", "f", "", None, "", 0.1, 20.0, 0.9, 1.0, 0.0, 1.0, None, None, 1.0, None, 1.0, 1.0)
+
+
+def method(error: float, ms: float | None, *, on_gpu: bool = True) -> Mean:
+    return Mean(f"{error} {ms}", "f", "", None, "", error, error, 1.0, 1.0, ms, 1.0, on_gpu, 1)
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> StudyRoom:
+    folder = tmp_path_factory.mktemp("study") / "blurred"
+    write_blurred_room(folder, np.random.default_rng(5), ROOM_CAMERA, ROOM_PROJECTOR)
+    return StudyRoom("blurred", calibration.read(folder), 0.0)
+
+
+@pytest.fixture(scope="module")
+def studied(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, Path]:
+    """A report on a shipped scene and a calibration with maps of its own, what was printed, and the calibration."""
+    folder = tmp_path_factory.mktemp("studied")
+    write_blurred_room(folder / "blurred", np.random.default_rng(5), ROOM_CAMERA, ROOM_PROJECTOR)
+    succeed("build-correction-map", folder / "blurred", "--regularize", "0.1")
+    arguments = ["--size", "24x16", "--pictures", "text", "white"]
+    out = succeed("study-accuracy", folder / "blurred", "--scenes", "corner", "-o", folder / "out", *arguments)
+    return folder / "out", out, folder / "blurred"
+
+
+def rows_of(report: Path) -> list[dict[str, str]]:
+    with (report / "results.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_front_is_what_no_other_method_beats(rng: np.random.Generator) -> None:
+    points = [method(float(e), float(ms)) for e, ms in rng.integers(1, 12, (60, 2))]
+    front = pareto(points, lambda point: point.picture_ms)
+    places = {(p.picture_ms, p.below_optimum_db) for p in points}
+    unbeaten = {p for p in places if not any(q != p and q[0] <= p[0] and q[1] <= p[1] for q in places)}
+    assert [(p.picture_ms, p.below_optimum_db) for p in front] == sorted(unbeaten)
+
+
+def test_a_method_without_a_cost_is_on_no_front() -> None:
+    assert pareto([method(0.0, None), method(1.0, 5.0)], lambda point: point.picture_ms) == [method(1.0, 5.0)]
+
+
+def test_each_wish_is_granted_by_the_method_made_for_it() -> None:
+    fast, smooth, best = method(0.9, 2.0), method(0.5, 16.0), method(0.1, 40.0)
+    solver, rough = method(0.0, 1.0, on_gpu=False), method(1.5, 0.1)
+    assert [wish.method for wish in wishes([solver, rough, best, fast, smooth])] == [fast, smooth, best]
+    assert CLOSE_DB == 1.0
+    assert pytest.approx(16.67, abs=0.01) == FRAME_MS
+
+
+def test_of_equal_pictures_the_faster_is_advised_and_nothing_if_nothing_plays() -> None:
+    assert wishes([method(0.004, 9.0), method(0.001, 30.0)])[2].method == method(0.004, 9.0)
+    assert [wish.method for wish in wishes([method(0.0, 1.0, on_gpu=False)])] == [None, None, None]
+
+
+def test_means_weigh_rooms_alike_and_keep_the_worst() -> None:
+    rows = [replace(ROW, room="a", below_optimum_db=db, gl_ms=1.0) for db in (1.0, 2.0, 3.0)]
+    rows += [replace(ROW, room="b", below_optimum_db=6.0, gl_ms=8.0), replace(ROW, room="b", family="g")]
+    found = means(rows)
+    assert [(m.below_optimum_db, m.worst_db, m.rooms) for m in found] == [(4.0, 6.0, 2), (1.0, 1.0, 1)]
+    assert found[0].picture_ms == pytest.approx(8 ** (1 / 4))  # 1 · 1 · 1 · 8
+    assert [m.family for m in everywhere(rows)] == ["f"]
+    assert geometric([None, 0.0]) is None
+
+
+def test_the_bound_of_16_bit_weights_is_reached_and_never_passed(rng: np.random.Generator) -> None:
+    """The worst desired light has the signs of the rounding errors: nothing else comes so far."""
+    dense = [40 * rng.normal(size=(42, 45)) * (rng.uniform(size=(42, 45)) < 0.2) for _ in range(3)]
+    packed = pack_matrices([sparse.csr_array(T, dtype=np.float32) for T in dense], (6, 7), (5, 9))
+    ambient, white = rng.uniform(0, 2, (45, 3)).astype(np.float32), 1.3
+    rounded, bound = in_half(packed, white, ambient)
+    reach = np.maximum(white, ambient.astype(float))
+    before, after = ([T.toarray() for T in matrices(each)] for each in (packed, rounded))
+    changes = []
+    for i, error in enumerate(np.subtract(after, before)):
+        changes.append(np.max(np.sum(np.abs(error) * reach[:, i], axis=1)))
+        random_light = rng.uniform(-1, 1, (45, 20)) * reach[:, [i]]
+        assert np.max(np.abs(error @ random_light)) <= bound * (1 + 1e-5)
+    assert bound == pytest.approx(max(changes), rel=1e-5)  # products of float32
+    assert np.max(np.abs(np.subtract(after, before))) > 0
+    np.testing.assert_allclose(after, before, rtol=2**-11, atol=2**-24)  # half's rounding, and its smallest step
+
+
+@pytest.mark.parametrize("largest", [1e-3, 63.9, 64.13, 1e6])
+def test_16_bit_weights_fill_their_range_and_never_leave_it(largest: float) -> None:
+    """64.13 is just too much for a scale of 1024; in 16 bits log2(65504 / 64.13) would be rounded up to 10."""
+    dense = largest * np.array([[1.0, -0.3, 0.0], [0.5, 0.01, -1.0]])
+    packed = pack_matrices([sparse.csr_array(dense, dtype=np.float32)] * 3, (1, 2), (1, 3))
+    rounded, bound = in_half(packed, 1.0, np.zeros((3, 3), np.float32))
+    np.testing.assert_allclose(matrices(rounded)[0].toarray(), dense, rtol=2**-11)
+    assert 0 < bound <= 1.5 * largest * 2**-11
+
+
+def test_a_frame_reads_the_maps_that_it_needs(rng: np.random.Generator) -> None:
+    maps = random_room(rng, far=True).maps
+    size = {name: packed.nbytes for name, packed in maps.named().items()}
+    plain = size["."] + size["undo_gather"] + size["undo_mix"] + size["far_scatter"]
+    assert frame_bytes(maps, 0, "map") == plain
+    assert frame_bytes(maps, 4, "map") == plain + size["transport"] + size["far_gather"] + size["far_mix"]
+
+
+@pytest.mark.parametrize("name", ["direct", "nnls", "box"])
+def test_a_drive_is_judged_as_compensate_image_judges_it(room: StudyRoom, name: str) -> None:
+    picture = find_pictures(["text"])[0]
+    task = Task(room, picture)
+    options = CompensateOptions((name,), white=room.white)
+    expected = next(
+        CompensationTask(room.stored, picture.at(ROOM_CAMERA), radiance=False, options=options).run(task.plain)
+    )
+    judged = task.judge(expected.drive.reshape(-1, 3))
+    assert judged.quality == expected.quality
+    assert judged.below_optimum == pytest.approx(expected.below_optimum, abs=1e-9)
+
+
+def test_what_is_certified_is_never_less_than_the_distance(room: StudyRoom, rng: np.random.Generator) -> None:
+    task = Task(room, find_pictures(["gradient"])[0])
+    best = task.optimum[0]
+    for spread in (1e-3, 1e-2, 0.1, 0.5):
+        judged = task.judge(np.clip(best + spread * rng.normal(size=best.shape), 0, 1))
+        assert judged.certified >= judged.below_optimum > 0
+    assert task.judge(best).certified < 0.01  # a relative gap of 1e-4 is 0.0004 dB, the certificate is rougher
+
+
+def test_every_method_of_the_catalogue_is_one_place_in_the_plots() -> None:
+    methods = [*catalogue(), *uncut_knobs()]
+    places = [(each.family, each.knob, each.value) for each in methods]
+    assert len(set(places)) == len(places)
+    labels = [each.family if each.value is None else f"{each.family}, {each.knob} {each.value:g}" for each in methods]
+    assert set(SHOWN) <= set(labels)
+
+
+def test_a_method_says_the_commands_that_give_it() -> None:
+    options = InverseOptions(0.0, 2.0, 50)
+    found = Map("f", "steps", 8, options, steps=8, start="direct").command
+    assert found == (
+        "build-correction-map --max-error 2 --regularize none --max-cluster 50; "
+        "play-corrected --refine 8 --refine-from direct"
+    )
+    assert Solver("box", "f").command == "compensate-image --solver box"
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("shape", [(17, 30), (64, 40)])
+def test_the_built_in_pictures_fill_any_frame(name: str, shape: tuple[int, int]) -> None:
+    picture = BUILT_IN[name](shape)
+    assert picture.shape == (*shape, 3)
+    assert picture.min() >= 0
+    assert picture.max() <= 1
+    assert np.ptp(picture) > 0.05 or name == "white"
+
+
+def test_the_dark_film_is_the_film_three_stops_down() -> None:
+    assert np.array_equal(BUILT_IN["dark-film"]((18, 32)), BUILT_IN["film"]((18, 32)) / 8)
+    assert DARK == 2.0**-3
+
+
+def test_text_has_as_much_ink_at_any_size() -> None:
+    small, large = (np.mean(BUILT_IN["text"](shape)) for shape in ((36, 48), (144, 192)))
+    assert small == pytest.approx(large, rel=0.15)  # strokes are whole pixels of a page drawn eight times as large
+
+
+def test_a_scenes_camera_is_fitted_and_its_projector_scaled_with_it(tmp_path: Path) -> None:
+    found = open_room(SCENES / "wall.toml", tmp_path, (36, 48)).calibration
+    assert found.camera.shape == (27, 48)  # 480x270 by 1/10
+    assert found.projector.shape == (22, 38)  # 384x216
+
+
+def test_the_figures_of_a_report_agree_with_each_other(studied: tuple[Path, str, Path]) -> None:
+    rows = rows_of(studied[0])
+    best = {(r["room"], r["picture"]): float(r["psnr_db"]) for r in rows if r["family"] == "box optimum"}
+    assert set(best) == {(room, picture) for room in ("blurred", "corner") for picture in ("text", "white")}
+    for row in rows:
+        psnr, below = float(row["psnr_db"]), float(row["below_optimum_db"])
+        assert psnr == pytest.approx(-20 * np.log10(float(row["rmse"])), abs=1e-9)
+        assert below == pytest.approx(best[row["room"], row["picture"]] - psnr, abs=1e-9)
+        assert below >= -0.005  # the optimum's own relative gap of 1e-4 is 0.0004 dB; NNLS clips within rounding
+        assert not row["certified_db"] or float(row["certified_db"]) >= below - 1e-9
+        plays = row["family"] not in ("box optimum", "NNLS")
+        assert bool(row["gl_ms"]) == plays
+        assert bool(row["cpu_s"]) == (row["family"] != "uncompensated")
+
+
+def test_a_report_holds_every_method_or_says_why_not(studied: tuple[Path, str, Path]) -> None:
+    found = json.loads((studied[0] / "results.json").read_text())
+    tried = {(row["room"], label(row["family"], row["knob"], row["value"])) for row in found["rows"]}
+    skipped = {(entry["room"], entry["method"]): entry["reason"] for entry in found["skipped"]}
+    every = {label(each.family, each.knob, each.value) for each in [*catalogue(), *uncut_knobs()]}
+    assert tried.isdisjoint(skipped)
+    assert tried | skipped.keys() == {(room, method) for room in ("blurred", "corner") for method in every}
+    assert len(skipped) == 4
+    assert all(reason.startswith("--max-cluster 1000: the projector has ") for reason in skipped.values())
+
+
+def test_truncation_and_rounding_keep_their_bounds(studied: tuple[Path, str, Path]) -> None:
+    rows = rows_of(studied[0])
+    for row in rows:
+        if row["knob"] == "max-error":
+            assert float(row["bound_codes"]) <= float(row["value"]) * (1 + 1e-9)
+    full, half = (
+        next(r for r in rows if r["family"] == family and r["room"] == "blurred" and r["value"] in ("", "0.5"))
+        for family in ("T⁺", "T⁺, 16-bit weights")
+    )
+    assert float(half["bound_codes"]) > float(full["bound_codes"])
+    ratio = float(half["map_mib"]) / float(full["map_mib"])
+    assert HALF_ENTRY / 16 < ratio < HALF_ENTRY / 16 + 0.2  # the lookup texture stays
+
+
+def test_the_page_shows_every_picture_that_was_drawn_and_no_other(studied: tuple[Path, str, Path]) -> None:
+    report, out, _ = studied
+    page = (report / "report.html").read_text()
+    shown = set(re.findall(r'<img src="([^"]+)"', page))
+    assert shown == {path.name for path in report.glob("*.png")}
+    assert {
+        "error_time.png",
+        "error_size.png",
+        "error_knobs.png",
+        "pictures_corner.png",
+        "pictures_blurred.png",
+    } <= shown
+    for words in ("Table 6.1", "Recommended", "Figure 5.2", "Figure 6.1", *(row.words for row in THESIS_ROWS)):
+        assert words in page
+    assert len((report / "table_6_1.md").read_text().splitlines()) == 2 + len(THESIS_ROWS)
+    assert f"report: {report / 'report.html'}" in out
+    assert out.count("dB below the optimum") >= 1
+
+
+def test_a_users_own_maps_stay_as_they_were(studied: tuple[Path, str, Path], tmp_path: Path) -> None:
+    _, _, room = studied
+    shutil.copytree(room, tmp_path / "room")
+    succeed("build-correction-map", tmp_path / "room", "--regularize", "0.1")
+    mine, theirs = (describe_files(folder / "correction") for folder in (tmp_path / "room", room))
+    assert mine == theirs
+
+
+def test_table_6_1_has_the_thesis_rows_and_says_what_was_not_studied() -> None:
+    ours = OurRow("wall", "640x480", "512x512", 1.0, 2.0, 3.0, 4.0, 5.0, None, 6.0, 7.0)
+    lines = to_markdown([ours]).splitlines()
+    assert len(lines) == 2 + len(THESIS_ROWS)
+    assert {line.count("|") for line in lines} == {len(HEADER) + 1}
+    assert "| simple wall (6.1) | 281 HDR | 4.5 h | 1 min | 8 min | 30 | 640x480, 512x512 | 1 s | 2 s |" in lines[3]
+    assert "3 s; 4 ms; 5.00 dB | n.a.; 6 ms; 7.00 dB" in lines[3]
+    assert lines[4].count("not studied") == len(HEADER) - 6
+
+
+def test_presets_make_smaller_maps_the_faster_they_are(room: StudyRoom) -> None:
+    assert list(PRESETS) == ["fast", "balanced", "best"]
+    counts = [room.build(options)[0].maps.correction.count for options in PRESETS.values()]
+    assert counts == sorted(counts)
+    assert len(set(counts)) == len(PRESETS)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_is_its_options_and_those_given_beside_it_prevail(name: str, room: StudyRoom, tmp_path: Path) -> None:
+    shutil.copytree(room.stored.folder, tmp_path / "room")
+    succeed("build-correction-map", tmp_path / "room", "--preset", name, "--max-error", "3", "--regularize", "0.2")
+    options = tomllib.loads((tmp_path / "room" / "correction" / "manifest.toml").read_text())["options"]
+    assert options["max_error_codes"] == 3.0
+    assert options["regularize"] == 0.2
+    assert options.get("max_cluster") == PRESETS[name].max_cluster
+
+
+def test_an_unknown_preset_is_one_line_that_names_the_known(tmp_path: Path) -> None:
+    said = fail("build-correction-map", tmp_path, "--preset", "nice")
+    assert all(name in said for name in PRESETS)
+
+
+def matrices(packed: RowMap) -> list[sparse.csr_array]:
+    rows = unpack(packed)
+    shape = rows.lengths.size, packed.source_shape[0] * packed.source_shape[1]
+    return [
+        sparse.csr_array((rows.weights[:, i].astype(float), rows.indices, rows.indptr), shape=shape) for i in range(3)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--scenes", "moon"], "--scenes moon: no such scene"),
+        (["--pictures", "nothing.png"], "--pictures nothing.png: no such file"),
+        (["--size", "96"], "a size is WIDTHxHEIGHT"),
+        (["--patience", "soon"], "--patience"),
+        (["no_such.toml"], "no such scene file"),
+    ],
+)
+def test_bad_input_is_one_line(tmp_path: Path, arguments: list[str], words: str) -> None:
+    assert words in fail("study-accuracy", *arguments, "-o", tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_pictures_of_radiance_folders_without_a_room_and_other_folders_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.exr").write_bytes(b"")
+    assert "save it as PNG" in fail("study-accuracy", "--pictures", tmp_path / "a.exr", "-o", tmp_path / "out")
+    assert "calibration.toml: missing" in fail("study-accuracy", tmp_path, "-o", tmp_path / "out")
+    assert "is no study's report" in fail("study-accuracy", "-o", tmp_path)
+
+
+def test_an_interrupt_leaves_nothing_half_written(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "tools.study_accuracy", "--scenes", "wall", "-o", str(tmp_path / "out")]
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    environment = {"TMPDIR": str(temporary), "PATH": "/usr/bin:/bin"}
+    process = subprocess.Popen(
+        command, cwd=SCENES.parents[1], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline().startswith("OpenGL: ")
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=TIMEOUT_S)
+    assert process.returncode == 130, error
+    assert [path.name for path in tmp_path.iterdir()] == ["temporary"]
+    assert list(temporary.iterdir()) == []
+
+
+def test_a_frame_drawn_after_its_time_was_taken_is_the_same(room: StudyRoom) -> None:
+    """OpenGL's name is asked for in a context of its own, which once took the renderer's place."""
+    graphics.cache_clear()
+    task = Task(room, find_pictures(["gradient"])[0])
+    with player("gl", Room(room.calibration, room.build(InverseOptions(0.1))[0].maps, room.white)) as gl:
+        before = gl.show(task.desired, compensate=True, steps=0)
+        assert gl.frame_s() > 0
+        assert np.array_equal(gl.show(task.desired, compensate=True, steps=0), before)
+    assert before.max() > 0.1

@@ -1,0 +1,9 @@
+"""Settings of the inverse by what is wished for, found by study-accuracy on the shipped scenes (docs/accuracy.md)."""
+
+from tools.inverse.inverse import InverseOptions
+
+PRESETS = {
+    "fast": InverseOptions(max_cluster=200),
+    "balanced": InverseOptions(max_error=2.0),
+    "best": InverseOptions(),
+}

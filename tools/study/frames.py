@@ -1,0 +1,127 @@
+"""What a frame costs in the player: one picture as radiance, through either backend."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import cache, cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from player.app import headless_renderer
+from player.frames import Frame, PixelFormat, PlaneShape
+from player.gl.probe import probe_opengl
+from player.reference import PreparedRows
+from player.renderer import Renderer, Room
+
+FloatArray = NDArray[np.float64]
+SOFTWARE = ("llvmpipe", "softpipe", "swrast")
+REPEATS, ENOUGH_S = 15, 0.1
+
+
+@cache
+def graphics() -> str:
+    """The name of this machine's OpenGL renderer; InputError with the fix if there is none."""
+    return str(probe_opengl()["renderer"])
+
+
+def in_software() -> bool:
+    """OpenGL runs on the processor: its milliseconds are then of processor time, which other load hardly changes."""
+    return any(name in graphics() for name in SOFTWARE)
+
+
+def radiance_frame(radiance: FloatArray) -> Frame:
+    """(rows, columns, 3) linear radiance as a frame of a medium."""
+    height, width = radiance.shape[:2]
+    plane = PlaneShape(width, height, width)
+    pixels = PixelFormat(width, height, "radiance", 32, (plane,) * 3, "identity", True, "linear", "center", 0, 1.0)
+    planes = tuple(np.ascontiguousarray(radiance[..., i], np.float32) for i in range(3))
+    return Frame(0, 0.0, 0.04, 0.0, pixels, planes, (0, 0))
+
+
+@contextmanager
+def player(backend: str, room: Room) -> Iterator["Player"]:
+    """The player's renderer without a window, "gl" or "cpu"."""
+    graphics()  # makes a context of its own, which must not come between the renderer and its own
+    with headless_renderer(backend, room) as renderer:
+        yield Player(renderer)
+
+
+class Player:
+    """Renders radiance pictures of one size as the player would."""
+
+    def __init__(self, renderer: Renderer) -> None:
+        self._renderer = renderer
+        self._open = False
+        self._render: Callable[[], None] = lambda: None
+
+    def show(self, desired: FloatArray, *, compensate: bool, steps: int) -> FloatArray:
+        """The drive for a desired radiance (camera height, camera width, 3): (projector pixels, 3), before encoding."""
+        frame = radiance_frame(desired)
+        if not self._open:
+            self._renderer.open(frame.format)
+            self._open = True
+        self._renderer.upload(frame)
+        self._render = lambda: self._renderer.render("projector", compensate=compensate, steps=steps)
+        self._render()
+        return np.asarray(self._renderer.linear(), np.float64).reshape(-1, 3)
+
+    def frame_s(self) -> float:
+        """Seconds to render the picture shown last once more, up to the encoded drive.
+
+        On a GPU the median of several times; in software processor time, all cores together, the mean of many.
+        """
+        self._frame()
+        if in_software():
+            return repeated_s(self._frame)
+        times = []
+        for _ in range(REPEATS):
+            start = time.perf_counter()
+            self._frame()
+            times.append(time.perf_counter() - start)
+        return float(np.median(times))
+
+    def _frame(self) -> None:
+        self._render()
+        self._renderer.finish()
+
+
+class Bench:
+    """A room's maps in both backends of the player, kept while methods share them; close() at the end.
+
+    room : maps, and where refinement starts.
+    """
+
+    def __init__(self, room: Room) -> None:
+        self._room, self._stack = room, ExitStack()
+        self.gl = self._stack.enter_context(player("gl", room))
+
+    @cached_property
+    def cpu(self) -> Player:
+        return self._stack.enter_context(player("cpu", self._room))
+
+    @cached_property
+    def _inverse(self) -> tuple[PreparedRows, list[PreparedRows]]:
+        maps = self._room.maps
+        undo = [] if maps.undo is None else [maps.undo.gather, maps.undo.mix, maps.undo.scatter]
+        return PreparedRows(maps.correction), [PreparedRows(packed) for packed in undo]
+
+    def unclamped(self, target: FloatArray) -> FloatArray:
+        """T⁺ (b − U M' D' b) for b (camera height, camera width, 3): (projector pixels, 3)."""
+        correction, undo = self._inverse
+        far = target
+        for rows in undo:
+            far = rows.apply(far)
+        return correction.apply(target - far if undo else target).reshape(-1, 3)
+
+    def close(self) -> None:
+        self._stack.close()
+
+
+def repeated_s(work: Callable[[], object]) -> float:
+    """Mean processor seconds of as many runs as fill a tenth of a second: the clock is too coarse for one."""
+    start, count, passed = time.process_time(), 0, 0.0
+    while passed < ENOUGH_S:
+        work()
+        count, passed = count + 1, time.process_time() - start
+    return passed / count

@@ -1,0 +1,273 @@
+"""Every way to get a drive, each a small object: a family, a knob and its value, how to prepare it, how to drive.
+
+A new method is a new object in `catalogue`: everything else, figures, plots and advice, follows from it.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from player.errors import InputError
+from player.maps import RoomMaps
+from player.refinement import DEFAULT_STEPS
+from player.row_map import RowMap, unpack
+from tools.inverse.inverse import InverseOptions
+from tools.inverse.method import LARGEST_DENSE
+from tools.solve.box import projected_gradient
+from tools.solve.clusterwise import LARGEST_BLOCK
+from tools.solve.registry import solve_channels
+from tools.solve.solution import Solution
+from tools.solve.system import LinearSystem
+from tools.study.frames import Bench, repeated_s
+from tools.study.rooms import StudyRoom, Task, processor_seconds
+
+FloatArray = NDArray[np.float64]
+FLOAT32_ENTRY, HALF_ENTRY = 16, 10  # bytes: three weights of 4 or 2 and an index of 4
+LARGEST_HALF = float(np.finfo(np.float16).max)  # as a float16, quotients and logarithms with it would be rounded, too
+NNLS_STEPS = 200  # where clusters are too large to pivot; only drives far above 1, clamped anyway, need more
+STEPS = (1, 2, 4, 8, 16, 32, 64)
+DIRECT_STEPS = (4, 16, 64)
+CUT_STEPS = (1, 4, 16, 64)
+MAX_CLUSTERS = (50, 200, 1000)
+MAX_ERRORS = (2.0, 8.0, 32.0)  # beside the default
+DAMPINGS = (0.01, 0.03, 0.1, 0.3)
+UNCUT = "T⁺"
+DEFAULTS = InverseOptions()
+THESIS = InverseOptions(damping=0.0, max_cluster=200)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """drive : (projector pixels, 3), 0..1.  clipped : share of the lit values that were asked for beyond."""
+
+    drive: FloatArray
+    clipped: float
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A method ready for pictures.
+
+    preparation_s : processor seconds.  map_bytes : of all row maps that a frame reads, None without any.
+    bound : certified change of a pixel's drive by what was left out of the map or rounded, None without a map.
+    drive : a task's drive.  cpu_s : processor seconds of a task's picture on the CPU, None if nothing is computed.
+    frame_s : seconds a frame on the GPU for the picture driven last, None if the method does not run there.
+    """
+
+    preparation_s: float
+    map_bytes: int | None
+    bound: float | None
+    drive: Callable[[Task], Drive]
+    cpu_s: Callable[[Task], float | None]
+    frame_s: Callable[[], float | None]
+
+
+class Method(Protocol):
+    """family, knob, value : where it stands in the plots.  command : how a user gets it."""
+
+    @property
+    def family(self) -> str: ...
+    @property
+    def knob(self) -> str: ...
+    @property
+    def value(self) -> float | None: ...
+    @property
+    def command(self) -> str: ...
+
+    def prepare(self, room: StudyRoom) -> Prepared:
+        """InputError in one line if the room is not for it."""
+
+
+@dataclass(frozen=True)
+class Uncompensated:
+    """The picture as any player would show it."""
+
+    family: str = "uncompensated"
+    knob: str = ""
+    value: float | None = None
+    command: str = "play-corrected --no-compensation"
+
+    def prepare(self, room: StudyRoom) -> Prepared:
+        gl = _direct_bench(room).gl
+
+        def drive(task: Task) -> Drive:
+            gl.show(task.desired, compensate=False, steps=0)  # for its time
+            return Drive(task.plain, 0.0)
+
+        return Prepared(0.0, None, None, drive, lambda task: None, gl.frame_s)
+
+
+@dataclass(frozen=True)
+class Direct:
+    """Direct mapping (thesis 6.1): a map of one entry a pixel."""
+
+    family: str = "direct"
+    knob: str = ""
+    value: float | None = None
+    command: str = "compensate-image --solver direct"
+
+    def prepare(self, room: StudyRoom) -> Prepared:
+        maps, seconds = room.refinement
+        return _prepared(_direct_bench(room), 0, seconds, maps.direct.nbytes, None)
+
+
+@dataclass(frozen=True)
+class Map:
+    """The correction map of build-correction-map, then steps of refinement by the player.
+
+    start : where refinement begins.  half : weights rounded to 16 bits, which the player does not offer: its cost in
+    accuracy is measured by rounding, its size computed.
+    """
+
+    family: str
+    knob: str
+    value: float | None
+    options: InverseOptions = DEFAULTS
+    steps: int = 0
+    start: str = "map"
+    half: bool = False
+
+    @property
+    def command(self) -> str:
+        words = [f"--max-error {self.options.max_error:g}"] if self.options.max_error != DEFAULTS.max_error else []
+        if self.options.damping is not None:
+            words.append(f"--regularize {self.options.damping:g}" if self.options.damping else "--regularize none")
+        if self.options.max_cluster is not None:
+            words.append(f"--max-cluster {self.options.max_cluster}")
+        start = f" --refine-from {self.start}" if self.steps and self.start != "map" else ""
+        return f"{' '.join(['build-correction-map', *words])}; play-corrected --refine {self.steps}{start}"
+
+    def prepare(self, room: StudyRoom) -> Prepared:
+        if self.options.damping == 0 and self.options.max_cluster is None and room.largest_cluster > LARGEST_DENSE:
+            raise InputError(
+                f"the plain pseudo-inverse of an uncut cluster of {room.largest_cluster} projector pixels takes "
+                f"minutes; here it is tried up to {LARGEST_DENSE}"
+            )
+        built, seconds = room.build(self.options)
+        refinement, further = room.refinement
+        maps, bound = replace(built.maps, refinement=refinement), float(built.inverse.truncation.max(initial=0.0))
+        size = frame_bytes(maps, self.steps, self.start)
+        if self.half:
+            rounded, error = in_half(maps.correction, room.white, room.calibration.ambient.reshape(-1, 3))
+            maps, bound = replace(maps, correction=rounded), bound + error
+            size -= rounded.entries.nbytes * (FLOAT32_ENTRY - HALF_ENTRY) // FLOAT32_ENTRY
+        bench = room.bench((self.options, self.half, self.start), lambda: maps, self.start)
+        if self.steps:
+            return _prepared(bench, self.steps, seconds + further, size, None)
+        return _prepared(bench, 0, seconds, size, bound)
+
+
+@dataclass(frozen=True)
+class Solver:
+    """One picture at a time on the CPU (thesis 4.2.4), through the undecomposed T."""
+
+    name: str
+    family: str
+    knob: str = ""
+    value: float | None = None
+
+    @property
+    def command(self) -> str:
+        return f"compensate-image --solver {self.name}"
+
+    def prepare(self, room: StudyRoom) -> Prepared:
+        seconds: dict[str, float] = {}
+
+        def drive(task: Task) -> Drive:
+            if self.name == "box":
+                best, seconds[task.name] = task.optimum
+                return Drive(best, 0.0)
+            found, seconds[task.name] = processor_seconds(lambda: self._solve(task.systems))
+            unclamped = np.stack([each.unclamped for each in found], axis=1)
+            return Drive(np.clip(unclamped, 0, 1), task.clipped(unclamped))
+
+        return Prepared(0.0, None, None, drive, lambda task: seconds[task.name], lambda: None)
+
+    def _solve(self, systems: Sequence[LinearSystem]) -> Sequence[Solution]:
+        if self.name == "nnls" and any(s.far is not None or largest_block(s) > LARGEST_BLOCK for s in systems):
+            with threadpool_limits(limits=1):
+                return [projected_gradient(system, np.inf, most_steps=NNLS_STEPS) for system in systems]
+        return solve_channels(self.name, systems)
+
+
+OURS = Map("refined from T⁺", "steps", DEFAULT_STEPS, steps=DEFAULT_STEPS)
+CUT = Map("refined from T⁺, cut", "steps", 4, InverseOptions(max_cluster=200), steps=4)
+PLAIN = Map("T⁺ plain, cut", "max-cluster", 200, THESIS)
+
+
+def catalogue() -> list[Method]:
+    """Every method that inverts the uncut transport at most once; those that share a map follow each other."""
+    methods: list[Method] = [Solver("box", "box optimum"), Solver("nnls", "NNLS"), Uncompensated(), Direct()]
+    methods += [Map(UNCUT, "max-error", DEFAULTS.max_error), Map("T⁺, 16-bit weights", "", None, half=True)]
+    methods += [replace(OURS, value=steps, steps=steps) for steps in STEPS]
+    methods += [Map("T⁺, cut", "max-cluster", size, InverseOptions(max_cluster=size)) for size in (50, 1000, 200)]
+    methods += [replace(CUT, value=steps, steps=steps) for steps in CUT_STEPS]
+    methods += [
+        replace(CUT, family="refined from direct", value=steps, steps=steps, start="direct") for steps in DIRECT_STEPS
+    ]
+    methods += [replace(PLAIN, value=size, options=replace(THESIS, max_cluster=size)) for size in MAX_CLUSTERS]
+    return [*methods, Map("T⁺ plain", "", None, InverseOptions(0.0))]
+
+
+def uncut_knobs() -> list[Method]:
+    """The knobs of the uncut inverse; each of these inverts it once more."""
+    methods: list[Method] = [Map(UNCUT, "max-error", error, InverseOptions(max_error=error)) for error in MAX_ERRORS]
+    return methods + [Map("T⁺, λ given", "regularize", damping, InverseOptions(damping)) for damping in DAMPINGS]
+
+
+def largest_block(system: LinearSystem) -> int:
+    """Camera times projector pixels of the largest cluster."""
+    return int((system.clusters.camera_sizes * system.clusters.projector_sizes).max(initial=0))
+
+
+def in_half(packed: RowMap, white: float, ambient: NDArray[np.float32]) -> tuple[RowMap, float]:
+    """The map with weights of 16 bits, scaled by a power of two into their range, and the certified change of a drive.
+
+    δ_i = Σ_j |T⁺_ij − half(T⁺_ij)| u_j, u = max(white, e), is the largest change of a desired light within u.
+    ambient : e, (source pixels, 3).
+    """
+    weights = packed.entries[..., :3]
+    largest = max(float(np.abs(weights).max()), 1e-30)
+    scale = np.float32(2.0 ** np.floor(np.log2(LARGEST_HALF / largest)))
+    entries = packed.entries.copy()
+    entries[..., :3] = (weights * scale).astype(np.float16).astype(np.float32) / scale
+    rounded = replace(packed, entries=entries)
+    rows = unpack(replace(packed, entries=np.concatenate([np.abs(entries[..., :3] - weights), entries[..., 3:]], -1)))
+    reach = np.maximum(white, ambient)[rows.indices]
+    owner = np.repeat(np.arange(rows.lengths.size), rows.lengths)
+    change = [np.bincount(owner, rows.weights[:, i] * reach[:, i], rows.lengths.size) for i in range(3)]
+    return rounded, float(np.max(change))
+
+
+def frame_bytes(maps: RoomMaps, steps: int, start: str) -> int:
+    """Of the row maps that a frame reads."""
+    read = {"direct"} if steps and start == "direct" else {".", "undo_gather", "undo_mix", "far_scatter"}
+    if steps:
+        read |= {"transport", "far_gather", "far_mix", "far_scatter"}
+        read |= {"dual", "dual_gather", "dual_mix", "dual_scatter"}
+    return sum(packed.nbytes for name, packed in maps.named().items() if name in read)
+
+
+def _prepared(bench: Bench, steps: int, preparation_s: float, size: int, bound: float | None) -> Prepared:
+    """What runs in the player, compensating with so many steps."""
+
+    def drive(task: Task) -> Drive:
+        found = bench.gl.show(task.desired, compensate=True, steps=steps)
+        return Drive(found, 0.0 if steps else task.clipped(bench.unclamped(task.target)))
+
+    def cpu_s(task: Task) -> float:
+        return repeated_s(partial(bench.cpu.show, task.desired, compensate=True, steps=steps))
+
+    return Prepared(preparation_s, size, bound, drive, cpu_s, bench.gl.frame_s)
+
+
+def _direct_bench(room: StudyRoom) -> Bench:
+    """Direct mapping in place of T⁺: it divides by all light, so none is taken out before."""
+    return room.bench(
+        "direct", lambda: RoomMaps(room.refinement[0].direct, room.near_map, None, None, room.white), "map"
+    )

@@ -1,0 +1,51 @@
+"""From figures to advice: three wishes, and the method that grants each on average over the rooms of a study."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tools.study.results import Mean, visible_db
+
+CLOSE_DB = 1.0
+FRAME_MS = 1000 / 60
+
+
+@dataclass(frozen=True)
+class Wish:
+    """words : what is wished for.  method : what grants it best, None if nothing that plays does.  why : in figures."""
+
+    words: str
+    method: Mean | None
+    why: str
+
+
+def wishes(points: Sequence[Mean]) -> list[Wish]:
+    """Fastest within CLOSE_DB of the optimum, best at 60 frames a second, best at any price.
+
+    points : methods that were used in every room.
+    """
+    playable = [point for point in points if point.on_gpu and point.picture_ms is not None]
+    close = [point for point in playable if point.below_optimum_db <= CLOSE_DB]
+    smooth = [point for point in playable if _ms(point) <= FRAME_MS]
+    return [
+        _wish(f"fastest within {CLOSE_DB:g} dB of the optimum", min(close, key=_ms, default=None)),
+        _wish("best picture at 60 frames a second", min(smooth, key=_error, default=None)),
+        _wish("best picture at any price", min(playable, key=_error, default=None)),
+    ]
+
+
+def _ms(point: Mean) -> float:
+    return float("inf") if point.picture_ms is None else point.picture_ms
+
+
+def _error(point: Mean) -> tuple[float, float]:
+    return visible_db(point), _ms(point)
+
+
+def _wish(words: str, found: Mean | None) -> Wish:
+    if found is None:
+        return Wish(words, None, "no method that plays reaches this here")
+    why = (
+        f"{found.below_optimum_db:.2f} dB below the optimum on average, {found.worst_db:.2f} in the worst room; "
+        f"{_ms(found):.3g} ms a frame, {found.preparation_s:.3g} s of preparation"
+    )
+    return Wish(words, found, why)

@@ -1,0 +1,75 @@
+"""study-accuracy: what accuracy costs in time, measured on scenes and calibrations; figures, plots and a report."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from player.command import Parser, parse_size, run
+from tools.study.pictures import BUILT_IN, DEFAULT, find_pictures
+from tools.study.rooms import find_places, shipped_scenes
+from tools.study.study import StudyOptions, check_output, run_study
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    return run(_main, argv)
+
+
+def _main(argv: Sequence[str] | None) -> None:
+    options = _parser().parse_args(argv)
+    check_output(options.output)
+    study = StudyOptions(
+        find_places(options.rooms, options.scenes),
+        find_pictures(options.pictures),
+        options.size,
+        options.patience,
+        options.table_6_1,
+    )
+    for line in run_study(study, options.output):
+        print(line, flush=True)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser("study-accuracy", description=__doc__)
+    parser.add_argument(
+        "rooms",
+        nargs="*",
+        type=Path,
+        metavar="CALIBRATION_OR_SCENE",
+        help="calibration folders and scene files (default: the shipped scenes)",
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("study"), metavar="FOLDER", help="the report (default study)"
+    )
+    parser.add_argument(
+        "--size",
+        type=parse_size,
+        default=(72, 96),
+        metavar="WxH",
+        help="scenes' cameras are fitted into it (default 96x72)",
+    )
+    parser.add_argument(
+        "--scenes", nargs="+", default=[], metavar="NAME", help=f"shipped scenes: {', '.join(shipped_scenes())}"
+    )
+    parser.add_argument(
+        "--pictures",
+        nargs="+",
+        default=DEFAULT,
+        metavar="NAME_OR_FILE",
+        help=f"of {', '.join(BUILT_IN)}, or files (default {' '.join(DEFAULT)}); the first two are shown in the report",
+    )
+    parser.add_argument(
+        "--patience",
+        type=float,
+        default=10.0,
+        metavar="SECONDS",
+        help="turn knobs of the uncut inverse only where computing it takes at most this (default 10)",
+    )
+    parser.add_argument(
+        "--table-6-1", action="store_true", help="also measure the thesis' scenes at its sizes (takes longer)"
+    )
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
