@@ -1,16 +1,22 @@
 """The reference backend: the same pipeline as gl/renderer.py on the CPU, in numpy (`--backend cpu`)."""
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
-from player import reference
+from player import picture_reference, reference
 from player.colour import decoding_of
-from player.content import SceneCuts
+from player.content import SceneCuts, Succession, approach
 from player.maps import FarMaps, RefinementMaps
+from player.picture import NEUTRAL, Picture, adjusted_decoding, adjusted_transfer
+from player.picture_reference import Limits
+from player.placement import homography
 from player.reference import PreparedRows
 from player.refinement import GREY, OVER_RELAXATION, Certificate, momentum
 from player.renderer import Room, check_radiance_size, place
 from player.response import Response, transfer_table
+from player.test_cards import card
 from player.video import Frame, PixelFormat
 
 FloatArray = NDArray[np.floating]
@@ -26,6 +32,8 @@ class CpuRenderer:
         self._far = None if room.maps.far is None else _FarChain(room.maps.far)
         self._undo = None if room.maps.undo is None else _FarChain(room.maps.undo)
         self._refinement = None if room.maps.refinement is None else _Refinement(room.maps.refinement)
+        self._picture = NEUTRAL
+        self._adaptation, self._damping = _Carried(lasting=True), _Carried(lasting=False)
         self._projector_codes = room.calibration.projector.response.inverse_table()
         self._camera_codes = Response("srgb").inverse_table()
 
@@ -35,29 +43,28 @@ class CpuRenderer:
         self._before: FloatArray | None = None  # what refinement changed in the frame before
         self._now: FloatArray | None = None  # and in this one
         self._radiance = pixels.layout == "radiance"
-        self._decoding = None if self._radiance else decoding_of(pixels)
-        self._transfer = transfer_table("linear" if self._radiance else pixels.transfer)
+        self._upright: FloatArray | None = None
+        self._unit = 1 / self._room.white if self._radiance else 1.0
+        self._adaptation, self._damping = _Carried(lasting=True), _Carried(lasting=False)
+
+    def adjust(self, picture: Picture) -> None:
+        previous, self._picture = self._picture, picture
+        self._upright = None
+        if (picture.adapt, picture.black_level) != (previous.adapt, previous.black_level):
+            self._adaptation.restart()
+        if not previous.flicker:
+            self._damping.restart()
 
     def upload(self, frame: Frame) -> None:
-        luma, chroma = self._pixels.planes[:2]
-        self._picture = reference.planes_to_linear(
-            frame.planes,
-            (luma.height, luma.width),
-            (chroma.height, chroma.width),
-            self._decoding,
-            self._transfer,
-            self._pixels.rotation,
-        )
-        self._before, self._now = None if self._cuts.starts_with(frame) else self._now, None
+        self._planes, self._upright = [plane.copy() for plane in frame.planes], None
+        cut = self._cuts.starts_with(frame)
+        self._before, self._now = None if cut else self._now, None
+        self._adaptation.advance(cut=cut, duration_s=frame.duration_s)
+        self._damping.advance(cut=cut, duration_s=frame.duration_s)
 
     def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
         self._compensated: tuple[FloatArray, FloatArray] | None = None
-        if view == "split":
-            plain, corrected = self._observe(self._plain_drive()), self._observe(self._drive(steps))
-            self._linear = reference.split(plain, corrected, self._room.white)
-        else:
-            drive = self._drive(steps) if compensate else self._plain_drive()
-            self._linear = drive if view == "projector" else self._observe(drive)
+        self._linear = self._shown(view, compensate=compensate and self._picture.card is None, steps=steps)
         self._view, self._frame = view, frame
 
     def encoded(self) -> NDArray[np.uint8]:
@@ -69,7 +76,7 @@ class CpuRenderer:
         return self._linear.astype(np.float32)
 
     def desired(self) -> NDArray[np.float32]:
-        return (self._asked_white() * self._placed(self._room.calibration.camera.shape)).astype(np.float32)
+        return self._asked().astype(np.float32)
 
     def certificate(self) -> Certificate | None:
         if self._refinement is None or self._compensated is None:
@@ -86,30 +93,111 @@ class CpuRenderer:
     def release(self) -> None:
         """Nothing to give back."""
 
-    def _asked_white(self) -> float:
-        return 1.0 if self._radiance else self._room.white
+    @property
+    def _decoded(self) -> FloatArray:
+        if self._upright is None:
+            self._upright = self._decode()
+        return self._upright
+
+    def _decode(self) -> FloatArray:
+        pixels, decoding, lift = self._pixels, None, 0.0
+        transfer = transfer_table("linear" if self._radiance else pixels.transfer)
+        if not self._radiance:
+            decoding, lift = adjusted_decoding(decoding_of(pixels), pixels, self._picture)
+            transfer = adjusted_transfer(transfer, self._picture)
+        luma, chroma = ((plane.height, plane.width) for plane in pixels.planes[:2])
+        return reference.planes_to_linear(self._planes, luma, chroma, decoding, transfer, pixels.rotation, lift)
 
     def _placed(self, target: tuple[int, int]) -> FloatArray:
         spot = place(self._pixels, target)
-        return reference.resample(self._picture, target, (spot.left, spot.top, spot.width, spot.height))
+        return reference.resample(self._decoded, target, (spot.left, spot.top, spot.width, spot.height))
+
+    def _asked(self) -> FloatArray:
+        """c, the radiance in the camera's view."""
+        picture, camera, white = self._picture, self._room.calibration.camera.shape, self._room.white
+        if picture.corners is None:
+            placed = self._placed(camera)
+        else:
+            H = homography(picture.corners, camera, self._decoded.shape[:2])
+            placed = picture_reference.pinned(self._decoded, camera, H)
+        if not (picture.adapt or picture.black_level):
+            return (1.0 if self._radiance else white) * placed
+        tone = self._tone(placed) if picture.adapt else np.array([1.0, 0.0])
+        return white * picture_reference.toned(placed, self._unit, picture.black_level, tone)
+
+    def _tone(self, placed: FloatArray) -> FloatArray:
+        picture = self._picture
+        u = picture_reference.toned(placed, self._unit, picture.black_level, np.array([1.0, 0.0]))
+        found = picture_reference.tone_of(u, self._near_light(u), self._limits, self._room.white, picture.adapt / 100)
+        return self._adaptation.blended(found, 1 - approach(self._adaptation.elapsed_s))
 
     def _plain_drive(self) -> FloatArray:
+        if self._picture.card is not None:
+            return card(self._picture.card, self._room.calibration.projector.shape)
         picture = self._placed(self._room.calibration.projector.shape)
+        if self._picture.black_level:
+            picture = picture_reference.toned(picture, self._unit, self._picture.black_level, np.array([1.0, 0.0]))
+            return np.clip(picture, 0, 1)
         return np.asarray(np.clip(picture / (self._room.white if self._radiance else 1.0), 0, 1))
 
-    def _drive(self, steps: int) -> FloatArray:
-        calibration = self._room.calibration
-        b = reference.desired_light(self._placed(calibration.camera.shape), calibration.ambient, self._asked_white())
+    def _shown(self, view: str, *, compensate: bool, steps: int) -> FloatArray:
+        if view == "impossible":
+            return picture_reference.impossible(self._reach, self._room.white)
+        if view == "projector":
+            return self._shown_to_projector(compensate=compensate, steps=steps)
+        if self._picture.card is not None:
+            return self._observe(self._plain_drive())
+        ambient, white = self._room.calibration.ambient, self._room.white
+        b = self._asked() - ambient
+        if view == "split":
+            plain, corrected = self._observe(self._plain_drive()), self._observe(self._drive(b, steps))
+            seen = reference.split(plain, corrected, white)
+        else:
+            seen = self._observe(self._drive(b, steps) if compensate else self._plain_drive())
+        if view == "error":
+            seen = picture_reference.error_map(seen, ambient, b, self._reach, white)
+        if not self._picture.clipping:
+            return seen
+        return picture_reference.clipping(seen, self._near_light(b), self._limits.most[..., :3], white)
+
+    def _shown_to_projector(self, *, compensate: bool, steps: int) -> FloatArray:
+        if not compensate:
+            return self._plain_drive()
+        b = self._asked() - self._room.calibration.ambient
+        drive = self._drive(b, steps)
+        return picture_reference.clipping(drive, self._product(b), 1.0, 1.0) if self._picture.clipping else drive
+
+    def _drive(self, b: FloatArray, steps: int) -> FloatArray:
         if self._refinement is None or not steps:
-            drive = np.clip(self._product(b), 0, 1)
+            drive: FloatArray = np.clip(self._product(b), 0, 1)
         else:
             drive = self._refined(b, steps, self._refinement)
+        if self._picture.flicker:
+            drive = self._damping.blended(drive, self._picture.flicker)
         self._compensated = drive, b
         return drive
 
+    @cached_property
+    def _reach(self) -> FloatArray:
+        calibration = self._room.calibration
+        full = self._observe(np.ones((*calibration.projector.shape, 3)))
+        return picture_reference.reach_of(full, calibration.ambient, calibration.mask)
+
+    @cached_property
+    def _limits(self) -> Limits:
+        calibration = self._room.calibration
+        ambient = calibration.ambient.astype(np.float64)
+        near = self._transport.apply(np.ones((*calibration.projector.shape, 3)))
+        most = picture_reference.reach_of(near, np.zeros_like(near), calibration.mask)
+        return Limits(self._near_light(np.ones_like(ambient)), self._near_light(ambient), ambient, most)
+
     def _product(self, b: FloatArray) -> FloatArray:
         """T⁺ b of the near light, the far light of the compensated picture taken out."""
-        return self._correction.apply(b if self._undo is None else b - self._undo.apply(b))
+        return self._correction.apply(self._near_light(b))
+
+    def _near_light(self, b: FloatArray) -> FloatArray:
+        """b without the far light of the compensated picture."""
+        return b if self._undo is None else b - self._undo.apply(b)
 
     def _refined(self, b: FloatArray, steps: int, refinement: "_Refinement") -> FloatArray:
         if self._room.start == "direct":
@@ -136,6 +224,33 @@ class CpuRenderer:
 
     def _observe(self, drive: FloatArray) -> FloatArray:
         return self._room.calibration.ambient + self._light(drive)
+
+
+class _Carried:
+    """What a frame takes over from the one before."""
+
+    def __init__(self, *, lasting: bool) -> None:
+        self._succession = Succession(lasting=lasting)
+        self._before: FloatArray | None = None
+        self._now: FloatArray | None = None
+
+    @property
+    def elapsed_s(self) -> float:
+        return self._succession.elapsed_s
+
+    def advance(self, *, cut: bool, duration_s: float) -> None:
+        if self._succession.advance(cut=cut, duration_s=duration_s):
+            self._before = self._now
+
+    def restart(self) -> None:
+        self._succession.restart()
+
+    def blended(self, now: FloatArray, weight: float) -> FloatArray:
+        """(1 − weight) now + weight of what the frame before left; kept for the next one."""
+        before = now if self._succession.fresh or self._before is None else self._before
+        self._now = picture_reference.blend(now, before, weight)
+        self._succession.draw()
+        return self._now
 
 
 class _Refinement:

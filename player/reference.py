@@ -1,7 +1,8 @@
 """The CPU twin of every shader pass, in numpy: what the GPU is checked against, and `--backend cpu`.
 
-Each function names its shader. Pictures are (row, column, channel), linear, row 0 at the top; sums are in float64 where
-it costs little, so that the twin is the more exact of the two.
+Each function names its shader; those behind player/picture.py have their twins in player/picture_reference.py. Pictures
+are (row, column, channel), linear, row 0 at the top; sums are in float64 where it costs little, so that the twin is the
+more exact of the two.
 """
 
 from collections.abc import Sequence
@@ -45,11 +46,13 @@ def planes_to_linear(
     decoding: Decoding | None,
     transfer: FloatArray,
     rotation: int,
+    lift: float = 0.0,
 ) -> NDArray[np.float64]:
     """Decoded planes -> linear RGB, upright (planes_to_linear.frag).
 
     planes : three (rows, stride).  size, chroma_size : (height, width) in use.  decoding : None for linear radiance.
     transfer : (samples,) linear light over the code value 0..1.  rotation : degrees counter-clockwise.
+    lift : added to every code value.
     """
     first = planes[0][: size[0], : size[1]].astype(np.float64)
     others = [plane[: chroma_size[0], : chroma_size[1]].astype(np.float64) for plane in planes[1:]]
@@ -58,7 +61,7 @@ def planes_to_linear(
     else:
         others = [_upsample(plane, size, decoding) for plane in others]
         samples = (np.stack([first, *others], axis=-1) - decoding.black) / decoding.span
-        codes = np.clip(samples @ decoding.to_rgb.T, 0, 1)
+        codes = np.clip(samples @ decoding.to_rgb.T + lift, 0, 1)
         linear = np.interp(codes, np.linspace(0, 1, transfer.size), transfer)
     return np.rot90(linear, rotation // 90)
 

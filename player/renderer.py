@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from player.calibration import Calibration
 from player.errors import InputError
 from player.maps import RoomMaps
+from player.picture import Picture
 from player.placement import Placement, fit
 from player.refinement import Certificate
 from player.video import Frame, PixelFormat
 
-VIEWS = ("projector", "camera", "split")
+VIEWS = ("projector", "camera", "split", "error", "impossible")
 DITHERS = ("ordered", "noise", "none")
 
 
@@ -38,12 +39,20 @@ class Renderer(Protocol):
     def open(self, pixels: PixelFormat) -> None:
         """Prepare for frames of one format; raises InputError if they do not suit the room."""
 
+    def adjust(self, picture: Picture) -> None:
+        """Take over what the viewer changed, from the next render on; stays when another medium is opened.
+
+        Something used for the first time is built here, so that a frame afterwards allocates nothing.
+        """
+
     def upload(self, frame: Frame) -> None:
         """Take a frame's planes; the frame may be released afterwards."""
 
     def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
-        """Compute a view of the uploaded frame: one of VIEWS; split shows the camera's without | with compensation.
+        """Compute a view of the uploaded frame, one of VIEWS.
 
+        split shows the camera's view without | with compensation, error how far it is from what was asked, impossible
+        what no picture can reach (player/views.py). A test card has no error: error shows the camera's view of it.
         steps : of refinement, if the room has its maps; 0 is clamp(T⁺ b), the thesis' method.
         """
 
@@ -54,7 +63,7 @@ class Renderer(Protocol):
         """The rendered view in linear light: drive 0..1, or camera radiance."""
 
     def desired(self) -> NDArray[np.float32]:
-        """The camera radiance that is asked for, (camera height, camera width, 3)."""
+        """The camera radiance that is asked for, as adapted and placed, (camera height, camera width, 3)."""
 
     def certificate(self) -> Certificate | None:
         """How far the drive of the rendered view can be from the best one; None without compensation or its maps.

@@ -12,11 +12,11 @@ out vec4 sum;
 void main() {
     ivec2 first = ivec2(gl_FragCoord.xy) * SIDE;
     ivec2 end = min(first + SIDE, textureSize(source, 0));
-    vec3 total = vec3(0.0);
+    vec4 total = vec4(0.0);
     for (int row = first.y; row < end.y; ++row) {
         for (int column = first.x; column < end.x; ++column) {
-            total += texelFetch(source, ivec2(column, row), 0).rgb;
+            total += texelFetch(source, ivec2(column, row), 0);
         }
     }
-    sum = vec4(total, 1.0);
+    sum = total;
 }

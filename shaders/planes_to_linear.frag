@@ -20,6 +20,7 @@ uniform ivec2 subsampling;     // luma pixels per chroma sample
 uniform vec2 chroma_offset;    // chroma coordinate of luma pixel 0
 uniform vec3 black, span;      // code values of 0 and of 1 per component
 uniform mat3 to_rgb;
+uniform float lift;            // added to every code: brightness
 uniform int quarter_turns;     // counter-clockwise, applied for display
 
 out vec4 linear_rgb;
@@ -68,7 +69,7 @@ void main() {
 #ifdef LAYOUT_RADIANCE
     linear_rgb = vec4(samples, 1.0);
 #else
-    vec3 code = to_rgb * ((samples - black) / span);
+    vec3 code = to_rgb * ((samples - black) / span) + lift;
     linear_rgb = vec4(light(code.r), light(code.g), light(code.b), 1.0);
 #endif
 }

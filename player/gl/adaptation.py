@@ -1,0 +1,131 @@
+"""What goes on from frame to frame: the scale and offset that a frame is adapted by, and damping of the drive.
+
+The adaptation is found by sums over the camera's view, in tiles, then all together; nothing is read back.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import TypeAlias
+
+import moderngl
+import numpy as np
+
+from player.content import OFFSETS, SCALES, TILES, Succession, approach, tile_grid
+from player.gl.passes import Owner, Pass, Uniform, float_texture, picture_texture, table_texture
+
+PERCENT = 0.01
+NearLight: TypeAlias = Callable[[moderngl.Texture], moderngl.Texture]
+
+
+class Adapter:
+    """(s, o) of a frame (player/content.py), in the only texel of a texture.
+
+    near_light : u -> u − F u.  ambient, most : radiance, of the camera's size; see shaders/clip_sums.frag.
+    """
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        near_light: NearLight,
+        ambient: moderngl.Texture,
+        most: moderngl.Texture,
+        white: float,
+    ) -> None:
+        self._owner, self._succession, self._near_light = Owner(), Succession(lasting=True), near_light
+        own, shape = self._owner.own, (ambient.height, ambient.width)
+        self._no_tone = own(picture_texture(context, np.array([[[1, 0, 0]]], np.float32)))
+        self._black = own(picture_texture(context, np.zeros((*shape, 3), np.float32)))
+        self._shares = own(Pass(context, "desired.frag", float_texture(context, shape), {"TONE": None}, white=1.0))
+        ones = own(picture_texture(context, np.ones((*shape, 3), np.float32)))
+        limits = {"ambient": ambient, "most": most}
+        for name, light in (("near_white", ones), ("near_ambient", ambient)):
+            kept = own(Pass(context, "combine.frag", float_texture(context, shape), factor=0.0))
+            limits[name] = kept.run(first=near_light(light), second=self._black)
+        self._offset_sums, self._scale_sums = (
+            own(_Sums(context, shape, limits, white, each)) for each in ("OFFSETS", "SCALES")
+        )
+        self._offset = own(Pass(context, "choose.frag", float_texture(context, (1, 1))))
+        self._before, self._now = (
+            own(Pass(context, "choose.frag", float_texture(context, (1, 1)), {"SCALES": None})) for _ in range(2)
+        )
+        self._before.clear()
+
+    def set(self, adapt: float, unit: float, black_level: float) -> None:
+        """adapt : percent of the light that may clip.  unit : share of white of a picture's 1."""
+        self._shares.set(unit=unit, black_level=black_level)
+        self._offset_sums.set(budget=adapt * PERCENT / 2)
+        self._scale_sums.set(budget=adapt * PERCENT)
+        self._succession.restart()
+
+    def advance(self, *, cut: bool, duration_s: float) -> None:
+        if self._succession.advance(cut=cut, duration_s=duration_s):
+            self._before, self._now = self._now, self._before
+
+    def run(self, placed: moderngl.Texture) -> moderngl.Texture:
+        u = self._shares.run(picture=placed, ambient=self._black, tone=self._no_tone)
+        near = self._near_light(u)
+        offset = self._offset.run(sums=self._offset_sums.run(u, near), candidates=self._offset_sums.candidates)
+        sums = self._scale_sums.run(u, near, tone=offset)
+        self._now.set(approach=1.0 if self._succession.fresh else approach(self._succession.elapsed_s))
+        self._succession.draw()
+        return self._now.run(sums=sums, candidates=self._scale_sums.candidates, tone=offset, before=self._before.target)
+
+    def release(self) -> None:
+        self._owner.release()
+
+
+class _Sums:
+    """The sums of 16 candidates, OFFSETS or SCALES, as four texels."""
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        shape: tuple[int, int],
+        limits: Mapping[str, moderngl.Texture],
+        white: float,
+        which: str,
+    ) -> None:
+        self._owner, self._limits = Owner(), limits
+        own, scales = self._owner.own, which == "SCALES"
+        values = (SCALES if scales else OFFSETS).astype(np.float32)
+        self.candidates = own(table_texture(context, values))
+        defines: dict[str, int | None] = {"TILES": TILES} | ({"SCALES": None} if scales else {})
+        tile, stride = tile_grid(shape)
+        tiles = float_texture(context, (4 * TILES, TILES))
+        uniforms: dict[str, Uniform] = {"tile": tile[::-1], "stride": stride[::-1], "white": white}
+        self._tiles = own(Pass(context, "clip_sums.frag", tiles, defines, **uniforms))
+        self._all = own(Pass(context, "block_sum.frag", float_texture(context, (4, 1)), {"SIDE": TILES}))
+
+    def set(self, *, budget: float) -> None:
+        self._tiles.set(budget=budget)
+
+    def run(self, u: moderngl.Texture, near: moderngl.Texture, **tone: moderngl.Texture) -> moderngl.Texture:
+        tiles = self._tiles.run(picture=u, near=near, candidates=self.candidates, **self._limits, **tone)
+        return self._all.run(source=tiles)
+
+    def release(self) -> None:
+        self._owner.release()
+
+
+class Damper:
+    """(1 − weight) drive + weight of what was shown before; after a cut or a gap the drive as it is."""
+
+    def __init__(self, context: moderngl.Context, shape: tuple[int, int]) -> None:
+        self._succession = Succession(lasting=False)
+        self._before, self._now = (Pass(context, "blend.frag", float_texture(context, shape)) for _ in range(2))
+        self._before.clear()
+
+    def advance(self, *, cut: bool) -> None:
+        if self._succession.advance(cut=cut):
+            self._before, self._now = self._now, self._before
+
+    def restart(self) -> None:
+        self._succession.restart()
+
+    def run(self, drive: moderngl.Texture, weight: float) -> moderngl.Texture:
+        self._now.set(weight=0.0 if self._succession.fresh else weight)
+        self._succession.draw()
+        return self._now.run(now=drive, before=self._before.target)
+
+    def release(self) -> None:
+        self._before.release()
+        self._now.release()

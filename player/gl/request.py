@@ -1,0 +1,146 @@
+"""What a frame asks for: light in the camera's view, and the drive that it would be without compensation."""
+
+from functools import cached_property
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from player.gl.adaptation import Adapter, NearLight
+from player.gl.passes import Owner, Pass, float_texture, picture_texture
+from player.gl.placing import Fitter, Pinner
+from player.gl.views import Maps
+from player.picture import NEUTRAL, Picture
+from player.renderer import Room, shown_shape
+from player.test_cards import card
+from player.video import PixelFormat
+
+
+class Request:
+    """Places and tones the decoded picture; a neutral picture takes the passes that know of no tone.
+
+    ambient : radiance.  maps, near_light : for what the adaptation needs to know.
+    """
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        room: Room,
+        ambient: moderngl.Texture,
+        maps: Maps,
+        near_light: NearLight,
+    ) -> None:
+        self._context, self._room, self._ambient = context, room, ambient
+        self._maps, self._near_light = maps, near_light
+        self._camera, self._projector = room.calibration.camera.shape, room.calibration.projector.shape
+        self._owner, self._medium = Owner(), Owner()
+        self._picture, self._unit = NEUTRAL, 1.0
+        own = self._owner.own
+        try:
+            black = np.zeros((*self._projector, 4), np.float32)
+            self._black = own(float_texture(context, self._projector, black))
+            self._desired = own(Pass(context, "desired.frag", float_texture(context, self._camera)))
+            target = float_texture(context, self._projector)
+            self._plain = own(Pass(context, "desired.frag", target, {"CLAMP": None}))
+        except BaseException:
+            self._owner.release()
+            raise
+
+    def open(self, pixels: PixelFormat, picture: Picture) -> None:
+        self._medium.release()
+        own, self._pixels = self._medium.own, pixels
+        self._fitter = own(Fitter(self._context, pixels, self._camera))
+        self._plain_fitter = own(Fitter(self._context, pixels, self._projector))
+        self._radiance = pixels.layout == "radiance"
+        self._unit = 1 / self._room.white if self._radiance else 1.0
+        self._desired.set(white=1.0 if self._radiance else self._room.white)
+        self._plain.set(white=self._unit)
+        self._picture = NEUTRAL
+        self.adjust(picture)
+
+    def adjust(self, picture: Picture) -> None:
+        previous, self._picture = self._picture, picture
+        if picture.corners is not None:
+            self._pinner.pin(picture.corners, shown_shape(self._pixels))
+        if self._toned:
+            self._toned_desired.set(unit=self._unit, black_level=picture.black_level)
+            self._toned_plain.set(unit=self._unit, black_level=picture.black_level)
+        if picture.adapt and (picture.adapt, picture.black_level) != (previous.adapt, previous.black_level):
+            self._adapter.set(picture.adapt, self._unit, picture.black_level)
+        if picture.card is not None and picture.card != previous.card:
+            drive = card(picture.card, self._projector)
+            self._card.write(np.concatenate([drive, np.ones((*self._projector, 1), np.float32)], axis=2))
+
+    def advance(self, *, cut: bool, duration_s: float) -> None:
+        if self._picture.adapt:
+            self._adapter.advance(cut=cut, duration_s=duration_s)
+
+    def light(self, picture: moderngl.Texture) -> moderngl.Texture:
+        """b = c − e of a decoded picture."""
+        placed = (self._fitter if self._picture.corners is None else self._pinner).run(picture)
+        if not self._toned:
+            return self._desired.run(picture=placed, ambient=self._ambient)
+        tone = self._adapter.run(placed) if self._picture.adapt else self._no_tone
+        return self._toned_desired.run(picture=placed, ambient=self._ambient, tone=tone)
+
+    def plain(self, picture: moderngl.Texture) -> moderngl.Texture:
+        """The drive without compensation: the test card, or the picture as it fits the projector."""
+        if self._picture.card is not None:
+            return self._card
+        placed = self._plain_fitter.run(picture)
+        if not self._picture.black_level:
+            return self._plain.run(picture=placed, ambient=self._black)
+        return self._toned_plain.run(picture=placed, ambient=self._black, tone=self._no_tone)
+
+    def desired(self, picture: moderngl.Texture) -> NDArray[np.float32]:
+        """c, (camera height, camera width, 3)."""
+        if self._toned or self._picture.corners is not None:
+            return read(self.light(picture), np.float32) + self._room.calibration.ambient
+        white = 1.0 if self._radiance else self._room.white
+        return np.float32(white) * read(self._fitter.run(picture), np.float32)
+
+    def release(self) -> None:
+        self._medium.release()
+        self._owner.release()
+
+    @property
+    def _toned(self) -> bool:
+        return bool(self._picture.adapt or self._picture.black_level)
+
+    @cached_property
+    def _pinner(self) -> Pinner:
+        return self._owner.own(Pinner(self._context, self._camera))
+
+    @cached_property
+    def _adapter(self) -> Adapter:
+        adapter = self._owner.own(
+            Adapter(self._context, self._near_light, self._ambient, self._maps.most, self._room.white)
+        )
+        adapter.set(self._picture.adapt, self._unit, self._picture.black_level)
+        return adapter
+
+    @cached_property
+    def _toned_desired(self) -> Pass:
+        target, white = float_texture(self._context, self._camera), self._room.white
+        return self._owner.own(Pass(self._context, "desired.frag", target, {"TONE": None}, white=white))
+
+    @cached_property
+    def _toned_plain(self) -> Pass:
+        target = float_texture(self._context, self._projector)
+        defines: dict[str, int | None] = {"TONE": None, "CLAMP": None}
+        return self._owner.own(Pass(self._context, "desired.frag", target, defines, white=1.0))
+
+    @cached_property
+    def _no_tone(self) -> moderngl.Texture:
+        return self._owner.own(picture_texture(self._context, np.array([[[1, 0, 0]]], np.float32)))
+
+    @cached_property
+    def _card(self) -> moderngl.Texture:
+        return self._owner.own(float_texture(self._context, self._projector))
+
+
+def read(texture: moderngl.Texture, dtype: type) -> NDArray[Any]:
+    """A texture's first three channels, (height, width, 3); waits for the GPU."""
+    width, height = texture.size
+    return np.frombuffer(texture.read(), dtype).reshape(height, width, 4)[..., :3]

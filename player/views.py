@@ -1,0 +1,56 @@
+"""The colours of the views that are maps: what they stand for, and how far their scales go.
+
+error : what the camera will see less what was asked, of the channel that is furthest off, in shares of white: blue is
+too dark, red too bright, full colour at ERROR_SPAN and beyond; near-black where no pixel counts.
+impossible : which camera pixels cannot be corrected, by the light of full drive against white; the first that holds.
+clipping : over a view, what is asked for beyond what can be shown: red above, blue below, half strength from CLIP_FAINT
+on and full at CLIP_SPAN. In the projector's view it is T⁺ b beyond 0..1; in the camera's it is near light beyond what
+full drive gives or below none, in shares of white: what is asked for less the ambient light and the far light.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from player.response import Response
+
+ERROR_SPAN = 0.2
+CLIP_FAINT, CLIP_SPAN = 0.02, 0.25
+MID_GREY = 0.5  # of white, linear
+SLACK = 1e-6  # relative: T is float32
+
+# 8-bit sRGB.
+SERVED, UNLIT, BELOW_MID_GREY, BELOW_WHITE = (205, 205, 205), (40, 40, 40), (213, 60, 50), (240, 160, 60)
+TOO_DARK, RIGHT, TOO_BRIGHT = (59, 76, 192), (221, 221, 221), (180, 4, 38)
+ERROR_SAMPLES = 513
+
+LEGENDS = {
+    "error": (
+        (TOO_DARK, f"{100 * ERROR_SPAN:g} % of white too dark, or more"),
+        (RIGHT, "as asked"),
+        (TOO_BRIGHT, f"{100 * ERROR_SPAN:g} % of white too bright, or more"),
+        (UNLIT, "does not count"),
+    ),
+    "impossible": (
+        (SERVED, "can be corrected"),
+        (UNLIT, "unlit, or outside the mask"),
+        (BELOW_MID_GREY, "cannot reach mid grey"),
+        (BELOW_WHITE, "cannot reach white"),
+    ),
+}
+
+
+def linear(colour: tuple[int, int, int]) -> NDArray[np.float64]:
+    """8-bit sRGB as linear light, (3,)."""
+    return Response("srgb").to_linear(np.array(colour) / 255)
+
+
+IMPOSSIBLE = np.stack([linear(colour) for colour in (SERVED, UNLIT, BELOW_MID_GREY, BELOW_WHITE)])
+UNCOUNTED = linear(UNLIT)
+OVER, UNDER = linear((213, 60, 50)), linear((70, 130, 220))
+
+
+def error_colours() -> NDArray[np.float64]:
+    """Linear light over the error from −ERROR_SPAN to ERROR_SPAN, even in code values: (ERROR_SAMPLES, 3)."""
+    ends, grid = np.array([TOO_DARK, RIGHT, TOO_BRIGHT]) / 255, np.linspace(0, 1, ERROR_SAMPLES)
+    codes = np.stack([np.interp(grid, [0, 0.5, 1], ends[:, i]) for i in range(3)], axis=-1)
+    return Response("srgb").to_linear(codes)

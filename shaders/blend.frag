@@ -1,0 +1,15 @@
+#version 330 core
+// A picture between two.
+//
+// Inputs: `now`, `before`, of one size.
+// Output: (1 − weight) now + weight before.
+// CPU twin: blend in player/picture_reference.py.
+uniform sampler2D now, before;
+uniform float weight;
+
+out vec4 result;
+
+void main() {
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    result = vec4((1.0 - weight) * texelFetch(now, at, 0).rgb + weight * texelFetch(before, at, 0).rgb, 1.0);
+}

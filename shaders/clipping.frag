@@ -1,0 +1,32 @@
+#version 330 core
+// Colour what is asked for beyond what can be shown, by how far.
+//
+// Inputs, all of one size: `view`, linear light; `asked`, what is asked for, at least 0 and at most 1 or, with MOST, at
+//   most `most`.
+// Output: linear light.
+// CPU twin: clipping in player/picture_reference.py.
+uniform sampler2D view, asked;
+#ifdef MOST
+uniform sampler2D most;
+#endif
+uniform float white;             // light of the colours
+uniform float faint, full;       // amounts of half and of full strength, in shares of `white`
+uniform vec3 above, below;
+
+out vec4 light;
+
+float greatest(vec3 v) { return max(max(v.r, v.g), v.b); }
+
+void main() {
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    vec3 wanted = texelFetch(asked, at, 0).rgb, shown = texelFetch(view, at, 0).rgb;
+#ifdef MOST
+    vec3 highest = texelFetch(most, at, 0).rgb;
+#else
+    vec3 highest = vec3(1.0);
+#endif
+    float over = greatest(wanted - highest) / white, under = greatest(-wanted) / white;
+    float amount = max(max(over, under), 0.0);
+    float weight = 0.5 * min(amount / faint, 1.0) + 0.5 * min(amount / full, 1.0);
+    light = vec4(mix(shown, white * (over >= under ? above : below), weight), 1.0);
+}

@@ -1,0 +1,26 @@
+#version 330 core
+// What the camera will see less what was asked, of the channel that is furthest off, as a colour.
+//
+// Inputs: `seen`, radiance; `b`, what the projector was asked to add; `ambient`; `reach`, as reach.frag leaves it;
+//   `colours`, linear light over the error from −span to span.
+// Output: linear light, `white` times the colour; `uncounted` where reach's alpha is 0.
+// CPU twin: error_map in player/picture_reference.py.
+uniform sampler2D seen, b, ambient, reach, colours;
+uniform float white, span;
+uniform vec3 uncounted;
+
+out vec4 light;
+
+void main() {
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    vec3 error = (texelFetch(seen, at, 0).rgb - texelFetch(ambient, at, 0).rgb - texelFetch(b, at, 0).rgb) / white;
+    float worst = error.r;
+    if (abs(error.g) > abs(worst)) worst = error.g;
+    if (abs(error.b) > abs(worst)) worst = error.b;
+    int last = textureSize(colours, 0).x - 1;
+    float position = (clamp(worst / span, -1.0, 1.0) + 1.0) / 2.0 * float(last);
+    int low = min(int(position), last - 1);
+    vec3 colour = mix(texelFetch(colours, ivec2(low, 0), 0).rgb, texelFetch(colours, ivec2(low + 1, 0), 0).rgb,
+                      position - float(low));
+    light = vec4(white * (texelFetch(reach, at, 0).a > 0.0 ? colour : uncounted), 1.0);
+}

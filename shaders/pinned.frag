@@ -1,0 +1,46 @@
+#version 330 core
+// Place a picture by a projective map, black around it: a tent along each axis of the picture, as wide as a target pixel
+// is there and at least one source pixel, edges covered by the part of a pixel that lies inside.
+//
+// Inputs: `source`, linear RGB, row 0 at the top.
+// Defines: MOST_TAPS along an axis; a filter that is wider takes every second sample, or every third …
+// Output: linear RGB.
+// CPU twin: pinned in player/picture_reference.py.
+uniform sampler2D source;
+uniform mat3 to_source;    // target position -> source position, pixels, homogeneous
+
+out vec4 linear_rgb;
+
+ivec3 taps(float centre, float radius, int count) {
+    int first = max(int(ceil(centre - radius - 0.5)), 0);
+    int last = min(int(floor(centre + radius - 0.5)), count - 1);
+    return ivec3(first, last, max(int(ceil(2.0 * radius / float(MOST_TAPS))), 1));
+}
+
+float tent(int tap, float centre, float radius) {
+    return max(0.0, 1.0 - abs(float(tap) + 0.5 - centre) / radius);
+}
+
+void main() {
+    linear_rgb = vec4(0.0, 0.0, 0.0, 1.0);
+    vec3 place = to_source * vec3(gl_FragCoord.xy, 1.0);
+    if (place.z <= 0.0) return;
+    vec2 at = place.xy / place.z;
+    vec2 along_x = (to_source[0].xy - at * to_source[0].z) / place.z;
+    vec2 along_y = (to_source[1].xy - at * to_source[1].z) / place.z;
+    vec2 width = sqrt(along_x * along_x + along_y * along_y);
+    ivec2 size = textureSize(source, 0);
+    vec2 inside = min(at, vec2(size) - at) / width;
+    float cover = clamp(min(inside.x, inside.y) + 0.5, 0.0, 1.0);
+    if (cover <= 0.0) return;
+    vec2 radius = max(width, 1.0);
+    ivec3 across = taps(at.x, radius.x, size.x), down = taps(at.y, radius.y, size.y);
+    vec4 sum = vec4(0.0);
+    for (int row = down[0]; row <= down[1]; row += down[2]) {
+        float weight = tent(row, at.y, radius.y);
+        for (int column = across[0]; column <= across[1]; column += across[2]) {
+            sum += weight * tent(column, at.x, radius.x) * vec4(texelFetch(source, ivec2(column, row), 0).rgb, 1.0);
+        }
+    }
+    if (sum.a > 0.0) linear_rgb.rgb = cover * sum.rgb / sum.a;
+}
