@@ -1,0 +1,235 @@
+"""What adaptation and damping do: python -m tests.study_content [FOLDER] prints the tables of docs/content.md and
+writes its picture, FOLDER/content.png.
+
+The example room (calib_data/scenes/corner.toml, simulated and built into FOLDER once, or into a temporary one), frames
+of the shipped clip with a cut between two passages, and one frame with noise of its own in every repetition. The drives
+are the GPU player's, what the camera sees is its prediction. Nothing here decides a test.
+"""
+
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from player import app
+from player.content import camera_psnr
+from player.cpu_renderer import CpuRenderer
+from player.gl.context import headless_context
+from player.gl.renderer import GlRenderer
+from player.picture import Picture
+from player.renderer import Room
+from player.video import Frame, MediaReader
+from tools.show_example import CLIP, DATA, prepare
+
+PASSAGES_S, FRAMES = (2.0, 0.5), 12  # where passages begin, and frames of each
+NOISY, NOISE = 12, 2.0  # repetitions of a frame, standard deviation in code values
+STEPS, REPEATS = 4, 7
+ADAPT, FLICKER = (0, 1, 3, 10), (0, 0.3, 0.6, 0.9)
+CORNERS = ((0.15, 0.1), (0.8, 0.2), (0.9, 0.85), (0.1, 0.7))
+FloatArray = NDArray[np.float64]
+
+
+@dataclass
+class Shown:
+    """Of each frame: the radiance that was asked for and that the camera sees."""
+
+    asked: list[FloatArray] = field(default_factory=list)
+    seen: list[FloatArray] = field(default_factory=list)
+
+
+def clip_frames() -> Iterator[Frame]:
+    with MediaReader.open(CLIP) as reader:
+        for start in PASSAGES_S:
+            reader.seek(start)
+            for _ in range(FRAMES):
+                frame = reader.next_frame(60.0)
+                assert frame is not None
+                yield frame
+                reader.release(frame)
+
+
+def noisy_frames() -> Iterator[Frame]:
+    rng = np.random.default_rng(8)
+    with MediaReader.open(CLIP) as reader:
+        reader.seek(PASSAGES_S[0])
+        frame = reader.next_frame(60.0)
+        assert frame is not None
+        for _ in range(NOISY):
+            luma = frame.planes[0] + np.round(rng.normal(0, NOISE, frame.planes[0].shape))
+            yield replace(frame, planes=(np.clip(luma, 16, 235).astype(np.uint8), *frame.planes[1:]))
+
+
+def show(renderer: GlRenderer, frames: Iterator[Frame], picture: Picture) -> Shown:
+    shown = Shown()
+    for index, frame in enumerate(frames):
+        if index == 0:
+            renderer.open(frame.format)
+            renderer.adjust(picture)
+        renderer.upload(frame)
+        renderer.render("camera", compensate=True, steps=STEPS)
+        shown.seen.append(renderer.linear().astype(np.float64))
+        shown.asked.append(renderer.desired().astype(np.float64))
+    return shown
+
+
+class Limits:
+    """The light that clips, as player/content.py counts it, of all pixels and by other code than the player's."""
+
+    def __init__(self, room: Room) -> None:
+        self._cpu = CpuRenderer(room)
+        self._limits, self._ambient = self._cpu._limits, room.calibration.ambient.astype(np.float64)
+
+    def clipped(self, asked: FloatArray, first_asked: FloatArray) -> float:
+        """Share of what clips in the light that was asked for before adaptation."""
+        near = self._cpu._near_light(asked - self._ambient)
+        missed = np.abs(near - np.clip(near, 0, self._limits.most[..., :3]))
+        counts = self._limits.most[..., 3] > 0
+        return float(missed[counts].sum() / np.maximum(first_asked, self._ambient)[counts].sum())
+
+
+def study(room: Room, limits: Limits, renderer: GlRenderer) -> None:
+    mask, white = room.calibration.mask, room.white
+    plain = show(renderer, clip_frames(), Picture())
+    print(f"\nAdaptation, white {white:.3g}, {len(plain.seen)} frames:\n")
+    header(
+        "adapt",
+        "clipped light, % (worst frame)",
+        "largest, % of white, of the change of asked light from frame to frame",
+        "PSNR to what was asked, dB (worst)",
+        "PSNR to the picture before adaptation, dB",
+        "mean radiance, % of the picture's",
+        "change of the camera's view, % of white",
+    )
+    for percent in ADAPT:
+        shown = show(renderer, clip_frames(), Picture(adapt=percent)) if percent else plain
+        clipped = [100 * limits.clipped(c, first) for c, first in zip(shown.asked, plain.asked, strict=True)]
+        found = [camera_psnr(c, seen, mask, white) for c, seen in zip(shown.asked, shown.seen, strict=True)]
+        first = [camera_psnr(c, seen, mask, white) for c, seen in zip(plain.asked, shown.seen, strict=True)]
+        light = [c[mask].mean() / first[mask].mean() for c, first in zip(shown.asked, plain.asked, strict=True)]
+        row(
+            f"{percent} %" if percent else "off",
+            f"{np.mean(clipped):.1f} ({max(clipped):.1f})",
+            f"{max(changes(shown.asked, mask, white)):.2f}",
+            f"{np.mean(found):.1f} ({min(found):.1f})",
+            f"{np.mean(first):.1f}",
+            f"{100 * np.mean(light):.0f}",
+            f"{np.mean(changes(shown.seen, mask, white)):.2f}",
+        )
+
+
+def damping(room: Room, renderer: GlRenderer) -> None:
+    mask, white = room.calibration.mask, room.white
+    print(f"\nDamping; one frame with noise of {NOISE:g} codes, {NOISY} times, and the passages of film:\n")
+    header(
+        "flicker",
+        "change of the camera's view, % of white: noise",
+        "film",
+        "PSNR to what was asked, dB: noise",
+        "film (worst)",
+    )
+    for weight in FLICKER:
+        noisy, film = (show(renderer, frames(), Picture(flicker=weight)) for frames in (noisy_frames, clip_frames))
+        quality = [
+            [camera_psnr(c, seen, mask, white) for c, seen in zip(shown.asked, shown.seen, strict=True)]
+            for shown in (noisy, film)
+        ]
+        row(
+            f"{weight:g}" if weight else "off",
+            *(f"{np.mean(changes(shown.seen, mask, white)):.2f}" for shown in (noisy, film)),
+            f"{np.mean(quality[0]):.1f}",
+            f"{np.mean(quality[1]):.1f} ({min(quality[1]):.1f})",
+        )
+
+
+def changes(pictures: list[FloatArray], mask: NDArray[np.bool_], white: float) -> list[float]:
+    """Mean absolute change from frame to frame, in percent of white; the cut is left out."""
+    pairs = [(a, b) for i, (a, b) in enumerate(pairwise(pictures), 1) if i % FRAMES]
+    return [100 * float(np.abs(b - a)[mask].mean()) / white for a, b in pairs]
+
+
+def costs(renderer: GlRenderer) -> None:
+    """Milliseconds of a frame, fastest of REPEATS in turns: of processor time where OpenGL is llvmpipe."""
+    software = "llvmpipe" in renderer._context.info["GL_RENDERER"]
+    clock = time.process_time if software else time.perf_counter
+    print(f"\nA frame in the projector's view, {STEPS} steps, {'processor ' if software else ''}milliseconds:\n")
+    settings = {
+        "neutral": Picture(),
+        "controls and black level": Picture(10, 10, 10, 10, 0.05),
+        "adapt": Picture(adapt=3),
+        "flicker": Picture(flicker=0.5),
+        "corners": Picture(corners=CORNERS),
+        "clipping map": Picture(clipping=True),
+    }
+    fastest = dict.fromkeys(settings, np.inf)
+    for _ in range(REPEATS):
+        for name, picture in settings.items():
+            renderer.adjust(picture)
+            begin = clock()
+            renderer.render("projector", compensate=True, steps=STEPS)
+            renderer.finish()
+            fastest[name] = min(fastest[name], 1000 * (clock() - begin))
+    header("", "ms")
+    for name, milliseconds in fastest.items():
+        row(name, f"{milliseconds:.0f}")
+
+
+def draw_views(renderer: GlRenderer, path: Path) -> None:
+    """The camera's view, its error, what clips and what cannot be corrected; below them the same with adaptation."""
+    frame = next(clip_frames())
+    renderer.open(frame.format)
+    renderer.upload(frame)
+    rows = []
+    for adapt in (0, 3):
+        views = []
+        for view, clipping in (("camera", False), ("error", False), ("camera", True), ("impossible", False)):
+            renderer.adjust(Picture(adapt=adapt, clipping=clipping))
+            renderer.render(view, compensate=True, steps=STEPS)
+            views.append(renderer.encoded()[..., ::-1])
+        rows.append(np.hstack(views))
+    cv2.imwrite(str(path), cv2.resize(np.vstack(rows), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
+
+
+def header(*cells: str) -> None:
+    row(*cells)
+    print("|---" * len(cells) + "|")
+
+
+def row(*cells: str) -> None:
+    print(f"| {' | '.join(cells)} |", flush=True)
+
+
+def run(context: moderngl.Context, folder: Path) -> None:
+    print(f"{os.cpu_count()} cores, {context.info['GL_RENDERER']}")
+    prepare(DATA / "scenes" / "corner.toml", folder / "corner")
+    room = app.read_room(folder / "corner", None)
+    for brighter in (1.0, 1.5):
+        asked = replace(room, white=brighter * room.white)
+        renderer = GlRenderer(context, asked)
+        study(asked, Limits(asked), renderer)
+        if brighter == 1:
+            damping(asked, renderer)
+            costs(renderer)
+            draw_views(renderer, folder / "content.png")
+        renderer.release()
+
+
+def main() -> None:
+    with headless_context() as context:
+        if len(sys.argv) > 1:
+            run(context, Path(sys.argv[1]))
+        else:
+            with tempfile.TemporaryDirectory() as folder:
+                run(context, Path(folder))
+
+
+if __name__ == "__main__":
+    main()
