@@ -10,7 +10,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from player.errors import InputError
 from player.maps import RoomMaps
@@ -190,8 +189,7 @@ class Solver:
 
     def _solve(self, systems: Sequence[LinearSystem]) -> Sequence[Solution]:
         if self.name == "nnls" and any(s.far is not None or largest_block(s) > LARGEST_BLOCK for s in systems):
-            with threadpool_limits(limits=1):
-                return [projected_gradient(system, np.inf, most_steps=NNLS_STEPS) for system in systems]
+            return projected_gradient(systems, np.inf, most_steps=NNLS_STEPS)
         return solve_channels(self.name, systems)
 
 
