@@ -4,22 +4,29 @@ import argparse
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Any
+
+import numpy as np
 
 from player import calibration as calibrations
 from player import maps
-from player.command import Parser, run
+from player.command import run
 from player.cpu_renderer import CpuRenderer
 from player.errors import InputError
 from player.headless import render_to_file
-from player.refinement import DEFAULT_STEPS, MOST_STEPS, STARTS, StepBudget
-from player.renderer import DITHERS, VIEWS, Renderer, Room
+from player.options import Steps, image_display_duration, one_medium, picture_of, read_options
+from player.picture import Picture
+from player.placement import Corners, corners_of, read_placement, write_placement
+from player.playlist import Playlist
+from player.refinement import DEFAULT_STEPS, STARTS, Certificate
+from player.renderer import Renderer, Room, place
 from player.session import Session
+from player.session_inputs import Setup, Site
 from player.stats import Stats
-from player.video import MediaReader
-
-Steps: TypeAlias = int | Literal["auto"] | None
+from player.video import MediaReader, PixelFormat
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -27,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _main(argv: Sequence[str] | None) -> None:
-    options = _parser().parse_args(argv)
+    options = read_options(argv, __doc__ or "")
     if options.list_monitors:
         from player.gl.monitors import list_monitors
 
@@ -35,19 +42,18 @@ def _main(argv: Sequence[str] | None) -> None:
         return
     if options.stats is not None and not options.stats.parent.is_dir():
         raise InputError(f"{options.stats.parent}: no such folder for --stats; make it first")
-    if options.calibration is None or options.media is None:
+    if options.calibration is None or not options.media:
         raise InputError("play-corrected: needs a CALIBRATION and MEDIA; see play-corrected --help")
-    room = read_room(options.calibration, options.white, options.dither, options.refine, options.refine_from)
+    room = _room_of(options)
+    picture = replace(picture_of(options), corners=read_placement(options.calibration))
     print(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white is None else ''}")
-    with MediaReader.open(options.media, loop=options.loop, frames_per_second=options.fps) as reader:
-        if options.start and not (reader.info.still and not options.output):
-            reader.seek(options.start)
-        stats = _render(options, reader, room) if options.output else _play(options, reader, room)
-        for notice in reader.notices():
-            print(notice, file=sys.stderr)
-            stats.notices.append(notice)
+    stats = _render(options, room, picture) if options.output else _play(options, room, picture)
     if options.stats is not None:
         stats.write(options.stats)
+
+
+def _room_of(options: argparse.Namespace) -> Room:
+    return read_room(options.calibration, options.white, options.dither, options.refine, options.refine_from)
 
 
 def read_room(
@@ -96,20 +102,33 @@ def _fixed_steps(refine: Steps, room: Room) -> int:
     return DEFAULT_STEPS if room.maps.refinement is not None else 0
 
 
-def _render(options: argparse.Namespace, reader: MediaReader, room: Room) -> Stats:
+def _render(options: argparse.Namespace, room: Room, picture: Picture) -> Stats:
+    medium = one_medium(options)
+    with MediaReader.open(medium, loop=options.loop, frames_per_second=options.fps) as reader:
+        if options.start:
+            reader.seek(options.start)
+        stats = _render_medium(options, reader, room, picture)
+        for notice in reader.notices():
+            print(notice, file=sys.stderr)
+            stats.notices.append(notice)
+    return stats
+
+
+def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room, picture: Picture) -> Stats:
     if options.loop and options.frames is None:
         raise InputError("--loop with --output never ends; add --frames N")
     if options.refine == "auto":
         raise InputError("--refine auto is for a window: a file has no time to keep; give a number of steps")
     with headless_renderer(options.backend, room) as renderer:
         renderer.open(reader.info.format)
+        renderer.adjust(picture)
         stats = render_to_file(
             reader,
             renderer,
             room.calibration,
             options.output,
             options.view,
-            compensate=not options.no_compensation,
+            compensate=options.compensation,
             frames=options.frames,
             white=room.white,
             steps=_fixed_steps(options.refine, room),
@@ -119,9 +138,11 @@ def _render(options: argparse.Namespace, reader: MediaReader, room: Room) -> Sta
     return stats
 
 
-def _play(options: argparse.Namespace, reader: MediaReader, room: Room) -> Stats:
+def _play(options: argparse.Namespace, room: Room, picture: Picture) -> Stats:
     if options.backend == "cpu":
         raise InputError("--backend cpu has no window; add --output FILE")
+    if not options.screenshot_directory.is_dir():
+        raise InputError(f"{options.screenshot_directory}: no such folder for --screenshot-directory; make it first")
     from player.gl.monitors import find_monitor, list_monitors
     from player.gl.renderer import GlRenderer
     from player.gl.window import open_window
@@ -130,127 +151,86 @@ def _play(options: argparse.Namespace, reader: MediaReader, room: Room) -> Stats
     monitor = None if options.monitor is None else find_monitor(monitors, options.monitor)
     if monitor is None and options.fullscreen:
         monitor = find_monitor(monitors, 0)
-    shape = room.calibration.projector.shape
     with open_window(
-        shape,
-        f"{options.media} - Counterlight",
+        room.calibration.projector.shape,
+        "Counterlight",
         monitor=monitor,
         fullscreen=options.fullscreen,
         exact=not options.any_size,
-        vsync=not options.no_vsync,
+        vsync=options.vsync,
     ) as window:
-        renderer = GlRenderer(window.context, room)
+        renderer: Renderer = GlRenderer(window.context, room)
         try:
-            renderer.open(reader.info.format)
-            window.attach(lambda: renderer.encoded_texture)
             session = Session(
-                reader,
+                Playlist(options.media, loop=options.loop and len(options.media) > 1),
+                lambda medium, loop: MediaReader.open(medium, loop=loop, frames_per_second=options.fps),
                 renderer,
                 window,
-                view=options.view,
-                compensate=not options.no_compensation,
-                steps=_fixed_steps(options.refine, room),
-                budget=StepBudget(1 / reader.info.frames_per_second) if options.refine == "auto" else None,
+                setup=_setup(options, room, picture),
+                site=_RoomInUse(options, room, lambda fresh: GlRenderer(window.context, fresh)).site(),
+                bindings=options.keys,
             )
-            return session.run(options.frames)
+
+            def shown() -> Any:
+                assert isinstance(session.renderer, GlRenderer)
+                return session.renderer.encoded_texture
+
+            window.attach(shown)
+            try:
+                return session.run(options.frames)
+            finally:
+                session.renderer.release()
         finally:
             renderer.release()
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = Parser("play-corrected", description=__doc__, epilog=KEYS, formatter_class=argparse.RawTextHelpFormatter)
-    add: Callable[..., object] = parser.add_argument
-    add("calibration", type=Path, nargs="?", help="a calibration folder with its correction map")
-    add(
-        "media",
-        nargs="?",
-        help="a video, a picture, or a sequence such as name%%05d.png; .exr is camera radiance as is",
+def _setup(options: argparse.Namespace, room: Room, picture: Picture) -> Setup:
+    return Setup(
+        view=options.view,
+        compensation=options.compensation,
+        refine="auto" if options.refine == "auto" else _fixed_steps(options.refine, room),
+        picture=picture,
+        loop_file=options.loop and len(options.media) == 1,
+        speed=options.speed,
+        start_s=options.start,
+        image_display_duration=image_display_duration(options),
+        blackout=options.blackout,
+        osd=options.osd,
+        screenshots=options.screenshot_directory,
     )
-    add(
-        "--white",
-        type=_white,
-        metavar="auto|LEVEL",
-        help="camera radiance of a white picture (default auto:\nthe level that nine in ten camera pixels can reach)",
-    )
-    add(
-        "--refine",
-        type=_steps,
-        metavar="N|auto",
-        help=f"steps a frame towards the best picture (default {DEFAULT_STEPS};\n"
-        "auto: as many as the frame time leaves; 0: the correction map alone)",
-    )
-    add(
-        "--refine-from",
-        choices=STARTS,
-        help="where they start (default previous: the correction map's\npicture, changed as in the frame before)",
-    )
-    add("--no-compensation", action="store_true", help="show the picture as any player would")
-    add(
-        "--view",
-        choices=VIEWS,
-        default="projector",
-        help="what to show: the projector's picture, what the camera will\n"
-        "see of it, or that without and with compensation",
-    )
-    add("--loop", action="store_true", help="start again at the end")
-    add("--start", type=_seconds, default=0.0, metavar="SECONDS", help="begin there")
-    add("--frames", type=_count, metavar="N", help="stop after N frames")
-    add("--fps", type=_rate, metavar="RATE", help="frames per second of a numbered sequence (default 25)")
-    add("--fullscreen", action="store_true", help="fill the monitor")
-    add("--monitor", metavar="NAME|INDEX", help="the projector's monitor")
-    add("--list-monitors", action="store_true", help="list the monitors and end")
-    add("--any-size", action="store_true", help="go full screen on a monitor that is not of the projector's size")
-    add("--no-vsync", action="store_true", help="do not wait for the display's refresh")
-    add(
-        "--output",
-        type=Path,
-        metavar="FILE",
-        help="render without a window into .png, .exr (linear), name%%05d.png,\n.mp4, .mov, .webm or .mkv (lossless)",
-    )
-    add("--backend", choices=("gl", "cpu"), default="gl", help="cpu: the numpy reference (with --output)")
-    add("--dither", choices=DITHERS, default="ordered", help="how 8-bit steps are hidden (default ordered)")
-    add("--stats", type=Path, metavar="FILE.json", help="write frames, drops and milliseconds")
-    return parser
 
 
-KEYS = """keys: space pause   ←→ ±5 s   ↑↓ ±60 s   c compensation   v view   i statistics   b blackout   f full screen
-      [ ] refinement steps   s screenshot   q quit"""
+class _RoomInUse:
+    """The room that a session plays in, read again when it asks for that."""
 
+    def __init__(self, options: argparse.Namespace, room: Room, make_renderer: Callable[[Room], Renderer]) -> None:
+        self._options, self._room, self._make_renderer = options, room, make_renderer
 
-def _white(text: str) -> float | None:
-    return None if text == "auto" else _number(text, 1e-30, 1e30, "auto or a radiance above 0")
+    def site(self) -> Site:
+        keep = partial(write_placement, self._options.calibration)
+        return Site(self._reload, self._fit, keep, self._psnr, lambda: self._room.maps.refinement is not None)
 
+    def _reload(self) -> Renderer:
+        fresh, before = _room_of(self._options), self._room.calibration.projector
+        projector = fresh.calibration.projector
+        if projector.shape != before.shape:
+            sizes = f"{projector.width}x{projector.height}, was {before.width}x{before.height}"
+            raise InputError(
+                f"{self._options.calibration}: the projector's size is now {sizes}; start the player again"
+            )
+        renderer = self._make_renderer(fresh)
+        self._room = fresh
+        return renderer
 
-def _steps(text: str) -> Steps:
-    if text == "auto":
-        return "auto"
-    if not (text.isdecimal() and int(text) <= MOST_STEPS):
-        raise argparse.ArgumentTypeError(f"expected auto or a number of steps from 0 to {MOST_STEPS}, found {text!r}")
-    return int(text)
+    def _fit(self, pixels: PixelFormat) -> Corners:
+        camera = self._room.calibration.camera.shape
+        return corners_of(place(pixels, camera), camera)
 
-
-def _seconds(text: str) -> float:
-    return _number(text, 0.0, 1e9, "seconds from 0")
-
-
-def _rate(text: str) -> float:
-    return _number(text, 1e-3, 1e3, "frames per second above 0")
-
-
-def _count(text: str) -> int:
-    if not (text.isdecimal() and int(text)):
-        raise argparse.ArgumentTypeError(f"expected a number of frames from 1, found {text!r}")
-    return int(text)
-
-
-def _number(text: str, low: float, high: float, expected: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not low <= value <= high:
-        raise argparse.ArgumentTypeError(f"expected {expected}, found {text!r}")
-    return value
+    def _psnr(self, certificate: Certificate) -> float:
+        """10 log₁₀(white² / mean (T p − b)²) over the camera pixels that count and their channels."""
+        values = 3 * np.count_nonzero(self._room.calibration.mask)
+        mean = certificate.squared_error.sum() / max(values, 1)
+        return float(10 * np.log10(self._room.white**2 / max(mean, 1e-30)))
 
 
 if __name__ == "__main__":

@@ -1,243 +1,328 @@
-"""Playback in a window: which frame is due, what a key does. Knows no OpenGL; a display and a clock are handed in."""
+"""Playback in a window, from loop to loop: keys and remotes, the frame that is due, what is drawn and written over it.
+
+Which frame is due is player/playback.py's to say, what comes next player/playlist.py's, what keys and remotes can do
+player/controls.py's. Knows no OpenGL; a display and a clock are handed in.
+"""
 
 import sys
 import time
-from collections.abc import Callable
-from functools import partial
-from pathlib import Path
-from typing import Protocol
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
+from player import controls
 from player.errors import InputError
-from player.files import replacing_file
-from player.output import write_picture
-from player.refinement import MOST_STEPS, Certificate, StepBudget
-from player.renderer import VIEWS, Renderer
+from player.frames import Frame
+from player.keys import Keys
+from player.osd import Message, Page
+from player.picture import Picture
+from player.placing import Placing
+from player.playback import Playback, Reader
+from player.playlist import Playlist
+from player.refinement import Certificate, StepBudget
+from player.renderer import Renderer
+from player.session_inputs import Audio, Display, Heartbeat, Remote, Setup, Site, Steps
 from player.stats import Stats
-from player.video import Frame, MediaReader
+from player.stats_page import facts, stats_page
 
-SEEKS_S = {"left": -5.0, "right": 5.0, "down": -60.0, "up": 60.0}
-STATS_INTERVAL_S = 0.5
-LONGEST_WAIT_S = 0.05  # between looks at the decoder; keys wake the window at once
-
-
-class Display(Protocol):
-    """A window that shows what the renderer has rendered."""
-
-    @property
-    def closed(self) -> bool: ...
-
-    def poll(self, timeout_s: float) -> list[str]:
-        """Names of the keys pressed since the last call, waiting at most `timeout_s` for one."""
-
-    def present(self, lines: list[str], *, black: bool) -> None:
-        """Show the rendered view with lines of text over it, or black."""
-
-    def toggle_fullscreen(self) -> None: ...
+FACTS_INTERVAL_S = 0.5  # between looks at the certificate, and at what the heartbeat says
+PAGE_INTERVAL_S = 0.2
+LONGEST_WAIT_S = 0.05  # between looks at the decoder and the remotes; keys wake the window at once
+FADE_WAIT_S = 0.03
+REDRAW = "redraw"  # not a key: the window was resized or uncovered
 
 
 class Session:
-    """Plays one medium through a renderer into a display.
+    """Plays a playlist through a renderer into a display.
 
-    clock : seconds, monotonic. A frame is due when the clock has reached its time; frames overtaken are dropped.
-    steps : of refinement.  budget : finds their number instead, until a key sets it.
+    open_reader : a medium, and whether the reader shall begin again at its end -> its reader.
+    clock : seconds, monotonic.
     """
 
     def __init__(
         self,
-        reader: MediaReader,
+        playlist: Playlist,
+        open_reader: Callable[[str, bool], Reader],
         renderer: Renderer,
         display: Display,
         *,
-        view: str = "projector",
-        compensate: bool = True,
-        steps: int = 0,
-        budget: StepBudget | None = None,
-        screenshots: Path = Path(),
+        setup: Setup | None = None,
+        site: Site | None = None,
+        bindings: Mapping[str, str] | None = None,
+        remotes: Sequence[Remote] = (),
+        heartbeat: Heartbeat | None = None,
+        audio: Audio | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.stats = Stats()
-        self.view, self.compensate = view, compensate
-        self.paused = self.blackout = self.show_stats = self.done = False
-        self.steps, self._budget = steps, budget
-        self._reader, self._renderer, self._display = reader, renderer, display
-        self._screenshots, self._clock = screenshots, clock
-        self._pending: Frame | None = None
-        self._position_s = self._shown_until_s = 0.0
-        self._started_at: float | None = None  # clock time of media time 0; None until the next frame arrives
-        self._dirty = self._rendered = False
-        self._message = ""
+        self.setup = setup or Setup()
+        self.playlist, self.display, self.site, self.audio = playlist, display, site, audio
+        self.stats, self.message = Stats(), Message(clock)
+        self.view, self.compensation, self.blackout = self.setup.view, self.setup.compensation, self.setup.blackout
+        self.picture, self.osd, self.screenshots = self.setup.picture, self.setup.osd, self.setup.screenshots
+        self.show_stats = self.show_help = self.done = False
+        self.placing: Placing | None = None
+        self.image_display_duration = self.setup.image_display_duration
+        self.refine: Steps = self.setup.refine
+        self.renderer = renderer
+        self._incoming: Renderer | None = None
+        self._open_reader, self._clock = open_reader, clock
+        self._remotes, self._heartbeat = remotes, heartbeat
+        self._failures = self._draws = self._steps_made = 0
+        self._changed = self._uploaded = False
+        self._shown: tuple[Page | None, bool] = (None, False)
+        self._paged_at = self._certified_at = self._told_at = float("-inf")
         self._certificate: Certificate | None = None
-        self._certified_at = float("-inf")
-        self._draws = self._steps_made = 0
-        self._keys = self._bindings()
+        self._facts: dict[str, Any] = {}
+        self.playback: Playback | None = None
+        renderer.adjust(self.picture)
+        self.open_current(first=True)
+        self.commands = controls.commands_of(self)
+        self.keys = Keys(self.commands, bindings)
 
     def run(self, limit: int | None = None) -> Stats:
-        """Play until the medium ends, the window closes, `q`, or `limit` frames have been shown."""
-        while not (self.done or self._display.closed):
-            for key in self._display.poll(self._wait_s()):
-                self.handle(key)
-            self.step()
-            if limit is not None and self.stats.frames >= limit:
-                break
-        if self._draws:
-            self._certify()
-            certified = {} if self._certificate is None else self._certificate.to_dict()
-            self.stats.facts["refinement"] = {"steps": round(self._steps_made / self._draws, 1), **certified}
-        return self.stats
+        """Play until the list ends, the window closes, `q`, or `limit` frames have been shown."""
+        try:
+            while not (self.done or self.display.closed):
+                for key in self.display.poll(self._wait_s()):
+                    self.press(key)
+                for remote in self._remotes:
+                    remote.poll(self.commands)
+                self.step()
+                if self._heartbeat is not None:
+                    self._heartbeat.beat(self.facts())
+                if limit is not None and self.stats.frames >= limit:
+                    break
+            if self._draws:
+                certificate = self.certificate(max_age_s=0.0)
+                certified = {} if certificate is None else certificate.to_dict()
+                self.stats.facts["refinement"] = {"steps": round(self._steps_made / self._draws, 1), **certified}
+            return self.stats
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """End the decoder. The renderer belongs to whoever made it, except one that reload brought."""
+        if self.playback is not None:
+            self.playback.close()
+            self._collect_notices()
+        if self._incoming is not None:
+            self._incoming.release()
+            self._incoming = None
 
     def step(self) -> None:
-        """Take the frame that is due, if any, and show it; redraw if a key changed something."""
-        for notice in self._reader.notices():
-            print(notice, file=sys.stderr)
-            self.stats.notices.append(notice)
-        frame = None if self.paused and self._rendered else self._due_frame()
-        if frame is not None:
-            start = time.perf_counter()
-            self._renderer.upload(frame)
-            self._reader.release(frame)
-            self.stats.add("decode", frame.decode_s)
-            self.stats.add("upload", time.perf_counter() - start)
-            self.stats.frames += 1
-            self._position_s, self._shown_until_s = frame.time_s, frame.time_s + frame.duration_s
-            self._rendered = self._dirty = True
-        elif self._reader.ended and self._pending is None and not self._reader.info.still:
-            self.done = self._started_at is None or self._media_time() >= self._shown_until_s
-        if self._dirty and self._rendered:
-            self._draw()
-
-    def handle(self, key: str) -> None:
-        """Do what a key stands for; unknown keys do nothing."""
-        action = self._keys.get(key)
-        if action is not None:
-            action()
-            self._dirty = True
-
-    def _bindings(self) -> dict[str, Callable[[], None]]:
-        return {
-            "redraw": lambda: None,
-            "space": self._toggle_pause,
-            "p": self._toggle_pause,
-            "c": lambda: self._flip("compensate"),
-            "i": lambda: self._flip("show_stats"),
-            "b": lambda: self._flip("blackout"),
-            "[": lambda: self._set_steps(self.steps // 2),
-            "]": lambda: self._set_steps(min(max(2 * self.steps, 1), MOST_STEPS)),
-            "v": self._next_view,
-            "f": self._toggle_fullscreen,
-            "s": self._screenshot,
-            "q": lambda: self._flip("done"),
-            "escape": lambda: self._flip("done"),
-            **{key: partial(self._seek, step) for key, step in SEEKS_S.items()},
-        }
-
-    def _flip(self, name: str) -> None:
-        setattr(self, name, not getattr(self, name))
-
-    def _set_steps(self, steps: int) -> None:
-        self.steps, self._budget = steps, None
-        self._message = f"{steps} steps of refinement"
-
-    def _toggle_pause(self) -> None:
-        self.paused = not self.paused
-        if self._started_at is not None:
-            # Playing, it is the clock time of media time 0; paused, the media time: each is the clock less the other.
-            self._started_at = self._clock() - self._started_at
-
-    def _seek(self, step: float) -> None:
-        if self._reader.info.still:
+        """Take the frame that is due, if any, and show it; draw again what a key or a remote changed."""
+        self._collect_notices()
+        playback = self.playback
+        if playback is None or self.done:
             return
-        self._drop_pending()
-        if self._reader.info.duration_s:
-            self._position_s %= self._reader.info.duration_s  # time goes on when a medium is looped
-        self._position_s = max(0.0, self._position_s + step)
-        self._reader.seek(self._position_s)
-        self._started_at, self._rendered = None, False
-
-    def _toggle_fullscreen(self) -> None:
         try:
-            self._display.toggle_fullscreen()
-        except InputError as error:  # the monitor has gone: the show goes on in its window
-            self._message = str(error)
-            print(error, file=sys.stderr)
-
-    def _next_view(self) -> None:
-        self.view = VIEWS[(VIEWS.index(self.view) + 1) % len(VIEWS)]
-
-    def _screenshot(self) -> None:
-        if not self._rendered:
-            return
-        path = self._screenshots / f"counterlight-{time.strftime('%Y%m%d-%H%M%S')}-{self.stats.frames:06d}.png"
-        try:
-            with replacing_file(path) as temporary:
-                write_picture(temporary, self._renderer)
-            self._message = f"saved {path}"
+            frame = playback.due()
         except InputError as error:
-            self._message = str(error)
-        print(self._message)
+            self._pass_over(error)
+            self.open_current()
+            return
+        self.stats.dropped, playback.dropped = self.stats.dropped + playback.dropped, 0
+        if frame is not None:
+            self._upload(frame, playback)
+        elif playback.finished:
+            self.go(1)
+            return
+        self._draw(playback, frame)
 
-    def _due_frame(self) -> Frame | None:
-        """The newest frame whose time has come; older ones that were not shown in time are dropped and counted."""
-        due: Frame | None = None
-        while True:
-            self._pending = self._pending or self._reader.poll()
-            if self._pending is None:
-                break
-            if self._started_at is None:
-                self._started_at = self._anchor(self._pending.time_s)
-            if self._pending.time_s > self._media_time():
-                break
-            if due is not None:
-                self._reader.release(due)
-                self.stats.dropped += 1
-            due, self._pending = self._pending, None
-        return due
+    def press(self, key: str) -> None:
+        """Do what a key stands for and say on the screen what it changed; unknown keys do nothing."""
+        if key == REDRAW:
+            self._changed = True
+            return
+        said = self.keys.press(key, placing=self.placing is not None)
+        if said:
+            self.say(said)
 
-    def _anchor(self, time_s: float) -> float:
-        return time_s if self.paused else self._clock() - time_s
+    def say(self, text: str, seconds: float | None = None) -> None:
+        """Write a line over the picture for a while."""
+        self.message.say(text, *([] if seconds is None else [seconds]))
 
-    def _media_time(self) -> float:
-        assert self._started_at is not None
-        return self._started_at if self.paused else self._clock() - self._started_at
+    def notice(self, text: str) -> None:
+        """Something that went wrong without stopping the show: for the log, the statistics and the screen."""
+        print(text, file=sys.stderr)
+        self.stats.notices.append(text)
+        self.say(text, 3.0)
 
-    def _wait_s(self) -> float:
-        if self._dirty:
-            return 0.0
-        if self._pending is None or self._started_at is None or self.paused:
-            return LONGEST_WAIT_S if self._rendered else 0.001
-        return min(max(self._pending.time_s - self._media_time(), 0.0), LONGEST_WAIT_S)
+    def changed(self) -> None:
+        """Have the view drawn again."""
+        self._changed = True
 
-    def _drop_pending(self) -> None:
-        if self._pending is not None:
-            self._reader.release(self._pending)
-            self._pending = None
+    def adjust(self, picture: Picture) -> None:
+        self.renderer.adjust(picture)
+        if self._incoming is not None:
+            self._incoming.adjust(picture)
+        self.picture = picture
+        self._changed = True
 
-    def _draw(self) -> None:
+    def set_refine(self, steps: Steps) -> None:
+        self.refine = steps
+        self._budget = self._new_budget()
+        self._changed = True
+
+    @property
+    def steps(self) -> int:
+        """Of refinement, a frame."""
+        return self._budget.steps if self._budget is not None else int(self.refine)
+
+    def go(self, by: int) -> bool:
+        """Play the next (1) or the one before (-1); past the end the session is done, before the beginning it stays."""
+        if self.playlist.step(by):
+            self.open_current()
+            return True
+        self.done = self.done or by > 0
+        return False
+
+    def open_current(self, *, first: bool = False) -> None:
+        """Open the playlist's medium; those that cannot be opened are told and passed over."""
+        while not self.done:
+            try:
+                self.begin(self.playlist.current, self.setup.start_s if first else 0.0)
+                return
+            except InputError as error:
+                self._pass_over(error)
+
+    def begin(self, medium: str, start_s: float = 0.0) -> None:
+        """Play a medium; raises InputError, leaving what plays, if it cannot be opened."""
+        before = self.playback
+        loop = self.setup.loop_file if before is None else before.loop
+        reader = self._open_reader(medium, loop)
+        try:
+            self.renderer.open(reader.info.format)
+        except BaseException:
+            reader.close()
+            raise
+        self.playback = Playback(
+            reader,
+            self._clock,
+            loop=loop,
+            seamless=loop,
+            hold_s=self.image_display_duration,
+            paused=before is not None and before.paused,
+            speed=self.setup.speed if before is None else before.speed,
+        )
+        if before is not None:
+            before.close()
+            for text in before.reader.notices():
+                self.notice(text)
+        if start_s and not reader.info.still:
+            self.playback.seek(start_s)
+        if self._incoming is not None:
+            self._incoming.open(reader.info.format)
+        self._uploaded, self.placing = False, None
+        self._budget = self._new_budget()
+        self.stats.interrupted()
+        self.display.set_title(f"{medium} - Counterlight")
+
+    def replace_renderer(self, renderer: Renderer) -> None:
+        """Take another renderer as soon as it has a frame to show; what is on the screen stays until then."""
+        assert self.playback is not None
+        try:
+            renderer.open(self.playback.reader.info.format)
+            renderer.adjust(self.picture)
+        except BaseException:
+            renderer.release()
+            raise
+        if self._incoming is not None:
+            self._incoming.release()
+        self._incoming = renderer
+        self.playback.refresh()
+
+    def certificate(self, max_age_s: float = FACTS_INTERVAL_S) -> Certificate | None:
+        """How far the picture is from the best one; measured again if what is known is older."""
+        if self._uploaded and self._draws and self._clock() - self._certified_at >= max_age_s:
+            self._certificate, self._certified_at = self.renderer.certificate(), self._clock()
+        return self._certificate
+
+    def facts(self) -> dict[str, Any]:
+        """How the show goes, for the heartbeat; looked at again now and then."""
+        if self._clock() - self._told_at >= FACTS_INTERVAL_S:
+            self._facts, self._told_at = facts(self), self._clock()
+        return self._facts
+
+    @property
+    def rendered(self) -> bool:
+        """Whether there is a view to save."""
+        return self._draws > 0
+
+    def _upload(self, frame: Frame, playback: Playback) -> None:
         start = time.perf_counter()
-        if self._budget is not None:
-            self.steps = self._budget.steps
-        self._renderer.render(self.view, compensate=self.compensate, frame=self.stats.frames, steps=self.steps)
-        self._renderer.finish()
+        if self._incoming is not None:
+            self.renderer.release()
+            self.renderer, self._incoming = self._incoming, None
+        self.renderer.upload(frame)
+        playback.reader.release(frame)
+        self.stats.add("decode", frame.decode_s)
+        self.stats.add("upload", time.perf_counter() - start)
+        self.stats.frames += 1
+        self._failures = 0
+        self._uploaded = self._changed = True
+
+    def _draw(self, playback: Playback, frame: Frame | None) -> None:
+        """Render if the view has changed, and present if that or the page over it has."""
+        render = self._changed and self._uploaded
+        if render:
+            self._render()
+        shown = self._new_page(), self.blackout
+        if self._draws and (render or shown != self._shown):
+            self.display.present(shown[0], black=self.blackout)
+            self._shown = shown
+            due_s = playback.due_at(frame) if frame is not None else None
+            if due_s is not None:
+                self.stats.shown(self._clock(), due_s)
+            elif frame is not None:
+                self.stats.interrupted()
+
+    def _render(self) -> None:
+        start, steps = time.perf_counter(), self.steps
+        self.renderer.render(self.view, compensate=self.compensation, frame=self.stats.frames, steps=steps)
+        self.renderer.finish()
         seconds = time.perf_counter() - start
         self.stats.add("gpu", seconds)
         if self._budget is not None:
             self._budget.took(seconds)
         self._draws += 1
-        self._steps_made += self.steps
-        if self.show_stats and self._clock() - self._certified_at >= STATS_INTERVAL_S:
-            self._certify()
-        self._display.present(self._lines() if self.show_stats else [], black=self.blackout)
-        self._dirty = False
+        self._steps_made += steps
+        self._changed = False
 
-    def _certify(self) -> None:
-        self._certificate, self._certified_at = self._renderer.certificate(), self._clock()
+    def _new_page(self) -> Page | None:
+        """What is written over the picture; the statistics' figures stand still for PAGE_INTERVAL_S."""
+        text, opacity = self.message.text, self.message.opacity
+        if self.show_help:
+            return Page(tuple(self.keys.help_lines(placing=self.placing is not None)))
+        if self.show_stats:
+            shown = self._shown[0]
+            if shown is not None and shown.histogram and self._clock() - self._paged_at < PAGE_INTERVAL_S:
+                return shown
+            self._paged_at = self._clock()
+            return stats_page(self, text)
+        if self.placing is not None:
+            return Page((f"placing the {self.placing.selected}; ? lists the keys", *([text] if text else [])))
+        return Page((text,), opacity=opacity) if text and self.osd else None
 
-    def _lines(self) -> list[str]:
-        info, stats = self._reader.info, self.stats
-        return [
-            f"{Path(info.path).name}  {info.format.width}x{info.format.height}  {info.frames_per_second:.3g} fps",
-            f"{self._position_s:.2f} s  view {self.view}  compensation {'on' if self.compensate else 'off'}",
-            f"frames {stats.frames}  dropped {stats.dropped}",
-            *(f"{stage} {stats.median_ms(stage):.1f} ms" for stage in ("decode", "upload", "gpu")),
-            *([f"refinement {self.steps} steps, {self._certificate}"] if self._certificate is not None else []),
-            *([self._message] if self._message else []),
-        ]
+    def _wait_s(self) -> float:
+        if self._changed and self._uploaded:
+            return 0.0
+        wait = LONGEST_WAIT_S if self.playback is None else self.playback.wait_s(LONGEST_WAIT_S)
+        return min(wait, FADE_WAIT_S) if self.message.opacity else wait
+
+    def _pass_over(self, error: InputError) -> None:
+        """Go on to the next medium, or raise if none of the list can be played."""
+        self._failures += 1
+        if self._failures >= len(self.playlist.media):
+            raise error
+        self.notice(str(error))
+        self.done = not self.playlist.step(1)
+
+    def _collect_notices(self) -> None:
+        readers = [] if self.playback is None else self.playback.reader.notices()
+        for text in [*readers, *self.display.notices()]:
+            self.notice(text)
+
+    def _new_budget(self) -> StepBudget | None:
+        if self.refine != "auto" or self.playback is None:
+            return None
+        return StepBudget(1 / self.playback.reader.info.frames_per_second)

@@ -10,10 +10,17 @@ import numpy as np
 from player.files import replacing_file
 
 RECENT = 10_000  # frames whose times are kept: minutes of playback, a fixed amount of memory
+FEW = 120  # the frames that the rate is measured over
+LATE_EDGES_MS = (1, 2, 4, 8, 16, 32, 64)
+LATE_LABELS = ("<1 ms", "1-2", "2-4", "4-8", "8-16", "16-32", "32-64", ">64")
 
 
 class Stats:
-    """Frames shown and dropped, and milliseconds per stage of the most recent frames."""
+    """Frames shown and dropped, when they were shown, and milliseconds per stage of the most recent frames.
+
+    late : how long after its time each frame stood on the screen.
+    judder : how much the interval between two frames on the screen differed from that between their times.
+    """
 
     def __init__(self) -> None:
         self.frames = 0
@@ -21,12 +28,44 @@ class Stats:
         self.notices: list[str] = []
         self.facts: dict[str, Any] = {}
         self._stages: dict[str, deque[float]] = {}
+        self._late_counts = [0] * len(LATE_LABELS)
+        self._last_late_s: float | None = None
+        self._shown_at: deque[float] = deque(maxlen=FEW)
 
     def add(self, stage: str, seconds: float) -> None:
         self._stages.setdefault(stage, deque(maxlen=RECENT)).append(1000 * seconds)
 
+    def shown(self, at_s: float, due_s: float) -> None:
+        """A frame that was due at clock time `due_s` stands on the screen at `at_s`."""
+        late_s = at_s - due_s
+        self.add("late", late_s)
+        self._late_counts[int(np.searchsorted(LATE_EDGES_MS, 1000 * late_s, side="right"))] += 1
+        if self._last_late_s is not None:
+            self.add("judder", abs(late_s - self._last_late_s))
+        self._last_late_s = late_s
+        self._shown_at.append(at_s)
+
+    def interrupted(self) -> None:
+        """Pause, a seek or another medium: the next frame's interval is not the one before's."""
+        self._last_late_s = None
+        self._shown_at.clear()
+
+    @property
+    def late_counts(self) -> tuple[int, ...]:
+        """Frames by how late they were: below, between and above LATE_EDGES_MS."""
+        return tuple(self._late_counts)
+
+    @property
+    def frames_per_second(self) -> float:
+        """The rate at which the last frames came to the screen; 0 before the second."""
+        span = self._shown_at[-1] - self._shown_at[0] if len(self._shown_at) > 1 else 0.0
+        return (len(self._shown_at) - 1) / span if span else 0.0
+
     def median_ms(self, stage: str) -> float:
-        return float(np.median(self._stages[stage])) if stage in self._stages else 0.0
+        return self.percentile_ms(stage, 50)
+
+    def percentile_ms(self, stage: str, percent: float) -> float:
+        return float(np.percentile(self._stages[stage], percent)) if stage in self._stages else 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """Counts, facts, and median and 95th percentile of every stage in milliseconds."""
@@ -34,7 +73,8 @@ class Stats:
             f"{stage}_ms": {"median": float(np.median(values)), "p95": float(np.percentile(values, 95))}
             for stage, values in self._stages.items()
         }
-        return {"frames": self.frames, "dropped": self.dropped, **self.facts, **stages, "notices": self.notices}
+        late = {"late_frames": dict(zip(LATE_LABELS, self._late_counts, strict=True))} if self._shown_at else {}
+        return {"frames": self.frames, "dropped": self.dropped, **self.facts, **stages, **late, "notices": self.notices}
 
     def write(self, path: Path) -> None:
         with replacing_file(path) as temporary:

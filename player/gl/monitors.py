@@ -6,7 +6,7 @@ X11 needs libXrandr at run time: without it GLFW sees one monitor named "Display
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import glfw
 
@@ -74,12 +74,25 @@ def find_monitor(monitors: Sequence[Monitor], name_or_index: str | int) -> Monit
     raise InputError(f"monitor {wanted!r}: not there, found: {there}; give one of these names or numbers")
 
 
-def monitor_handle(monitor: Monitor) -> Any:
-    """GLFW's pointer for a monitor of `list_monitors`; InputError if it has gone since."""
-    handles = glfw.get_monitors()
-    if monitor.index >= len(handles):
-        raise InputError(f"monitor {monitor}: no longer connected; plug it in again")
-    return handles[monitor.index]
+def monitor_handle(name: str) -> tuple[Monitor, Any]:
+    """The monitor of that name as it is set now, and GLFW's pointer for it; InputError if it is not connected."""
+    for monitor in list_monitors():
+        if monitor.name == name:
+            return monitor, glfw.get_monitors()[monitor.index]
+    raise InputError(f"monitor {name}: not connected; plug it in again")
+
+
+def after_a_change(
+    home: str | None, monitors: Sequence[Monitor], *, at_home: bool
+) -> Literal["stay", "return", "left"]:
+    """What a window does when monitors come or go: nothing, go back to its monitor, or say that it has gone.
+
+    home : name of the monitor that the window belongs on; None for any.  at_home : whether it was there until now.
+    """
+    there = home in {monitor.name for monitor in monitors}
+    if home is None or there == at_home:
+        return "stay"
+    return "return" if there else "left"
 
 
 def _describe(index: int, name: str, handle: Any) -> Monitor:

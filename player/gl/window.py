@@ -1,35 +1,50 @@
 """The player's window: a GLFW window with an OpenGL 3.3 context, its keys, and the pass that presents a picture."""
 
-import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import cv2
 import glfw
 import moderngl
-import numpy as np
-from numpy.typing import NDArray
 
 from player.errors import InputError
-from player.gl.monitors import Monitor, monitor_handle, raising, start_glfw
+from player.gl.monitor_labels import MonitorLabels
+from player.gl.monitors import (
+    Monitor,
+    after_a_change,
+    find_monitor,
+    list_monitors,
+    monitor_handle,
+    raising,
+    start_glfw,
+)
 from player.gl.passes import ScreenPass
+from player.osd import Page, draw
 
-OVERLAY_SHAPE = (240, 720)
 REDRAW = "redraw"  # not a key: the window was resized or uncovered
-LINE_HEIGHT, MARGIN, GROUND_ALPHA = 22, 8, 170
+CURSOR_S = 1.0  # how long a cursor that rests is seen in a window; full screen it never is
+LABELS_S = 3.0
 NAMED_KEYS = {
     glfw.KEY_SPACE: "space",
     glfw.KEY_ESCAPE: "escape",
+    glfw.KEY_ENTER: "enter",
+    glfw.KEY_KP_ENTER: "enter",
+    glfw.KEY_TAB: "tab",
+    glfw.KEY_BACKSPACE: "backspace",
     glfw.KEY_LEFT: "left",
     glfw.KEY_RIGHT: "right",
     glfw.KEY_UP: "up",
     glfw.KEY_DOWN: "down",
+    glfw.KEY_PAGE_UP: "pageup",
+    glfw.KEY_PAGE_DOWN: "pagedown",
+    glfw.KEY_HOME: "home",
+    glfw.KEY_END: "end",
 }
 
 
 class Window:
-    """A window of the projector's size, or a monitor filled.
+    """A window of the projector's size, or a monitor filled; it comes back to its monitor when that was unplugged.
 
     shape : (height, width) of the picture that is shown.  monitor : where to go full screen; None for the primary one.
     exact : refuse a full screen whose size is not `shape`, since the correction is pixel by pixel.
@@ -39,25 +54,35 @@ class Window:
         self, shape: tuple[int, int], title: str, *, monitor: Monitor | None, fullscreen: bool, exact: bool, vsync: bool
     ) -> None:
         start_glfw()
-        self._shape, self._monitor, self._vsync = shape, monitor, vsync
+        self._shape, self._vsync = shape, vsync
+        self._home = None if monitor is None else monitor.name
+        self._fills = self._at_home = False
         self._keys: list[str] = []
+        self._notices: list[str] = []
+        self._labels: MonitorLabels | None = None
+        self._monitors_changed = False
+        self._cursor_moved_at = time.monotonic()
         if fullscreen and exact and monitor is not None:
             _check_size(shape, monitor)
         self._handle = _open(shape, title)
         try:
             self.context = moderngl.create_context(require=330)
-            self._present = _Presenter(self.context, shape)
+            self._present = _Presenter(self.context)
         except BaseException:
             self.release()
             raise
         glfw.set_key_callback(self._handle, self._on_key)
+        glfw.set_char_callback(self._handle, self._on_character)
+        glfw.set_cursor_pos_callback(self._handle, self._on_cursor)
         glfw.set_framebuffer_size_callback(self._handle, self._on_change)
         glfw.set_window_refresh_callback(self._handle, self._on_change)
+        glfw.set_monitor_callback(self._on_monitor)
         self._windowed_at = (0, 0)
         if monitor is not None:
             glfw.set_window_pos(self._handle, monitor.x, monitor.y)
+            self._at_home = True
         if fullscreen:
-            self.toggle_fullscreen()
+            self.set_fullscreen(True)
         glfw.show_window(self._handle)
         glfw.swap_interval(int(vsync))
 
@@ -73,56 +98,142 @@ class Window:
     def fullscreen(self) -> bool:
         return bool(glfw.get_window_monitor(self._handle))
 
+    @property
+    def monitor(self) -> str:
+        """Name of the monitor that the window fills or that its middle is on."""
+        monitors = list_monitors()
+        (left, top), (width, height) = glfw.get_window_pos(self._handle), glfw.get_window_size(self._handle)
+        x, y = left + width // 2, top + height // 2
+        for monitor in monitors:
+            if monitor.x <= x < monitor.x + monitor.width and monitor.y <= y < monitor.y + monitor.height:
+                return monitor.name
+        return monitors[0].name if monitors else "none"
+
     def poll(self, timeout_s: float) -> list[str]:
-        """Names of the keys pressed since the last call, waiting at most `timeout_s` for an event."""
+        """Names of the keys pressed since the last call (player/keys.py), waiting at most `timeout_s` for an event."""
         if timeout_s > 0:
             glfw.wait_events_timeout(timeout_s)
         else:
             glfw.poll_events()
+        if self._monitors_changed:
+            self._monitors_changed = False
+            self._follow_monitor()
+        if self._labels is not None and self._labels.over:
+            self._remove_labels()
+        if time.monotonic() - self._cursor_moved_at > CURSOR_S:
+            self._show_cursor(False)
         keys, self._keys = self._keys, []
         return keys
 
-    def present(self, lines: list[str], *, black: bool) -> None:
-        """Show the attached picture, or black, with lines of text over it."""
+    def notices(self) -> list[str]:
+        """What happened to the monitors since the last call."""
+        fresh, self._notices = self._notices, []
+        return fresh
+
+    def present(self, page: Page | None, *, black: bool) -> None:
+        """Show the attached picture, or black, with a page over it."""
         size = glfw.get_framebuffer_size(self._handle)
+        if 0 in size:  # iconified
+            return
         self.context.screen.viewport = (0, 0, *size)
-        self._present.run(self._picture(), size, lines, black=black)
+        self._present.run(self._picture(), size, page, black=black)
         glfw.swap_buffers(self._handle)
 
-    def toggle_fullscreen(self) -> None:
+    def set_title(self, title: str) -> None:
+        glfw.set_window_title(self._handle, title)
+
+    def set_fullscreen(self, on: bool) -> None:
         """Fill the monitor, or go back to a window. The video mode of the monitor is left as it is."""
-        if self.fullscreen:
-            height, width = self._shape
-            nowhere: Any = None
-            glfw.set_window_monitor(self._handle, nowhere, *self._windowed_at, width, height, glfw.DONT_CARE)
-            glfw.set_input_mode(self._handle, glfw.CURSOR, glfw.CURSOR_NORMAL)
-        else:
+        if on and not self.fullscreen:
+            monitor, handle = monitor_handle(self._home or list_monitors()[0].name)
             self._windowed_at = glfw.get_window_pos(self._handle)
-            handle = glfw.get_primary_monitor() if self._monitor is None else monitor_handle(self._monitor)
-            mode = glfw.get_video_mode(handle)
-            if (mode.size.height, mode.size.width) != self._shape:
-                found, needed = f"{mode.size.width}x{mode.size.height}", f"{self._shape[1]}x{self._shape[0]}"
-                print(f"the monitor is {found}, the projector {needed}: centred, so not corrected", file=sys.stderr)
-            glfw.set_window_monitor(self._handle, handle, 0, 0, *mode.size, mode.refresh_rate)
-            glfw.set_input_mode(self._handle, glfw.CURSOR, glfw.CURSOR_HIDDEN)
+            self._home, self._at_home = monitor.name, True
+            if (monitor.height, monitor.width) != self._shape:
+                found, needed = f"{monitor.width}x{monitor.height}", f"{self._shape[1]}x{self._shape[0]}"
+                self._notices.append(f"the monitor is {found}, the projector {needed}: centred, so not corrected")
+            glfw.set_window_monitor(self._handle, handle, 0, 0, monitor.width, monitor.height, monitor.refresh_hz)
+        elif not on and self.fullscreen:
+            self._become_window(self._windowed_at)
+        self._fills = on
+        self._show_cursor(not on)
         glfw.swap_interval(int(self._vsync))  # some drivers forget it with the change
 
+    def move_to(self, monitor: object) -> None:
+        """Go to the monitor of a name or number, filling it if the window fills one now."""
+        wanted = find_monitor(list_monitors(), str(monitor))
+        fills = self._fills
+        if self.fullscreen:
+            self._become_window((wanted.x, wanted.y))
+        self._home, self._at_home = wanted.name, True
+        glfw.set_window_pos(self._handle, wanted.x, wanted.y)
+        self.set_fullscreen(fills)
+
+    def identify(self) -> None:
+        """Write its number, name and size on every monitor for a while."""
+        self._remove_labels()
+        self._labels = MonitorLabels(list_monitors(), LABELS_S)
+        glfw.make_context_current(self._handle)
+
     def release(self) -> None:
+        self._remove_labels()
         if hasattr(self, "_present"):
             self._present.release()
         if hasattr(self, "context"):
             self.context.release()
         glfw.destroy_window(self._handle)
 
+    def _become_window(self, position: tuple[int, int]) -> None:
+        height, width = self._shape
+        nowhere: Any = None
+        glfw.set_window_monitor(self._handle, nowhere, *position, width, height, glfw.DONT_CARE)
+
+    def _follow_monitor(self) -> None:
+        """Go back to a monitor that is there again; say so when it has gone (GLFW has made a window of us then)."""
+        monitors = list_monitors()
+        act = after_a_change(self._home, monitors, at_home=self._at_home)
+        if act == "left":
+            self._at_home = False
+            self._notices.append(f"monitor {self._home} has gone; waiting for it in a window")
+        elif act == "return" and self._home is not None:
+            self.move_to(self._home)
+            self._notices.append(f"monitor {self._home} is back")
+        self._keys.append(REDRAW)
+
+    def _remove_labels(self) -> None:
+        if self._labels is not None:
+            self._labels.release()
+            self._labels = None
+            glfw.make_context_current(self._handle)
+
+    def _show_cursor(self, on: bool) -> None:
+        wanted = glfw.CURSOR_NORMAL if on and not self.fullscreen else glfw.CURSOR_HIDDEN
+        if glfw.get_input_mode(self._handle, glfw.CURSOR) != wanted:
+            glfw.set_input_mode(self._handle, glfw.CURSOR, wanted)
+
     def _on_change(self, *_: object) -> None:
         self._keys.append(REDRAW)
 
-    def _on_key(self, _window: object, key: int, _scancode: int, action: int, _modifiers: int) -> None:
+    def _on_monitor(self, *_: object) -> None:
+        self._monitors_changed = True
+
+    def _on_cursor(self, *_: object) -> None:
+        self._cursor_moved_at = time.monotonic()
+        self._show_cursor(True)
+
+    def _on_character(self, _window: object, codepoint: int) -> None:
+        if codepoint != ord(" "):  # a named key
+            self._keys.append(chr(codepoint))
+
+    def _on_key(self, _window: object, key: int, scancode: int, action: int, modifiers: int) -> None:
+        """Named keys, and characters with ctrl; plain characters arrive in _on_character, as the layout makes them."""
         if action not in (glfw.PRESS, glfw.REPEAT):
             return
-        name = NAMED_KEYS.get(key) or glfw.get_key_name(key, 0)
-        if name:
-            self._keys.append(name)
+        name = NAMED_KEYS.get(key)
+        if modifiers & glfw.MOD_CONTROL:
+            name = name or glfw.get_key_name(key, scancode)
+            self._keys += [f"ctrl+{name}"] if name else []
+        elif name is not None:
+            self._keys.append(f"shift+{name}" if modifiers & glfw.MOD_SHIFT else name)
 
 
 @contextmanager
@@ -138,39 +249,34 @@ def open_window(
 
 
 class _Presenter:
-    """The present pass and its overlay texture."""
+    """The present pass and its overlay texture, made anew when a page has another size."""
 
-    def __init__(self, context: moderngl.Context, shape: tuple[int, int]) -> None:
-        height, width = OVERLAY_SHAPE
-        self._overlay = context.texture((width, height), 4, dtype="f1")
-        self._no_overlay = context.texture((1, 1), 4, bytes(4), dtype="f1")
-        self._black = context.texture((1, 1), 4, bytes(4), dtype="f1")
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context = context
+        self._none = context.texture((1, 1), 4, bytes(4), dtype="f1")
+        self._overlay = context.texture((1, 1), 4, bytes(4), dtype="f1")
         self._pass = ScreenPass(context, "present.frag")
-        self._context, self._shape = context, shape
-        self._shown: list[str] = []
+        self._drawn: tuple[Page, tuple[int, int]] | None = None
 
-    def run(self, picture: moderngl.Texture, size: tuple[int, int], lines: list[str], *, black: bool) -> None:
-        if lines and lines != self._shown:
-            self._overlay.write(draw_text(lines, OVERLAY_SHAPE))
-            self._shown = list(lines)
+    def run(self, picture: moderngl.Texture, size: tuple[int, int], page: Page | None, *, black: bool) -> None:
+        if page is not None and (page, size) != self._drawn:
+            self._draw_page(page, size)
         self._context.screen.use()
         self._pass.set(window_size=size, place=_centred((picture.height, picture.width), size))
-        self._pass.draw(picture=self._black if black else picture, overlay=self._overlay if lines else self._no_overlay)
+        self._pass.draw(picture=self._none if black else picture, overlay=self._none if page is None else self._overlay)
 
     def release(self) -> None:
-        for resource in (self._pass, self._overlay, self._no_overlay, self._black):
+        for resource in (self._pass, self._overlay, self._none):
             resource.release()
 
-
-def draw_text(lines: list[str], shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """White lines on a dark, half transparent ground, (height, width, RGBA); the ground is as high as the text."""
-    ink = np.zeros(shape, np.uint8)
-    for row, line in enumerate(lines):
-        at = MARGIN, MARGIN + LINE_HEIGHT * row + 16
-        cv2.putText(ink, line, at, cv2.FONT_HERSHEY_SIMPLEX, 0.55, (255,), 1, cv2.LINE_AA)
-    ground = np.zeros(shape, np.uint8)
-    ground[: LINE_HEIGHT * len(lines) + 2 * MARGIN] = GROUND_ALPHA
-    return np.dstack([ink, ink, ink, np.maximum(ink, ground)])
+    def _draw_page(self, page: Page, size: tuple[int, int]) -> None:
+        pixels = draw(page, (size[1], size[0]))
+        height, width = pixels.shape[:2]
+        if self._overlay.size != (width, height):
+            self._overlay.release()
+            self._overlay = self._context.texture((width, height), 4, dtype="f1")
+        self._overlay.write(pixels)
+        self._drawn = page, size
 
 
 def _open(shape: tuple[int, int], title: str) -> Any:

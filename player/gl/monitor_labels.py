@@ -1,0 +1,71 @@
+"""Number, name and size of every monitor, written on it: small windows without focus that go by themselves."""
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import glfw
+import moderngl
+
+from player.gl.monitors import Monitor
+from player.gl.passes import ScreenPass
+from player.osd import Page, draw
+
+LETTERS = (2160, 3840)  # as if the window were this large (height, width): the text is read across a room
+HINTS = {
+    glfw.DECORATED: False,
+    glfw.FLOATING: True,
+    glfw.FOCUSED: False,
+    glfw.FOCUS_ON_SHOW: False,
+    glfw.MOUSE_PASSTHROUGH: True,
+    glfw.RESIZABLE: False,
+    glfw.VISIBLE: False,
+}
+
+
+class MonitorLabels:
+    """Opened as it is made; `over` after some seconds, then to be released. Another context is current afterwards."""
+
+    def __init__(self, monitors: Sequence[Monitor], seconds: float) -> None:
+        self._until = time.monotonic() + seconds
+        self._windows: list[Any] = []
+        for monitor in monitors:
+            self._open(monitor)
+
+    @property
+    def over(self) -> bool:
+        return time.monotonic() >= self._until
+
+    def release(self) -> None:
+        for window in self._windows:
+            glfw.destroy_window(window)
+        self._windows = []
+
+    def _open(self, monitor: Monitor) -> None:
+        """A window in the middle of a monitor, drawn once. A monitor whose window cannot be opened has no label."""
+        pixels = draw(Page((f"{monitor.index}  {monitor.name}", f"{monitor.width}x{monitor.height}")), LETTERS)
+        height, width = min(pixels.shape[0], monitor.height), min(pixels.shape[1], monitor.width)
+        for hint, value in HINTS.items():
+            glfw.window_hint(hint, value)
+        window = glfw.create_window(width, height, monitor.name, None, None)
+        if not window:
+            return
+        self._windows.append(window)
+        x, y = monitor.x + (monitor.width - width) // 2, monitor.y + (monitor.height - height) // 2
+        glfw.set_window_pos(window, x, y)
+        glfw.show_window(window)
+        glfw.make_context_current(window)
+        _paint(moderngl.create_context(require=330), pixels.tobytes(), pixels.shape[1::-1], (width, height))
+        glfw.swap_buffers(window)
+
+
+def _paint(context: moderngl.Context, rgba: bytes, size: tuple[int, ...], window: tuple[int, int]) -> None:
+    texture = context.texture((size[0], size[1]), 4, rgba, dtype="f1")
+    black = context.texture((1, 1), 4, bytes(4), dtype="f1")
+    shown = ScreenPass(context, "present.frag", uniforms={"window_size": window, "place": (0, 0, *window)})
+    context.screen.viewport = (0, 0, *window)
+    context.screen.use()
+    shown.draw(picture=black, overlay=texture)
+    context.finish()
+    for resource in (shown, texture, black, context):
+        resource.release()

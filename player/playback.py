@@ -1,0 +1,207 @@
+"""One medium against a clock: which frame is due, pause, seek, step, speed, A-B loop. Knows no renderer, no window."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+from player.frames import Frame, MediaInfo
+
+MORE_THAN_ROUNDING_S = 1e-3
+
+
+class Reader(Protocol):
+    """player.video.MediaReader, as far as playback goes."""
+
+    info: MediaInfo
+    ended: bool
+
+    def poll(self) -> Frame | None: ...
+    def release(self, frame: Frame) -> None: ...
+    def seek(self, time_s: float) -> None: ...
+    def notices(self) -> list[str]: ...
+    def close(self) -> None: ...
+
+
+class Playback:
+    """Says which frame of a reader is due: the last whose time media time has reached; the overtaken are dropped.
+
+    clock : seconds, monotonic.  hold_s : how long a still is shown; None for ever.
+    seamless : the reader itself begins again at the end, as long as `loop` stays on.
+    """
+
+    def __init__(
+        self,
+        reader: Reader,
+        clock: Callable[[], float],
+        *,
+        loop: bool = False,
+        seamless: bool = False,
+        hold_s: float | None = None,
+        paused: bool = False,
+        speed: float = 1.0,
+    ) -> None:
+        self.reader, self.loop, self.hold_s = reader, loop, hold_s
+        self.dropped = 0
+        self.a_s: float | None = None
+        self.b_s: float | None = None
+        self._clock, self._seamless = clock, seamless
+        self._pending: Frame | None = None
+        self._anchor: tuple[float, float] | None = None  # clock and media time at once; None until a frame arrives
+        self._taken_s: float | None = None  # time of the frame that was taken last
+        self._taken_until_s = self._seconds = 0.0
+        self._paused, self._speed = paused, speed
+        self._wanted = True  # a frame that pause does not hold back: the first one, that of a seek, that of a step
+        self._cut_off = False
+
+    @property
+    def position_s(self) -> float:
+        """Time of the frame that was taken last, within the medium; where a seek goes, until its frame arrives."""
+        return self._seconds
+
+    @property
+    def paused(self) -> bool:
+        return self._paused
+
+    @paused.setter
+    def paused(self, paused: bool) -> None:
+        self._hold_now()
+        self._paused = paused
+
+    @property
+    def speed(self) -> float:
+        return self._speed
+
+    @speed.setter
+    def speed(self, speed: float) -> None:
+        self._hold_now()
+        self._speed = speed
+
+    @property
+    def finished(self) -> bool:
+        """Whether the last frame has been shown for its time; stills last `hold_s`."""
+        if self._wanted and not self._exhausted:
+            return False
+        now_s = self._media_time()
+        if self.reader.info.still:
+            return self.hold_s is not None and now_s is not None and now_s >= self.hold_s
+        return self._cut_off or (self._exhausted and (now_s is None or now_s >= self._taken_until_s))
+
+    def due(self) -> Frame | None:
+        """The newest frame whose time has come; older ones that were not shown in time are dropped and counted."""
+        if self._paused and not self._wanted:
+            return None
+        due: Frame | None = None
+        while self._fetch() and not self._cut_off:
+            pending = self._pending
+            assert pending is not None
+            if self._anchor is None or (self._paused and self._wanted):
+                self._anchor = self._clock(), pending.time_s
+                self._wanted = False
+            if not self._has_come(pending.time_s):
+                break
+            if self._leaves_loop(pending):
+                break
+            if due is not None:
+                self.reader.release(due)
+                self.dropped += 1
+            due, self._pending = pending, None
+            self._took(pending)
+        if due is None and self._exhausted and self.finished and not self.reader.info.still and self.loops:
+            self.seek(self.a_s or 0.0)
+        return due
+
+    @property
+    def loops(self) -> bool:
+        """Whether the end leads to a beginning: L is on, or there is a point A and the end comes before B."""
+        return self.loop or (self.a_s is not None and self.b_s is not None)
+
+    def due_at(self, frame: Frame) -> float | None:
+        """Clock time at which a frame should stand on the screen; None while paused."""
+        if self._anchor is None or self._paused:
+            return None
+        clock_s, media_s = self._anchor
+        return clock_s + (frame.time_s - media_s) / self._speed
+
+    def wait_s(self, longest_s: float) -> float:
+        """How long nothing will be due, if nobody acts."""
+        if self._pending is None or self._anchor is None or self._paused:
+            return 0.001 if self._wanted else longest_s
+        now_s = self._media_time()
+        assert now_s is not None
+        return min(max((self._pending.time_s - now_s) / self._speed, 0.0), longest_s)
+
+    def seek(self, time_s: float) -> None:
+        """Go on with the frame that is shown at `time_s` of the medium; a still stays as it is."""
+        self._drop_pending()
+        self._seconds = max(0.0, time_s)
+        self.reader.seek(self._seconds)
+        self._anchor = self._taken_s = None
+        self._wanted, self._cut_off = True, False
+
+    def refresh(self) -> None:
+        """Ask for the frame that is on the screen once more."""
+        self.seek(self._seconds)
+
+    def step(self, direction: int) -> None:
+        """Pause on the next frame (1) or the one before (-1)."""
+        self.paused = True
+        if direction > 0:
+            self._wanted = True
+        else:
+            self.seek(self._seconds - MORE_THAN_ROUNDING_S)
+
+    def close(self) -> None:
+        self._drop_pending()
+        self.reader.close()
+
+    @property
+    def _exhausted(self) -> bool:
+        return self.reader.ended and self._pending is None
+
+    def _fetch(self) -> bool:
+        self._pending = self._pending or self.reader.poll()
+        return self._pending is not None
+
+    def _took(self, frame: Frame) -> None:
+        self._wanted = False
+        self._taken_s, self._taken_until_s = frame.time_s, frame.time_s + frame.duration_s
+        self._seconds = self._in_medium(frame.time_s)
+
+    def _in_medium(self, time_s: float) -> float:
+        """A time that goes on when the reader begins again, within the medium."""
+        duration_s = self.reader.info.duration_s
+        return time_s % duration_s if self._seamless and duration_s else time_s
+
+    def _leaves_loop(self, frame: Frame) -> bool:
+        """Act on a frame that comes after B or, L being off by now, in another lap: go to A, or end."""
+        if self._taken_s is None:
+            return False
+        here_s, there_s = self._in_medium(self._taken_s), self._in_medium(frame.time_s)
+        again = there_s < here_s
+        if self.a_s is not None and self.b_s is not None and here_s < self.b_s and (there_s >= self.b_s or again):
+            self.seek(self.a_s)
+            return True
+        if again and self._seamless and not self.loop:
+            self._cut_off = True
+            return True
+        return False
+
+    def _media_time(self) -> float | None:
+        if self._anchor is None:
+            return None
+        clock_s, media_s = self._anchor
+        return media_s if self._paused else media_s + (self._clock() - clock_s) * self._speed
+
+    def _has_come(self, time_s: float) -> bool:
+        now_s = self._media_time()
+        return now_s is not None and time_s <= now_s
+
+    def _hold_now(self) -> None:
+        """Anchor the present media time, before the rate of time changes."""
+        now_s = self._media_time()
+        if now_s is not None:
+            self._anchor = self._clock(), now_s
+
+    def _drop_pending(self) -> None:
+        if self._pending is not None:
+            self.reader.release(self._pending)
+            self._pending = None

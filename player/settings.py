@@ -1,0 +1,66 @@
+"""The player's settings file: TOML with the options' own names, `[keys]` for key bindings. Options given win."""
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from player.commands import CommandError, nearest
+from player.errors import InputError
+from player.files import read_toml
+from player.keys import check_bindings
+
+NOT_SETTINGS = ("help", "config", "list-monitors", "output")
+KEYS_TABLE = "keys"
+
+
+def default_path(environment: Mapping[str, str], home: Path) -> Path:
+    """Where the settings are by the XDG Base Directory Specification."""
+    return Path(environment.get("XDG_CONFIG_HOME") or home / ".config") / "counterlight" / "player.toml"
+
+
+def apply_settings(parser: argparse.ArgumentParser, path: Path) -> dict[str, str]:
+    """Make a file's settings the defaults of a parser; returns its key bindings.
+
+    Raises InputError for an unknown name, with the nearest known one, and for a value that its option refuses.
+    """
+    table = read_toml(path, "correct it, or start with --no-config")
+    bindings = _bindings(table.pop(KEYS_TABLE, {}), path)
+    options = {_name(action): action for action in parser._actions if action.option_strings}
+    known = {name: action for name, action in options.items() if name not in NOT_SETTINGS}
+    for name, value in table.items():
+        if name not in known:
+            raise InputError(f"{path}: no setting {name!r}{nearest(name, [*known, KEYS_TABLE])}")
+        action = known[name]
+        parser.set_defaults(**{action.dest: _value(action, value, f"{path}: {name}")})
+    return bindings
+
+
+def _name(action: argparse.Action) -> str:
+    return action.option_strings[0].removeprefix("--")
+
+
+def _value(action: argparse.Action, value: Any, where: str) -> Any:
+    """What the option would make of it on the command line."""
+    if action.nargs == 0:  # a flag
+        if not isinstance(value, bool):
+            raise InputError(f"{where}: expected true or false, found {value!r}")
+        return value
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise InputError(f"{where}: expected text or a number, found {value!r}")
+    try:
+        read: Any = action.type(str(value)) if callable(action.type) else str(value)
+    except argparse.ArgumentTypeError as error:
+        raise InputError(f"{where}: {error}") from None
+    if action.choices is not None and read not in action.choices:
+        raise InputError(f"{where}: expected {', '.join(map(str, action.choices))}, found {value!r}")
+    return read
+
+
+def _bindings(table: Any, path: Path) -> dict[str, str]:
+    if not isinstance(table, dict):
+        raise InputError(f"{path}: {KEYS_TABLE} is a table of keys and commands: [{KEYS_TABLE}]")
+    try:
+        return check_bindings(table)
+    except CommandError as error:
+        raise InputError(f"{path}: {error}") from None

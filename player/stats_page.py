@@ -1,0 +1,69 @@
+"""What a session says of itself: the page that `i` shows, and the facts of the heartbeat."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from player.osd import Histogram, Page
+from player.stats import LATE_LABELS
+
+if TYPE_CHECKING:
+    from player.session import Session
+
+STAGES = ("decode", "upload", "gpu")
+
+
+def stats_page(session: "Session", message: str) -> Page:
+    """Medium, position, rates, the milliseconds of each stage, refinement, and how late frames were."""
+    stats, playback = session.stats, session.playback
+    assert playback is not None
+    info = playback.reader.info
+    size = f"{info.format.width}x{info.format.height}"
+    certificate = session.certificate()
+    compensation = "on" if session.compensation else "off"
+    lines = [
+        f"medium\t{Path(info.path).name}, {size}, {info.codec}, {info.frames_per_second:.3g} fps",
+        f"position\t{position(session)}, medium {session.playlist.position + 1} of {len(session.playlist.media)}",
+        f"view\t{session.view}, compensation {compensation}, monitor {session.display.monitor}",
+        f"frames\t{stats.frames} shown at {stats.frames_per_second:.1f} fps, {stats.dropped} dropped",
+        "time\t" + ", ".join(f"{stage} {stats.median_ms(stage):.1f} ms" for stage in STAGES),
+        f"refinement\t{session.steps} steps" + (f", {certificate}" if certificate is not None else ""),
+        f"judder\tmedian {stats.median_ms('judder'):.1f} ms, 95 % below {stats.percentile_ms('judder', 95):.1f} ms",
+        *([message] if message else []),
+        "frames by how late they were shown:",
+    ]
+    return Page(tuple(lines), Histogram((*stats.late_counts, stats.dropped), (*LATE_LABELS, "dropped")))
+
+
+def position(session: "Session") -> str:
+    """`0:00:05 / 0:01:30`."""
+    playback = session.playback
+    assert playback is not None
+    duration_s = playback.reader.info.duration_s
+    total = f" / {_clock(duration_s)}" if duration_s else ""
+    return _clock(playback.position_s) + total + (" paused" if playback.paused else "")
+
+
+def facts(session: "Session") -> dict[str, Any]:
+    """JSON-able: what somebody far away wants to know of the show. Costs a step of refinement, for the gap."""
+    stats, playback = session.stats, session.playback
+    assert playback is not None
+    certificate = session.certificate()
+    gap = {} if certificate is None else certificate.to_dict()
+    return {
+        "path": str(playback.reader.info.path),
+        "time_pos": round(playback.position_s, 3),
+        "paused": playback.paused,
+        "fps": round(stats.frames_per_second, 2),
+        "frames": stats.frames,
+        "dropped": stats.dropped,
+        "gpu_ms": round(stats.median_ms("gpu"), 2),
+        "late_ms": round(stats.median_ms("late"), 2),
+        "refine": session.steps,
+        "gap": gap.get("relative_gap"),
+        "gap_db": gap.get("below_optimum_db"),
+    }
+
+
+def _clock(seconds: float) -> str:
+    whole = int(seconds)
+    return f"{whole // 3600}:{whole // 60 % 60:02}:{whole % 60:02}"
