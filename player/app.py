@@ -24,7 +24,7 @@ from player.playlist import Playlist
 from player.refinement import DEFAULT_STEPS, STARTS, Certificate
 from player.renderer import Renderer, Room, place
 from player.session import Session
-from player.session_inputs import Setup, Site
+from player.session_inputs import Heartbeat, Remote, Setup, Site
 from player.stats import Stats
 from player.video import MediaReader, PixelFormat
 
@@ -44,15 +44,15 @@ def _main(argv: Sequence[str] | None) -> None:
         raise InputError(f"{options.stats.parent}: no such folder for --stats; make it first")
     if options.calibration is None or not options.media:
         raise InputError("play-corrected: needs a CALIBRATION and MEDIA; see play-corrected --help")
-    room = _room_of(options)
+    room = room_of(options)
     picture = replace(picture_of(options), corners=read_placement(options.calibration))
     print(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white is None else ''}")
-    stats = _render(options, room, picture) if options.output else _play(options, room, picture)
+    stats = _render(options, room, picture) if options.output else play_in_window(options, room, picture)
     if options.stats is not None:
         stats.write(options.stats)
 
 
-def _room_of(options: argparse.Namespace) -> Room:
+def room_of(options: argparse.Namespace) -> Room:
     return read_room(options.calibration, options.white, options.dither, options.refine, options.refine_from)
 
 
@@ -138,7 +138,15 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
     return stats
 
 
-def _play(options: argparse.Namespace, room: Room, picture: Picture) -> Stats:
+def play_in_window(
+    options: argparse.Namespace,
+    room: Room,
+    picture: Picture,
+    *,
+    remotes: Sequence[Remote] = (),
+    heartbeat: Heartbeat | None = None,
+) -> Stats:
+    """Play in a window until it ends; remotes may command the session, the heartbeat is told how it goes."""
     if options.backend == "cpu":
         raise InputError("--backend cpu has no window; add --output FILE")
     if not options.screenshot_directory.is_dir():
@@ -169,6 +177,8 @@ def _play(options: argparse.Namespace, room: Room, picture: Picture) -> Stats:
                 setup=_setup(options, room, picture),
                 site=_RoomInUse(options, room, lambda fresh: GlRenderer(window.context, fresh)).site(),
                 bindings=options.keys,
+                remotes=remotes,
+                heartbeat=heartbeat,
             )
 
             def shown() -> Any:
@@ -211,7 +221,7 @@ class _RoomInUse:
         return Site(self._reload, self._fit, keep, self._psnr, lambda: self._room.maps.refinement is not None)
 
     def _reload(self) -> Renderer:
-        fresh, before = _room_of(self._options), self._room.calibration.projector
+        fresh, before = room_of(self._options), self._room.calibration.projector
         projector = fresh.calibration.projector
         if projector.shape != before.shape:
             sizes = f"{projector.width}x{projector.height}, was {before.width}x{before.height}"

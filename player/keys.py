@@ -98,12 +98,14 @@ class Keys:
             return str(error)
 
     def help_lines(self, *, placing: bool) -> list[str]:
-        """A line a binding, keys and command apart by a tab; keys that do the same thing share it."""
+        """Keys and their command, a tab apart, in two columns; keys that follow each other and do the same share it."""
         table = PLACING if placing else self._bindings
-        lines = []
-        for words, pairs in groupby(table.items(), key=lambda pair: pair[1]):
-            lines.append(f"{'  '.join(key for key, _ in pairs)}\t{words}")
-        return lines
+        cells = [
+            f"{'  '.join(key for key, _ in pairs)}\t{words}"
+            for words, pairs in groupby(table.items(), key=lambda pair: pair[1])
+        ]
+        half = (len(cells) + 1) // 2
+        return ["\t".join(pair) for pair in zip(cells[:half], [*cells[half:], ""], strict=False)]
 
 
 def check_bindings(bindings: Mapping[str, object]) -> dict[str, str]:

@@ -132,7 +132,7 @@ class Playback:
     def seek(self, time_s: float) -> None:
         """Go on with the frame that is shown at `time_s` of the medium; a still stays as it is."""
         self._drop_pending()
-        self._seconds = max(0.0, time_s)
+        self._seconds = self._in_medium(max(0.0, time_s))
         self.reader.seek(self._seconds)
         self._anchor = self._taken_s = None
         self._wanted, self._cut_off = True, False

@@ -1,0 +1,131 @@
+"""Settings, options and playlists: names, values, files, and what is said when one is wrong."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from player.errors import InputError
+from player.options import image_display_duration, picture_of, read_options
+from player.picture import Picture
+from player.playlist import Playlist, expand
+from player.settings import default_path
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    return tmp_path / "player.toml"
+
+
+def options_with(config: Path, text: str, *arguments: str):  # type: ignore[no-untyped-def]
+    config.write_text(text)
+    return read_options(["room", "clip.mp4", "--config", str(config), *arguments], "")
+
+
+def test_settings_are_defaults_that_options_override(config: Path) -> None:
+    text = """
+refine = 7
+compensation = false
+loop = true
+view = "camera"
+white = 0.5
+image-display-duration = "inf"
+black-level = 0.1
+brightness = -5
+monitor = "HDMI-1"
+[keys]
+"ctrl+x" = "quit"
+"""
+    options = options_with(config, text)
+    assert (options.refine, options.compensation, options.loop, options.view) == (7, False, True, "camera")
+    assert (options.white, options.monitor) == (0.5, "HDMI-1")
+    assert picture_of(options) == Picture(brightness=-5, black_level=0.1)
+    assert options.keys == {"ctrl+x": "quit"}
+    assert image_display_duration(options) is None
+    options = options_with(config, text, "--refine", "auto", "--compensation", "--no-loop", "--brightness", "3")
+    assert (options.refine, options.compensation, options.loop, options.brightness) == ("auto", True, False, 3)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("refin = 3", "no setting 'refin'; did you mean 'refine'?"),
+        ("no-vsync = true", "no setting 'no-vsync'; did you mean 'vsync'?"),
+        ("output = 'x.png'", "no setting 'output'"),
+        ("refine = -1", "refine: expected auto or a number of steps"),
+        ("refine = [1]", "refine: expected text or a number, found [1]"),
+        ("refine = true", "refine: expected text or a number, found True"),
+        ("loop = 'yes'", "loop: expected true or false, found 'yes'"),
+        ("view = 'side'", "view: expected projector, camera"),
+        ("brightness = 200", "brightness: expected a whole number from -100 to 100"),
+        ("flicker = 0.99", "flicker: expected 0 to 0.95"),
+        ("keys = 3", "[keys]"),
+        ("[keys]\na = 3", "key 'a': expected a command as text, found 3"),
+        ("= 3", "not valid TOML"),
+    ],
+)
+def test_a_wrong_setting_is_one_line_that_names_the_file(config: Path, text: str, complaint: str) -> None:
+    with pytest.raises(InputError) as caught:
+        options_with(config, text)
+    line = str(caught.value)
+    assert complaint in line
+    assert line.startswith(str(config))
+    assert "\n" not in line
+
+
+def test_where_settings_are_looked_for(config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert default_path({"XDG_CONFIG_HOME": "/x"}, Path("/home/a")) == Path("/x/counterlight/player.toml")
+    assert default_path({}, Path("/home/a")) == Path("/home/a/.config/counterlight/player.toml")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    assert read_options(["room", "a"], "").refine is None  # none there: no complaint
+    (tmp_path / "counterlight").mkdir()
+    (tmp_path / "counterlight" / "player.toml").write_text("refine = 3")
+    assert read_options(["room", "a"], "").refine == 3
+    assert read_options(["room", "a", "--no-config"], "").refine is None
+    with pytest.raises(InputError, match="missing"):
+        read_options(["room", "a", "--config", str(config)], "")
+
+
+def test_options_may_stand_between_calibration_and_media() -> None:
+    options = read_options(["room", "--no-config", "--loop", "a.png", "--view", "camera", "b.png"], "")
+    assert (options.calibration, options.media) == (Path("room"), ["a.png", "b.png"])
+    assert image_display_duration(options) == 5
+    options.image_display_duration = math.inf
+    assert image_display_duration(options) is None
+
+
+def test_lists_name_media_beside_them(tmp_path: Path) -> None:
+    plain, m3u = tmp_path / "a.txt", tmp_path / "b.m3u"
+    plain.write_text("# a comment\n\none.png\n/two.mp4\n")
+    m3u.write_text("\ufeff#EXTM3U\n#EXTINF:3,Three\nthree.png\nhttp://x/four\n", encoding="utf-8")
+    expected = [str(tmp_path / "one.png"), "/two.mp4", "zero.png", str(tmp_path / "three.png"), "http://x/four"]
+    assert expand([str(plain), "zero.png", str(m3u)]) == expected
+
+
+@pytest.mark.parametrize(
+    ("contents", "complaint"),
+    [(b"", "lists no medium"), (b"\xff\xfe", "no UTF-8 text"), (b"other.m3u", "lists the list other.m3u")],
+)
+def test_a_list_that_cannot_be_used(tmp_path: Path, contents: bytes, complaint: str) -> None:
+    path = tmp_path / "list.m3u"
+    path.write_bytes(contents)
+    with pytest.raises(InputError, match=complaint):
+        expand([str(path)])
+    with pytest.raises(InputError, match="no such file"):
+        expand([str(tmp_path / "none.txt")])
+
+
+def test_a_list_goes_on_back_and_round() -> None:
+    playlist = Playlist(["a", "b"])
+    assert not playlist.step(-1)
+    assert playlist.step(1)
+    assert not playlist.step(1)
+    assert playlist.current == "b"
+    playlist.loop = True
+    assert playlist.step(1)
+    assert playlist.current == "a"
+    playlist.add(["c"], replace=False)
+    assert playlist.step(-1)
+    assert playlist.current == "c"
+    playlist.add(["d"], replace=True)
+    assert (playlist.media, playlist.current) == (["d"], "d")
