@@ -177,7 +177,7 @@ class Playback:
             return False
         here_s, there_s = self._in_medium(self._taken_s), self._in_medium(frame.time_s)
         again = there_s < here_s
-        if self.a_s is not None and self.b_s is not None and here_s < self.b_s and (there_s >= self.b_s or again):
+        if self.a_s is not None and self.b_s is not None and here_s <= self.b_s and (there_s >= self.b_s or again):
             self.seek(self.a_s)
             return True
         if again and self._seamless and not self.loop:

@@ -1,244 +1,205 @@
-"""Playback without a window: which frame is shown when, what the keys do. Clock, display and reader are stand-ins.
+"""Playback without a window: which frame is shown when, what comes next. Clock, display and reader are stand-ins.
 
 The real reader, renderer and window are tested in test_video.py, gl/ and test_player.py; here time itself is the input.
 """
 
-from dataclasses import dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from player.refinement import Certificate, StepBudget
-from player.session import Session
-
-
-@dataclass
-class Clock:
-    now: float = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
-@dataclass
-class Reader:
-    """Frames at 25 per second, all decoded at once."""
-
-    count: int = 50
-    still: bool = False
-    position: int = 0
-    released: list[int] = field(default_factory=list)
-    news: list[str] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        pixels = SimpleNamespace(width=4, height=3)
-        self.info = SimpleNamespace(
-            path=Path("clip"), format=pixels, frames_per_second=25.0, still=self.still, duration_s=None
-        )
-
-    @property
-    def ended(self) -> bool:
-        return self.position >= self.count
-
-    def poll(self) -> Any:
-        if self.ended:
-            return None
-        self.position += 1
-        index = self.position - 1
-        return SimpleNamespace(index=index, time_s=index / 25, duration_s=0.04, decode_s=0.001)
-
-    def release(self, frame: Any) -> None:
-        self.released.append(frame.index)
-
-    def seek(self, time_s: float) -> None:
-        self.position = round(time_s * 25)
-
-    def notices(self) -> list[str]:
-        fresh, self.news = self.news, []
-        return fresh
-
-
-@dataclass
-class Screen:
-    """Records what it is asked to show; also stands in for the renderer."""
-
-    closed: bool = False
-    fullscreen: bool = False
-    uploaded: list[int] = field(default_factory=list)
-    shown: list[tuple[str, bool, bool, int]] = field(default_factory=list)
-    state: tuple[str, bool] = ("", False)
-    steps: list[int] = field(default_factory=list)
-    certified: int = 0
-
-    def upload(self, frame: Any) -> None:
-        self.uploaded.append(frame.index)
-
-    def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
-        self.state = view, compensate
-        self.steps.append(steps)
-
-    def certificate(self) -> Certificate:
-        self.certified += 1
-        return Certificate(np.ones(3), np.full(3, 0.01))
-
-    def finish(self) -> None: ...
-
-    def poll(self, timeout_s: float) -> list[str]:
-        return []
-
-    def present(self, lines: list[str], *, black: bool) -> None:
-        self.shown.append((*self.state, black, len(lines)))
-
-    def toggle_fullscreen(self) -> None:
-        self.fullscreen = not self.fullscreen
+from player.commands import CommandError
+from player.errors import InputError
+from player.session_inputs import Setup
+from tests.stage import Reader, Stage
 
 
 @pytest.fixture
-def stage() -> SimpleNamespace:
-    return make_stage(Reader())
+def stage() -> Stage:
+    return Stage()
 
 
-def make_stage(reader: Reader) -> SimpleNamespace:
-    clock, screen = Clock(), Screen()
-    session = Session(reader, screen, screen, clock=clock)  # type: ignore[arg-type]
-    return SimpleNamespace(clock=clock, screen=screen, reader=reader, session=session)
-
-
-def advance(stage: SimpleNamespace, seconds: float, step: float = 0.01) -> None:
-    end = stage.clock.now + seconds
-    while stage.clock.now < end - 1e-9:
-        stage.clock.now += step
-        stage.session.step()
-
-
-def test_each_frame_is_shown_at_its_time(stage: SimpleNamespace) -> None:
+def test_each_frame_is_shown_at_its_time(stage: Stage) -> None:
     stage.session.step()
     assert stage.screen.uploaded == [0]
-    advance(stage, 0.39)
+    stage.advance(0.39)
     assert stage.screen.uploaded == list(range(10))
     assert stage.session.stats.dropped == 0
+    assert stage.screen.title.startswith("clip")
 
 
-def test_frames_that_were_overtaken_are_dropped_and_counted(stage: SimpleNamespace) -> None:
+def test_frames_that_were_overtaken_are_dropped_and_counted(stage: Stage) -> None:
     stage.session.step()
-    stage.clock.now += 0.2  # five frames later
+    stage.clock.now += 0.21  # five frames later
     stage.session.step()
     assert stage.screen.uploaded == [0, 5]
     assert stage.session.stats.dropped == 4
     assert sorted(stage.reader.released) == [0, 1, 2, 3, 4, 5]
 
 
-def test_pause_holds_and_resumes_where_it_was(stage: SimpleNamespace) -> None:
-    advance(stage, 0.2)
-    stage.session.handle("space")
+def test_lateness_and_judder_are_those_of_the_clock(stage: Stage) -> None:
+    """Frames due every 40 ms, looked at 3, 13 and 70 ms late: late by these, judder by their differences."""
+    stage.session.step()
+    for now in (100.043, 100.093, 100.190):
+        stage.clock.now = now
+        stage.session.step()
+    stats = stage.session.stats
+    assert stage.screen.uploaded == [0, 1, 2, 4]
+    assert stats.late_counts == (1, 0, 1, 0, 1, 1, 0, 0)
+    assert stats.median_ms("late") == pytest.approx(np.median([0, 3, 13, 30]))
+    assert stats.percentile_ms("judder", 100) == pytest.approx(17)
+    assert stats.frames_per_second == pytest.approx(3 / 0.19)
+    assert sum(stats.to_dict()["late_frames"].values()) == 4
+
+
+def test_pause_holds_and_resumes_where_it_was(stage: Stage) -> None:
+    stage.advance(0.2)
+    assert stage.press("space") == "Pause: on"
     count = len(stage.screen.uploaded)
-    advance(stage, 10)
+    stage.advance(10)
     assert len(stage.screen.uploaded) == count
-    stage.session.handle("space")
-    advance(stage, 0.2)
+    stage.press("p")
+    stage.advance(0.2)
     assert stage.screen.uploaded == list(range(len(stage.screen.uploaded)))
     assert stage.session.stats.dropped == 0
 
 
-def test_seeking_goes_from_the_current_position(stage: SimpleNamespace) -> None:
-    stage.reader.count = 1000
-    advance(stage, 0.4)
-    stage.session.handle("right")
-    advance(stage, 0.02)
+def test_seeking_goes_from_the_current_position() -> None:
+    stage = Stage(Reader(count=1000))
+    stage.advance(0.4)
+    assert stage.press("right") == "0:00:05 / 0:00:40"
+    stage.advance(0.02)
     assert stage.screen.uploaded[-1] == pytest.approx(25 * 5.4, abs=2)  # where it was, to a frame or two
-    stage.session.handle("left")
-    stage.session.handle("left")
-    advance(stage, 0.02)
+    stage.press("left", "left")
+    stage.advance(0.02)
     assert stage.screen.uploaded[-1] <= 1
     assert stage.session.stats.dropped == 0
-
-
-def test_seeking_while_paused_shows_the_new_frame(stage: SimpleNamespace) -> None:
-    stage.reader.count = 1000
-    advance(stage, 0.1)
-    stage.session.handle("space")
-    stage.session.handle("right")
-    advance(stage, 0.1)
-    assert stage.screen.uploaded[-1] >= 125
-    count = len(stage.screen.uploaded)
-    advance(stage, 1)
-    assert len(stage.screen.uploaded) == count
-    stage.session.handle("space")
-    advance(stage, 0.1)
-    assert stage.screen.uploaded[-1] == stage.screen.uploaded[count - 1] + 2
-
-
-def test_keys_change_what_is_shown(stage: SimpleNamespace) -> None:
-    advance(stage, 0.05)
-    expected = {
-        "c": ("projector", False, False, 0),
-        "b": ("projector", False, True, 0),
-        "v": ("camera", False, True, 0),
-        "unknown": ("camera", False, True, 0),
-    }
-    stage.session.handle("space")
-    for key, shown in expected.items():
-        stage.session.handle(key)
+    for words, frame in ((("50", "absolute-percent"), 500), (("7", "absolute"), 175), (("-2",), 125)):
+        stage.commands.run("seek", *words)
         stage.session.step()
-        assert stage.screen.shown[-1] == shown
-    stage.session.handle("i")
+        assert stage.screen.uploaded[-1] == frame
+    stage.commands.set("time-pos", 3)
     stage.session.step()
-    assert stage.screen.shown[-1][3] > 3
-    stage.session.handle("f")
-    assert stage.screen.fullscreen
-    stage.session.handle("q")
+    assert stage.screen.uploaded[-1] == 75
+    stage.press("up")
+    assert stage.session.done  # past the end
+
+
+def test_seeking_and_stepping_while_paused() -> None:
+    stage = Stage(Reader(count=1000))
+    stage.advance(0.1)
+    stage.press("space", "right")
+    assert stage.screen.uploaded[-1] >= 125
+    count, here = len(stage.screen.uploaded), stage.screen.uploaded[-1]
+    stage.advance(1)
+    assert len(stage.screen.uploaded) == count
+    stage.press(".", ".", ",", ",", ",")
+    assert stage.screen.uploaded[count:] == [here + 1, here + 2, here + 1, here, here - 1]
+    stage.press("space")
+    stage.advance(0.1)
+    assert stage.screen.uploaded[-1] == here + 1
+    stage.press(".")
+    assert stage.commands.get("pause")
+    assert stage.screen.uploaded[-1] == here + 2
+
+
+def test_speed_changes_the_rate_and_not_the_place() -> None:
+    stage = Stage(Reader(count=1000))
+    stage.advance(1.0)
+    stage.commands.set("speed", 2)
+    stage.advance(1.0)
+    assert stage.screen.uploaded[-1] == pytest.approx(75, abs=1)
+    stage.commands.set("speed", 0.5)
+    stage.advance(1.0)
+    assert stage.screen.uploaded[-1] == pytest.approx(87, abs=1)
+
+
+def test_the_a_b_loop_goes_back_at_b_until_it_is_cleared() -> None:
+    stage = Stage(Reader(count=1000))
+    stage.advance(1.0)
+    assert stage.press("l").startswith("A-B loop from ")
+    stage.advance(0.4)
+    stage.press("l")
+    a, b = (round(25 * stage.commands.get(f"ab-loop-{point}")) for point in "ab")
+    assert (a, b) == (stage.screen.uploaded[a], stage.screen.uploaded[-1])
+    assert b - a == 10
+    stage.advance(2.0)
+    assert set(stage.screen.uploaded[b + 1 :]) == set(range(a, b))
+    assert stage.press("l") == "A-B loop: off"
+    stage.advance(1.0)
+    assert stage.screen.uploaded[-1] > b
+    stage.commands.set("ab-loop-a", 39)
+    stage.commands.set("ab-loop-b", 100)  # after the end: the end counts as B
+    stage.commands.run("seek", 39.5, "absolute")
+    stage.advance(1.0)
+    assert not stage.session.done
+    assert 975 <= stage.screen.uploaded[-1] < 1000
+
+
+@pytest.mark.parametrize("seamless", [False, True])
+def test_looping_begins_and_ends_with_its_key(seamless: bool) -> None:
+    stage = Stage(Reader(count=10), setup=Setup(loop_file=seamless))
+    if not seamless:
+        assert stage.press("L") == "Loop file: on"
+    stage.advance(1.5)
+    assert not stage.session.done
+    assert stage.screen.uploaded[:10] == list(range(10))
+    assert len(stage.screen.uploaded) == pytest.approx(38, abs=3)
+    assert stage.commands.get("time-pos") < 0.4
+    stage.press("L")
+    stage.advance(0.5)
     assert stage.session.done
 
 
-def test_what_the_reader_has_to_say_is_told_at_once(stage: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:
-    stage.reader.news = ["decoder stopped; restarted"]
-    advance(stage, 0.05)
-    assert capsys.readouterr().err == "decoder stopped; restarted\n"
-    assert stage.session.stats.notices == ["decoder stopped; restarted"]
+def test_a_list_plays_on_and_pictures_last_as_long_as_asked() -> None:
+    media = Reader("a", count=5), Reader("b", count=1, still=True), Reader("c", count=5)
+    stage = Stage(*media, setup=Setup(image_display_duration=1.0))
+    stage.advance(0.3)
+    assert stage.commands.get("path") == "b"
+    assert media[0].closed
+    stage.advance(0.5)
+    stage.press("space")
+    stage.advance(5)
+    assert stage.commands.get("playlist-pos") == 1  # paused pictures wait
+    stage.press("space")
+    stage.advance(0.6)
+    assert stage.commands.get("path") == "c"
+    assert stage.press("<") == "2/3 b"
+    assert stage.press("<") == "1/3 a"
+    assert stage.press("<") == "no medium before this one"
+    stage.press(">", ">")
+    assert stage.press(">") == "no further medium in the list"
+    stage.advance(0.5)
+    assert stage.session.done
+    assert stage.session.stats.frames == len(stage.screen.uploaded)
 
 
-def test_a_video_ends_and_a_still_stays() -> None:
-    video, still = make_stage(Reader(count=5)), make_stage(Reader(count=1, still=True))
-    advance(video, 1.0)
-    advance(still, 1.0)
-    assert video.session.done
-    assert video.screen.uploaded[-1] == 4
-    assert not still.session.done
-    assert still.screen.uploaded == [0]
-    still.session.handle("right")
-    advance(still, 0.1)
-    assert still.screen.uploaded == [0]
+def test_media_that_fail_are_passed_over_and_named(capsys: pytest.CaptureFixture[str]) -> None:
+    stage = Stage(Reader("a", count=5, fails_at=2), Reader("b", count=5), loop_list=True)
+    stage.session.playlist.media.insert(1, "gone")
+    stage.advance(0.2)
+    assert stage.commands.get("path") == "b"
+    assert stage.session.stats.notices == ["a: broken", "gone: no such file"]
+    assert capsys.readouterr().err == "a: broken\ngone: no such file\n"
+    stage.readers.clear()
+    with pytest.raises(InputError, match="no such file"):
+        stage.advance(0.5)
+    with pytest.raises(InputError, match="a: broken"):
+        Stage(Reader("a", fails_at=0)).session.step()
 
 
-def test_brackets_halve_and_double_the_steps(stage: SimpleNamespace) -> None:
-    advance(stage, 0.05)
-    for key, steps in (("]", 1), ("]", 2), ("]", 4), ("[", 2), ("[", 1), ("[", 0), ("[", 0)):
-        stage.session.handle(key)
-        stage.session.step()
-        assert stage.screen.steps[-1] == steps
-
-
-def test_steps_that_follow_the_frame_time_are_counted() -> None:
-    reader, clock, screen = Reader(), Clock(), Screen()
-    session = Session(reader, screen, screen, clock=clock, budget=StepBudget(3600.0))  # type: ignore[arg-type]
-    stage = SimpleNamespace(clock=clock, session=session)
-    advance(stage, 0.4)
-    assert screen.steps[:6] == [1, 2, 3, 4, 5, 6]  # nothing here takes an hour
-    session.handle("[")
-    advance(stage, 0.12)
-    assert screen.steps[-1] == screen.steps[-2] == session.steps  # a key ends it
-    facts = session.run(limit=len(screen.uploaded)).facts["refinement"]
-    assert facts["steps"] == pytest.approx(np.mean(screen.steps), abs=0.05)
-    assert facts["below_optimum_db"] == pytest.approx(-20 * np.log10(0.99))
-
-
-def test_the_certificate_is_measured_now_and_then_and_only_to_be_shown(stage: SimpleNamespace) -> None:
-    advance(stage, 0.4)
-    assert stage.screen.certified == 0
-    stage.session.handle("i")
-    advance(stage, 1.0)
-    assert 2 <= stage.screen.certified <= 3
-    assert any("below the optimum" in line for line in stage.session._lines())
+def test_loadfile_keeps_what_plays_if_the_new_one_cannot(stage: Stage, tmp_path: Path) -> None:
+    stage.readers["new"] = Reader("new")
+    stage.advance(0.2)
+    with pytest.raises(CommandError, match="gone: no such file"):
+        stage.commands.run("loadfile", "gone")
+    assert stage.commands.get("path") == "clip"
+    listed = tmp_path / "list.txt"
+    listed.write_text("x\ny\n")
+    stage.commands.run("loadfile", str(listed), "append")
+    assert stage.commands.get("playlist") == ["clip", str(tmp_path / "x"), str(tmp_path / "y")]
+    stage.commands.run("loadfile", "new")
+    assert stage.commands.get("playlist") == ["new"]
+    assert stage.reader.closed
+    stage.advance(0.1)
+    assert stage.commands.get("path") == "new"

@@ -1,0 +1,202 @@
+"""A session with everything around it made up: clock, reader, renderer and display are stand-ins."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from player.commands import Commands
+from player.errors import InputError
+from player.osd import Page
+from player.picture import Picture
+from player.placement import Corners
+from player.playlist import Playlist
+from player.refinement import Certificate
+from player.session import Session
+from player.session_inputs import Setup, Site
+
+SQUARE: Corners = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
+
+
+@dataclass
+class Clock:
+    now: float = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@dataclass
+class Reader:
+    """Frames at 25 per second, all decoded at once; round and round if looped."""
+
+    path: str = "clip"
+    count: int = 50
+    still: bool = False
+    loop: bool = False
+    rate: float = 25.0
+    fails_at: int | None = None
+    position: int = 0
+    released: list[int] = field(default_factory=list)
+    news: list[str] = field(default_factory=list)
+    closed: bool = False
+
+    def __post_init__(self) -> None:
+        self.info: Any = SimpleNamespace(
+            path=Path(self.path),
+            format=SimpleNamespace(width=4, height=3),
+            frames_per_second=self.rate,
+            still=self.still,
+            duration_s=None if self.still else self.count / 25,
+            codec="none",
+        )
+
+    @property
+    def ended(self) -> bool:
+        return self.position >= self.count and not (self.loop and not self.still)
+
+    def poll(self) -> Any:
+        if self.ended:
+            return None
+        if self.position == self.fails_at:
+            raise InputError(f"{self.path}: broken")
+        self.position += 1
+        index = self.position - 1
+        return SimpleNamespace(index=index, time_s=index / 25, duration_s=0.04, decode_s=0.001)
+
+    def release(self, frame: Any) -> None:
+        self.released.append(frame.index)
+
+    def seek(self, time_s: float) -> None:
+        self.position = int(time_s * 25 + 1e-6)
+
+    def notices(self) -> list[str]:
+        fresh, self.news = self.news, []
+        return fresh
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@dataclass
+class Screen:
+    """Records what it is asked to show; also stands in for the renderer."""
+
+    closed: bool = False
+    fullscreen: bool = False
+    monitor: str = "A"
+    title: str = ""
+    uploaded: list[int] = field(default_factory=list)
+    shown: list[tuple[str, bool, bool]] = field(default_factory=list)
+    pages: list[Page | None] = field(default_factory=list)
+    state: tuple[str, bool] = ("", False)
+    steps: list[int] = field(default_factory=list)
+    pictures: list[Picture] = field(default_factory=list)
+    news: list[str] = field(default_factory=list)
+    certified: int = 0
+    identified: int = 0
+    opened: int = 0
+    released: bool = False
+
+    def open(self, pixels: Any) -> None:
+        self.opened += 1
+
+    def adjust(self, picture: Picture) -> None:
+        self.pictures.append(picture)
+
+    def upload(self, frame: Any) -> None:
+        self.uploaded.append(frame.index)
+
+    def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
+        self.state = view, compensate
+        self.steps.append(steps)
+
+    def certificate(self) -> Certificate:
+        self.certified += 1
+        return Certificate(np.ones(3), np.full(3, 0.01))
+
+    def finish(self) -> None: ...
+
+    def release(self) -> None:
+        self.released = True
+
+    def poll(self, timeout_s: float) -> list[str]:
+        return []
+
+    def notices(self) -> list[str]:
+        fresh, self.news = self.news, []
+        return fresh
+
+    def present(self, page: Page | None, *, black: bool) -> None:
+        self.shown.append((*self.state, black))
+        self.pages.append(page)
+
+    def set_fullscreen(self, on: bool) -> None:
+        self.fullscreen = on
+
+    def set_title(self, title: str) -> None:
+        self.title = title
+
+    def move_to(self, monitor: str) -> None:
+        if monitor not in "AB":
+            raise InputError(f"monitor {monitor!r}: not there")
+        self.monitor = monitor
+
+    def identify(self) -> None:
+        self.identified += 1
+
+
+class Stage:
+    """A session with everything around it made up."""
+
+    def __init__(self, *readers: Reader, loop_list: bool = False, **options: Any) -> None:
+        self.readers = {reader.path: reader for reader in readers or (Reader(),)}
+        self.reader = next(iter(self.readers.values()))
+        self.clock, self.screen = Clock(), Screen()
+        self.saved: list[Corners | None] = []
+        self.fresh: list[Any] = []
+        self.refinable = True
+        setup = options.pop("setup", Setup())
+        site = Site(self._reload, lambda pixels: SQUARE, self.saved.append, lambda c: 40.0, lambda: self.refinable)
+        self.session = Session(
+            Playlist(list(self.readers), loop=loop_list),
+            self._open,
+            self.screen,  # type: ignore[arg-type]
+            self.screen,
+            setup=setup,
+            site=site,
+            clock=self.clock,
+            **options,
+        )
+
+    @property
+    def commands(self) -> Commands:
+        return self.session.commands
+
+    def _open(self, medium: str, loop: bool) -> Any:
+        if medium not in self.readers:
+            raise InputError(f"{medium}: no such file")
+        reader = self.readers[medium]
+        reader.position, reader.closed, reader.loop = 0, False, loop
+        return reader
+
+    def _reload(self) -> Any:
+        fresh = self.fresh.pop(0)
+        if isinstance(fresh, Exception):
+            raise fresh
+        return fresh
+
+    def advance(self, seconds: float, step: float = 0.01) -> None:
+        end = self.clock.now + seconds
+        while self.clock.now < end - 1e-9:
+            self.clock.now += step
+            self.session.step()
+
+    def press(self, *keys: str) -> str:
+        """Press keys and draw; what the screen says afterwards."""
+        for key in keys:
+            self.session.press(key)
+            self.session.step()
+        return self.session.message.text

@@ -1,0 +1,236 @@
+"""What keys, commands and remotes do to a session whose surroundings are stand-ins (tests/stage.py)."""
+
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from player.commands import CommandError, Commands
+from player.errors import InputError
+from player.session_inputs import Setup
+from tests.stage import SQUARE, Reader, Screen, Stage
+
+
+@pytest.fixture
+def stage() -> Stage:
+    return Stage()
+
+
+def test_keys_change_what_is_shown_and_say_so(stage: Stage) -> None:
+    stage.advance(0.05)
+    stage.press("space")
+    expected = {
+        "c": (("projector", False, False), "Compensation: off"),
+        "b": (("projector", False, True), "Blackout: on"),
+        "v": (("camera", False, True), "View: camera"),
+    }
+    for key, (shown, said) in expected.items():
+        assert stage.press(key) == said
+        assert stage.screen.shown[-1] == shown
+        page = stage.screen.pages[-1]
+        assert page is not None
+        assert page.lines == (said,)
+    before = list(stage.screen.shown)
+    stage.press("unknown")
+    assert stage.screen.shown == before
+    stage.press("f")
+    assert stage.screen.fullscreen
+    stage.press("escape")
+    assert not stage.screen.fullscreen
+    assert stage.press("g") == "this is A"
+    assert stage.screen.identified == 1
+    stage.press("q")
+    assert stage.session.done
+
+
+def test_what_a_key_changed_fades_after_a_second(stage: Stage) -> None:
+    stage.advance(0.05)
+    stage.press("space")
+    stage.advance(2.0)
+    stage.screen.pages.clear()
+    renders = len(stage.screen.steps)
+    stage.press("c")
+    stage.advance(0.9)
+    assert [page.opacity for page in stage.screen.pages if page] == [1.0]
+    stage.advance(1.0)
+    opacities = [page.opacity for page in stage.screen.pages if page]
+    assert opacities == sorted(opacities, reverse=True)
+    assert len(set(opacities)) > 8
+    assert stage.screen.pages[-1] is None
+    assert len(stage.screen.steps) == renders + 1  # the words fade over the same picture
+    assert stage.session._wait_s() > 0.03
+
+
+def test_without_osd_nothing_is_written(stage: Stage) -> None:
+    stage.advance(0.05)
+    stage.commands.set("osd", False)
+    stage.press("c")
+    assert stage.screen.pages[-1] is None
+    stage.press("?")
+    assert stage.screen.pages[-1] is not None  # a page that was asked for is
+
+
+def test_picture_controls_reach_the_renderer(stage: Stage) -> None:
+    stage.advance(0.05)
+    assert stage.press("2", "2", "1") == "Contrast: 1"
+    stage.press("3", "6", "8", "x")
+    stage.commands.set("black-level", 0.25)
+    stage.commands.set("adapt", "2.5")
+    stage.commands.set("flicker", 0.5)
+    stage.press("t")
+    picture = stage.screen.pictures[-1]
+    assert (picture.contrast, picture.brightness, picture.gamma, picture.saturation) == (1, -1, 1, 1)
+    assert (picture.black_level, picture.adapt, picture.flicker, picture.clipping) == (0.25, 2.5, 0.5, True)
+    assert picture.card is not None
+    assert stage.commands.get("test-card") == picture.card
+    stage.commands.set("test-card", "no")
+    assert stage.screen.pictures[-1].card is None
+    before = stage.screen.pictures[-1]
+    for name, value in (("contrast", 101), ("flicker", 1), ("corners", "left"), ("test-card", "x")):
+        with pytest.raises(CommandError, match=name):
+            stage.commands.set(name, value)
+    assert stage.screen.pictures[-1] is before
+
+
+def test_sound_is_said_to_be_missing_or_is_set() -> None:
+    mute = Stage()
+    for key in ("9", "0", "m"):
+        assert mute.press(key) == "no audio"
+    with pytest.raises(CommandError, match="no audio"):
+        mute.commands.get("volume")
+    audio: Any = SimpleNamespace(volume=50, mute=False)
+    loud = Stage(audio=audio)
+    loud.press("0", "m")
+    assert (audio.volume, audio.mute) == (52, True)
+
+
+def test_placing_moves_scales_undoes_and_is_saved(stage: Stage) -> None:
+    stage.advance(0.05)
+
+    def corners() -> np.ndarray:
+        return np.array(stage.screen.pictures[-1].corners)
+
+    shifted = np.array(SQUARE) + np.array((0.01, 0.001))
+    stage.press("k", "right", "shift+down")
+    np.testing.assert_allclose(corners(), shifted)
+    stage.press("+")
+    np.testing.assert_allclose(np.ptp(corners(), axis=0), 1.02)
+    np.testing.assert_allclose(corners().mean(axis=0), (0.51, 0.501))
+    stage.press("u")
+    np.testing.assert_allclose(corners(), shifted)
+    assert stage.press("tab", "tab") == "upper right corner"
+    stage.press("up", "enter")
+    moved = shifted.copy()
+    moved[1, 1] -= 0.01
+    np.testing.assert_allclose(stage.saved[-1], moved)
+    assert stage.session.placing is None
+    stage.press("right")  # a seek again
+    np.testing.assert_allclose(corners(), moved)
+    stage.press("k", "left", "escape")
+    np.testing.assert_allclose(corners(), moved)
+    assert len(stage.saved) == 1
+    stage.press("k", "backspace", "k")
+    assert stage.saved[-1] is None
+    assert stage.screen.pictures[-1].corners is None
+    assert stage.press("k", "u") == "nothing to take back"
+    with pytest.raises(CommandError, match="corners"):
+        stage.commands.run("place-move", 9, 0)
+    assert stage.screen.pictures[-1].corners is None
+
+
+def test_reload_takes_the_new_renderer_with_its_first_frame_or_keeps_the_old(stage: Stage) -> None:
+    stage.advance(0.2)
+    stage.press("space")
+    stage.fresh = [InputError("entries.exr: its SHA-256 differs"), RuntimeError("x.frag:3: syntax\nerror"), Screen()]
+    fresh = stage.fresh[-1]
+    old, count = stage.session.renderer, len(stage.screen.uploaded)
+    assert stage.press("ctrl+r") == "not reloaded: entries.exr: its SHA-256 differs"
+    assert stage.press("ctrl+r") == "not reloaded: x.frag:3: syntax error"
+    assert stage.session.renderer is old
+    assert len(stage.screen.uploaded) == count
+    here = stage.screen.uploaded[-1]
+    assert stage.press("ctrl+r") == "maps and shaders reloaded"
+    assert stage.session.renderer is fresh
+    assert stage.screen.released
+    assert fresh.uploaded == [here]  # paused: the same frame again
+    assert fresh.opened == 1
+    assert fresh.pictures
+
+
+def test_what_reader_and_display_have_to_say_is_told_at_once(stage: Stage, capsys: pytest.CaptureFixture[str]) -> None:
+    stage.reader.news, stage.screen.news = ["decoder stopped; restarted"], ["monitor A has gone"]
+    stage.advance(0.05)
+    assert capsys.readouterr().err == "decoder stopped; restarted\nmonitor A has gone\n"
+    assert stage.session.stats.notices == ["decoder stopped; restarted", "monitor A has gone"]
+
+
+def test_a_video_ends_and_a_still_stays() -> None:
+    video, still = Stage(Reader(count=5)), Stage(Reader(count=1, still=True))
+    video.advance(1.0)
+    still.advance(1.0)
+    assert video.session.done
+    assert video.screen.uploaded[-1] == 4
+    assert not still.session.done
+    assert still.screen.uploaded == [0]
+    still.press("right", ".", ",")
+    still.advance(0.1)
+    assert still.screen.uploaded == [0]
+
+
+def test_brackets_halve_and_double_the_steps(stage: Stage) -> None:
+    stage.advance(0.05)
+    for key, steps in (("]", 1), ("]", 2), ("]", 4), ("[", 2), ("[", 1), ("[", 0), ("[", 0)):
+        assert stage.press(key) == f"Refine: {steps} steps"
+        assert stage.screen.steps[-1] == steps
+    stage.refinable = False
+    assert stage.press("]").startswith("no refinement: the maps were built without it")
+
+
+def test_steps_that_follow_the_frame_time_are_counted() -> None:
+    stage = Stage(Reader(rate=1 / 3600), setup=Setup(refine="auto"))
+    stage.session.step()
+    stage.advance(0.4)
+    assert stage.screen.steps[:6] == [1, 2, 3, 4, 5, 6]  # nothing here takes an hour
+    assert stage.commands.get("refine") == "auto"
+    stage.commands.set("refine", 5)
+    stage.advance(0.12)
+    assert stage.screen.steps[-1] == stage.screen.steps[-2] == stage.session.steps == 5
+    facts = stage.session.run(limit=len(stage.screen.uploaded)).facts["refinement"]
+    assert facts["steps"] == pytest.approx(np.mean(stage.screen.steps), abs=0.05)
+    assert facts["below_optimum_db"] == pytest.approx(-20 * np.log10(0.99))
+    assert stage.reader.closed
+
+
+def test_the_certificate_is_measured_now_and_then_and_only_to_be_shown(stage: Stage) -> None:
+    stage.advance(0.4)
+    assert stage.screen.certified == 0
+    stage.press("i")
+    stage.advance(1.0)
+    assert 2 <= stage.screen.certified <= 3
+    page = stage.screen.pages[-1]
+    assert page is not None
+    assert any("below the optimum" in line for line in page.lines)
+    assert page.histogram is not None
+    assert page.histogram.counts[:-1] == stage.session.stats.late_counts
+    assert stage.commands.get("gap") == pytest.approx(0.02)
+    assert stage.commands.get("psnr") == 40
+
+
+def test_remotes_are_polled_and_the_heartbeat_told_once_a_loop() -> None:
+    polls: list[Commands] = []
+    beats: list[Mapping[str, object]] = []
+
+    def stop_after_five(commands: Commands) -> None:
+        polls.append(commands)
+        if len(polls) == 5:
+            commands.run("quit")
+
+    remote: Any = SimpleNamespace(poll=stop_after_five)
+    heartbeat: Any = SimpleNamespace(beat=beats.append)
+    Stage(remotes=[remote], heartbeat=heartbeat).session.run()
+    assert len(polls) == len(beats) == 5
+    assert {"fps", "frames", "dropped", "gap", "gpu_ms", "time_pos"} <= beats[-1].keys()
+    assert "seek" in polls[0].names()
+    assert not polls[0].writable("frames")
