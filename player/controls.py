@@ -359,6 +359,8 @@ def _showing(session: "Session") -> dict[str, Property]:
         "stats": attribute("show_stats", Flag(), "the statistics page"),
         "help": attribute("show_help", Flag(), "the page of keys"),
         "osd": attribute("osd", Flag(), "whether the screen says what keys change"),
+        "message": Property("what the screen says, empty after it has faded", lambda: session.message.text),
+        "placing": Property("whether the picture is being placed", lambda: session.placing is not None),
         "fullscreen": Property(
             "whether the monitor is filled", lambda: display.fullscreen, display.set_fullscreen, Flag()
         ),

@@ -27,6 +27,7 @@ from tests.test_player import CLIP, command, fail, succeed
 from tools.transport.storage import write_transport
 from tools.transport.transport import Transport
 
+ROOT = Path(__file__).resolve().parents[2]
 SECOND_MONITOR = (1280, 0, 1024, 768)  # left, top, width, height
 PATIENCE_S = 60.0
 
@@ -90,12 +91,17 @@ def decoder_of(parent: int) -> int:
     return children[0]
 
 
-def press(display: str, key: str) -> None:
-    """A real key press and release through the X server."""
+def press(display: str, key: str, *held: str) -> None:
+    """A real key press and release through the X server, with shift if the key's symbol needs it."""
     connection = Display(display)
-    code = connection.keysym_to_keycode(XK.string_to_keysym(key))
-    xtest.fake_input(connection, X.KeyPress, code)
-    xtest.fake_input(connection, X.KeyRelease, code)
+    symbol = XK.string_to_keysym(key)
+    code = connection.keysym_to_keycode(symbol)
+    shift = [] if connection.keycode_to_keysym(code, 0) == symbol else ["Shift_L"]
+    modifiers = [connection.keysym_to_keycode(XK.string_to_keysym(name)) for name in (*held, *shift)]
+    for pressed in (*modifiers, code):
+        xtest.fake_input(connection, X.KeyPress, pressed)
+    for released in (code, *reversed(modifiers)):
+        xtest.fake_input(connection, X.KeyRelease, released)
     connection.sync()
     connection.close()
 

@@ -1,0 +1,218 @@
+"""docs/player.md, walked in a real window: every key is pressed, every command run, every property read and set."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import numpy as np
+import pytest
+
+from player.commands import Commands
+from player.keys import KEYS, PLACING
+from player.picture import Picture
+from player.session_inputs import Setup
+from tests.gl.test_window import PATIENCE_S, ROOT, press
+from tests.rooms import write_blurred_room
+from tests.stage import Stage
+from tests.test_player import CLIP, succeed
+
+State = dict[str, Any]
+PAGE = (ROOT / "docs" / "player.md").read_text()
+SYMBOLS = {
+    ".": "period",
+    ",": "comma",
+    "<": "less",
+    ">": "greater",
+    "?": "question",
+    "[": "bracketleft",
+    "]": "bracketright",
+    "+": "plus",
+    "=": "equal",
+    "-": "minus",
+    "left": "Left",
+    "right": "Right",
+    "up": "Up",
+    "down": "Down",
+    "escape": "Escape",
+    "enter": "Return",
+    "tab": "Tab",
+    "backspace": "BackSpace",
+    "ctrl": "Control_L",
+    "shift": "Shift_L",
+}
+ARGUMENTS: dict[str, list[object]] = {
+    "seek": [1],
+    "loadfile": [str(CLIP), "append"],
+    "show-text": ["hello", 200],
+    "place-move": [0.1, 0],
+    "place-scale": [0.9],
+    "set": ["view", "camera"],
+    "cycle": ["pause"],
+    "add": ["contrast", 2],
+    "multiply": ["refine", 2],
+}
+
+
+def table(heading: str, number: int = 0) -> list[list[str]]:
+    """The rows of a table below a heading of the page, code marks taken off."""
+    section = PAGE.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
+    blocks = re.findall(r"(?:^\|.*\n)+", section, re.MULTILINE)
+    rows = [re.split(r"(?<!\\) ?\| ?", line.strip().strip("|").strip()) for line in blocks[number].splitlines()[2:]]
+    return [[cell.strip().strip("`").replace("\\|", "|") for cell in row] for row in rows]
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("walk") / "wall"
+    write_blurred_room(folder, np.random.default_rng(7), (30, 40), (28, 36))
+    succeed("build-correction-map", folder, "--regularize", "0.1")
+    return folder
+
+
+@contextmanager
+def walking(display: str, folder: Path, *arguments: object) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(
+        [sys.executable, "-W", "error", "-m", "tests.walk_player", *map(str, arguments)],
+        env=os.environ | {"DISPLAY": display, "WAYLAND_DISPLAY": "", "PYTHONPATH": str(ROOT)},
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def documented(commands: Commands) -> None:
+    """The page lists the commands with their arguments, and the properties, that there are."""
+    listed = {row[0]: row[1] for row in table("Commands")}
+    assert listed == {name: commands.usage(name) for name in commands.names()}
+    properties = {row[0]: row[1] == "read-only" for row in table("Properties")}
+    assert properties == {name: not commands.writable(name) for name in commands.properties()}
+
+
+def test_the_page_lists_what_there_is() -> None:
+    documented(Stage(setup=Setup(picture=Picture())).commands)
+    assert {row[0]: row[1] for row in table("Keys")} == KEYS
+    assert {row[0]: row[1] for row in table("Keys", 1)} == PLACING
+
+
+def test_every_documented_key(xvfb: str, room: Path, tmp_path: Path) -> None:
+    """Each key, pressed for real, changes the property of its command, or says what it did, or leaves its file."""
+    with walking(xvfb, tmp_path, "watch", room, CLIP, CLIP, "--loop") as process:
+        states: SimpleQueue[State] = SimpleQueue()
+
+        def listen() -> None:
+            assert process.stdout is not None
+            for line in process.stdout:
+                if line.startswith("{"):
+                    states.put(json.loads(line))
+
+        threading.Thread(target=listen, daemon=True).start()
+        now = latest = states.get(timeout=PATIENCE_S)
+
+        def reach(key: str, arrived: Callable[[State, State], bool]) -> State:
+            nonlocal latest
+            while not states.empty() or latest["message"] == "no audio":
+                latest = states.get(timeout=PATIENCE_S)
+            *held, plain = key.split("+") if len(key) > 1 else [key]
+            press(xvfb, SYMBOLS.get(plain, plain), *(SYMBOLS[name] for name in held))
+            while True:
+                try:
+                    latest = states.get(timeout=PATIENCE_S)
+                except Empty:
+                    pytest.fail(f"{key}: nothing came of it")
+                if arrived(now, latest):
+                    return latest
+
+        for key, words, *_ in table("Keys"):
+            if key not in ("q", "k"):
+                now = reach(key, arrival(words))
+        assert list(tmp_path.glob("counterlight-*.png"))
+        for key, words, *_ in table("Keys", 1):
+            if not now["placing"]:
+                now = reach("k", arrival("place"))
+            now = reach(key, arrival(words))
+        (room / "placement.toml").unlink()
+        press(xvfb, "q")
+        assert process.wait(PATIENCE_S) == 0
+
+
+def arrival(words: str) -> Callable[[State, State], bool]:
+    """What tells that a key's command has been done."""
+    name, *rest = words.split()
+    if name in ("cycle", "add", "multiply", "set"):
+        if rest[0] in ("volume", "mute"):
+            return lambda before, after: after["message"] == "no audio"
+        if name == "set":
+            return lambda before, after: after[rest[0]] is False
+        return lambda before, after: bool(after[rest[0]] != before[rest[0]])
+    told = {
+        "seek": r"\d:\d\d:\d\d / ",
+        "ab-loop": "A-B loop",
+        "screenshot": r"\.png$",
+        "identify": "this is screen",
+        "reload": "reloaded",
+        "place-corner": "corner|whole",
+        "playlist-next": "^[12]/2 ",
+        "playlist-prev": "^[12]/2 ",
+    }
+    if name in told:
+        return lambda before, after: re.search(told[name], after["message"]) is not None
+    if name.startswith("frame"):
+        return lambda before, after: bool(after["pause"])
+    if name == "place":
+        return lambda before, after: bool(after["placing"])
+    if name in ("place-save", "place-cancel"):
+        return lambda before, after: not after["placing"]
+    return lambda before, after: after["corners"] != before["corners"] or after["message"] == "nothing to take back"
+
+
+def test_every_documented_command_and_property(xvfb: str, room: Path, tmp_path: Path) -> None:
+    calls: list[list[object]] = []
+    for name, *_ in table("Commands"):
+        if name.startswith("place-"):
+            calls.append(["run", "place"])
+        if name != "quit":
+            calls.append(["run", name, *ARGUMENTS.get(name, [])])
+    names = [(row[0], row[1]) for row in table("Properties")]
+    calls += [["get", name] for name, _ in names]
+    (tmp_path / "calls.json").write_text(json.dumps(calls))
+    first = answers(xvfb, tmp_path, room)
+    found = {answer["call"][1]: answer.get("result") for answer in first if answer["call"][0] == "get"}
+    for answer in first:
+        assert answer.get("error") in (None, "no audio"), answer
+    assert {answer["call"][1] for answer in first if "error" in answer} == {"volume", "mute"}
+    expected = {"view": "camera", "contrast": 2, "compensation": True, "duration": 5.28}
+    assert {name: found[name] for name in expected} == expected
+    assert len(found["playlist"]) == 3
+    assert found["refine"] == 8
+    assert 0 < found["gap"] < np.inf
+    assert 10 < found["psnr"] < 80
+    assert found["corners"] is None or len(found["corners"]) == 4
+    (room / "placement.toml").unlink(missing_ok=True)
+    setting = [["set", name, found[name]] for name, _ in names]
+    (tmp_path / "calls.json").write_text(json.dumps([*setting, ["set", "fullscreen", True], ["get", "fullscreen"]]))
+    second = answers(xvfb, tmp_path, room)
+    read_only = {name for name, values in names if values == "read-only"}
+    refused = {answer["call"][1]: answer["error"] for answer in second if "error" in answer}
+    assert refused.keys() == read_only | {"volume", "mute"}
+    assert all(refused[name] == f"{name} is read-only" for name in read_only)
+    assert second[-1]["result"] is True
+
+
+def answers(display: str, folder: Path, room: Path) -> list[dict[str, Any]]:
+    with walking(display, folder, "run", folder / "calls.json", room, CLIP, CLIP, "--loop") as process:
+        out, _ = process.communicate(timeout=3 * PATIENCE_S)
+    assert process.returncode == 0
+    return [json.loads(line) for line in out.splitlines() if line.startswith("{")]

@@ -1,0 +1,69 @@
+"""The player in a real window with a remote inside, for tests/gl/test_player_walk.py.
+
+python -m tests.walk_player watch ROOM MEDIA…            prints the session's state, a JSON line whenever it changes
+python -m tests.walk_player run CALLS.json ROOM MEDIA…   makes the calls and prints each answer as a JSON line
+"""
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from player.app import play_in_window, room_of
+from player.commands import CommandError, Commands
+from player.options import picture_of, read_options
+
+LOOPS_BETWEEN = 4
+NOT_WATCHED = ("volume", "mute", "gap", "psnr", "frames", "dropped", "fps", "monitor")
+
+
+class Watcher:
+    """Prints the properties when one has changed."""
+
+    def __init__(self) -> None:
+        self._before: dict[str, Any] = {}
+
+    def poll(self, commands: Commands) -> None:
+        state = {name: commands.get(name) for name in commands.properties() if name not in NOT_WATCHED}
+        if state != self._before:
+            print(json.dumps(state), flush=True)
+            self._before = state
+
+
+class Caller:
+    """Makes one call every few loops, so that its effect is drawn, and quits after the last."""
+
+    def __init__(self, calls: list[list[Any]]) -> None:
+        self._calls: Iterator[list[Any]] = iter(calls)
+        self._loops = 0
+
+    def poll(self, commands: Commands) -> None:
+        self._loops += 1
+        if self._loops % LOOPS_BETWEEN:
+            return
+        call = next(self._calls, None)
+        if call is None:
+            commands.run("quit")
+            return
+        what, name, *arguments = call
+        try:
+            result = {"get": commands.get, "set": commands.set, "run": commands.run}[what](name, *arguments)
+            print(json.dumps({"call": call, "result": result}), flush=True)
+        except CommandError as error:
+            print(json.dumps({"call": call, "error": str(error)}), flush=True)
+
+
+def main(mode: str, *arguments: str) -> None:
+    remote: Watcher | Caller
+    if mode == "run":
+        remote = Caller(json.loads(Path(arguments[0]).read_text()))
+        arguments = arguments[1:]
+    else:
+        remote = Watcher()
+    options = read_options(["--no-config", *arguments], "")
+    play_in_window(options, room_of(options), picture_of(options), remotes=[remote])
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
