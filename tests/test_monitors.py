@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from player.errors import InputError
-from player.gl.monitors import Monitor, _unique, find_monitor
+from player.gl.monitors import Monitor, _unique, after_a_change, find_monitor
 
 ROOT = Path(__file__).resolve().parents[1]
 TIMEOUT_S = 60.0
@@ -71,3 +71,19 @@ def test_no_monitor_at_all_is_said() -> None:
 
 def test_monitors_of_one_make_get_different_names() -> None:
     assert _unique(["Epson", "Epson", "Epson (2)", "Epson"]) == ["Epson", "Epson (2)", "Epson (2) (2)", "Epson (3)"]
+
+
+@pytest.mark.parametrize(
+    ("home", "at_home", "there", "act"),
+    [
+        ("HDMI-1", True, MONITORS, "stay"),
+        ("HDMI-1", True, MONITORS[:1], "left"),
+        ("HDMI-1", False, MONITORS[:1], "stay"),  # still waiting
+        ("HDMI-1", False, MONITORS, "return"),
+        ("HDMI-1", True, MONITORS[1:], "stay"),  # another one has gone, and the numbers with it
+        ("HDMI-1", True, [], "left"),
+        (None, False, MONITORS, "stay"),
+    ],
+)
+def test_a_window_follows_its_monitor_by_name(home: str | None, at_home: bool, there: list[Monitor], act: str) -> None:
+    assert after_a_change(home, there, at_home=at_home) == act

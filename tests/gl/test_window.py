@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -204,3 +205,81 @@ def test_a_decoder_that_dies_does_not_take_the_player_down(xvfb: str, room: Path
         _, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
     assert errors.count("decoder stopped (signal 11, SIGSEGV)") == 2
+
+
+def xrandr(display: str, *arguments: str) -> None:
+    subprocess.run(["xrandr", "--display", display, *arguments], check=True, capture_output=True, timeout=PATIENCE_S)
+
+
+def test_a_monitor_that_comes_back_gets_its_window_back(
+    two_monitors: str, large_room: Path, picture: Path, tmp_path: Path
+) -> None:
+    expected = expected_picture(large_room, picture, tmp_path)
+    stats = tmp_path / "stats.json"
+    options = "--fullscreen", "--monitor", "DUMMY1", "--stats", stats
+    with playing(two_monitors, large_room, picture, *options) as process:
+
+        def fills() -> bool:
+            return np.array_equal(screen(two_monitors, SECOND_MONITOR), expected)
+
+        wait_until(fills, "the picture appears", process)
+        try:
+            xrandr(two_monitors, "--output", "DUMMY1", "--off")
+            wait_until(lambda: not fills(), "the monitor goes", process)
+            time.sleep(1)
+        finally:
+            xrandr(two_monitors, "--output", "DUMMY1", "--mode", "1024x768", "--pos", "1280x0")
+        wait_until(fills, "the picture is back", process)
+        press(two_monitors, "q")
+        assert process.wait(PATIENCE_S) == 0
+    assert json.loads(stats.read_text())["notices"] == [
+        "monitor DUMMY1 has gone; waiting for it in a window",
+        "monitor DUMMY1 is back",
+    ]
+
+
+def test_a_damaged_map_does_not_replace_the_one_that_plays(
+    xvfb: str, room: Path, picture: Path, tmp_path: Path
+) -> None:
+    box = (0, 0, 100, 75)
+    folder, stats = tmp_path / "wall", tmp_path / "stats.json"
+    shutil.copytree(room, folder)
+    corrected = expected_picture(folder, picture, tmp_path)
+    with playing(xvfb, folder, picture, "--no-osd", "--stats", stats) as process:
+
+        def shows(wanted: np.ndarray) -> Callable[[], bool]:
+            return lambda: np.array_equal(screen(xvfb, box), wanted)
+
+        wait_until(shows(corrected), "the corrected picture", process)
+        entries = folder / "correction" / "entries.exr"
+        whole = entries.read_bytes()
+        entries.write_bytes(whole[: len(whole) // 2])
+        press(xvfb, "r", "Control_L")
+        press(xvfb, "c")
+        wait_until(lambda: not shows(corrected)(), "the plain picture", process)
+        press(xvfb, "c")
+        wait_until(shows(corrected), "the old map's picture", process)
+        entries.write_bytes(whole)
+        succeed("build-correction-map", folder, "--regularize", "0.5")
+        smoother = expected_picture(folder, picture, tmp_path)
+        assert np.abs(smoother - corrected).max() > 5
+        press(xvfb, "r", "Control_L")
+        wait_until(shows(smoother), "the new map's picture", process)
+        press(xvfb, "q")
+        assert process.wait(PATIENCE_S) == 0
+    (notice,) = json.loads(stats.read_text())["notices"]
+    assert "entries.exr" in notice
+
+
+def test_pictures_of_a_list_follow_each_other(xvfb: str, room: Path, tmp_path: Path) -> None:
+    for index, level in enumerate((60, 120, 200)):
+        cv2.imwrite(str(tmp_path / f"{index}.png"), np.full((30, 40, 3), level, np.uint8))
+    listed, stats = tmp_path / "list.m3u", tmp_path / "stats.json"
+    listed.write_text("0.png\ngone.png\n1.png\n2.png\n")
+    options = "--image-display-duration", "0.5", "--stats", stats
+    done = command("play-corrected", room, listed, *options, DISPLAY=xvfb, WAYLAND_DISPLAY="")
+    assert done.returncode == 0, done.stderr
+    numbers = json.loads(stats.read_text())
+    assert numbers["frames"] == 3
+    assert len(numbers["notices"]) == 1
+    assert "gone.png: no such file" in numbers["notices"][0]
