@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 SHOWN_S, FADING_S = 1.0, 0.3
+MESSAGE_SIZE = 1.6
 TEXT_HEIGHT, LINE_HEIGHT, MARGIN, TAB_GAP = 18, 24, 12, 18  # pixels in a window of REFERENCE_HEIGHT
 REFERENCE_HEIGHT, SMALLEST_SCALE, LARGEST_SCALE = 720, 0.6, 4.0
 BAR_WIDTH, BARS_HEIGHT = 52, 72
@@ -29,11 +30,15 @@ class Histogram:
 
 @dataclass(frozen=True)
 class Page:
-    """Lines of text, a tab apart in columns, and a histogram below them.  opacity : 0..1 of all of it."""
+    """Lines of text, a tab apart in columns, and a histogram below them.
+
+    opacity : 0..1 of all of it.  size : of the letters, 1 for a page that is read, more for a word in passing.
+    """
 
     lines: tuple[str, ...]
     histogram: Histogram | None = None
     opacity: float = 1.0
+    size: float = 1.0
 
 
 class Message:
@@ -66,7 +71,7 @@ def draw(page: Page, window: tuple[int, int]) -> NDArray[np.uint8]:
 
     A page that is too large for the window is drawn smaller, down to SMALLEST_SCALE, and then cut off.
     """
-    scale = scale_for(window)
+    scale = page.size * scale_for(window)
     height, width = _extent(page, scale)
     fitting = min(1.0, window[0] / height, window[1] / width)
     if fitting < 1:

@@ -13,7 +13,7 @@ from player import controls
 from player.errors import InputError
 from player.frames import Frame
 from player.keys import Keys
-from player.osd import Message, Page
+from player.osd import MESSAGE_SIZE, Message, Page
 from player.picture import Picture
 from player.placing import Placing
 from player.playback import Playback, Reader
@@ -73,7 +73,6 @@ class Session:
         self._certificate: Certificate | None = None
         self._facts: dict[str, Any] = {}
         self.playback: Playback | None = None
-        renderer.adjust(self.picture)
         self.open_current(first=True)
         self.commands = controls.commands_of(self)
         self.keys = Keys(self.commands, bindings)
@@ -192,6 +191,7 @@ class Session:
         reader = self._open_reader(medium, loop)
         try:
             self.renderer.open(reader.info.format)
+            self.renderer.adjust(self.picture)
         except BaseException:
             reader.close()
             raise
@@ -301,7 +301,7 @@ class Session:
             return stats_page(self, text)
         if self.placing is not None:
             return Page((f"placing the {self.placing.selected}; ? lists the keys", *([text] if text else [])))
-        return Page((text,), opacity=opacity) if text and self.osd else None
+        return Page((text,), opacity=opacity, size=MESSAGE_SIZE) if text and self.osd else None
 
     def _wait_s(self) -> float:
         if self._changed and self._uploaded:

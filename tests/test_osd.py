@@ -1,0 +1,79 @@
+"""What is written over the picture: where ink may be, how bars grow, how a message fades."""
+
+import numpy as np
+import pytest
+
+from player.osd import GROUND_ALPHA, Histogram, Message, Page, draw, plain
+
+WINDOW = (720, 1280)
+
+
+def inked(pixels: np.ndarray) -> tuple[int, int]:
+    """(bottom, right) of what is written."""
+    rows, columns = np.nonzero(pixels[..., 0] > 128)
+    return int(rows.max()), int(columns.max())
+
+
+def test_a_page_is_as_large_as_its_text_and_never_larger_than_the_window() -> None:
+    short, long = (draw(Page(lines), WINDOW) for lines in (("one",), ("one", "a longer line", "three")))
+    assert short.shape[0] < long.shape[0]
+    assert short.shape[1] < long.shape[1]
+    for page in (short, long):
+        assert np.all(np.array(inked(page)) < page.shape[:2])  # nothing is cut off
+        assert page.dtype == np.uint8
+    tall = Page(tuple(f"line {index}\twith a second column" for index in range(30)))
+    assert draw(tall, WINDOW).shape[0] <= 720
+    for window in ((75, 100), (1, 1), (20, 3000)):
+        height, width = draw(tall, window).shape[:2]
+        assert 1 <= height <= window[0]
+        assert 1 <= width <= window[1]
+
+
+def test_text_grows_with_the_window_and_with_its_size() -> None:
+    page = Page(("Pause: on",))
+    low, high = (draw(page, (height, 4000)).shape for height in (720, 1440))
+    assert high[0] == pytest.approx(2 * low[0], abs=1)
+    assert high[1] == pytest.approx(2 * low[1], rel=0.03)  # glyphs are hinted to whole pixels
+    assert draw(Page(page.lines, size=2), (720, 4000)).shape == high
+
+
+def test_columns_stand_below_each_other() -> None:
+    wide = draw(Page(("a\tX", "a long first cell\tX")), WINDOW)
+    half = wide.shape[0] // 2
+    assert inked(wide[:half])[1] == inked(wide[half:])[1]
+
+
+def test_opacity_scales_alpha_alone() -> None:
+    full, half = (draw(Page(("text",), opacity=opacity), WINDOW) for opacity in (1.0, 0.5))
+    np.testing.assert_array_equal(full[..., :3], half[..., :3])
+    np.testing.assert_allclose(half[..., 3], full[..., 3] / 2, atol=1)  # rounding to a code
+    assert full[..., 3].min() == round(255 * GROUND_ALPHA)
+    assert full[..., 3].max() == 255
+
+
+def test_bars_are_as_high_as_their_counts() -> None:
+    counts = (10, 5, 0, 20)
+    pixels = draw(Page(("title",), Histogram(counts, ("a", "b", "c", "d"))), WINDOW)
+    bars = pixels[..., 0] == 200  # the bars' own grey
+    heights = [int(bars[:, left : left + 52].sum(axis=0).max()) for left in range(12, 12 + 4 * 52, 52)]
+    assert heights[3] == pytest.approx(72, abs=1)
+    np.testing.assert_allclose(heights, np.array(counts) / 20 * 72, atol=2)  # an empty bar is a line
+
+
+def test_letters_that_the_font_lacks_are_replaced() -> None:
+    assert plain("Gänsefüßchen\tñ") == "Gansefu?chen\tn"
+    assert plain("映画.mp4") == "??.mp4"
+
+
+def test_a_message_stays_a_second_and_is_gone_after_its_fading() -> None:
+    now = [0.0]
+    message = Message(lambda: now[0])
+    assert message.text == ""
+    message.say("a")
+    seen = []
+    for now[0] in (0.0, 0.99, 1.15, 1.31):
+        seen.append((message.text, message.opacity))
+    assert seen == [("a", 1.0), ("a", 1.0), ("a", 0.5), ("", 0.0)]
+    message.say("b", 5)
+    now[0] += 4.9
+    assert message.opacity == 1
