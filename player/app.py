@@ -170,7 +170,7 @@ def play_in_window(
         renderer: Renderer = GlRenderer(window.context, room)
         try:
             session = Session(
-                Playlist(options.media, loop=options.loop and len(options.media) > 1),
+                Playlist(options.media, loop=options.loop and len(options.media) > 1, start=options.playlist_start),
                 lambda medium, loop: MediaReader.open(medium, loop=loop, frames_per_second=options.fps),
                 renderer,
                 window,

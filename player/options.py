@@ -74,6 +74,7 @@ def _add_what(add: Callable[..., object]) -> None:
     )
     add("--loop", action=argparse.BooleanOptionalAction, default=False, help="start again at the end")
     add("--start", type=_seconds, default=0.0, metavar="SECONDS", help="begin there")
+    add("--playlist-start", type=_position, default=0, metavar="N", help="begin with that medium of several, from 0")
     add("--frames", type=_count, metavar="N", help="stop after N frames")
     add("--fps", type=_rate, metavar="RATE", help="frames per second of a numbered sequence (default 25)")
     add("--speed", type=_within(0.01, 100), default=1.0, metavar="FACTOR", help="media seconds a second (default 1)")
@@ -216,6 +217,12 @@ def _control(text: str) -> int:
 
 def _within(low: float, high: float) -> Callable[[str], float]:
     return lambda text: _number(text, low, high, f"{low:g} to {high:g}")
+
+
+def _position(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"expected a position in the list, from 0, found {text!r}")
+    return int(text)
 
 
 def _count(text: str) -> int:

@@ -12,8 +12,8 @@ MAX_LIST_BYTES = 4 << 20
 class Playlist:
     """Media in order, and which one is on. Positions count from 0."""
 
-    def __init__(self, media: Sequence[str], *, loop: bool = False) -> None:
-        self.media, self.loop, self.position = list(media), loop, 0
+    def __init__(self, media: Sequence[str], *, loop: bool = False, start: int = 0) -> None:
+        self.media, self.loop, self.position = list(media), loop, min(start, len(media) - 1)
 
     @property
     def current(self) -> str:

@@ -7,7 +7,6 @@ player/controls.py's. Knows no OpenGL; a display and a clock are handed in.
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 from player import controls
 from player.errors import InputError
@@ -24,7 +23,7 @@ from player.session_inputs import Audio, Display, Heartbeat, Remote, Setup, Site
 from player.stats import Stats
 from player.stats_page import facts, stats_page
 
-FACTS_INTERVAL_S = 0.5  # between looks at the certificate, and at what the heartbeat says
+CERTIFICATE_INTERVAL_S = 0.5
 PAGE_INTERVAL_S = 0.2
 LONGEST_WAIT_S = 0.05  # between looks at the decoder and the remotes; keys wake the window at once
 FADE_WAIT_S = 0.03
@@ -69,9 +68,8 @@ class Session:
         self._failures = self._draws = self._steps_made = 0
         self._changed = self._uploaded = False
         self._shown: tuple[Page | None, bool] = (None, False)
-        self._paged_at = self._certified_at = self._told_at = float("-inf")
+        self._paged_at = self._certified_at = float("-inf")
         self._certificate: Certificate | None = None
-        self._facts: dict[str, Any] = {}
         self.playback: Playback | None = None
         self.open_current(first=True)
         self.commands = controls.commands_of(self)
@@ -86,8 +84,8 @@ class Session:
                 for remote in self._remotes:
                     remote.poll(self.commands)
                 self.step()
-                if self._heartbeat is not None:
-                    self._heartbeat.beat(self.facts())
+                if self._heartbeat is not None and self._heartbeat.due and self.playback is not None:
+                    self._heartbeat.beat(facts(self))
                 if limit is not None and self.stats.frames >= limit:
                     break
             if self._draws:
@@ -231,17 +229,11 @@ class Session:
         self._incoming = renderer
         self.playback.refresh()
 
-    def certificate(self, max_age_s: float = FACTS_INTERVAL_S) -> Certificate | None:
+    def certificate(self, max_age_s: float = CERTIFICATE_INTERVAL_S) -> Certificate | None:
         """How far the picture is from the best one; measured again if what is known is older."""
         if self._uploaded and self._draws and self._clock() - self._certified_at >= max_age_s:
             self._certificate, self._certified_at = self.renderer.certificate(), self._clock()
         return self._certificate
-
-    def facts(self) -> dict[str, Any]:
-        """How the show goes, for the heartbeat; looked at again now and then."""
-        if self._clock() - self._told_at >= FACTS_INTERVAL_S:
-            self._facts, self._told_at = facts(self), self._clock()
-        return self._facts
 
     @property
     def rendered(self) -> bool:

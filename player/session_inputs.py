@@ -57,7 +57,10 @@ class Remote(Protocol):
 
 
 class Heartbeat(Protocol):
-    """Told once a loop how the show goes."""
+    """Told how the show goes, whenever it is due; asked once a loop."""
+
+    @property
+    def due(self) -> bool: ...
 
     def beat(self, facts: Mapping[str, object]) -> None: ...
 

@@ -50,6 +50,7 @@ def facts(session: "Session") -> dict[str, Any]:
     certificate = session.certificate()
     gap = {} if certificate is None else certificate.to_dict()
     return {
+        "playlist_pos": session.playlist.position,
         "path": str(playback.reader.info.path),
         "time_pos": round(playback.position_s, 3),
         "paused": playback.paused,

@@ -218,7 +218,7 @@ def test_the_certificate_is_measured_now_and_then_and_only_to_be_shown(stage: St
     assert stage.commands.get("psnr") == 40
 
 
-def test_remotes_are_polled_and_the_heartbeat_told_once_a_loop() -> None:
+def test_remotes_are_polled_and_the_heartbeat_told_when_it_is_due() -> None:
     polls: list[Commands] = []
     beats: list[Mapping[str, object]] = []
 
@@ -228,8 +228,15 @@ def test_remotes_are_polled_and_the_heartbeat_told_once_a_loop() -> None:
             commands.run("quit")
 
     remote: Any = SimpleNamespace(poll=stop_after_five)
-    heartbeat: Any = SimpleNamespace(beat=beats.append)
-    Stage(remotes=[remote], heartbeat=heartbeat).session.run()
+    heartbeat: Any = SimpleNamespace(beat=beats.append, due=True)
+    stage = Stage(remotes=[remote], heartbeat=heartbeat)
+    stage.session.run()
+    assert len(polls) == len(beats) == 5
+    assert beats[-1]["playlist_pos"] == 0
+    heartbeat.due = False
+    polls.clear()
+    stage.session.done = False
+    stage.session.run()
     assert len(polls) == len(beats) == 5
     assert {"fps", "frames", "dropped", "gap", "gpu_ms", "time_pos"} <= beats[-1].keys()
     assert "seek" in polls[0].names()

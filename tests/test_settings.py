@@ -121,6 +121,7 @@ def test_a_list_goes_on_back_and_round() -> None:
     assert playlist.step(1)
     assert not playlist.step(1)
     assert playlist.current == "b"
+    assert Playlist(["a", "b"], start=1).current == "b"
     playlist.loop = True
     assert playlist.step(1)
     assert playlist.current == "a"
