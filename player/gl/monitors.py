@@ -74,12 +74,12 @@ def find_monitor(monitors: Sequence[Monitor], name_or_index: str | int) -> Monit
     raise InputError(f"monitor {wanted!r}: not there, found: {there}; give one of these names or numbers")
 
 
-def monitor_handle(name: str) -> tuple[Monitor, Any]:
-    """The monitor of that name as it is set now, and GLFW's pointer for it; InputError if it is not connected."""
-    for monitor in list_monitors():
-        if monitor.name == name:
-            return monitor, glfw.get_monitors()[monitor.index]
-    raise InputError(f"monitor {name}: not connected; plug it in again")
+def monitor_handle(monitor: Monitor) -> Any:
+    """GLFW's pointer for a monitor of `list_monitors`; InputError if it has gone since."""
+    handles = glfw.get_monitors()
+    if monitor.index >= len(handles):
+        raise InputError(f"monitor {monitor}: no longer connected; plug it in again")
+    return handles[monitor.index]
 
 
 def after_a_change(

@@ -145,7 +145,8 @@ class Window:
     def set_fullscreen(self, on: bool) -> None:
         """Fill the monitor, or go back to a window. The video mode of the monitor is left as it is."""
         if on and not self.fullscreen:
-            monitor, handle = monitor_handle(self._home or list_monitors()[0].name)
+            monitor = find_monitor(list_monitors(), self._home or 0)
+            handle = monitor_handle(monitor)
             self._windowed_at = glfw.get_window_pos(self._handle)
             self._home, self._at_home = monitor.name, True
             if (monitor.height, monitor.width) != self._shape:
