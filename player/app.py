@@ -1,9 +1,10 @@
 """play-corrected: show media through the correction map of a calibrated room."""
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,9 +15,11 @@ import numpy as np
 from player import calibration as calibrations
 from player import maps
 from player.command import run
+from player.control import ControlServer
 from player.cpu_renderer import CpuRenderer
 from player.errors import InputError
 from player.headless import render_to_file
+from player.heartbeat import Heartbeat, Notifier
 from player.options import Steps, image_display_duration, one_medium, picture_of, read_options
 from player.picture import Picture
 from player.placement import Corners, corners_of, read_placement, write_placement
@@ -24,8 +27,9 @@ from player.playlist import Playlist
 from player.refinement import DEFAULT_STEPS, STARTS, Certificate
 from player.renderer import Renderer, Room, place
 from player.session import Session
-from player.session_inputs import Heartbeat, Remote, Setup, Site
+from player.session_inputs import Remote, Setup, Site
 from player.stats import Stats
+from player.supervisor import supervise
 from player.video import MediaReader, PixelFormat
 
 
@@ -33,8 +37,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     return run(_main, argv)
 
 
-def _main(argv: Sequence[str] | None) -> None:
+def _main(argv: Sequence[str] | None) -> int | None:
     options = read_options(argv, __doc__ or "")
+    if options.supervise:
+        if options.output is not None:
+            raise InputError("--supervise keeps a window running; leave out --output")
+        arguments = sys.argv[1:] if argv is None else argv
+        notify = os.environ.get("NOTIFY_SOCKET")
+        return supervise(arguments, safe=options.safe, monitor=options.monitor, notify_socket=notify)
+    _show(options)
+    return None
+
+
+def _show(options: argparse.Namespace) -> None:
     if options.list_monitors:
         from player.gl.monitors import list_monitors
 
@@ -47,9 +62,25 @@ def _main(argv: Sequence[str] | None) -> None:
     room = room_of(options)
     picture = replace(picture_of(options), corners=read_placement(options.calibration))
     print(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white is None else ''}")
-    stats = _render(options, room, picture) if options.output else play_in_window(options, room, picture)
+    if options.output:
+        stats = _render(options, room, picture)
+    else:
+        with _attached(options) as (remotes, heartbeat):
+            stats = play_in_window(options, room, picture, remotes=remotes, heartbeat=heartbeat)
     if options.stats is not None:
         stats.write(options.stats)
+
+
+@contextmanager
+def _attached(options: argparse.Namespace) -> Iterator[tuple[list[ControlServer], Heartbeat]]:
+    """Who commands the show from elsewhere, and who is told how it goes."""
+    with ExitStack() as stack:
+        heartbeat = Heartbeat(options.heartbeat, Notifier(os.environ.get("NOTIFY_SOCKET")))
+        stack.callback(heartbeat.close)
+        remotes = [] if options.control is None else [ControlServer(options.control)]
+        for remote in remotes:
+            stack.callback(remote.close)
+        yield remotes, heartbeat
 
 
 def room_of(options: argparse.Namespace) -> Room:

@@ -40,7 +40,8 @@ class DecoderLink:
         self.busy_s = 0.0
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the process)
         self.process = _start_decoder(arguments, self._errors)
-        self._heard = self._looked = time.monotonic()
+        self._looked = time.monotonic()
+        self._heard: float | None = None
         self._listener = threading.Thread(target=self._listen, name=f"decoder {number}", daemon=True)
         self._listener.start()
 
@@ -58,12 +59,15 @@ class DecoderLink:
             self.process.stdin.flush()
 
     def silent_s(self) -> float:
-        """Seconds without a sign of life, not counting those in which nobody looked (we may have been stopped, too)."""
+        """Seconds since the last sign of life, 0 before the first (the interpreter starts).
+
+        Does not count those in which nobody looked: we may have been stopped, too.
+        """
         now = time.monotonic()
-        if now - self._looked > 0.5 * SILENCE_S:
+        if self._heard is not None and now - self._looked > 0.5 * SILENCE_S:
             self._heard = now
         self._looked = now
-        return now - self._heard
+        return 0.0 if self._heard is None else now - self._heard
 
     def make_ring(self, slots: int, pixels: PixelFormat) -> None:
         """Create and map a ring file, in memory where there is room, and tell the decoder."""

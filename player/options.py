@@ -15,6 +15,7 @@ from player.playlist import expand
 from player.refinement import DEFAULT_STEPS, MOST_STEPS, STARTS
 from player.renderer import DITHERS, VIEWS
 from player.settings import apply_settings, default_path
+from player.supervisor import SAFE
 from player.test_cards import CARDS
 
 Steps: TypeAlias = int | Literal["auto"] | None
@@ -170,6 +171,15 @@ def _add_output(add: Callable[..., object]) -> None:
     )
     add("--backend", choices=("gl", "cpu"), default="gl", help="cpu: the numpy reference (with --output)")
     add("--dither", choices=DITHERS, default="ordered", help="how 8-bit steps are hidden (default ordered)")
+    add("--control", type=Path, metavar="SOCKET", help="take commands there, JSON lines as mpv's IPC")
+    add("--heartbeat", metavar="FILE|-", help="add a JSON line a second: frames, drops, memory, position")
+    add(
+        "--supervise",
+        action=argparse.BooleanOptionalAction,
+        default=False,
+        help="start the player again whenever it dies or hangs",
+    )
+    add("--safe", choices=SAFE, default="black", help="what --supervise shows after too many crashes (default black)")
     add("--stats", type=Path, metavar="FILE.json", help="write frames, drops, judder and milliseconds")
 
 

@@ -43,10 +43,12 @@ class MediaReader:
         self._failure: str | None = None
         self._notices: list[str] = []
         self.ended = False
-        self._opened_s = time.monotonic()
-        self._child = DecoderLink(self._number, self._arguments | {"start": self._start})
+        self._began_s = time.monotonic()
+        self._info: MediaInfo | None = None
+        self._given_up = False
+        self._start_child()
         try:
-            self.info = self._opening()
+            self._wait_for_opening()
         except BaseException:
             self.close()
             raise
@@ -113,7 +115,11 @@ class MediaReader:
         offset_s = time_s // lap_s * lap_s if lap_s else 0.0
         self._start = {"serial": self._serial, "time_s": time_s - offset_s, "after": False, "offset_s": offset_s}
         self._index = round(time_s * self.info.frames_per_second)
-        self._child.send({"seek": self._start})
+        if self._given_up:
+            self._given_up, self._number = False, self._number + 1
+            self._start_child()
+        else:
+            self._child.send({"seek": self._start})
 
     def notices(self) -> list[str]:
         """What the user should know and has not been told since the last call."""
@@ -129,36 +135,51 @@ class MediaReader:
         self.ended = True
         self._child.close()
 
-    def _opening(self) -> MediaInfo:
-        """Wait until the decoder has opened the medium, give it a ring and wait until it has mapped that."""
-        opened = self._expect("opened")
-        pixels = format_from_json(opened["format"])
-        slots = 1 if opened["still"] else max(2, min(RING_SLOTS, RING_BYTES // slot_bytes(pixels)))
-        self._child.make_ring(slots, pixels)
-        self._expect("mapped")
-        self._child.remove_ring_file()
-        self._notices += [notice for notice in opened["notices"] if self._number == 0]
-        values = {name: opened[name] for name in ("frames_per_second", "duration_s", "still", "codec", "frames")}
-        return MediaInfo(path=self._path, format=pixels, **values)
+    @property
+    def info(self) -> MediaInfo:
+        assert self._info is not None  # known before anybody else sees this reader
+        return self._info
 
-    def _expect(self, name: str) -> Any:
-        deadline = time.monotonic() + OPENING_S
-        while time.monotonic() < deadline:
+    def _start_child(self, skipped_s: float = 0.0) -> None:
+        """Start a decoder; it opens the medium in its own time."""
+        start = self._start | {"time_s": self._start["time_s"] + skipped_s}
+        self._child = DecoderLink(self._number, self._arguments | {"start": start})
+        self._mapped, self._child_began_s = False, time.monotonic()
+
+    def _wait_for_opening(self) -> None:
+        while not self._mapped:
             event = self._child.receive(_POLL_S)
             if event is None:
-                continue
-            if "error" in event:
-                raise InputError(event["error"])
-            if "died" in event:
+                self._check_alive()
+            elif "died" in event:
                 raise InputError(f"{self._path}: {event['died']} while opening it; convert or export it again")
-            if name in event:
-                return event[name]
-        raise InputError(f"{self._path}: not opened within {OPENING_S:g} s; copy it to a local disk, or convert it")
+            else:
+                self._handle(event)
+
+    def _take_opened(self, opened: dict[str, Any]) -> None:
+        """The medium is open: give the decoder a ring for its frames."""
+        pixels = format_from_json(opened["format"])
+        if self._info is None:
+            values = {name: opened[name] for name in ("frames_per_second", "duration_s", "still", "codec", "frames")}
+            self._info = MediaInfo(path=self._path, format=pixels, **values)
+            self._notices += opened["notices"]
+        elif pixels != self.info.format:
+            self._failure = f"{self._path}: has changed since it was opened; open it again"
+            return
+        slots = 1 if self.info.still else max(2, min(RING_SLOTS, RING_BYTES // slot_bytes(pixels)))
+        self._child.make_ring(slots, pixels)
 
     def _handle(self, event: dict[str, Any]) -> Frame | None:
         """Take one event of the decoder; a frame if it is one that was asked for."""
         if "died" in event:
             self._restart(event["died"])
+        elif "opened" in event:
+            self._take_opened(event["opened"])
+        elif "mapped" in event:
+            self._child.remove_ring_file()
+            self._mapped = True
+        elif "error" in event and not self._mapped:
+            self._refused(event["error"])
         elif event.get("serial") != self._serial:
             if "frame" in event:
                 self._child.send({"free": event["frame"]["slot"]})
@@ -193,32 +214,36 @@ class MediaReader:
         """Kill a decoder that is stopped or stuck (its death then arrives as an event); repeat an earlier failure."""
         if self._failure is not None:
             raise InputError(self._failure)
+        opening_s = 0.0 if self._mapped else time.monotonic() - self._child_began_s
         if self._child.silent_s() > SILENCE_S or self._child.busy_s > STUCK_S:
             self._child.kill("decoder hung")
+        elif opening_s > OPENING_S:
+            self._failure = f"{self._path}: not opened within {OPENING_S:g} s; copy it to a local disk, or convert it"
+            raise InputError(self._failure)
+
+    def _refused(self, reason: str) -> None:
+        """The decoder cannot open the medium: an error at first, later one more reason to try again."""
+        if self._info is None:
+            raise InputError(reason)
+        self._child.kill(reason)
+        self._restart(reason)
 
     def _restart(self, reason: str) -> None:
-        """Start a new decoder just after the last frame; skip ahead when it dies there again."""
-        now = time.monotonic()
-        while True:
-            self._deaths += 1
-            if self._deaths > MAX_DEATHS:
-                self._failure = f"{self._path}: {reason} {MAX_DEATHS} times without a frame; convert the medium"
-                return
-            skipped_s = 0.0 if self.info.still else SKIP_S * (self._deaths - 1)
-            when = f"after {now - self._opened_s:.1f} s"
-            self._notices.append(f"{self._path}: {reason} {when}; restarted{_skipped(skipped_s)}")
-            self._child.close()
-            self._number += 1
-            start = self._start | {"time_s": self._start["time_s"] + skipped_s}
-            self._child = DecoderLink(self._number, self._arguments | {"start": start})
-            try:
-                info = self._opening()
-            except InputError as error:
-                reason = str(error)
-                continue
-            if info.format != self.info.format:
-                self._failure = f"{self._path}: has changed since it was opened; open it again"
+        """Start a new decoder just after the last frame; skip ahead when it dies there again.
+
+        Does not wait for it: until it has opened the medium there is no frame, and whoever polls holds the last one.
+        """
+        self._child.close()
+        self._deaths += 1
+        if self._deaths > MAX_DEATHS:
+            self._failure = f"{self._path}: {reason} {MAX_DEATHS} times without a frame; convert the medium"
+            self._given_up = True
             return
+        skipped_s = 0.0 if self.info.still else SKIP_S * (self._deaths - 1)
+        when = f"after {time.monotonic() - self._began_s:.1f} s"
+        self._notices.append(f"{self._path}: {reason} {when}; restarted{_skipped(skipped_s)}")
+        self._number += 1
+        self._start_child(skipped_s)
 
 
 def _skipped(seconds: float) -> str:

@@ -84,6 +84,7 @@ class Window:
         if fullscreen:
             self.set_fullscreen(True)
         glfw.show_window(self._handle)
+        glfw.focus_window(self._handle)  # a window that is full screen before it is shown does not get it
         glfw.swap_interval(int(vsync))
 
     def attach(self, picture: Callable[[], moderngl.Texture]) -> None:
@@ -197,6 +198,7 @@ class Window:
             self._notices.append(f"monitor {self._home} has gone; waiting for it in a window")
         elif act == "return" and self._home is not None:
             self.move_to(self._home)
+            glfw.focus_window(self._handle)
             self._notices.append(f"monitor {self._home} is back")
         self._keys.append(REDRAW)
 

@@ -144,6 +144,12 @@ def test_full_screen_on_the_chosen_monitor_shows_the_exact_pixels(
                 lambda: np.array_equal(screen(two_monitors, SECOND_MONITOR), expected), "the picture appears", process
             )
             assert screen(two_monitors, (0, 0, 1280, 720)).max() == 0  # nothing on the other monitor
+            press(two_monitors, "g")
+            wait_until(
+                lambda: screen(two_monitors, (0, 0, 1280, 720)).max() > 200, "its name on the other one", process
+            )
+            press(two_monitors, "q")
+            assert process.wait(PATIENCE_S) == 0
 
 
 def test_a_monitor_that_is_not_there_or_of_another_size(two_monitors: str, room: Path, picture: Path) -> None:

@@ -1,0 +1,144 @@
+"""Signs of life: a JSON line now and then, and systemd's notification protocol (sd_notify(3)) by a plain socket."""
+
+import json
+import os
+import select
+import socket
+import sys
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from player.errors import InputError
+from player.json_lines import encode
+
+INTERVAL_S = 1.0
+MAX_LOG_BYTES = 16 << 20  # then FILE becomes FILE.1: a show of months fills no disk
+FACTS = "X_COUNTERLIGHT"  # systemd ignores variables that begin with X_; our supervisor reads them
+
+
+class Notifier:
+    """Tells a service manager at a datagram socket how we are; nobody there is no fault of the show's."""
+
+    def __init__(self, address: str | None) -> None:
+        """Address : the value of NOTIFY_SOCKET, a path or `@` and an abstract name; None tells nobody."""
+        self._address = address and ("\0" + address[1:] if address.startswith("@") else address)
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) if self._address else None
+        if self._socket is not None:
+            self._socket.setblocking(False)
+
+    def send(self, **variables: str) -> bool:
+        """Tell it; whether it was taken (the manager may have no room just now)."""
+        if self._socket is not None and self._address:
+            message = "\n".join(f"{name}={value}" for name, value in variables.items())
+            with suppress(OSError):
+                return self._socket.sendto(message.encode(), self._address) > 0
+        return False
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+
+
+class Heartbeat:
+    """Writes what a show says of itself, at most once an interval; costs a look at the clock otherwise.
+
+    target : a file that lines are added to, "-" for stderr, None for none.
+    notifier : told READY=1 with the first beat, WATCHDOG=1 and the facts with every one.
+
+    A line holds `time` (Unix, seconds), `pid`, `rss_bytes`, `fps` (frames shown since the line before) and the facts.
+    """
+
+    def __init__(
+        self,
+        target: Path | str | None,
+        notifier: Notifier,
+        *,
+        interval_s: float = INTERVAL_S,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._path = None if target is None or str(target) == "-" else Path(target)
+        self._file = None if target is None else sys.stderr.fileno() if self._path is None else _open(self._path)
+        self._notifier, self._interval_s, self._clock = notifier, interval_s, clock
+        self._told_at = float("-inf")
+        self._frames: object = None
+        self._ready = False  # and told so
+
+    @property
+    def due(self) -> bool:
+        """Whether the next beat will be told: facts need not be collected before."""
+        return self._clock() - self._told_at >= self._interval_s
+
+    def beat(self, facts: Mapping[str, object]) -> None:
+        """Tell the facts (JSON-able), if an interval has passed since they were told last."""
+        if not self.due:
+            return
+        now, frames = self._clock(), facts.get("frames")
+        facts = {**facts, **self._rate(frames, now - self._told_at)}
+        self._ready |= self._notifier.send(
+            **({} if self._ready else {"READY": "1"}),
+            WATCHDOG="1",
+            STATUS=_status(facts),
+            **{FACTS: encode(facts).decode().strip()},
+        )
+        self._told_at, self._frames = now, frames
+        if self._file is not None:
+            self._write(encode({"time": round(time.time(), 3), "pid": os.getpid(), "rss_bytes": rss_bytes()} | facts))
+
+    def close(self) -> None:
+        """Say that silence is meant from now on."""
+        self._notifier.send(STOPPING="1")
+        self._notifier.close()
+        if self._file is not None and self._path is not None:
+            os.close(self._file)
+        self._file = None
+
+    def _rate(self, frames: object, seconds: float) -> dict[str, float]:
+        if isinstance(frames, int) and isinstance(self._frames, int) and seconds > 0:
+            return {"fps": round(max(frames - self._frames, 0) / seconds, 2)}
+        return {}
+
+    def _write(self, line: bytes) -> None:
+        """Add a line; one that would wait (a full pipe) or fail (a full disk) is left out: the show goes on."""
+        assert self._file is not None
+        with suppress(OSError, InputError):
+            if not select.select([], [self._file], [], 0)[1]:
+                return
+            os.write(self._file, line)
+            if self._path is not None and os.fstat(self._file).st_size > MAX_LOG_BYTES:
+                self._path.replace(self._path.with_name(self._path.name + ".1"))
+                fresh = _open(self._path)
+                os.close(self._file)
+                self._file = fresh
+
+
+def rss_bytes(pid: int | str = "self") -> int | None:
+    """Resident memory of a process, as Linux tells it; None elsewhere."""
+    try:
+        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    except OSError:
+        return None
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def read_facts(message: Mapping[str, str]) -> dict[str, object]:
+    """The facts of a beat that a Notifier has sent; none when they cannot be read."""
+    try:
+        facts = json.loads(message.get(FACTS, "{}"))
+    except ValueError:
+        return {}
+    return facts if isinstance(facts, dict) else {}
+
+
+def _status(facts: Mapping[str, object]) -> str:
+    told = (f"{name} {facts[name]}" for name in ("path", "time_pos", "fps", "dropped") if name in facts)
+    return " ".join(", ".join(told).split())  # one line, whatever a file is called
+
+
+def _open(path: Path) -> int:
+    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NONBLOCK | os.O_CLOEXEC
+    try:
+        return os.open(path, flags, 0o644)
+    except OSError as error:
+        raise InputError(f"{path}: no heartbeat can be written here ({error.strerror}); name another file") from None

@@ -1,0 +1,331 @@
+"""play-corrected --supervise: the player as a child process that is started again whenever it dies or hangs.
+
+The supervisor is the player's service manager: it hears the READY=1, WATCHDOG=1 and facts of player/heartbeat.py at a
+socket of its own, and tells systemd in turn. It holds no picture and no codec, so that little can end it.
+
+    crash        the player ends with a signal or an exit code that is not clean, or is silent for SILENCE_S
+    back-off     0.1, 0.2, 0.4 … 2 s, doubled with every crash of the last WINDOW_S
+    safe picture after MOST_CRASHES of them: the show without compensation ("plain"), or black; SIGHUP tries again
+"""
+
+import ctypes
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from player.command import BAD_INPUT, DONE, INTERRUPTED
+from player.heartbeat import INTERVAL_S, Notifier, read_facts
+
+SILENCE_S = 3.0  # three beats; with the longest back-off, 5 s from the last beat to the next player
+START_S = 60.0  # to read the maps and compile the shaders
+ENDING_S = 10.0  # from the wish to end, or the player's own farewell, to its end
+BACK_OFF_S, LONGEST_BACK_OFF_S = 0.1, 2.0
+MOST_CRASHES, WINDOW_S = 5, 600.0
+PROGRESS_S = 1.0  # a player that came no further than this is not resumed at the same place
+SAFE = ("black", "plain")
+_POLL_S = 0.1
+_SET_PDEATHSIG, _SET_CHILD_SUBREAPER = 1, 36  # prctl(2)
+_LIBC = ctypes.CDLL(None)
+
+Facts: TypeAlias = Mapping[str, object]
+Player: TypeAlias = Callable[[Sequence[str]], list[str]]
+
+
+@dataclass
+class Crashes:
+    """When a player crashed, and what follows from it."""
+
+    clock: Callable[[], float] = time.monotonic
+    _times: deque[float] = field(default_factory=lambda: deque(maxlen=MOST_CRASHES))
+
+    def add(self) -> float:
+        """Count one; seconds to wait before the next start."""
+        self._times.append(self.clock())
+        return float(min(BACK_OFF_S * 2 ** (self._recent() - 1), LONGEST_BACK_OFF_S))
+
+    @property
+    def too_many(self) -> bool:
+        return self._recent() >= MOST_CRASHES
+
+    def forget(self) -> None:
+        self._times.clear()
+
+    def _recent(self) -> int:
+        return sum(self.clock() - at <= WINDOW_S for at in self._times)
+
+
+@dataclass
+class Place:
+    """Where the show was, for the next player to go on; the beginning of the item where that crashes again."""
+
+    item: int = 0
+    time_s: float = 0.0
+    _resumed: tuple[int, float] | None = None
+
+    def follow(self, facts: Facts) -> None:
+        item, time_s = facts.get("playlist_pos", 0), facts.get("time_pos", 0.0)
+        if isinstance(item, int) and isinstance(time_s, int | float):
+            self.item, self.time_s = item, float(time_s)
+
+    def options(self) -> list[str]:
+        """What a player is told to go on here."""
+        if self._resumed and self.item == self._resumed[0] and self.time_s < self._resumed[1] + PROGRESS_S:
+            self.time_s = 0.0
+        elif self._resumed is None and not (self.item or self.time_s):
+            return []  # the first player, or one that never played: what the user said holds
+        self._resumed = self.item, self.time_s
+        item = [f"--playlist-start={self.item}"] if self.item else []
+        return [*item, f"--start={self.time_s:.3f}"]
+
+
+class Child:
+    """One player process, and what it says of itself."""
+
+    def __init__(self, command: Sequence[str], inbox: socket.socket, address: str) -> None:
+        self.ready = self.ending = False
+        self._inbox = inbox
+        self._drain()  # what an earlier player has told
+        environment = {name: value for name, value in os.environ.items() if name != "WATCHDOG_USEC"}
+        self.process = subprocess.Popen(
+            command,
+            env=environment | {"NOTIFY_SOCKET": address},
+            stdin=subprocess.DEVNULL,
+            process_group=0,  # Ctrl-C is for us to pass on
+            preexec_fn=_end_with_parent(os.getpid()),
+        )
+        self._heard = self._looked = time.monotonic()
+
+    def listen(self) -> dict[str, str]:
+        """The variables told since the last call, the newest of each."""
+        told = self._drain()
+        now = time.monotonic()
+        if (told and not self.ending) or now - self._looked > 10 * _POLL_S:  # the latter: we were stopped ourselves
+            self._heard = now
+        self._looked = now
+        self.ready |= "READY" in told
+        self.ending |= "STOPPING" in told
+        return told
+
+    @property
+    def silent(self) -> bool:
+        patience = ENDING_S if self.ending else SILENCE_S if self.ready else START_S
+        return time.monotonic() - self._heard > patience
+
+    def end(self, number: int) -> None:
+        """Ask it to end as we are asked to."""
+        self.ending, self._heard = True, time.monotonic()
+        self.process.send_signal(number)
+
+    def kill(self) -> None:
+        self.process.kill()
+
+    def _drain(self) -> dict[str, str]:
+        told: dict[str, str] = {}
+        with suppress(BlockingIOError):
+            while True:
+                lines = self._inbox.recv(1 << 16).decode(errors="replace").splitlines()
+                told |= dict(line.split("=", 1) for line in lines if "=" in line)
+        return told
+
+
+class Supervisor:
+    """Keeps a show running.
+
+    players : command lines of the show and of the safe pictures, in the order in which they are tried; each is given
+        the options that take a show on from where it was.
+    notifier : of the service manager that started us.
+    """
+
+    def __init__(self, players: Sequence[Player], notifier: Notifier) -> None:
+        self._players, self._notifier = players, notifier
+        self._level = 0
+        self._crashes, self._place = Crashes(), Place()
+        self._signal: int | None = None
+        self._again = self._shown = self._ready = False
+        self._told_at = float("-inf")
+
+    def run(self) -> int:
+        """Until a player ends well, we are told to end, or it turns out that no player can start like this.
+
+        Returns the exit code of the last player, 130 if we ended it.
+        """
+        _prctl(_SET_CHILD_SUBREAPER, 1)
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+            signal.signal(number, self._on_signal)
+        with tempfile.TemporaryDirectory(prefix="counterlight-") as folder, _inbox(Path(folder, "notify")) as inbox:
+            while True:
+                code = self._play(inbox, str(Path(folder, "notify")))
+                if self._is_final(code):
+                    return code
+                if not self._again:
+                    self._rest(self._crashes.add())
+                if self._signal is not None:
+                    return INTERRUPTED
+                self._choose()
+
+    def _play(self, inbox: socket.socket, address: str) -> int:
+        """Run one player to its end; its exit code, negative for a signal."""
+        child = Child(self._players[self._level](self._place.options()), inbox, address)
+        passed_on = False
+        try:
+            while child.process.poll() is None:
+                self._hear(child)
+                if self._signal is not None and not passed_on:
+                    child.end(self._signal)
+                    passed_on = True
+                elif self._again and not child.ending:
+                    child.end(signal.SIGTERM)
+                elif child.silent:
+                    _say("the player hangs: ended")
+                    child.kill()
+                select.select([inbox], [], [], _POLL_S)
+            self._hear(child)  # what it said last
+        finally:
+            child.kill()
+            child.process.wait()
+            _end_orphans()
+        return INTERRUPTED if passed_on else child.process.returncode
+
+    def _hear(self, child: Child) -> None:
+        told = child.listen()
+        if facts := read_facts(told):
+            self._place.follow(facts)
+        self._shown |= "READY" in told
+        self._tell(told.get("STATUS", ""))
+
+    def _tell(self, status: str = "") -> None:
+        """Tell our own manager that we live, once a second, and that there has been a picture, until it has heard."""
+        if status or time.monotonic() - self._told_at >= INTERVAL_S:
+            self._told_at = time.monotonic()
+            variables = {"WATCHDOG": "1"} | ({"STATUS": status} if status else {})
+            if self._shown and not self._ready:
+                self._ready = self._notifier.send(READY="1", **variables)
+            else:
+                self._notifier.send(**variables)
+
+    def _is_final(self, code: int) -> bool:
+        """Whether this is how a show ends, and not how it crashes; says what happened if it crashed."""
+        if self._again and self._signal is None:
+            return False
+        if code in (DONE, INTERRUPTED) or (code == BAD_INPUT and not self._shown):
+            return True
+        how = f"signal {-code}" if code < 0 else f"exit code {code}"
+        _say(
+            f"the player has ended with {how} at item {self._place.item}, {self._place.time_s:.1f} s; starting it again"
+        )
+        return False
+
+    def _choose(self) -> None:
+        """Which player comes next: the show if we are told to try again, a safer one after too many crashes."""
+        if self._again:
+            self._again, self._level = False, 0
+            self._crashes.forget()
+            _say("starting the player again, as told")
+        elif self._crashes.too_many and self._level + 1 < len(self._players):
+            self._level += 1
+            self._crashes.forget()
+            _say(f"{MOST_CRASHES} crashes: going to the safe picture; kill -HUP {os.getpid()} tries again")
+
+    def _rest(self, seconds: float) -> None:
+        """Wait, but not when told to end."""
+        until = time.monotonic() + seconds
+        while time.monotonic() < until and self._signal is None and not self._again:
+            self._tell()
+            time.sleep(min(_POLL_S, max(until - time.monotonic(), 0.0)))
+
+    def _on_signal(self, number: int, _: Any) -> None:
+        if number == signal.SIGHUP:
+            self._again = True
+        else:
+            self._signal = number
+
+
+def supervise(arguments: Sequence[str], *, safe: str, monitor: str | None, notify_socket: str | None) -> int:
+    """Run `play-corrected ARGUMENTS` under supervision; returns its exit code.
+
+    arguments : the whole command line, `--supervise` included; the player is told `--no-supervise` behind it.
+    safe : one of SAFE.  monitor : where black is shown.
+    """
+    python = [sys.executable, "-P", "-m"]
+    plain_options = "--no-compensation", "--refine=0", "--view=projector"
+
+    def play(resume: Sequence[str], *options: str) -> list[str]:
+        return [*python, "player.app", *with_options(arguments, "--no-supervise", *options, *resume)]
+
+    def plain(resume: Sequence[str]) -> list[str]:
+        return play(resume, *plain_options)
+
+    def black(_: Sequence[str]) -> list[str]:
+        return [*python, "player.gl.black", *([] if monitor is None else [monitor])]
+
+    notifier = Notifier(notify_socket)
+    try:
+        return Supervisor([play, plain, black] if safe == "plain" else [play, black], notifier).run()
+    finally:
+        notifier.send(STOPPING="1")
+        notifier.close()
+
+
+def with_options(arguments: Sequence[str], *options: str) -> list[str]:
+    """A command line with options added where they are still read as options: before a `--`."""
+    end = list(arguments).index("--") if "--" in arguments else len(arguments)
+    return [*arguments[:end], *options, *arguments[end:]]
+
+
+@contextmanager
+def _inbox(path: Path) -> Iterator[socket.socket]:
+    """Where the player tells how it is; in a folder of our own, so that nobody else does."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as inbox:
+        inbox.bind(str(path))
+        inbox.setblocking(False)
+        yield inbox
+
+
+def _end_with_parent(parent: int) -> Callable[[], None]:
+    """What a child does between fork and exec, so that it never outlives a supervisor that was killed."""
+
+    def ask() -> None:
+        _prctl(_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:  # it has gone in between
+            os._exit(1)
+
+    return ask
+
+
+def _end_orphans() -> None:
+    """End what a dead player left behind, a decoder that is stopped, say: as its subreaper, we have inherited it.
+
+    Every child of this process is ended: it has none but the player's.
+    """
+    while orphans := _children():
+        for pid in orphans:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+            with suppress(ChildProcessError):
+                os.waitpid(pid, 0)
+
+
+def _children() -> list[int]:
+    with suppress(OSError):  # not Linux, or a kernel without this file
+        return [int(pid) for pid in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()]
+    return []
+
+
+def _prctl(option: int, value: int) -> None:
+    if sys.platform == "linux":
+        _LIBC.prctl(option, value, 0, 0, 0)
+
+
+def _say(line: str) -> None:
+    print(f"supervisor: {line}", file=sys.stderr, flush=True)

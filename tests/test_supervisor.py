@@ -1,0 +1,376 @@
+"""The heartbeat and the supervisor: what is told to whom, and real players that are killed, stopped and told to end."""
+
+import configparser
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from Xlib.display import Display
+from Xlib.error import BadDrawable
+
+from player import heartbeat
+from player.errors import InputError
+from player.heartbeat import FACTS, Heartbeat, Notifier, read_facts
+from player.supervisor import (
+    BACK_OFF_S,
+    ENDING_S,
+    LONGEST_BACK_OFF_S,
+    MOST_CRASHES,
+    START_S,
+    WINDOW_S,
+    Crashes,
+    Place,
+    with_options,
+)
+from tests.rooms import write_blurred_room
+from tests.test_player import CLIP, fail, succeed
+
+ROOT = Path(__file__).resolve().parents[1]
+PATIENCE_S = 30.0
+SOON_S = 5.0  # the issue's bound: from a player's death or silence to the next player
+
+
+class Clock:
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def manager(tmp_path: Path) -> Iterator[socket.socket]:
+    """A service manager's socket, at tmp_path/notify."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as inbox:
+        inbox.bind(str(tmp_path / "notify"))
+        inbox.settimeout(PATIENCE_S)
+        yield inbox
+
+
+def received(inbox: socket.socket) -> dict[str, str]:
+    return dict(line.split("=", 1) for line in inbox.recv(1 << 16).decode().splitlines())
+
+
+def test_a_line_a_second_with_the_frames_since_the_last(tmp_path: Path, clock: Clock) -> None:
+    heart = Heartbeat(tmp_path / "log", Notifier(None), clock=clock)
+    for frames in range(0, 101):
+        heart.beat({"frames": frames, "gap": float("inf"), "path": "a\nb"})
+        clock.now += 0.04
+    heart.close()
+    lines = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
+    assert [line["frames"] for line in lines] == [0, 25, 50, 75, 100]
+    assert [line.get("fps") for line in lines] == [None, 25, 25, 25, 25]
+    assert {line["pid"] for line in lines} == {os.getpid()}
+    assert all(line["gap"] is None and line["path"] == "a\nb" and line["rss_bytes"] > 1 << 20 for line in lines)
+
+
+def test_the_service_manager_hears_it(tmp_path: Path, manager: socket.socket, clock: Clock) -> None:
+    heart = Heartbeat(None, Notifier(str(tmp_path / "notify")), clock=clock)
+    heart.beat({"path": "a\nREADY=0", "time_pos": 2.5})
+    heart.beat({"time_pos": 3.5})
+    clock.now += 1
+    heart.beat({"time_pos": 4.5})
+    heart.close()
+    first, second, last = (received(manager) for _ in range(3))
+    assert first["READY"] == first["WATCHDOG"] == second["WATCHDOG"] == last["STOPPING"] == "1"
+    assert "READY" not in second
+    assert read_facts(first) == {"path": "a\nREADY=0", "time_pos": 2.5}
+    assert read_facts(second) == {"time_pos": 4.5}
+    assert read_facts({FACTS: "{"}) == read_facts({FACTS: "[]"}) == read_facts({}) == {}
+
+
+def test_an_abstract_socket_and_one_that_is_not_there() -> None:
+    name = f"counterlight-test-{os.getpid()}"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as inbox:
+        inbox.bind("\0" + name)
+        notifier = Notifier("@" + name)
+        notifier.send(WATCHDOG="1")
+        assert inbox.recv(100) == b"WATCHDOG=1"
+    notifier.send(WATCHDOG="1")  # nobody hears it, nothing happens
+    notifier.close()
+
+
+def test_a_log_is_bounded(tmp_path: Path, clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(heartbeat, "MAX_LOG_BYTES", 1000)
+    heart = Heartbeat(tmp_path / "log", Notifier(None), clock=clock)
+    for number in range(200):
+        clock.now += 1
+        heart.beat({"number": number})
+    heart.close()
+    assert {path.name for path in tmp_path.iterdir()} == {"log", "log.1"}
+    assert all(path.stat().st_size < 1200 for path in tmp_path.iterdir())
+    numbers = [
+        json.loads(line)["number"] for name in ("log.1", "log") for line in (tmp_path / name).read_text().splitlines()
+    ]
+    assert numbers == list(range(200 - len(numbers), 200))
+
+
+def test_a_reader_that_does_not_read_stops_nothing(tmp_path: Path, clock: Clock) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    heart = Heartbeat(tmp_path / "pipe", Notifier(None), clock=clock)
+    for _ in range(2000):  # 64 KiB are full after about 700
+        clock.now += 1
+        heart.beat({})
+    os.close(reader)
+    clock.now += 1
+    heart.beat({})  # nor one that has gone
+    heart.close()
+    with pytest.raises(InputError, match="no heartbeat can be written here"):
+        Heartbeat(tmp_path / "no" / "log", Notifier(None))
+
+
+def test_back_off_doubles_up_to_its_limit_and_crashes_are_forgiven(clock: Clock) -> None:
+    crashes = Crashes(clock)
+    waits = []
+    for number in range(8):
+        waits.append(crashes.add())
+        assert crashes.too_many == (number + 1 >= MOST_CRASHES)
+    assert waits == [min(BACK_OFF_S * 2 ** min(n, MOST_CRASHES - 1), LONGEST_BACK_OFF_S) for n in range(8)]
+    clock.now += WINDOW_S + 1
+    assert not crashes.too_many
+    assert crashes.add() == BACK_OFF_S
+
+
+def test_a_show_goes_on_where_it_was_unless_that_crashes_again() -> None:
+    place = Place()
+    assert place.options() == []
+    place.follow({"time_pos": 12.5, "playlist_pos": 3})
+    assert place.options() == ["--playlist-start=3", "--start=12.500"]
+    place.follow({"time_pos": 13.0, "playlist_pos": 3})
+    assert place.options() == ["--playlist-start=3", "--start=0.000"]
+    place.follow({"time_pos": 30.0, "playlist_pos": 3})
+    assert place.options() == ["--playlist-start=3", "--start=30.000"]
+    place.follow({"time_pos": 0.2, "playlist_pos": 4})
+    assert place.options() == ["--playlist-start=4", "--start=0.200"]
+    place.follow({"time_pos": "?", "playlist_pos": None})
+    assert place.item == 4
+
+
+def test_options_are_added_before_names_that_look_like_some() -> None:
+    assert with_options(["a", "--", "-b"], "--x") == ["a", "--x", "--", "-b"]
+    assert with_options(["a", "--y"], "--x") == ["a", "--y", "--x"]
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("supervised") / "wall"
+    write_blurred_room(folder, np.random.default_rng(7), (30, 40), (24, 32))
+    succeed("build-correction-map", folder, "--regularize", "0.1")
+    return folder
+
+
+class Show:
+    """A supervised player, and what its service manager and its log are told."""
+
+    def __init__(self, process: subprocess.Popen[str], log: Path) -> None:
+        self.process, self._log = process, log
+
+    def beats(self) -> list[dict[str, Any]]:
+        lines = self._log.read_text().splitlines(keepends=True) if self._log.exists() else []
+        return [json.loads(line) for line in lines if line.endswith("\n")]
+
+    def player(self, *, other_than: int = 0, frames: int = 1) -> int:
+        """Process id of the player, once one that is not `other_than` has shown some frames."""
+
+        def shown() -> bool:
+            beats = self.beats()
+            return bool(beats) and beats[-1]["pid"] != other_than and beats[-1]["frames"] >= frames
+
+        self.wait(shown, "a player plays")
+        return int(self.beats()[-1]["pid"])
+
+    def wait(self, condition: Callable[[], bool], what: str) -> None:
+        deadline = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert self.process.poll() is None, self.process.communicate()
+            assert time.monotonic() < deadline, what
+            time.sleep(0.05)
+
+    def ended(self) -> tuple[int, str]:
+        _, errors = self.process.communicate(timeout=PATIENCE_S)
+        return self.process.returncode, errors
+
+
+@contextmanager
+def supervised(display: str, folder: Path, *arguments: object) -> Iterator[Show]:
+    script = Path(sys.executable).with_name("play-corrected")
+    process = subprocess.Popen(
+        [str(script), *map(str, arguments), "--supervise", "--heartbeat", str(folder / "log")],
+        env=os.environ | {"DISPLAY": display, "WAYLAND_DISPLAY": "", "NOTIFY_SOCKET": str(folder / "notify")},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield Show(process, folder / "log")
+    finally:
+        left = descendants(process.pid)
+        process.kill()
+        for pid in left:  # they end by themselves, unless the test has found that they do not
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        process.communicate()
+
+
+def descendants(pid: int) -> set[int]:
+    found: set[int] = set()
+    for task in Path(f"/proc/{pid}/task").glob("*/children"):
+        with contextlib.suppress(OSError):
+            for child in map(int, task.read_text().split()):
+                found |= {child} | descendants(child)
+    return found
+
+
+def window_sizes(display: str) -> list[tuple[int, int]]:
+    """Widths and heights of the windows on a screen without a window manager."""
+    connection = Display(display)
+    sizes = []
+    for window in connection.screen().root.query_tree().children:
+        with contextlib.suppress(BadDrawable):  # closed meanwhile
+            geometry = window.get_geometry()
+            sizes.append((geometry.width, geometry.height))
+    connection.close()
+    return sizes
+
+
+def is_running(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_a_player_that_dies_or_hangs_is_replaced_where_it_was(
+    xvfb: str, room: Path, tmp_path: Path, manager: socket.socket
+) -> None:
+    """Killed, then stopped while its decoder is stopped too; then the supervisor is told to end."""
+    with supervised(xvfb, tmp_path, room, CLIP, "--loop", "--start", "1") as show:
+        first = show.player(frames=30)
+        show.wait(lambda: "READY" in received(manager), "the service manager hears that there is a picture")
+        os.kill(first, signal.SIGSEGV)
+        show.wait(lambda: bool(descendants(show.process.pid) - {first}) and not is_running(first), "a new player")
+        second = show.player(other_than=first)
+        resumed = next(beat for beat in show.beats() if beat["pid"] == second)
+        last = [beat for beat in show.beats() if beat["pid"] == first][-1]
+        assert resumed["time_pos"] == pytest.approx(last["time_pos"], abs=1.5)  # a beat is a second
+        everything = descendants(second) | {second}
+        for pid in everything:
+            os.kill(pid, signal.SIGSTOP)
+        stopped_at = time.monotonic()
+        show.wait(lambda: not any(map(is_running, everything)), "what hangs is ended")
+        show.wait(lambda: bool(descendants(show.process.pid)), "a third player is started")
+        assert time.monotonic() - stopped_at < SOON_S
+        third = show.player(other_than=second)
+        alive = descendants(show.process.pid)
+        assert third in alive
+        show.process.send_signal(signal.SIGTERM)
+        code, errors = show.ended()
+        assert code == 130
+        assert not any(map(is_running, alive))
+    assert "signal 11" in errors
+    assert "the player hangs: ended" in errors
+
+
+def test_after_five_crashes_the_screen_is_black_until_told_to_try_again(
+    xvfb: str, room: Path, tmp_path: Path, manager: socket.socket
+) -> None:
+    with supervised(xvfb, tmp_path, room, CLIP, "--loop") as show:
+        pid = 0
+        for _ in range(MOST_CRASHES):
+            pid = show.player(other_than=pid)
+            os.kill(pid, signal.SIGKILL)
+
+        def is_black() -> bool:
+            commands = [Path(f"/proc/{child}/cmdline") for child in descendants(show.process.pid)]
+            with contextlib.suppress(OSError):
+                return any(b"player.gl.black" in command.read_bytes() for command in commands)
+            return False
+
+        show.wait(is_black, "the safe picture")
+        show.wait(lambda: (1280, 720) in window_sizes(xvfb), "it fills the screen")
+        show.process.send_signal(signal.SIGHUP)
+        show.player(other_than=pid)
+        assert not is_black()
+        show.process.send_signal(signal.SIGINT)
+        code, errors = show.ended()
+    assert code == 130
+    assert errors.count("signal 9") == MOST_CRASHES
+    assert "going to the safe picture" in errors
+
+
+def test_the_safe_picture_may_be_the_show_without_compensation(
+    xvfb: str, room: Path, tmp_path: Path, manager: socket.socket
+) -> None:
+    with supervised(xvfb, tmp_path, room, CLIP, "--loop", "--safe", "plain") as show:
+        pid = 0
+        for _ in range(MOST_CRASHES):
+            pid = show.player(other_than=pid)
+            os.kill(pid, signal.SIGKILL)
+        pid = show.player(other_than=pid)
+        assert b"--no-compensation" in Path(f"/proc/{pid}/cmdline").read_bytes()
+
+
+def test_a_show_that_ends_is_not_begun_again(xvfb: str, room: Path, tmp_path: Path, manager: socket.socket) -> None:
+    with supervised(xvfb, tmp_path, room, CLIP, "--start", "4.5") as show:
+        assert show.ended() == (0, "")
+    assert len({beat["pid"] for beat in show.beats()}) == 1
+
+
+def test_wrong_use_ends_it_with_one_line(xvfb: str, room: Path, tmp_path: Path) -> None:
+    here = {"DISPLAY": xvfb, "WAYLAND_DISPLAY": ""}
+    assert "no such file" in fail("play-corrected", "--supervise", room, tmp_path / "none.mp4", **here)
+    assert "leave out --output" in fail("play-corrected", "--supervise", room, CLIP, "--output", tmp_path / "o.png")
+
+
+def test_no_player_outlives_a_supervisor_that_is_killed(
+    xvfb: str, room: Path, tmp_path: Path, manager: socket.socket
+) -> None:
+    with supervised(xvfb, tmp_path, room, CLIP, "--loop") as show:
+        show.player()
+        alive = descendants(show.process.pid)
+        assert len(alive) == 2  # the player and its decoder
+        show.process.kill()
+        show.process.wait()
+        deadline = time.monotonic() + PATIENCE_S
+        while any(map(is_running, alive)) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        outlived = [pid for pid in alive if is_running(pid)]
+        for pid in outlived:
+            os.kill(pid, signal.SIGKILL)
+        assert outlived == []
+
+
+def test_the_unit_starts_what_there_is_and_waits_longer_than_the_supervisor() -> None:
+    unit = configparser.ConfigParser(strict=True, interpolation=None)
+    unit.optionxform = str  # type: ignore[assignment, method-assign]
+    unit.read_string((files("player.systemd") / "counterlight.service").read_text())
+    service = unit["Service"]
+    options = {word for word in service["ExecStart"].split() if word.startswith("--")}
+    assert options == {"--supervise", "--fullscreen"}
+    help_text = succeed("play-corrected", "--help")
+    assert all(option in help_text for option in options)
+    assert (service["Type"], service["SuccessExitStatus"], service["RestartPreventExitStatus"]) == (
+        "notify",
+        "130",
+        "2",
+    )
+    assert float(service["WatchdogSec"]) > 10 * heartbeat.INTERVAL_S
+    assert float(service["TimeoutStopSec"]) > ENDING_S
+    assert float(service["TimeoutStartSec"]) > START_S
