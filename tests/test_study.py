@@ -258,6 +258,7 @@ def test_the_page_shows_every_picture_that_was_drawn_and_no_other(studied: tuple
     for words in ("Table 6.1", "Recommended", "Figure 5.2", "Figure 6.1", *(row.words for row in THESIS_ROWS)):
         assert words in page
     assert len((report / "table_6_1.md").read_text().splitlines()) == 2 + len(THESIS_ROWS)
+    assert "| uncompensated |" in (report / "summary.md").read_text()
     assert f"report: {report / 'report.html'}" in out
     assert out.count("dB below the optimum") >= 1
 

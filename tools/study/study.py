@@ -10,7 +10,7 @@ from typing import Any
 
 from player.errors import InputError
 from player.files import replacing_folder
-from tools.study import page
+from tools.study import page, summary
 from tools.study.frames import graphics, in_software
 from tools.study.measure import NNLS_LABEL, OURS_LABEL, THESIS_LABEL, RoomFigures, study_room
 from tools.study.methods import catalogue, uncut_knobs
@@ -20,7 +20,7 @@ from tools.study.results import everywhere, write_csv, write_json
 from tools.study.rooms import open_room
 from tools.study.table_6_1 import OurRow, measure_at_thesis_size, table_row, to_markdown
 
-CSV, JSON, PAGE, TABLE = "results.csv", "results.json", "report.html", "table_6_1.md"
+CSV, JSON, PAGE, SUMMARY, TABLE = "results.csv", "results.json", "report.html", "summary.md", "table_6_1.md"
 SOFTWARE_NOTE = "OpenGL runs on the processor here: milliseconds are of processor time, all cores together."
 HARDWARE_NOTE = "Milliseconds are wall-clock medians."
 
@@ -97,6 +97,7 @@ def write_study(stage: Path, figures: Sequence[RoomFigures], table: Sequence[Our
     write_csv(stage / CSV, rows)
     write_json(stage / JSON, facts, rows, skipped)
     files = draw_all(stage, rows, "processor time" if software else "wall clock") | _draw_pictures(stage, figures)
+    (stage / SUMMARY).write_text(summary.to_markdown(rows, averages, advice), encoding="utf-8")
     (stage / TABLE).write_text(to_markdown(table), encoding="utf-8")
     document = page.study_page(facts, rows, averages, skipped, files, advice, table)
     (stage / PAGE).write_text(document, encoding="utf-8")
