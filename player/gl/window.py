@@ -96,6 +96,12 @@ class Window:
         return bool(glfw.window_should_close(self._handle))
 
     @property
+    def position(self) -> tuple[int, int]:
+        """Where its picture's left upper corner is on the desktop: (x, y)."""
+        x, y = glfw.get_window_pos(self._handle)
+        return int(x), int(y)
+
+    @property
     def fullscreen(self) -> bool:
         return bool(glfw.get_window_monitor(self._handle))
 

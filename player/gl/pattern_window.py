@@ -1,0 +1,52 @@
+"""A window that shows one still picture after the other, pixel for pixel: what a projector gets when measured."""
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from player.errors import InputError
+from player.gl.monitors import Monitor
+from player.gl.window import Window
+
+ESCAPE = "escape"
+
+
+class PatternWindow:
+    """A window of the projector's size, or a monitor filled; black at first.
+
+    shape : (height, width).  monitor : to fill; None for a plain window.
+    """
+
+    def __init__(self, shape: tuple[int, int], monitor: Monitor | None) -> None:
+        full = monitor is not None
+        self._window = Window(shape, "Counterlight patterns", monitor=monitor, fullscreen=full, exact=True, vsync=True)
+        self.shape, self.monitor = shape, monitor
+        height, width = shape
+        self._texture = self._window.context.texture((width, height), 3, alignment=1, dtype="f1")
+        self._texture.filter = moderngl.NEAREST, moderngl.NEAREST
+        self._window.attach(lambda: self._texture)
+        self.show(np.zeros((*shape, 3), np.uint8))
+
+    @property
+    def place(self) -> tuple[int, int, int, int]:
+        """Where its picture is on the desktop: (left, top, right, below)."""
+        (x, y), (height, width) = self._window.position, self.shape
+        return x, y, x + width, y + height
+
+    def show(self, codes: NDArray[np.uint8]) -> None:
+        """Show (height, width, 3) code values; returns when the driver has swapped.
+
+        Raises InputError if the window was closed, KeyboardInterrupt if Escape was pressed in it.
+        """
+        self._texture.write(np.ascontiguousarray(codes).tobytes())
+        for _ in range(2):  # both buffers: a driver may show either
+            self._window.present(None, black=False)
+            self._window.context.finish()
+        if ESCAPE in self._window.poll(0):
+            raise KeyboardInterrupt
+        if self._window.closed:
+            raise InputError("the window of the patterns was closed; run the same command again to go on")
+
+    def release(self) -> None:
+        self._texture.release()
+        self._window.release()

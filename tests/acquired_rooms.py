@@ -1,0 +1,92 @@
+"""Simulated rooms whose T is known, for tests of its acquisition."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from hypothesis import strategies as st
+from scipy import sparse
+
+from player.response import Response
+from tests.rooms import blurred_transport
+from tools.acquisition.acquire import Acquisition, acquire
+from tools.acquisition.cameras.camera import Camera, Exposures, Shot
+from tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom
+from tools.acquisition.plan import MakeScheme
+from tools.acquisition.store import CaptureStore
+from tools.transport.transport import FarLight, Transport
+
+CAMERA, PROJECTOR = (18, 26), (21, 30)
+SHAPE = CAMERA[0] * CAMERA[1], PROJECTOR[0] * PROJECTOR[1]
+LINEAR = Response("linear")
+SEEDS = st.integers(0, 2**32 - 1)
+QUIET = Sensor(bits=16, full_well=0, read_noise=0)
+NOISY = Sensor(bits=14, full_well=20000, read_noise=5)
+
+
+def dense(transport: Transport) -> np.ndarray:
+    """(3, camera pixels, projector pixels), near and far."""
+    return np.stack([transport.apply(np.repeat(column[:, None], 3, 1)) for column in np.eye(transport.shape[1])]).T
+
+
+def error(found: Transport, truth: Transport) -> float:
+    """Relative Frobenius error of T."""
+    return float(np.linalg.norm(dense(found) - dense(truth)) / np.linalg.norm(dense(truth)))
+
+
+def room_of(transport: Transport, ambient: float = 0.01, projector: tuple[int, int] = PROJECTOR) -> SimulatedRoom:
+    picture = np.full((*CAMERA, 3), ambient, np.float32)
+    return SimulatedRoom("test", transport, picture, projector, LINEAR)
+
+
+def sharp_wall(rng: np.random.Generator, sigma: float = 0.5) -> Transport:
+    T = blurred_transport(rng, CAMERA, PROJECTOR, sigma)
+    tints = rng.uniform(0.5, 1, (3, SHAPE[0], 1))
+    return Transport(tuple(sparse.csr_array(T.multiply(tint), dtype=np.float32) for tint in tints))
+
+
+def with_far_light(near: Transport, share: float) -> Transport:
+    """Every projector pixel also lights every camera pixel a little: `share` of all light."""
+    flood = near.composition()
+    cells = sparse.csr_array(np.full((1, SHAPE[1]), 1 / SHAPE[1]))
+    scatter = tuple(sparse.csr_array(share / (1 - share) * flood[:, i : i + 1]) for i in range(3))
+    return Transport(near.near, FarLight((cells,) * 3, np.ones((3, 1, 1)), scatter))
+
+
+def mirror(rng: np.random.Generator) -> Transport:
+    """Half of the camera sees a second, mirrored spot of the projector's picture."""
+    T = sharp_wall(rng).near
+    row, column = np.mgrid[: PROJECTOR[0], : PROJECTOR[1]]
+    flipped = (row * PROJECTOR[1] + PROJECTOR[1] - 1 - column).ravel()
+    half = sparse.diags_array(np.repeat(np.arange(CAMERA[0]) < CAMERA[0] // 2, CAMERA[1]).astype(np.float32))
+    return Transport(tuple(sparse.csr_array(M + 0.6 * (half @ M[:, flipped])) for M in T))
+
+
+class Memory:
+    """A store that keeps captures in memory."""
+
+    def __init__(self, exposures: Exposures) -> None:
+        self._exposures, self._kept = exposures, dict[int, Sequence[Shot]]()
+
+    def has(self, number: int) -> bool:
+        return number in self._kept
+
+    def save(self, number: int, shots: Sequence[Shot]) -> None:
+        self._kept[number] = shots
+
+    def shots(self, number: int) -> Sequence[Shot]:
+        return self._kept[number]
+
+    def radiance(self, number: int) -> np.ndarray:
+        return self._exposures.radiance(self._kept[number])
+
+
+def run(room: SimulatedRoom, scheme: MakeScheme, sensor: Sensor = NOISY, camera: Camera | None = None) -> Acquisition:
+    camera = camera or SimulatedCamera(room, sensor)
+    return acquire(camera, Memory(camera.exposures), scheme, room.projector)
+
+
+def run_on_disk(folder: Path, room: SimulatedRoom, scheme: MakeScheme) -> Acquisition:
+    camera = SimulatedCamera(room, NOISY)
+    store = CaptureStore(folder / "captures", {"camera": camera.name}, camera.exposures)
+    return acquire(camera, store, scheme, room.projector)

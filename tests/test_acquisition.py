@@ -1,0 +1,370 @@
+"""Acquisition of T in simulated rooms: interruptions, folders, bad captures, end to end."""
+
+import filecmp
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from scipy import sparse
+
+from player import calibration
+from player.calibration import Calibration, Device, writing
+from player.content import camera_psnr, reachable_white
+from player.errors import InputError
+from player.maps import read_maps
+from tests.acquired_rooms import (
+    CAMERA,
+    LINEAR,
+    NOISY,
+    PROJECTOR,
+    SHAPE,
+    dense,
+    room_of,
+    run,
+    run_on_disk,
+    sharp_wall,
+)
+from tests.rooms import write_blurred_room
+from tests.test_player import succeed
+from tools import acquire_transport, build_correction_map
+from tools.acquisition.acquire import acquire
+from tools.acquisition.cameras.camera import Exposures, Shot
+from tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom, simulated_room
+from tools.acquisition.plan import Pattern, Reference, measure_noise
+from tools.acquisition.schemes.baselines import GrayCodeScheme
+from tools.acquisition.schemes.hierarchical import HierarchicalScheme
+from tools.acquisition.schemes.multiplexed import MultiplexedScheme
+from tools.acquisition.store import CaptureStore
+from tools.inverse.pictures import typical_pictures
+from tools.relighting.views import inverse_dual
+from tools.transport.storage import read_transport, write_transport
+from tools.transport.transport import Transport
+
+# Interruptions.
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """The one line that the command refuses with."""
+    capsys.readouterr()
+    assert acquire_transport.main([str(word) for word in arguments]) == 2
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
+    assert len(lines) == 1
+    return lines[0]
+
+
+def small_room(folder: Path, rng: np.random.Generator) -> Path:
+    write_blurred_room(folder, rng, CAMERA, PROJECTOR)
+    return folder
+
+
+def same_files(one: Path, other: Path) -> None:
+    names = sorted(path.name for path in one.iterdir())
+    assert names == sorted(path.name for path in other.iterdir())
+    assert filecmp.cmpfiles(one, other, names, shallow=False) == (names, [], [])
+
+
+def test_killed_and_resumed_it_ends_bit_identical(tmp_path: Path, rng: np.random.Generator) -> None:
+    room = small_room(tmp_path / "room", rng)
+    words = [sys.executable, "-m", "tools.acquire_transport", "--camera", f"simulated:{room}", "--name", "twin"]
+    succeed("acquire-transport", *words[3:], "-o", tmp_path / "undisturbed")
+    captures, output = tmp_path / "killed.captures", tmp_path / "killed"
+    for wanted in (3, 40):
+        process = subprocess.Popen([*words, "-o", str(output)], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        while process.poll() is None and len(list((captures / "captures").glob("0*.png"))) < wanted:
+            time.sleep(0.002)
+        os.kill(process.pid, signal.SIGKILL)
+        process.communicate()
+        assert not output.exists()
+        whole = sorted((captures / "captures").glob("0*.png"))
+        assert len(whole) >= wanted
+        assert [path.stem for path in whole] == [f"{number:05}" for number in range(len(whole))]
+        same = tmp_path / "undisturbed.captures" / "captures"
+        assert all(filecmp.cmp(path, same / path.name, shallow=False) for path in whole)
+    printed = succeed("acquire-transport", *words[3:], "-o", output)
+    assert f"{len(whole)} of them from before" in printed
+    same_files(output, tmp_path / "undisturbed")
+    same_files(captures / "captures", tmp_path / "undisturbed.captures" / "captures")
+
+
+@contextmanager
+def no_file_above(size: int) -> Iterator[None]:
+    """The system refuses to write larger files, as a full disk would."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+class FillingDisk(CaptureStore):
+    """From capture 20 on, there is no space."""
+
+    def save(self, number: int, shots: Sequence[Shot]) -> None:
+        with no_file_above(200 if number >= 20 else resource.RLIM_INFINITY):
+            super().save(number, shots)
+
+
+def test_a_full_disk_stops_in_one_line_and_resumes(tmp_path: Path, rng: np.random.Generator) -> None:
+    room = room_of(sharp_wall(rng))
+    camera, scheme = SimulatedCamera(room, NOISY), HierarchicalScheme()
+    full = FillingDisk(tmp_path / "captures", {"camera": camera.name}, camera.exposures)
+    with pytest.raises(InputError, match=r"captures/00020\.png: cannot be written \(File too large\); .*its space"):
+        acquire(camera, full, scheme, PROJECTOR)
+    assert len(list((tmp_path / "captures" / "captures").iterdir())) == 20
+    resumed, whole = run_on_disk(tmp_path, room, scheme), run(room, scheme)
+    assert resumed.resumed == 20
+    np.testing.assert_array_equal(dense(resumed.measured.transport), dense(whole.measured.transport))
+
+
+def test_captures_of_other_options_are_not_mixed(
+    tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+) -> None:
+    room = small_room(tmp_path / "room", rng)
+    arguments = ["--camera", f"simulated:{room}", "--scheme", "graycode", "-o", str(tmp_path / "out")]
+    assert acquire_transport.main(arguments) == 0
+    for change, key in (
+        (["--seed", "1"], "camera"),
+        (["--exposures", "1,0.5"], "camera"),
+        (["--tile", "5"], "tile"),
+    ):
+        assert f"captures of another acquisition ({key}: " in refusal(capsys, *arguments, *change, "--force")
+    shutil.rmtree(tmp_path / "out.captures")
+    (tmp_path / "out.captures").mkdir()
+    (tmp_path / "out.captures" / "letter.txt").write_text("dear")
+    assert "holds no captures of an acquisition" in refusal(capsys, *arguments, "--force")
+
+
+# A folder as camera.
+
+
+def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
+    tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+) -> None:
+    room = small_room(tmp_path / "room", rng)
+    succeed("acquire-transport", "--camera", f"simulated:{room}", "-o", tmp_path / "direct")
+    eye = SimulatedCamera(simulated_room(room), Sensor())
+    exchange = tmp_path / "exchange"
+    arguments = ["--camera", f"folder:{exchange}", "--projector", "30x21", "--response", "srgb"]
+    arguments += ["--exposures", str(eye.exposures.times[0]), "-o", str(tmp_path / "asked")]
+    rounds = 0
+    while acquire_transport.main(arguments) != 0:
+        shown = sorted((exchange / "patterns").iterdir())
+        waiting = [path for path in shown if not (exchange / "captures" / path.name).exists()]
+        assert f"waiting for {len(waiting)} captures, {waiting[0].name}" in capsys.readouterr().err
+        for path in waiting:
+            pattern = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) > 0
+            (shot,) = eye.capture(int(path.stem), pattern)
+            cv2.imwrite(str(exchange / "captures" / path.name), shot[..., ::-1])
+        rounds += 1
+    assert rounds == 2 + 5  # black and floodlight, levels of 16 to 1 px, floodlight and check
+    for name in ("transport_red.npz", "transport_green.npz", "transport_blue.npz", "ambient.exr", "mask.png"):
+        assert filecmp.cmp(tmp_path / "direct" / name, tmp_path / "asked" / name, shallow=False)
+
+
+def prepared_folder(tmp_path: Path, rng: np.random.Generator) -> tuple[list[str], Path]:
+    """A folder whose first eight captures are there."""
+    eye = SimulatedCamera(room_of(sharp_wall(rng)), Sensor())
+    captures = tmp_path / "x" / "captures"
+    captures.mkdir(parents=True)
+    for number in range(8):
+        (shot,) = eye.capture(number, np.full(PROJECTOR, number % 2 == 1))
+        cv2.imwrite(str(captures / f"{number:05}.png"), shot[..., ::-1])
+    arguments = ["--camera", f"folder:{tmp_path / 'x'}", "--projector", "30x21", "-o", str(tmp_path / "out")]
+    return [*arguments, "--exposures", str(eye.exposures.times[0])], captures
+
+
+def other_size(captures: Path) -> None:
+    cv2.imwrite(str(captures / "00002.png"), np.zeros((CAMERA[1], CAMERA[0]), np.uint8))
+
+
+def cut_off(captures: Path) -> None:
+    path = captures / "00003.png"
+    path.write_bytes(path.read_bytes()[:-30])
+
+
+def filled(value: int, *numbers: int) -> Any:
+    def damage(captures: Path) -> None:
+        for number in numbers:
+            cv2.imwrite(str(captures / f"{number:05}.png"), np.full((*CAMERA, 3), value, np.uint16))
+
+    return damage
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda captures: (captures / "00001.png").unlink(), r"waiting for 1 captures, 00001\.png; show the patterns"),
+        (
+            lambda captures: shutil.copy(captures / "00001.png", captures / "00008.png"),
+            "00008.png: belongs to no pattern",
+        ),
+        (lambda captures: shutil.copy(captures / "00001.png", captures / "img.jpg"), "img.jpg: belongs to no pattern"),
+        (lambda captures: shutil.copy(captures / "00001.png", captures / "00001.jpg"), "the same capture as 00001"),
+        (other_size, r"00002\.png: 18x26, the captures before are 26x18"),
+        (cut_off, r"00003\.png: .* ends after"),
+        (filled(65535, 1, 3, 5, 7), "saturates 100 % of the camera's pixels"),
+        (filled(0, *range(8)), "from black to floodlight 0 of 468 camera pixels rise"),
+    ],
+)
+def test_bad_captures_are_refused(
+    tmp_path: Path, rng: np.random.Generator, damage: Any, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments, captures = prepared_folder(tmp_path, rng)
+    damage(captures)
+    assert re.search(message, refusal(capsys, *arguments))
+    assert not (tmp_path / "out").exists()
+
+
+class Spoilt:
+    """A camera whose captures from `start` on are changed by `spoil`."""
+
+    def __init__(self, room: SimulatedRoom, start: int, spoil: Any, end: int = 10**6) -> None:
+        self._camera, self._numbers, self._spoil = SimulatedCamera(room, NOISY), range(start, end), spoil
+
+    name = "spoilt"
+
+    @property
+    def exposures(self) -> Exposures:
+        return self._camera.exposures
+
+    def prepare(self, first: int, patterns: Sequence[Pattern], missing: Sequence[int]) -> None:
+        pass
+
+    def capture(self, number: int, pattern: Pattern) -> tuple[Shot, ...]:
+        shots = self._camera.capture(number, pattern)
+        return tuple(map(self._spoil, shots)) if number in self._numbers else shots
+
+
+def test_a_moved_camera_is_noticed(tmp_path: Path, rng: np.random.Generator) -> None:
+    room = room_of(sharp_wall(rng))
+    pictures = run(room, GrayCodeScheme()).pictures
+    moved = Spoilt(room, pictures - 2, lambda shot: np.roll(shot, 1, axis=1))
+    with pytest.raises(InputError, match=r"the floodlit room now differs by .* moved"):
+        run(room, GrayCodeScheme(), camera=moved)
+    dimmed = Spoilt(room, pictures - 2, lambda shot: (shot * 0.9).astype(shot.dtype))
+    with pytest.raises(InputError, match=r"the floodlit room is now 90 % as bright"):
+        run(room, GrayCodeScheme(), camera=dimmed)
+
+
+def test_a_capture_of_the_wrong_moment_is_noticed(tmp_path: Path, rng: np.random.Generator) -> None:
+    room = room_of(sharp_wall(rng))
+    for scheme in (HierarchicalScheme(), MultiplexedScheme()):
+        for number in (8, 22) if isinstance(scheme, HierarchicalScheme) else (20,):
+            black = Spoilt(room, number, np.zeros_like, number + 1)
+            with pytest.raises(InputError, match=r"do not add up to the floodlit room in .* is black"):
+                run(room, scheme, camera=black)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--camera", "webcam"], "--camera webcam: expected simulated:SCENE.toml"),
+        (["--camera", "v4l2:99", "--window"], "--camera v4l2: needs exposure times in seconds"),
+        (["--camera", "v4l2:99", "--exposures", "0.03"], "where is the projector"),
+        (["--camera", "v4l2:99", "--exposures", "0.03", "--window"], "/dev/video99: no such camera, found: "),
+        (["--camera", "simulated:ROOM", "--lag", "21"], "--lag 21: expected 0 to 20 frames"),
+        (["--camera", "folder:x"], "needs the projector's size"),
+        (["--camera", "simulated:absent.toml"], "no such scene file"),
+        (["--camera", "simulated:ROOM", "--projector", "9x9"], "has 30x21 pixels; leave it out"),
+        (["--camera", "simulated:ROOM", "--threshold", "much"], "--threshold much: expected a multiple"),
+        (["--camera", "simulated:ROOM", "--threshold", "-1"], "--threshold"),
+        (["--camera", "simulated:ROOM", "--bits", "17"], "--bits 17: expected 1 to 16"),
+        (["--camera", "simulated:ROOM", "--exposures", "1,0"], "expected one or more numbers above 0"),
+        (["--camera", "simulated:ROOM", "--scheme", "multiplexed", "--tile", "99"], "--tile 99: expected 4 to 14"),
+        (["--camera", "simulated:ROOM", "--exposures", "40"], "saturation: .* are at the top: expose less"),
+        (
+            ["--camera", "simulated:ROOM", "--exposures", "40", "--no-preflight"],
+            "saturates .* shorten the exposure",
+        ),
+    ],
+)
+def test_wrong_use_is_refused(
+    tmp_path: Path, rng: np.random.Generator, arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    room = small_room(tmp_path / "room", rng)
+    words = [word.replace("ROOM", str(room)) for word in arguments]
+    assert re.search(message, refusal(capsys, *words, "-o", tmp_path / "out"))
+    assert not (tmp_path / "out").exists()
+
+
+# End to end.
+
+
+def small_scene(tmp_path: Path, name: str) -> Path:
+    """A shipped scene, small."""
+    text = (Path(__file__).parents[1] / "calib_data" / "scenes" / f"{name}.toml").read_text()
+    small = {"width = 384": "width = 64", "height = 216": "height = 48", "width = 480": "width = 56"}
+    for old, new in {**small, "height = 270": "height = 42", "cells = 700": "cells = 150"}.items():
+        text = text.replace(old, new)
+    path = tmp_path / f"{name}.toml"
+    path.write_text(text)
+    return path
+
+
+def seen_through_truth(folder: Path, desired: np.ndarray, truth: Transport, room: Calibration) -> np.ndarray:
+    """What the camera sees in the true room when the map of `folder` compensates."""
+    stored = calibration.read(folder)
+    drive = inverse_dual(read_maps(stored), desired - stored.calibration.ambient)
+    light = truth.apply(np.clip(drive, 0, 1).reshape(-1, 3)).reshape(desired.shape)
+    return np.asarray(light + room.ambient)
+
+
+@pytest.mark.parametrize("scheme", ["hierarchical", "multiplexed"])
+def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: Path, scheme: str) -> None:
+    scene = small_scene(tmp_path, "wall")
+    succeed("simulate-transport", scene, "-o", tmp_path / "true")
+    printed = succeed(
+        "acquire-transport", "--camera", f"simulated:{scene}", "--scheme", scheme, "-o", tmp_path / "acquired"
+    )
+    for pattern in (r"\d+ pictures, \d+ exposures", r"coverage: \d", r"clusters: \d+", r"check: .* predicted to \d"):
+        assert re.search(pattern, printed)
+    for name in ("true", "acquired"):
+        assert build_correction_map.main([str(tmp_path / name)]) == 0
+    stored = calibration.read(tmp_path / "true")
+    truth, room = read_transport(stored), stored.calibration
+    acquired = calibration.read(tmp_path / "acquired").calibration
+    assert acquired.projector == room.projector
+    np.testing.assert_allclose(acquired.ambient, room.ambient, atol=4e-3)  # 10 σ of two dark captures
+    assert np.mean(acquired.mask == room.mask) > 0.95
+    flood = truth.composition().reshape(*room.camera.shape, 3) + room.ambient
+    white = reachable_white(flood, room.mask)
+    desired = white * np.repeat(typical_pictures(room.camera.shape)[0][..., None], 3, axis=2)
+    figures = [
+        camera_psnr(
+            desired, seen_through_truth(tmp_path / name, desired, truth, room), room.mask & acquired.mask, white
+        )
+        for name in ("true", "acquired")
+    ]
+    assert figures[1] > figures[0] - 0.5  # dB, at the default camera's noise
+
+
+def test_a_scene_without_a_lit_pixel_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    dark = Transport((sparse.csr_array((SHAPE[0], SHAPE[1]), dtype=np.float32),) * 3)
+    room = Calibration(
+        "dark", "made by a test", (Device(*PROJECTOR, LINEAR),), Device(*CAMERA, LINEAR),
+        np.full((*CAMERA, 3), 0.1, np.float32), np.ones(CAMERA, bool),
+    )  # fmt: skip
+    with writing(tmp_path / "dark", room) as stage:
+        write_transport(dark, stage)
+    line = refusal(capsys, "--camera", f"simulated:{tmp_path / 'dark'}", "-o", tmp_path / "out")
+    assert "projector: white instead of black changes 0.00 % of the camera's picture: switch the projector on" in line
+
+
+def test_the_reference_tells_light_from_black() -> None:
+    black, white = np.full((2, 3, 3), 0.25), np.full((2, 3, 3), 1.0)
+    noise = measure_noise([black, black], [white, white])
+    room = Reference(black, white, noise, np.zeros((2, 3), bool))
+    np.testing.assert_array_equal(room.light, np.full((6, 3), 0.75))

@@ -1,0 +1,256 @@
+"""Acquisition: schedules, codes, and what each scheme finds of a known T."""
+
+import re
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from scipy import sparse
+
+from player.response import Response
+from tests.acquired_rooms import PROJECTOR, QUIET, SEEDS, SHAPE, error, mirror, room_of, run, sharp_wall, with_far_light
+from tools.acquisition.cameras.simulated import SimulatedCamera
+from tools.acquisition.plan import measure_noise
+from tools.acquisition.schemes import blocks
+from tools.acquisition.schemes.baselines import FixedBlocksScheme, GrayCodeScheme, PixelByPixelScheme
+from tools.acquisition.schemes.blocks import NO_CHILD, BlockGrid, BlockLight, as_transport, grids, sum_by_camera
+from tools.acquisition.schemes.codes import code_length, s_inverse, s_matrix
+from tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold, keep_measurable
+from tools.acquisition.schemes.multiplexed import MultiplexedScheme
+from tools.acquisition.schemes.schedule import colour_graph, conflict_graph
+from tools.acquisition.schemes.stripes import locate, stripes
+from tools.transport.transport import Transport
+
+# Which blocks may be lit together.
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=SEEDS)
+def test_the_conflict_graph_is_every_pair_that_a_camera_pixel_sees(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    seen = rng.random((rng.integers(1, 20), rng.integers(1, 15))) < 0.2
+    camera, block = np.nonzero(seen)
+    expected = (seen.T.astype(int) @ seen > 0) & ~np.eye(seen.shape[1], dtype=bool)
+    np.testing.assert_array_equal(conflict_graph(camera, block, seen.shape[1]).toarray() > 0, expected)
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=SEEDS)
+def test_a_colouring_gives_no_neighbours_the_same_colour(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(0, 90))
+    half = np.triu(rng.random((n, n)) < rng.random(), 1)
+    graph = sparse.csr_array((half | half.T).astype(np.int8))
+    colours = colour_graph(graph)
+    assert not np.any((half | half.T) & (colours[:, None] == colours))
+    assert set(colours) == set(range(len(set(colours))))
+    assert colours.max(initial=-1) <= np.diff(graph.indptr).max(initial=0)  # Brooks, and one more
+
+
+def test_a_wall_of_overlapping_windows_needs_no_more_colours_than_a_window_has_blocks() -> None:
+    row, column = np.mgrid[:20, :31]
+    windows = [(row + i, column + j) for i in range(3) for j in range(3)]
+    camera = np.tile(np.arange(row.size), 9)
+    block = np.concatenate([(y * 33 + x).ravel() for y, x in windows])
+    assert colour_graph(conflict_graph(camera, block, 22 * 33)).max() + 1 == 9
+
+
+def test_more_colours_than_a_word_has_bits() -> None:
+    graph = conflict_graph(np.zeros(150, int), np.arange(150), 150)
+    assert sorted(colour_graph(graph)) == list(range(150))
+
+
+# The quad-tree.
+
+
+def test_blocks_divide_into_their_children() -> None:
+    levels = grids(PROJECTOR)
+    assert [level.count for level in levels] == [1, 4, 12, 48, 165, 630]
+    for coarse, fine in pairwise(levels):
+        parent = np.full(fine.count, -1)
+        for block, children in enumerate(coarse.children):
+            parent[children[children != NO_CHILD]] = block
+        np.testing.assert_array_equal(parent[fine.labels], coarse.labels)
+        np.testing.assert_array_equal(coarse.lit_share(coarse.paint(np.array([1 % coarse.count]))).sum(), 1)
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=SEEDS)
+def test_energy_is_kept_once(seed: int) -> None:
+    """Whatever is measurable, quarters that add up to their parent leave as much light as the parent had."""
+    rng = np.random.default_rng(seed)
+    grid = grids(PROJECTOR)[rng.integers(0, 5)]
+    block = rng.integers(0, grid.count, 40)
+    quarters = rng.uniform(size=(40, 4, 3)) * (grid.children[block] != NO_CHILD)[..., None]
+    parents = BlockLight(grid, np.arange(40), block, quarters.sum(axis=1))
+    measured, rest = keep_measurable(parents, quarters, rng.random((40, 4)) < 0.5, np.zeros(3))
+    np.testing.assert_allclose(sum_by_camera([measured, *rest], 40), parents.light, rtol=1e-12)  # float64, four terms
+
+
+def test_light_of_blocks_acts_as_it_was_measured(rng: np.random.Generator) -> None:
+    """Coarse blocks as far light, blocks of four pixels beside single ones as near light."""
+    camera, pixel = np.nonzero(rng.random((SHAPE[0], SHAPE[1])) < 0.02)
+    row, column = np.divmod(pixel, PROJECTOR[1])
+    quads = BlockGrid(PROJECTOR, 2)
+    parts = [
+        BlockLight(BlockGrid(PROJECTOR, 1), camera, pixel, rng.random((camera.size, 3))),
+        BlockLight(quads, camera, row // 2 * quads.columns + column // 2, rng.random((camera.size, 3))),
+    ]
+    for grid in (BlockGrid(PROJECTOR, 16), BlockGrid(PROJECTOR, 8)):
+        camera, block = np.nonzero(rng.random((SHAPE[0], grid.count)) < 0.5)
+        parts.append(BlockLight(grid, camera, block, rng.random((camera.size, 3))))
+    transport = as_transport(parts, SHAPE[0])
+    assert transport.far is not None
+    p = rng.random(SHAPE[1])
+    expected = np.zeros((SHAPE[0], 3))
+    for part in parts:
+        mean = np.bincount(part.grid.labels.ravel(), p) / part.grid.area
+        np.add.at(expected, part.camera, part.light * mean[part.block][:, None])
+    # float32 entries of the near light
+    np.testing.assert_allclose(transport.apply(np.repeat(p[:, None], 3, 1)), expected, rtol=1e-6)
+
+
+def test_a_small_block_far_from_any_spot_goes_to_its_cell() -> None:
+    quads, pixels, cells = (BlockGrid(PROJECTOR, side) for side in (2, 1, 4))
+    one = np.ones((1, 3))
+    spot = BlockLight(pixels, np.array([7]), np.array([0]), one)
+    beside, away = (BlockLight(quads, np.array([7]), np.array([block]), one) for block in (1, 100))
+    transport = as_transport([spot, beside, away], SHAPE[0])
+    assert set(transport.near[0].indices) == {0, 2, 3, PROJECTOR[1] + 2, PROJECTOR[1] + 3}
+    assert transport.far is not None
+    row, column = 100 // quads.columns // 2, 100 % quads.columns // 2
+    cell = cells.paint(np.array([row * cells.columns + column]))
+    for lit, expected in ((cell, 3.0), (~cell, 0.0)):  # three channels of 1
+        drive = np.repeat(lit.reshape(-1, 1), 3, axis=1).astype(float)
+        far = transport.apply(drive) - Transport(transport.near).apply(drive)
+        np.testing.assert_allclose(far[7].sum(), expected, rtol=1e-12)  # float64, 16 terms
+
+
+def test_a_block_that_many_see_is_split_so_that_its_row_fits_a_texture(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parts = [
+        BlockLight(grid, *np.nonzero(seen), rng.random((int(seen.sum()), 3)))
+        for grid in (BlockGrid(PROJECTOR, 16), BlockGrid(PROJECTOR, 8))
+        for seen in [rng.random((SHAPE[0], grid.count)) < 0.7]
+    ]
+    whole = as_transport(parts, SHAPE[0])
+    monkeypatch.setattr(blocks, "MOST_READ", 50)
+    split = as_transport(parts, SHAPE[0])
+    assert split.far is not None
+    assert max(np.diff(U.tocsc().indptr).max() for U in split.far.scatter) <= 50
+    drive = rng.random((SHAPE[1], 3))
+    np.testing.assert_allclose(split.apply(drive), whole.apply(drive), rtol=1e-12)  # float64, up to 630 terms
+
+
+# Codes.
+
+
+@pytest.mark.parametrize("sources", [1, 4, 16, 25, 48, 300])
+def test_an_s_matrix_separates_its_sources(sources: int) -> None:
+    n = code_length(sources)
+    assert n >= sources
+    np.testing.assert_allclose(s_inverse(n) @ s_matrix(n), np.eye(n), atol=1e-13)  # float64 sums of n terms
+    assert set(s_matrix(n).sum(axis=1)) == {(n + 1) // 2}
+
+
+def test_stripes_find_every_pixel() -> None:
+    shown = stripes(PROJECTOR, 1)
+    assert len(shown) == 5 + 5
+    lit = [stripe.paint().ravel().astype(float) for stripe in shown]
+    row, column = np.mgrid[: PROJECTOR[0], : PROJECTOR[1]] + 0.5
+    np.testing.assert_array_equal(locate(shown, lit, PROJECTOR), np.stack([row.ravel(), column.ravel()], 1))
+
+
+# Cameras.
+
+
+def test_noise_is_measured(rng: np.random.Generator) -> None:
+    signal = rng.uniform(0.2, 1, (200, 300, 3))
+    dark, gain = 0.002, 1e-4
+
+    def shot(light: np.ndarray) -> np.ndarray:
+        return light + rng.normal(size=light.shape) * np.sqrt(dark**2 + gain * light)
+
+    noise = measure_noise([shot(0 * signal), shot(0 * signal)], [shot(signal), shot(signal)])
+    np.testing.assert_allclose(noise.dark, dark, rtol=0.02)  # 60 000 samples: 0.5 % for a median
+    np.testing.assert_allclose(noise.gain, gain, rtol=0.05)
+
+
+def test_a_bracket_reaches_where_one_exposure_saturates() -> None:
+    transport = Transport((sparse.csr_array(np.diag(np.geomspace(1e-3, 1, SHAPE[0]))[:, : SHAPE[1]]),) * 3)
+    room = room_of(transport, 0.0, projector=(1, SHAPE[0]))
+    camera = SimulatedCamera(room, replace(QUIET, bits=8, exposures=(8.0, 1.0), response=Response("srgb")))
+    shots = camera.capture(0, np.ones((1, SHAPE[0]), bool))
+    assert [shot.dtype for shot in shots] == [np.uint8, np.uint8]
+    light = camera.exposures.radiance(shots).reshape(-1, 3)[:, 0]
+    truth = transport.composition()[:, 0]
+    # Half a code value: 0.9 % of the light at sRGB code 128 and above; darker ones are covered by the longer exposure.
+    bright = truth > 0.05
+    np.testing.assert_allclose(light[bright], truth[bright], rtol=0.02)
+    assert not camera.exposures.saturated(shots).any()
+    assert camera.exposures.saturated(shots[:1] * 2).any()
+
+
+# Schemes against the truth.
+
+
+def test_without_noise_the_hierarchical_scheme_finds_t(rng: np.random.Generator) -> None:
+    truth = sharp_wall(rng)
+    done = run(room_of(truth), HierarchicalScheme(Threshold(absolute=2e-4)), QUIET)
+    # Steps of 16 bits, 2e-5 of full scale, in entries of 0.1 and more; weak entries below τ are spread over 2x2.
+    assert error(done.measured.transport, truth) < 2e-3
+    np.testing.assert_allclose(done.measured.transport.composition(), truth.composition(), atol=1e-4)
+    assert done.check_error < 1e-3
+
+
+def test_light_kept_at_coarse_levels_does_not_leak_into_fine_ones(rng: np.random.Generator) -> None:
+    """A third of the light is far: below τ for every small block, many τ for the blocks of one pattern together."""
+    near = sharp_wall(rng)
+    truth = with_far_light(near, 0.33)
+    done = run(room_of(truth), HierarchicalScheme(Threshold(absolute=0.004)), QUIET)
+    transport = done.measured.transport
+    dark = near.near[0].toarray() == 0
+    leaked = transport.near[0].toarray() * dark
+    assert leaked.sum() < 0.02 * transport.near[0].sum()
+    assert error(transport, truth) < 0.03
+    assert done.check_error < 0.02  # far light in blocks of 8 px where it is below τ
+
+
+@pytest.mark.parametrize("far", [0.0, 0.25])
+def test_each_scheme_with_noise(rng: np.random.Generator, far: float) -> None:
+    truth = with_far_light(sharp_wall(rng), far)
+    schemes = (HierarchicalScheme(), MultiplexedScheme(), PixelByPixelScheme(), FixedBlocksScheme(8), GrayCodeScheme())
+    done = [run(room_of(truth), scheme) for scheme in schemes]
+    errors = [error(each.measured.transport, truth) for each in done]
+    pictures = [each.pictures for each in done]
+    # Photon noise of an entry of 0.25, 1.4 %; far light adds what blocks do not resolve.
+    assert errors[0] < (0.05 if not far else 0.1)
+    assert errors[1] < 0.05
+    assert errors[2] < (0.05 if not far else 0.4)  # its far light is below the noise
+    assert min(errors[3:]) > max(errors[:2])
+    assert pictures[2:4] == [10 + SHAPE[1], 10 + 12 + 64]
+    assert pictures[1] < pictures[0]
+    for each in done[:2]:
+        assert each.check_error < 3 * each.check_noise + 0.01
+
+
+def test_the_hierarchical_scheme_sees_a_mirror_and_the_check_tells_who_does_not(rng: np.random.Generator) -> None:
+    truth = mirror(rng)
+    whole = run(room_of(truth), HierarchicalScheme())
+    window = run(room_of(truth), MultiplexedScheme())
+    assert error(whole.measured.transport, truth) < 0.05
+    assert error(window.measured.transport, truth) > 0.2
+    assert whole.check_error < 0.03
+    assert window.check_error > 0.1
+
+
+def test_the_window_grows_with_the_blur(rng: np.random.Generator) -> None:
+    sides = []
+    for sigma in (0.4, 1.3):
+        done = run(room_of(sharp_wall(rng, sigma)), MultiplexedScheme())
+        sides += [int(re.search(r"tiles of (\d+)", note)[1]) for note in done.measured.notes if "tiles" in note]  # type: ignore[index]
+    assert 4 <= sides[0] <= 5
+    assert 6 <= sides[1] <= 8  # 2 · 2.3 σ is 6

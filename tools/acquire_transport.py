@@ -1,0 +1,103 @@
+"""acquire-transport: a calibration folder from a projector and a camera, or from a simulated pair.
+
+Patterns are black and white, so that the projector's response does not matter. Every capture is on disk before the next
+pattern is shown; the same command goes on where an interrupted one stopped.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from player.calibration import refuse_existing
+from player.command import Parser, run
+from player.errors import InputError
+from tools.acquisition.acquired_room import Plan, acquire_room
+from tools.acquisition.cameras.camera import Camera
+from tools.acquisition.cameras.live import LiveCamera
+from tools.acquisition.plan import MakeScheme
+from tools.acquisition.preflight import Finding, preflight, refuse_bad
+from tools.acquisition.rig_options import add_rig_options, open_rig
+from tools.acquisition.room_options import add_room_options, named_response
+from tools.acquisition.schemes.baselines import FixedBlocksScheme, GrayCodeScheme, PixelByPixelScheme
+from tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
+from tools.acquisition.schemes.multiplexed import MultiplexedScheme
+from tools.report.acquired import write_acquisition_report
+from tools.report.report import check_report_folder
+
+SCHEMES: dict[str, Callable[[argparse.Namespace], MakeScheme]] = {
+    "hierarchical": lambda options: HierarchicalScheme(_threshold(options)),
+    "multiplexed": lambda options: MultiplexedScheme(options.tile),
+    "pixels": lambda options: PixelByPixelScheme(_threshold(options)),
+    "blocks": lambda options: FixedBlocksScheme(threshold=_threshold(options)),
+    "graycode": lambda _: GrayCodeScheme(),
+}
+SUSPECT = (
+    "warning: the check is far off what noise explains; light may reach some camera pixels from several places (use "
+    "--scheme hierarchical), or be too weak (longer exposures, lower --threshold)"
+)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    return run(_main, argv)
+
+
+def _main(argv: Sequence[str] | None) -> None:
+    options = _parser().parse_args(argv)
+    output: Path = options.output
+    captures = options.captures or output.with_name(f"{output.name}.captures")
+    report_folder = options.report or output.with_name(f"{output.name}.report")
+    make_scheme = SCHEMES[options.scheme](options)
+    refuse_existing(output, force=options.force)
+    check_report_folder(report_folder)
+    decides = {"threshold": str(_threshold(options)), "tile": options.tile or 0}
+    # One BLAS thread: two made small products several times slower.
+    with threadpool_limits(limits=1), open_rig(options, named_response(options.response)) as (camera, projector):
+        findings = [] if options.no_preflight else _checked(camera)
+        plan = Plan(options.scheme, make_scheme, projector, decides)
+        report = acquire_room(camera, plan, captures, output, name=options.name, force=options.force)
+        print(f"{report}\n{output}: written; the captures stay in {captures}")
+        if report.suspect:
+            print(SUSPECT, file=sys.stderr)
+        print(f"{write_acquisition_report(output, report, findings, report_folder)}: the report")
+
+
+def _checked(camera: Camera) -> list[Finding]:
+    """Print the findings about a camera that can be checked; InputError at the first bad one."""
+    findings = []
+    for finding in preflight(camera) if isinstance(camera, LiveCamera) else ():
+        print(finding, flush=True)
+        refuse_bad(finding)
+        findings.append(finding)
+    return findings
+
+
+def _threshold(options: argparse.Namespace) -> Threshold:
+    """`4x` is a multiple of the noise, `0.01` a radiance."""
+    text: str = options.threshold
+    try:
+        return Threshold(sigmas=float(text[:-1])) if text.endswith("x") else Threshold(absolute=float(text))
+    except ValueError:
+        raise InputError(
+            f"--threshold {text}: expected a multiple of the noise such as 4x, or a radiance such as 0.01"
+        ) from None
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser("acquire-transport", description=__doc__)
+    parser.add_argument("--scheme", choices=SCHEMES, default="hierarchical", help="default hierarchical")
+    parser.add_argument(
+        "--threshold", default="4x", metavar="Nx|RADIANCE", help="τ, a multiple of the noise or absolute (default 4x)"
+    )
+    parser.add_argument("--tile", type=int, metavar="PIXELS", help="multiplexed: window a side (default: measured)")
+    parser.add_argument("--captures", type=Path, metavar="FOLDER", help="kept there (default OUTPUT.captures)")
+    parser.add_argument("--report", type=Path, metavar="FOLDER", help="the page (default OUTPUT.report)")
+    add_rig_options(parser)
+    add_room_options(parser)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,204 @@
+"""Run a scheme: every pattern in turn, every capture on disk before the next pattern is shown, and what is checked.
+
+Black and floodlight come first, four times each: they give the noise. Floodlight comes again at the end, which tells a
+moved camera, and last a random pattern that no scheme has seen: how well T predicts it is the honest measure of T.
+"""
+
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from player.errors import InputError
+from tools.acquisition.cameras.camera import Camera
+from tools.acquisition.movement import refuse_moved
+from tools.acquisition.plan import Level, MakeScheme, Measured, Pattern, Reference, measure_noise
+from tools.acquisition.store import CaptureStore
+
+FloatArray = NDArray[np.float64]
+LOG_INTERVAL_S = 10.0
+MOST_SATURATED = 0.02  # of the camera's pixels
+CLEARLY_LIT = 10  # times the noise of all captures together
+MOST_UNCLOSED, UNCLOSED = 0.02, 0.5  # of the clearly lit camera pixels may miss as much of a floodlight
+LEAST_LIT, LEAST_RISE = 0.001, 10  # of the camera's pixels rise by so many times the noise
+REPEATS = 4  # of black and floodlight, which every figure rests on
+AGAIN = "fix them, acquire again with other --captures"
+CHECK_CELL = 4  # projector pixels a side of the random pattern
+
+
+@dataclass(frozen=True)
+class Acquisition:
+    """What was acquired.
+
+    pictures, exposures : shown, and photographed.  seconds : of this run.  resumed : captures that were there already.
+    check_error : of the random pattern, relative RMS difference of the predicted and the captured light.
+    check_noise : what of it the camera's noise explains.
+    """
+
+    measured: Measured
+    room: Reference
+    pictures: int
+    exposures: int
+    seconds: float
+    resumed: int
+    check_error: float
+    check_noise: float
+
+
+def acquire(camera: Camera, store: CaptureStore, make_scheme: MakeScheme, projector: tuple[int, int]) -> Acquisition:
+    """Show, capture and solve; what is in the store already is not shown again.
+
+    projector : (height, width).
+    Raises InputError for captures that are saturated, black, inconsistent or of another size, and for a moved camera.
+    """
+    recorder = _Recorder(camera, store)
+    black, white = np.zeros(projector, np.bool_), np.ones(projector, np.bool_)
+    first = Level("black and floodlight", [black, white] * REPEATS, further=1)
+    room = _reference(camera, store, recorder.capture(first))
+    scheme = make_scheme(room, projector)
+    level = next(scheme)
+    while True:
+        captures = recorder.capture(level)
+        if level.cover:
+            _check_closure(level, captures, room)
+        try:
+            level = scheme.send(captures)
+        except StopIteration as ended:
+            measured: Measured = ended.value
+            break
+    pattern = check_pattern(projector)
+    last = recorder.capture(Level("floodlight and check", [white, pattern], further=0))
+    before, after = (room.above_black(picture) for picture in (room.floodlight, np.asarray(last[0], np.float64)))
+    refuse_moved(before, after, room.noise, 1 + 1 / REPEATS, AGAIN)
+    error, noise = _prediction(measured, room, pattern, np.asarray(last[1], np.float64))
+    exposures = recorder.count * len(camera.exposures.times)
+    seconds = time.monotonic() - recorder.start
+    return Acquisition(measured, room, recorder.count, exposures, seconds, recorder.resumed, error, noise)
+
+
+def check_pattern(projector: tuple[int, int]) -> Pattern:
+    """Random cells of 4×4 projector pixels, half of them lit; the same for everybody."""
+    height, width = (-(-side // CHECK_CELL) for side in projector)
+    cells = np.random.default_rng(20060504).random((height, width)) < 0.5
+    return cells.repeat(CHECK_CELL, axis=0).repeat(CHECK_CELL, axis=1)[: projector[0], : projector[1]]
+
+
+class _StoredCaptures(Sequence[NDArray[np.float32]]):
+    """Radiance of captures first, first + 1, …, read when it is asked for."""
+
+    def __init__(self, store: CaptureStore, first: int, count: int) -> None:
+        self._store, self._first, self._count = store, first, count
+
+    def __len__(self) -> int:
+        return self._count
+
+    @overload
+    def __getitem__(self, index: int) -> NDArray[np.float32]: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[NDArray[np.float32]]: ...
+    def __getitem__(self, index: int | slice) -> NDArray[np.float32] | Sequence[NDArray[np.float32]]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(self._count))]
+        if not 0 <= index < self._count:
+            raise IndexError(index)
+        return self._store.radiance(self._first + index)
+
+
+class _Recorder:
+    """Numbers the captures and takes those that are missing."""
+
+    def __init__(self, camera: Camera, store: CaptureStore) -> None:
+        self._camera, self._store = camera, store
+        self.count, self.resumed, self.start = 0, 0, time.monotonic()
+        self._taken = 0
+
+    def capture(self, level: Level) -> _StoredCaptures:
+        first, self.count = self.count, self.count + len(level.patterns)
+        numbers = range(first, self.count)
+        missing = [number for number in numbers if not self._store.has(number)]
+        self.resumed += len(numbers) - len(missing)
+        self._camera.prepare(first, level.patterns, missing)
+        for number in self._told(level, missing):
+            self._store.save(number, self._camera.capture(number, level.patterns[number - first]))
+            self._taken += 1
+        return _StoredCaptures(self._store, first, len(level.patterns))
+
+    def _told(self, level: Level, missing: Sequence[int]) -> Iterator[int]:
+        """Yield `missing` with progress: a bar on a terminal, otherwise a line now and then."""
+        bar = tqdm(total=len(missing), desc=level.name, leave=False) if sys.stderr.isatty() else None
+        said = time.monotonic()
+        for done, number in enumerate(missing):
+            left = self._remaining(level, len(missing) - done)
+            if bar is not None:
+                bar.set_postfix_str(left)
+            elif time.monotonic() - said >= LOG_INTERVAL_S:
+                said = time.monotonic()
+                print(f"{level.name}: {done} of {len(missing)} captures, {left}", file=sys.stderr)
+            yield number
+            if bar is not None:
+                bar.update()
+        if bar is not None:
+            bar.close()
+
+    def _remaining(self, level: Level, captures: int) -> str:
+        """Seconds for this level, whose captures are counted, and for the others, whose number nobody knows yet."""
+        if not self._taken:
+            return "no time known yet"
+        each = (time.monotonic() - self.start) / self._taken
+        later = level.further * len(level.patterns)
+        more = f"; {each * later:.0f} s more if each further level ({level.further}) takes as many" if later else ""
+        return f"{each:.2g} s each, {each * captures:.0f} s left in this level{more}"
+
+
+def _reference(camera: Camera, store: CaptureStore, captures: Sequence[NDArray[np.float32]]) -> Reference:
+    pictures = [np.asarray(capture, np.float64) for capture in captures]
+    black, white = pictures[0::2], pictures[1::2]
+    saturated = camera.exposures.saturated(store.shots(1)) | camera.exposures.saturated(store.shots(0))
+    if saturated.mean() > MOST_SATURATED:
+        raise InputError(
+            f"the floodlit room saturates {100 * saturated.mean():.0f} % of the camera's pixels, at most "
+            f"{100 * MOST_SATURATED:.0f} % may be; shorten the exposure (or add a shorter one) and capture again"
+        )
+    noise = measure_noise(black, white)
+    rise = np.mean(white, axis=0) - np.mean(black, axis=0)
+    lit = np.any((rise > 0) & (rise >= LEAST_RISE * noise.dark), axis=2)
+    if lit.mean() < LEAST_LIT:
+        raise InputError(
+            f"from black to floodlight {int(lit.sum())} of {lit.size} camera pixels rise clearly above the noise; "
+            "check that the projector is on, that the camera sees it, and that the exposure is long enough"
+        )
+    return Reference(np.mean(black, axis=0), np.mean(white, axis=0), noise, saturated, REPEATS)
+
+
+def _check_closure(level: Level, captures: Sequence[NDArray[np.float32]], room: Reference) -> None:
+    """The captures of a level add up to the floodlit room; InputError if they do not.
+
+    Where they do not, some capture shows another pattern, is black, or was taken with another exposure.
+    """
+    total = sum((room.above_black(captures[i]) for i in range(len(captures))), np.zeros_like(room.light))
+    # The error of the black picture is in each of them, so that noise grows with their number, not with its root.
+    lit = np.any(room.light > CLEARLY_LIT * room.noise.dark * len(captures), axis=1) & ~room.saturated.ravel()
+    if not lit.any():
+        return
+    rooms = total[lit].sum(axis=1) / room.light[lit].sum(axis=1)
+    expected = np.median(rooms)  # about level.cover: a lamp drifts a little
+    off = (np.abs(rooms - expected) > UNCLOSED) | (abs(expected - level.cover) > UNCLOSED * level.cover)
+    if off.mean() > MOST_UNCLOSED:
+        raise InputError(
+            f"{level.name}: its captures do not add up to the floodlit room in {100 * off.mean():.0f} % of the lit "
+            "camera pixels; one of them shows another pattern or is black, or light or exposure changed: remove the "
+            "captures of this level and run again"
+        )
+
+
+def _prediction(measured: Measured, room: Reference, pattern: Pattern, capture: FloatArray) -> tuple[float, float]:
+    drive = np.repeat(pattern.reshape(-1, 1), 3, axis=1).astype(np.float64)
+    seen = room.above_black(capture)
+    scale = np.sqrt(np.sum(seen**2))
+    error = np.sqrt(np.sum((measured.transport.apply(drive) - seen) ** 2))
+    return float(error / scale), float(np.sqrt((1 + 1 / REPEATS) * np.sum(room.noise.sigma(seen) ** 2)) / scale)

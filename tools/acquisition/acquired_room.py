@@ -1,0 +1,123 @@
+"""From an acquisition to a calibration folder, and what a user should know of it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from player import calibration
+from player.calibration import Calibration, Device
+from player.errors import InputError
+from tools.acquisition.acquire import Acquisition, acquire
+from tools.acquisition.cameras.camera import LINEAR, Camera
+from tools.acquisition.plan import MakeScheme
+from tools.acquisition.store import CaptureStore
+from tools.clusters.components import Clusters, find_clusters
+from tools.transport.mask import lit_pixels
+from tools.transport.storage import write_transport
+from tools.transport.transport import Transport, shared_pattern
+
+SUSPECT = 3.0  # times the camera's noise that the check may be off
+
+
+@dataclass(frozen=True)
+class AcquisitionReport:
+    """What was acquired; its text is the command's output.
+
+    covered : share of the projector's pixels that some camera pixel sees.  lit, camera_pixels : inside the mask, and in
+    all.  entries : near light, of one channel.
+    """
+
+    acquisition: Acquisition
+    covered: float
+    lit: int
+    camera_pixels: int
+    entries: int
+    clusters: Clusters
+
+    def __str__(self) -> str:
+        done = self.acquisition
+        resumed = f", {done.resumed} of them from before" if done.resumed else ""
+        sizes = self.clusters.projector_sizes
+        noise = 100 * float(np.max(done.room.noise.dark)) / float(np.max(done.room.floodlight))
+        lines = [
+            *done.measured.notes,
+            f"{done.pictures} pictures, {done.exposures} exposures{resumed}, {done.seconds:.1f} s; noise of a dark "
+            f"capture {noise:.2g} % of the brightest",
+            f"coverage: {100 * self.covered:.1f} % of the projector's pixels seen, {self.lit} of {self.camera_pixels} "
+            "camera pixels lit",
+            f"clusters: {self.clusters.count}, the largest of {sizes.max(initial=0)} projector pixels; {self.entries} "
+            "near entries a channel",
+            f"check: a random pattern is predicted to {100 * done.check_error:.1f} % (noise alone: "
+            f"{100 * done.check_noise:.1f} %)",
+        ]
+        return "\n".join(lines)
+
+    @property
+    def suspect(self) -> bool:
+        """The prediction is much worse than noise explains."""
+        return self.acquisition.check_error > SUSPECT * self.acquisition.check_noise + 0.05
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to acquire.
+
+    scheme : its name, for the records.  options : what else decides which pattern comes next.
+    """
+
+    scheme: str
+    make_scheme: MakeScheme
+    projector: Device
+    options: dict[str, Any]
+
+
+def acquire_room(
+    camera: Camera, plan: Plan, captures: Path, folder: Path, *, name: str | None = None, force: bool = False
+) -> AcquisitionReport:
+    """Acquire and write the calibration `folder`; it appears whole or not at all, the captures stay.
+
+    captures : where they are kept; a run that was interrupted goes on with what is there.
+    """
+    calibration.refuse_existing(folder, force=force)
+    session = {
+        "camera": camera.name,
+        "scheme": plan.scheme,
+        "projector": [plan.projector.width, plan.projector.height],
+        **plan.options,
+    }
+    store = CaptureStore(captures, session, camera.exposures)
+    done = acquire(camera, store, plan.make_scheme, plan.projector.shape)
+    transport, ambient = done.measured.transport, np.maximum(done.room.black, 0).astype(np.float32)
+    shape = ambient.shape
+    direct = Transport(transport.near).composition().reshape(shape)
+    mask = lit_pixels(direct, ambient) & ~done.room.saturated
+    if not mask.any():
+        raise InputError(
+            "no camera pixel is clearly lit by single projector pixels; lower --threshold, or darken the room"
+        )
+    room = Calibration(
+        folder.name if name is None else name,
+        f"acquire-transport, scheme {plan.scheme}, {done.pictures} pictures, camera {camera.name}",
+        (plan.projector,),
+        Device(shape[0], shape[1], LINEAR),
+        ambient,
+        mask,
+    )
+    with calibration.writing(folder, room, force=force) as stage:
+        write_transport(transport, stage)
+    return _report(done, mask.ravel(), transport)
+
+
+def _report(done: Acquisition, mask: np.ndarray[Any, np.dtype[np.bool_]], transport: Transport) -> AcquisitionReport:
+    indptr, indices, _ = shared_pattern(transport.near)
+    pattern = transport.near[0].__class__((np.ones(indices.size), indices, indptr), shape=transport.shape)
+    return AcquisitionReport(
+        acquisition=done,
+        covered=float(np.unique(indices).size / transport.shape[1]),
+        lit=int(mask.sum()),
+        camera_pixels=mask.size,
+        entries=int(indices.size),
+        clusters=find_clusters(pattern),
+    )

@@ -1,0 +1,103 @@
+"""A camera that is any other program: patterns are written to a folder, captures are read from it, level by level.
+
+FOLDER/patterns/00012.png    what to show: 8-bit, white and black, the projector's size
+FOLDER/captures/00012.png    what was seen (or .jpg); with a bracket 00012_0.png, 00012_1.png …
+"""
+
+import re
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from player.errors import InputError
+from player.files import refusals_named, replacing_file
+from tools.acquisition.cameras.camera import Exposures, Shot
+from tools.acquisition.picture_files import SUFFIXES, read_picture
+from tools.acquisition.plan import Pattern
+
+POLL_S = 0.2
+LISTED = 3  # names in a message
+_NUMBERED = re.compile(r"(?P<number>\d{5,})(_(?P<shot>\d+))?")
+
+
+class FolderCamera:
+    """The camera back end of a folder.
+
+    wait_s : how long to wait for the captures of a level before giving up; the next run goes on from there.
+    """
+
+    def __init__(self, folder: Path, exposures: Exposures, wait_s: float = 0.0) -> None:
+        self._folder, self._exposures, self._wait_s = folder, exposures, wait_s
+
+    @property
+    def name(self) -> str:
+        return "folder"
+
+    @property
+    def exposures(self) -> Exposures:
+        return self._exposures
+
+    def prepare(self, first: int, patterns: Sequence[Pattern], missing: Sequence[int]) -> None:
+        """Write the patterns; InputError naming the captures that are not there, or that belong to no pattern."""
+        shown, seen = self._folder / "patterns", self._folder / "captures"
+        with refusals_named(self._folder):
+            shown.mkdir(parents=True, exist_ok=True)
+            seen.mkdir(exist_ok=True)
+        for number in missing:
+            path = shown / f"{number:05}.png"
+            if not path.exists():
+                _write_pattern(path, patterns[number - first])
+        if missing:  # otherwise captures of later levels may be there, from an earlier run
+            self._refuse_strangers(seen, first + len(patterns))
+        deadline = time.monotonic() + self._wait_s
+        while absent := [stem for number in missing for stem in self._stems(number) if self._find(stem) is None]:
+            if time.monotonic() >= deadline:
+                raise InputError(_waiting(seen, absent))
+            time.sleep(POLL_S)
+
+    def capture(self, number: int, pattern: Pattern) -> tuple[Shot, ...]:
+        paths = [(stem, self._find(stem)) for stem in self._stems(number)]
+        return tuple(read_picture(path or self._folder / "captures" / f"{stem}.png") for stem, path in paths)
+
+    def _stems(self, number: int) -> list[str]:
+        count = len(self._exposures.times)
+        return [f"{number:05}"] if count == 1 else [f"{number:05}_{shot}" for shot in range(count)]
+
+    def _find(self, stem: str) -> Path | None:
+        paths = (self._folder / "captures" / f"{stem}{suffix}" for suffix in SUFFIXES)
+        return next((path for path in paths if path.is_file()), None)
+
+    def _refuse_strangers(self, folder: Path, end: int) -> None:
+        found: dict[str, Path] = {}
+        for path in _pictures(folder):
+            if path.stem in found:
+                raise InputError(f"{path}: the same capture as {found[path.stem].name}; keep one of the two")
+            found[path.stem] = path
+            named = _NUMBERED.fullmatch(path.stem)
+            if named is None or int(named["number"]) >= end or path.stem not in self._stems(int(named["number"])):
+                raise InputError(
+                    f"{path}: belongs to no pattern, expected {self._stems(0)[0]}.png to "
+                    f"{self._stems(end - 1)[-1]}.png so far; move it out of the folder, or check --exposures"
+                )
+
+
+def _pictures(folder: Path) -> Iterator[Path]:
+    yield from (p for p in sorted(folder.iterdir()) if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
+
+
+def _write_pattern(path: Path, pattern: Pattern) -> None:
+    _, content = cv2.imencode(".png", pattern.astype(np.uint8) * 255)
+    with replacing_file(path) as temporary:
+        temporary.write_bytes(content.tobytes())
+
+
+def _waiting(folder: Path, absent: Sequence[str]) -> str:
+    names = ", ".join(f"{stem}.png" for stem in absent[:LISTED])
+    names += f" … {absent[-1]}.png" if len(absent) > LISTED else ""
+    return (
+        f"{folder}: waiting for {len(absent)} captures, {names}; show the patterns of the same numbers, put their "
+        "captures (PNG or JPEG) there and run the same command again (or give --wait SECONDS)"
+    )

@@ -1,0 +1,93 @@
+"""A projector and a camera that are both in our hands: show a picture, wait until it is seen, photograph it."""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.acquisition.cameras.camera import Exposures, Shot
+from tools.acquisition.plan import Pattern
+
+Codes = NDArray[np.uint8]  # (projector height, projector width, 3), code values as the projector gets them
+
+
+class Screen(Protocol):
+    """What the projector shows.
+
+    shape : (height, width).  refresh_hz : of its pictures, None if nobody knows.
+    """
+
+    @property
+    def shape(self) -> tuple[int, int]: ...
+    @property
+    def refresh_hz(self) -> float | None: ...
+    def show(self, codes: Codes) -> None:
+        """Put a picture on the glass; it may reach the camera some frames later."""
+
+
+class Eye(Protocol):
+    """What photographs, frame by frame.
+
+    name : what it is.  timed : the times of `expose` are seconds (of a simulated sensor they are mere factors).
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def timed(self) -> bool: ...
+    def begin(self, number: int) -> None:
+        """A capture begins; what a simulated sensor draws by chance depends on its number alone."""
+
+    def expose(self, time: float) -> None:
+        """From now on expose so long; InputError if the camera does not obey."""
+
+    def skip(self) -> None:
+        """Let one frame pass."""
+
+    def frame(self) -> Shot:
+        """The next frame."""
+
+
+class LiveCamera:
+    """The camera back end of a screen and an eye.
+
+    lag : frames to let pass between a change, of picture or exposure, and a shot; the pre-flight measures it.
+    """
+
+    def __init__(self, screen: Screen, eye: Eye, exposures: Exposures, lag: int = 0) -> None:
+        self.screen, self.eye, self._exposures, self.lag = screen, eye, exposures, lag
+
+    @property
+    def name(self) -> str:
+        return self.eye.name
+
+    @property
+    def exposures(self) -> Exposures:
+        return self._exposures
+
+    def prepare(self, first: int, patterns: Sequence[Pattern], missing: Sequence[int]) -> None:
+        """Nothing to do: patterns are shown when they are captured."""
+
+    def capture(self, number: int, pattern: Pattern) -> tuple[Shot, ...]:
+        return self.capture_codes(number, codes_of(pattern))
+
+    def capture_codes(self, number: int, codes: Codes) -> tuple[Shot, ...]:
+        """Show any picture and take a bracket of it."""
+        self.screen.show(codes)
+        self.eye.begin(number)
+        shots = []
+        for time in self._exposures.times:
+            self.eye.expose(time)
+            self.wait(self.lag)
+            shots.append(self.eye.frame())
+        return tuple(shots)
+
+    def wait(self, frames: int) -> None:
+        for _ in range(frames):
+            self.eye.skip()
+
+
+def codes_of(pattern: Pattern) -> Codes:
+    """A pattern as black and white."""
+    return np.repeat(pattern[..., None].astype(np.uint8) * np.uint8(255), 3, axis=2)

@@ -1,0 +1,179 @@
+"""A camera in a simulated room: c = T p + e, then photons, noise, exposure, response and code values."""
+
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from player import calibration
+from player.errors import InputError
+from player.response import Response
+from tools.acquisition.cameras.camera import LINEAR, Exposures, Shot
+from tools.acquisition.cameras.live import Codes, LiveCamera, Screen
+from tools.simulation.scene import load_scene
+from tools.simulation.simulate import simulate
+from tools.transport.storage import read_transport
+from tools.transport.transport import Transport
+
+FloatArray = NDArray[np.float64]
+HEADROOM = 1.25  # full scale of an exposure of 1, above the floodlit room's brightest pixel
+ENCODING_STEPS = 1 << 16
+MOST_LAG = 20
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A camera's sensor.
+
+    bits : of a code value.  full_well : electrons at full scale, 0 for no photon noise.  read_noise : electrons, of one
+    shot.  exposures : of a bracket; 1 puts the floodlit room's brightest pixel at 80 % of full scale.
+    seed : capture n always has the noise of (seed, n), whatever was captured before.  lag : frames that a picture takes
+    to reach the sensor.
+    """
+
+    bits: int = 14
+    full_well: float = 20000.0
+    read_noise: float = 5.0
+    exposures: tuple[float, ...] = (1.0,)
+    response: Response = LINEAR
+    seed: int = 0
+    lag: int = 0
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.bits <= 16:
+            raise InputError(f"--bits {self.bits}: expected 1 to 16")
+        for option, value in (("--full-well", self.full_well), ("--read-noise", self.read_noise)):
+            if not 0 <= value < float("inf"):
+                raise InputError(f"{option} {value:g}: expected a number of electrons, 0 or more")
+        if self.read_noise and not self.full_well:
+            raise InputError("--read-noise needs --full-well above 0: it is counted in electrons of the full well")
+        if not 0 <= self.lag <= MOST_LAG:
+            raise InputError(f"--lag {self.lag}: expected 0 to {MOST_LAG} frames")
+        Exposures(self.exposures)
+
+
+@dataclass(frozen=True)
+class SimulatedRoom:
+    """What is in front of the camera.
+
+    ambient : (camera height, camera width, 3).  projector : (height, width).  response : of the projector.
+    """
+
+    name: str
+    transport: Transport
+    ambient: NDArray[np.float32]
+    projector: tuple[int, int]
+    response: Response
+
+
+class VisibleScreen(Screen, Protocol):
+    """A screen that a simulated eye can look at."""
+
+    def look(self) -> Codes:
+        """What it shows now."""
+
+
+class MemoryScreen:
+    """Shows a picture to simulated eyes only."""
+
+    refresh_hz: float | None = None
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self.shape = shape
+        self._shown: Codes = np.zeros((*shape, 3), np.uint8)
+
+    def show(self, codes: Codes) -> None:
+        self._shown = codes
+
+    def look(self) -> Codes:
+        return self._shown
+
+
+class SimulatedEye:
+    """A sensor in a simulated room that looks at what a screen shows, `sensor.lag` frames late."""
+
+    timed = False
+
+    def __init__(self, room: SimulatedRoom, sensor: Sensor, screen: VisibleScreen) -> None:
+        self._room, self._sensor, self._screen = room, sensor, screen
+        self._drive = room.response.to_linear(np.repeat(np.linspace(0, 1, 256)[:, None], 3, axis=1))
+        self._curve = _encoding(sensor.response)
+        self._pictures = deque([screen.look()], sensor.lag + 1)
+        self._rng, self._time = np.random.default_rng(sensor.seed), 1.0
+
+    @property
+    def name(self) -> str:
+        return f"simulated {self._room.name}, {self._sensor}"
+
+    def begin(self, number: int) -> None:
+        self._rng = np.random.default_rng((self._sensor.seed, number))
+
+    def expose(self, time: float) -> None:
+        self._time = time
+
+    def skip(self) -> None:
+        self._pictures.append(self._screen.look())
+
+    def frame(self) -> Shot:
+        self.skip()
+        return self._shot(self.radiance(self._pictures[0]) * self._time)
+
+    def radiance(self, codes: Codes) -> FloatArray:
+        """T p + e of a picture's code values."""
+        drive = np.stack([self._drive[codes[..., i].ravel(), i] for i in range(3)], axis=1)
+        return self._room.transport.apply(drive).reshape(self._room.ambient.shape) + self._room.ambient
+
+    def _shot(self, light: FloatArray) -> Shot:
+        """Code values of light, 1 being full scale; stored so that the top code fills the container."""
+        if self._sensor.full_well:
+            electrons = self._rng.poisson(np.minimum(light, 2) * self._sensor.full_well)
+            light = (electrons + self._rng.normal(0, self._sensor.read_noise, light.shape)) / self._sensor.full_well
+        top = (1 << self._sensor.bits) - 1
+        codes = np.rint(self._encode(np.clip(light, 0, 1)) * top)
+        container = np.uint8 if self._sensor.bits <= 8 else np.uint16
+        return np.rint(codes * (np.iinfo(container).max / top)).astype(container)
+
+    def _encode(self, light: FloatArray) -> FloatArray:
+        if self._curve is None:
+            return light
+        codes = np.linspace(0, 1, len(self._curve))
+        return np.stack([np.interp(light[..., i], self._curve[:, i], codes) for i in range(3)], axis=-1)
+
+
+class SimulatedCamera(LiveCamera):
+    """The camera back end of a simulated room.
+
+    screen : where it sees the projector's picture; None for a picture in memory.
+    """
+
+    def __init__(self, room: SimulatedRoom, sensor: Sensor, screen: VisibleScreen | None = None) -> None:
+        brightest = float((room.transport.composition().reshape(room.ambient.shape) + room.ambient).max())
+        times = tuple(time / (HEADROOM * brightest) for time in sensor.exposures)
+        shown: VisibleScreen = MemoryScreen(room.projector) if screen is None else screen
+        eye = SimulatedEye(room, sensor, shown)
+        super().__init__(shown, eye, Exposures(times, sensor.response), lag=sensor.lag)
+
+
+def simulated_room(source: Path) -> SimulatedRoom:
+    """The room of a scene file (.toml) or of a calibration folder; InputError if it is neither."""
+    if source.is_dir():
+        stored = calibration.read(source)
+        room = stored.calibration
+        return SimulatedRoom(
+            room.name, read_transport(stored), room.ambient, room.projector.shape, room.projector.response
+        )
+    scene = load_scene(source)
+    result = simulate(scene)
+    projector = scene.projector.height, scene.projector.width
+    return SimulatedRoom(scene.name, result.transport, result.ambient, projector, scene.projector.response)
+
+
+def _encoding(response: Response) -> FloatArray | None:
+    """Light of equally spaced code values, (steps, 3), to be read backwards; None for a linear camera."""
+    if response.kind == "linear":
+        return None
+    codes = np.linspace(0, 1, ENCODING_STEPS)
+    return response.to_linear(np.repeat(codes[:, None], 3, axis=1))

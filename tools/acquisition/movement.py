@@ -1,0 +1,31 @@
+"""Did camera, projector or scene move? Two pictures of the floodlit room, their brightness apart, tell."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from player.errors import InputError
+from tools.acquisition.plan import Noise
+
+FloatArray = NDArray[np.float64]
+MOST_MOVED, MOST_DIMMED = 0.03, 0.05  # relative change of the floodlit room, and of its brightness alone
+
+
+def refuse_moved(before: FloatArray, after: FloatArray, noise: Noise, captures: float, advice: str) -> None:
+    """InputError if the floodlit room differs by more than noise explains, or is of another brightness.
+
+    before, after : light above black, (pixels, 3).  captures : Σ 1/n over the two, each the mean of n captures.
+    advice : what to do, after a semicolon.
+    """
+    gain = float(np.sum(before * after) / np.sum(before * before))
+    change = float(np.sqrt(np.sum((after - gain * before) ** 2) / np.sum(before**2)))
+    by_noise = float(np.sqrt(captures * np.sum(noise.sigma(before) ** 2) / np.sum(before**2)))
+    if change > MOST_MOVED + 2 * by_noise:
+        raise InputError(
+            f"the floodlit room now differs by {100 * change:.1f} % from what it was at first (noise alone: "
+            f"{100 * by_noise:.1f} %): camera, projector or scene moved; {advice}"
+        )
+    if abs(gain - 1) > MOST_DIMMED:
+        raise InputError(
+            f"the floodlit room is now {100 * gain:.0f} % as bright as at first: lamp or exposure changed; let "
+            f"the lamp warm up, lock the exposure; {advice}"
+        )

@@ -1,0 +1,138 @@
+"""What schemes of acquisition share: levels of patterns that ask for captures, the room's dark and bright, its noise.
+
+A scheme is a generator. It yields one level of patterns after the other, is sent the captures of that level, and
+returns the light transport it made of them. It asks for nothing else and keeps nothing outside: sent the same captures
+again it asks for the same patterns, which is what makes an acquisition resumable.
+"""
+
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.transport.transport import Transport
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Pattern: TypeAlias = NDArray[np.bool_]  # (projector height, projector width), lit or dark: no response can bend it
+MAD_TO_SIGMA = 1.4826  # of a normal distribution
+
+
+@dataclass(frozen=True)
+class Noise:
+    """A camera's noise, variance = dark² + gain · light, per channel.
+
+    dark : (3,) standard deviation of a black picture, radiance.  gain : (3,) radiance, of photon noise.
+    """
+
+    dark: FloatArray
+    gain: FloatArray
+
+    def sigma(self, light: FloatArray) -> FloatArray:
+        """Standard deviation of one capture of `light` (…, 3) above black."""
+        return np.asarray(np.sqrt(self.dark**2 + self.gain * np.maximum(light, 0)))
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The room before any scheme: all captures are compared with these.
+
+    black, floodlight : (camera height, camera width, 3), radiance with the projector black, and white.
+    saturated : (camera height, camera width), white or black is at the top of the camera's range.
+    repeats : captures that black and floodlight are the mean of.
+    """
+
+    black: FloatArray
+    floodlight: FloatArray
+    noise: Noise
+    saturated: NDArray[np.bool_]
+    repeats: int = 1
+
+    @property
+    def light(self) -> FloatArray:
+        """T·1 as measured: (camera pixels, 3)."""
+        return (self.floodlight - self.black).reshape(-1, 3)
+
+    def above_black(self, capture: NDArray[np.floating]) -> FloatArray:
+        """T p of a capture (camera height, camera width, 3): (camera pixels, 3)."""
+        return (capture - self.black).reshape(-1, 3)
+
+
+@dataclass(frozen=True)
+class Level:
+    """Patterns that need nothing of each other's captures.
+
+    patterns : lazily made.  further : how many levels may still come.
+    cover : how often the patterns together light each projector pixel that a camera pixel sees, 0 if not evenly. Then
+    their captures must add up to as many floodlit rooms.
+    """
+
+    name: str
+    patterns: Sequence[Pattern]
+    further: int
+    cover: int = 0
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a scheme returns: T, and what a user should know about it, a line each."""
+
+    transport: Transport
+    notes: tuple[str, ...] = ()
+
+
+Captures: TypeAlias = Sequence[NDArray[np.floating]]
+Scheme: TypeAlias = Generator[Level, Captures, Measured]
+MakeScheme: TypeAlias = Callable[[Reference, tuple[int, int]], Scheme]  # the projector's (height, width)
+
+
+class LazyPatterns(Sequence[Pattern]):
+    """Patterns that are painted when they are shown: a whole level of them would not fit into memory."""
+
+    def __init__(self, count: int, paint: Callable[[int], Pattern]) -> None:
+        self._count, self._paint = count, paint
+
+    def __len__(self) -> int:
+        return self._count
+
+    @overload
+    def __getitem__(self, index: int) -> Pattern: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Pattern]: ...
+    def __getitem__(self, index: int | slice) -> Pattern | Sequence[Pattern]:
+        if isinstance(index, slice):
+            return [self._paint(i) for i in range(*index.indices(self._count))]
+        if not 0 <= index < self._count:
+            raise IndexError(index)
+        return self._paint(index)
+
+    def __iter__(self) -> Iterator[Pattern]:
+        return (self._paint(i) for i in range(self._count))
+
+
+def measure_noise(black: Sequence[FloatArray], floodlight: Sequence[FloatArray]) -> Noise:
+    """Noise from captures of the black and of the white projector, as many of each, (camera height, camera width, 3).
+
+    The difference of two equal captures has twice the variance. The dark level is a median, so that a flickering
+    corner does not count; it is at least what rounding to the camera's own steps adds, 1/√12 of a step.
+    """
+    dark_changes, bright_changes = (_changes(pictures) for pictures in (black, floodlight))
+    steps = np.array([_least_step(floodlight[0][..., i]) for i in range(3)])
+    robust = MAD_TO_SIGMA * np.median(np.abs(dark_changes), axis=0)
+    dark = np.maximum(np.maximum(robust, np.std(dark_changes, axis=0) / 2), steps / np.sqrt(12))
+    light = np.maximum(np.mean(floodlight, axis=0) - np.mean(black, axis=0), 0).mean(axis=(0, 1))
+    excess = np.mean(bright_changes**2 - dark**2, axis=0)
+    return Noise(dark, np.maximum(excess, 0) / np.maximum(light, np.finfo(float).tiny))
+
+
+def _changes(pictures: Sequence[FloatArray]) -> FloatArray:
+    """Differences of successive captures / √2, which have the variance of one: (pixels of all, 3)."""
+    pairs = zip(pictures[0::2], pictures[1::2], strict=True)
+    return np.asarray(np.concatenate([(b - a).reshape(-1, 3) for a, b in pairs]) / np.sqrt(2))
+
+
+def _least_step(values: FloatArray) -> float:
+    gaps = np.diff(np.unique(values))
+    return float(gaps.min()) if gaps.size else 0.0

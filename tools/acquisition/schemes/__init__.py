@@ -1,0 +1,5 @@
+"""Which patterns to show next, and the light transport that their captures add up to: one scheme a module.
+
+hierarchical.py (Sen et al. 2005) on blocks.py and schedule.py; multiplexed.py on codes.py and stripes.py; baselines.py
+to compare with. A scheme is a generator (tools/acquisition/plan.py). May import numpy, scipy, player, tools.transport.
+"""

@@ -1,0 +1,128 @@
+"""Schemes to compare with: pixel by pixel, fixed blocks, and direct mapping by Gray code.
+
+They see the same room through the same captures as the hierarchical scheme, and return a light transport like it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from player.errors import InputError
+from tools.acquisition.direct_mapping import direct_mapping, direct_transport
+from tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Reference, Scheme
+from tools.acquisition.schemes.blocks import BlockGrid, BlockLight, as_transport, fit_to_floodlight
+from tools.acquisition.schemes.hierarchical import DEFAULT, Threshold
+from tools.acquisition.schemes.stripes import Stripe, locate, stripes
+from tools.transport.mask import LUMINANCE
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+FILL_RADIUS = 4  # cells, as import-graycode's
+SURE_SIGMAS = 4.0
+ALL_PAIRS = Threshold(6.0)
+
+
+@dataclass(frozen=True)
+class PixelByPixelScheme:
+    """Every projector pixel alone, T column by column (thesis 3.4.2).
+
+    Every pair of a camera and a projector pixel is a chance to take noise for light, hence the higher threshold.
+    """
+
+    threshold: Threshold = ALL_PAIRS
+
+    def __call__(self, room: Reference, projector: tuple[int, int]) -> Scheme:
+        grid = BlockGrid(projector, 1)
+        captures = yield Level("pixels", LazyPatterns(grid.count, lambda i: grid.paint(np.array([i]))), 0, cover=1)
+        part = _columns(room, captures, grid, self.threshold)
+        return Measured(as_transport(fit_to_floodlight([part], room.light), len(room.light)))
+
+
+@dataclass(frozen=True)
+class FixedBlocksScheme:
+    """Blocks that are taken not to disturb each other (Masselus et al. 2003, Relighting with 4D incident light
+    fields).
+
+    Each block is shown alone: a camera pixel belongs to the block that it sees best. Then the first pixels of all
+    blocks are shown together, the second ones, and so on; whatever a camera pixel sees is its own block's.
+    side : of a block, in projector pixels.
+    """
+
+    side: int = 16
+    threshold: Threshold = DEFAULT
+
+    def __post_init__(self) -> None:
+        if self.side < 1:
+            raise InputError(f"block side {self.side}: expected at least 1 projector pixel")
+
+    def __call__(self, room: Reference, projector: tuple[int, int]) -> Scheme:
+        blocks, pixels = BlockGrid(projector, self.side), BlockGrid(projector, 1)
+        captures = yield Level("blocks", LazyPatterns(blocks.count, lambda i: blocks.paint(np.array([i]))), 1, cover=1)
+        owner, best = np.zeros(len(room.light), np.int64), np.zeros(len(room.light))
+        for block in range(blocks.count):
+            light = room.above_black(captures[block]) @ LUMINANCE
+            owner, best = np.where(light > best, block, owner), np.maximum(light, best)
+        row, column = np.mgrid[: projector[0], : projector[1]] % self.side
+        place = row * self.side + column
+        captures = yield Level("pixels", LazyPatterns(self.side**2, lambda i: np.asarray(place == i)), 0, cover=1)
+        parts = []
+        for i in range(len(captures)):
+            y, x = np.divmod(owner, blocks.columns)
+            y, x = y * self.side + i // self.side, x * self.side + i % self.side
+            inside = (y < projector[0]) & (x < projector[1])
+            light = room.above_black(captures[i])
+            lit = np.flatnonzero(inside & np.any(light >= self.threshold.of(room), axis=1))
+            parts.append(BlockLight(pixels, lit, (y * projector[1] + x)[lit], np.maximum(light[lit], 0)))
+        part = _joined(pixels, parts)
+        return Measured(as_transport(fit_to_floodlight([part], room.light), len(room.light)))
+
+
+@dataclass(frozen=True)
+class GrayCodeScheme:
+    """Stripes and their inverses down to single pixels; each camera pixel sees one projector pixel (thesis 6.1)."""
+
+    def __call__(self, room: Reference, projector: tuple[int, int]) -> Scheme:
+        shown = stripes(projector, 1)
+        count = 2 * len(shown)
+        patterns = LazyPatterns(count, lambda i: shown[i // 2].paint() ^ (i % 2 == 1))
+        captures = yield Level("stripes and inverses", patterns, 0, cover=len(shown))
+        valid, place = self._decode(room, captures, shown, projector)
+        shape = room.black.shape[:2]
+        y, x = (np.floor(place[:, axis]).astype(np.int32).reshape(shape) for axis in (0, 1))
+        mapping = direct_mapping(x, y, valid.reshape(shape), projector, fill_radius=FILL_RADIUS)
+        weight = np.maximum(room.light, 0).astype(np.float32)
+        decoded = f"{int(valid.sum())} of {valid.size} camera pixels decoded"
+        return Measured(direct_transport(mapping, weight), (decoded,))
+
+    def _decode(
+        self, room: Reference, captures: Captures, shown: Sequence[Stripe], projector: tuple[int, int]
+    ) -> tuple[NDArray[np.bool_], FloatArray]:
+        """Which camera pixels are sure in every bit, and where they look, (camera pixels, 2)."""
+        flood, shares = room.light @ LUMINANCE, []
+        sigma = np.sqrt(2 * (room.noise.sigma(room.light / 2) ** 2) @ np.square(LUMINANCE))
+        sure = np.any(room.light > SURE_SIGMAS * room.noise.sigma(room.light), axis=1)
+        for i in range(len(shown)):
+            difference = (np.asarray(captures[2 * i], np.float64) - captures[2 * i + 1]).reshape(-1, 3) @ LUMINANCE
+            sure &= np.abs(difference) > SURE_SIGMAS * sigma
+            shares.append(0.5 + difference / np.where(flood > 0, 2 * flood, np.inf))
+        place = locate(shown, shares, projector)
+        return sure, place
+
+
+def _columns(room: Reference, captures: Captures, grid: BlockGrid, threshold: Threshold) -> BlockLight:
+    """What each capture i, of block i alone, shows above τ."""
+    tau, parts = threshold.of(room), []
+    for block in range(grid.count):
+        light = room.above_black(captures[block])
+        camera = np.flatnonzero(np.any(light >= tau, axis=1))
+        parts.append(BlockLight(grid, camera, np.full(camera.size, block), np.maximum(light[camera], 0)))
+    return _joined(grid, parts)
+
+
+def _joined(grid: BlockGrid, parts: Sequence[BlockLight]) -> BlockLight:
+    camera, block, light = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("camera", "block", "light")
+    )
+    return BlockLight(grid, camera, block, light)

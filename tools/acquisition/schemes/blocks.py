@@ -1,0 +1,227 @@
+"""The quad-tree of projector blocks, and light that is known for blocks of several sizes.
+
+Level l cuts the projector into squares of side S / 2ˡ, S the power of two that covers it; the last level's are pixels.
+Blocks at the right and lower edge are cut off by it, and squares wholly outside do not exist.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from tools.acquisition.plan import Pattern
+from tools.transport.transport import Csr, FarLight, Transport
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+NO_CHILD = -1
+MOST_FAR_CELLS = 1500  # FarLight mixes cells by a dense matrix
+LEAST_FAR_SIDE = 4  # projector pixels
+MOST_READ = 1 << 13  # camera pixels that one cell of far light is seen by; a texture's row holds twice as many
+
+
+@dataclass(frozen=True)
+class BlockGrid:
+    """The blocks of one level, numbered row by row.  projector : (height, width)."""
+
+    projector: tuple[int, int]
+    side: int
+
+    @property
+    def rows(self) -> int:
+        return -(-self.projector[0] // self.side)
+
+    @property
+    def columns(self) -> int:
+        return -(-self.projector[1] // self.side)
+
+    @property
+    def count(self) -> int:
+        return self.rows * self.columns
+
+    @cached_property
+    def labels(self) -> IntArray:
+        """The block of each projector pixel: (height, width)."""
+        height, width = self.projector
+        return np.arange(height)[:, None] // self.side * self.columns + np.arange(width) // self.side
+
+    @cached_property
+    def area(self) -> IntArray:
+        """Projector pixels in each block."""
+        return np.bincount(self.labels.ravel(), minlength=self.count)
+
+    @cached_property
+    def children(self) -> IntArray:
+        """The four blocks of half the side in each: (blocks, 4), NO_CHILD where the projector ends before."""
+        finer = BlockGrid(self.projector, self.side // 2)
+        row, column = np.divmod(np.arange(self.count)[:, None], self.columns)
+        row, column = 2 * row + np.array([0, 0, 1, 1]), 2 * column + np.array([0, 1, 0, 1])
+        inside = (row < finer.rows) & (column < finer.columns)
+        return np.where(inside, row * finer.columns + column, NO_CHILD)
+
+    def paint(self, lit: IntArray) -> Pattern:
+        """The picture in which some blocks are lit."""
+        on = np.zeros(self.count, np.bool_)
+        on[lit] = True
+        return np.asarray(on[self.labels])
+
+    def lit_share(self, pattern: Pattern) -> FloatArray:
+        """What part of each block a pattern lights: (blocks,)."""
+        return np.bincount(self.labels.ravel(), pattern.ravel(), self.count) / self.area
+
+
+def grids(projector: tuple[int, int]) -> list[BlockGrid]:
+    """From one block that covers the projector down to its pixels."""
+    side = 1 << (max(projector) - 1).bit_length()
+    return [BlockGrid(projector, side >> level) for level in range(side.bit_length())]
+
+
+@dataclass(frozen=True)
+class BlockLight:
+    """Light from blocks of one grid to camera pixels.
+
+    camera, block : (entries,).  light : (entries, 3), radiance with the whole block lit.
+    """
+
+    grid: BlockGrid
+    camera: IntArray
+    block: IntArray
+    light: FloatArray
+
+    def select(self, which: NDArray[np.bool_] | IntArray) -> "BlockLight":
+        return BlockLight(self.grid, self.camera[which], self.block[which], self.light[which])
+
+    def matrices(self, camera_pixels: int) -> tuple[Csr, ...]:
+        """(camera pixels, blocks) per channel."""
+        shape = camera_pixels, self.grid.count
+        return tuple(sparse.csr_array((self.light[:, i], (self.camera, self.block)), shape=shape) for i in range(3))
+
+
+class KnownLight:
+    """Light that is settled, of blocks of any size, so that it can be told from what is still being measured."""
+
+    def __init__(self, camera_pixels: int) -> None:
+        self._camera_pixels = camera_pixels
+        self.parts: list[BlockLight] = []
+        self._matrices: list[tuple[Csr, ...]] = []
+
+    def add(self, part: BlockLight) -> None:
+        if part.camera.size:
+            self.parts.append(part)
+            self._matrices.append(part.matrices(self._camera_pixels))
+
+    def seen(self, pattern: Pattern) -> FloatArray:
+        """What it adds to the capture of a pattern: (camera pixels, 3)."""
+        total = np.zeros((self._camera_pixels, 3))
+        for part, matrices in zip(self.parts, self._matrices, strict=True):
+            share = part.grid.lit_share(pattern)
+            total += np.stack([T @ share for T in matrices], axis=1)
+        return total
+
+
+def sum_by_camera(parts: Sequence[BlockLight], camera_pixels: int) -> FloatArray:
+    """The floodlit room that the parts add up to: (camera pixels, 3)."""
+    total = np.zeros((camera_pixels, 3))
+    for part in parts:
+        for i in range(3):
+            total[:, i] += np.bincount(part.camera, part.light[:, i], camera_pixels)
+    return total
+
+
+def fit_to_floodlight(parts: Sequence[BlockLight], floodlight: FloatArray) -> list[BlockLight]:
+    """Scale each camera pixel's light so that it adds up to the floodlit room, (camera pixels, 3); channel by channel.
+
+    The floodlight is the capture with the least relative noise, a sum of many weak entries the one with the most.
+    """
+    total = sum_by_camera(parts, len(floodlight))
+    scale = np.divide(np.maximum(floodlight, 0), total, out=np.ones_like(total), where=total > 0)
+    return [BlockLight(p.grid, p.camera, p.block, p.light * scale[p.camera]) for p in parts]
+
+
+def as_transport(parts: Sequence[BlockLight], camera_pixels: int) -> Transport:
+    """T of a projector's pixels: light measured finely as near light, light known for blocks only as far light.
+
+    There are at most 1500 such blocks, so smaller ones than some side have none of their own. Where the camera pixel
+    sees single pixels of the same cell, such a block is the rim of a spot and becomes near light, spread over its
+    pixels; elsewhere it is far light that happened to be measurable, and goes to its cell.
+    """
+    projector = parts[0].grid.projector
+    least = _least_cell(projector)
+    fine = [part for part in parts if part.grid.side < least]
+    coarse = [part for part in parts if part.grid.side >= least]
+    cells = BlockGrid(projector, least)
+    spots = [part.camera * cells.count + _ancestor(part, cells) for part in fine if part.grid.side == 1]
+    beside = np.unique(np.concatenate([*spots, np.zeros(0, np.int64)]))
+    near: list[BlockLight] = []
+    for part in fine:
+        ancestor = _ancestor(part, cells)
+        close = np.isin(part.camera * cells.count + ancestor, beside)
+        near.append(part.select(close))
+        away = part.select(~close)
+        coarse.append(BlockLight(cells, away.camera, ancestor[~close], away.light))
+    coarse = [part for part in coarse if part.camera.size]
+    return Transport(_spread(near, camera_pixels, projector), _far_light(coarse, camera_pixels) if coarse else None)
+
+
+def _least_cell(projector: tuple[int, int]) -> int:
+    """The side of the smallest blocks that, with all larger ones, are few enough for far light."""
+    levels = grids(projector)
+    fitting = [level.side for i, level in enumerate(levels) if sum(g.count for g in levels[: i + 1]) <= MOST_FAR_CELLS]
+    return max(LEAST_FAR_SIDE, min(fitting))
+
+
+def _ancestor(part: BlockLight, cells: BlockGrid) -> IntArray:
+    """The cell that holds each of the part's blocks."""
+    row, column = np.divmod(part.block, part.grid.columns)
+    scale = cells.side // part.grid.side
+    return np.asarray(row // scale * cells.columns + column // scale)
+
+
+def _spread(parts: Sequence[BlockLight], camera_pixels: int, projector: tuple[int, int]) -> tuple[Csr, ...]:
+    pixels = projector[0] * projector[1]
+    near: list[Csr] = [sparse.csr_array((camera_pixels, pixels)) for _ in range(3)]
+    for part in parts:
+        average = _averages(part.grid)
+        near = [sparse.csr_array(T + E @ average) for T, E in zip(near, part.matrices(camera_pixels), strict=True)]
+    return tuple(T.astype(np.float32) for T in near)
+
+
+def _far_light(parts: Sequence[BlockLight], camera_pixels: int) -> FarLight:
+    """U M D: D averages the drive over the finest blocks, M makes of them the blocks that send, U is what each sends.
+
+    Cells are the finest blocks first, which only gather, and then the senders, which only scatter. A block that more
+    than 8192 camera pixels see becomes several senders, so that no row of Uᵀ is too long for a texture.
+    """
+    finest = min((part.grid for part in parts), key=lambda grid: grid.side)
+    sizes = sorted({part.grid for part in parts}, key=lambda grid: grid.side)
+    first = dict(zip(sizes, np.cumsum([0, *(grid.count for grid in sizes)]), strict=False))
+    shares = sparse.csr_array(sparse.vstack([_cell_shares(grid, finest) for grid in sizes]))
+    camera, light = (np.concatenate([getattr(part, name) for part in parts]) for name in ("camera", "light"))
+    block = np.concatenate([part.block + first[part.grid] for part in parts])
+    order = np.lexsort((camera, block))
+    camera, block, light = camera[order], block[order], light[order]
+    rank = np.arange(block.size) - np.searchsorted(block, block)
+    senders, sender = np.unique(np.stack([block, rank // MOST_READ]), axis=1, return_inverse=True)
+    gathering, cells = finest.count, finest.count + senders.shape[1]
+    mix = np.zeros((cells, cells))
+    mix[gathering:, :gathering] = shares[senders[0]].toarray()
+    D = sparse.csr_array(sparse.vstack([_averages(finest), sparse.csr_array((senders.shape[1], finest.labels.size))]))
+    places = camera, gathering + sender.ravel()
+    U = tuple(sparse.csr_array((light[:, i], places), shape=(camera_pixels, cells)) for i in range(3))
+    return FarLight((D, D, D), np.stack([mix] * 3), U)
+
+
+def _cell_shares(grid: BlockGrid, cells: BlockGrid) -> Csr:
+    """(blocks, cells): the part of each block that each cell is."""
+    places = grid.labels.ravel(), cells.labels.ravel()
+    return sparse.csr_array((1 / grid.area[places[0]], places), shape=(grid.count, cells.count))
+
+
+def _averages(grid: BlockGrid) -> Csr:
+    """(blocks, projector pixels): the mean drive of each block."""
+    labels = grid.labels.ravel()
+    places = labels, np.arange(labels.size)
+    return sparse.csr_array((1 / grid.area[labels], places), shape=(grid.count, labels.size))

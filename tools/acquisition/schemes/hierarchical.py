@@ -1,0 +1,165 @@
+"""Scene-adaptive hierarchical acquisition of the light transport (thesis 3.4.2; Sen et al. 2005, Dual Photography).
+
+From the floodlit room down: a block of projector pixels that a camera pixel measurably sees is cut into four, and its
+quarters are shown one after the other. Blocks that no camera pixel sees together are cut at the same time. Light is
+kept at the last level at which it could be measured. What is kept at coarse levels still lights every later capture,
+since many blocks are lit at once: its prediction is subtracted before a camera pixel is read (the far light of all
+blocks of one pattern together can be far above the threshold that each stayed below).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from player.errors import InputError
+from tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Pattern, Reference, Scheme
+from tools.acquisition.schemes.blocks import (
+    NO_CHILD,
+    BlockGrid,
+    BlockLight,
+    KnownLight,
+    as_transport,
+    fit_to_floodlight,
+    grids,
+)
+from tools.acquisition.schemes.schedule import colour_graph, conflict_graph
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+QUARTERS = 4
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """τ: what a camera pixel must rise by in some channel to count as lit.
+
+    sigmas : τ as a multiple of the measured noise.  absolute : τ as radiance, instead.
+    """
+
+    sigmas: float = 4.0
+    absolute: float | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 < self.sigmas < float("inf"):
+            raise InputError(f"--threshold {self.sigmas:g}: expected a multiple of the noise above 0, such as 4")
+        if self.absolute is not None and not 0 < self.absolute < float("inf"):
+            raise InputError(f"--threshold {self.absolute:g}: expected a radiance above 0")
+
+    def of(self, room: Reference, background: FloatArray | float = 0.0) -> FloatArray:
+        """τ of a capture in which known light shines: `background` (…, 3) -> (…, 3)."""
+        if self.absolute is not None:
+            return np.full(3, self.absolute)
+        return self.sigmas * room.noise.sigma(np.asarray(background, np.float64))
+
+
+DEFAULT = Threshold()
+
+
+@dataclass(frozen=True)
+class Quarters:
+    """What a level shows: pattern i lights quarter `quarter[i]` of the blocks of colour `colour[i]`.
+
+    blocks : the parents by colour.
+    """
+
+    grid: BlockGrid
+    blocks: Sequence[IntArray]
+    colour: IntArray
+    quarter: IntArray
+
+    def paint(self, index: int) -> Pattern:
+        children = self.grid.children[self.blocks[self.colour[index]], self.quarter[index]]
+        return BlockGrid(self.grid.projector, self.grid.side // 2).paint(children[children != NO_CHILD])
+
+
+@dataclass(frozen=True)
+class HierarchicalScheme:
+    """The plain scheme; call it with a room and a projector's (height, width)."""
+
+    threshold: Threshold = DEFAULT
+
+    def __call__(self, room: Reference, projector: tuple[int, int]) -> Scheme:
+        levels = grids(projector)
+        known = KnownLight(len(room.light))
+        active = floodlit_block(room, levels[0], self.threshold)
+        notes = []
+        for depth, grid in enumerate(levels[1:], 1):
+            schedule = schedule_quarters(active)
+            name = f"blocks of {grid.side} px"
+            patterns = LazyPatterns(len(schedule.colour), schedule.paint)
+            captures = yield Level(name, patterns, len(levels) - 1 - depth, cover=1)
+            active, settled = self._measure(room, active, schedule, captures, known)
+            for part in settled:
+                known.add(part)
+            notes.append(f"{name}: {len(patterns)} pictures, {active.camera.size} connections measured")
+        known.add(active)
+        parts = fit_to_floodlight(known.parts, room.light)
+        return Measured(as_transport(parts, len(room.light)), tuple(notes))
+
+    def _measure(
+        self, room: Reference, parents: BlockLight, schedule: Quarters, captures: Captures, known: KnownLight
+    ) -> tuple[BlockLight, list[BlockLight]]:
+        """Read the quarters' light off the captures: what is measured, and what stays with coarser blocks."""
+        colour_of = np.zeros(parents.grid.count, np.int64)
+        for colour, blocks in enumerate(schedule.blocks):
+            colour_of[blocks] = colour
+        order = np.argsort(colour_of[parents.block], kind="stable")
+        ends = np.searchsorted(colour_of[parents.block][order], np.arange(len(schedule.blocks) + 1))
+        quarters = np.zeros((parents.camera.size, QUARTERS, 3))
+        lit = np.zeros((parents.camera.size, QUARTERS), np.bool_)
+        for index, (colour, quarter) in enumerate(zip(schedule.colour, schedule.quarter, strict=True)):
+            entries = order[ends[colour] : ends[colour + 1]]
+            background = known.seen(schedule.paint(index))
+            light = room.above_black(captures[index]) - background
+            quarters[entries, quarter] = light[parents.camera[entries]]
+            tau = self.threshold.of(room, background[parents.camera[entries]])
+            lit[entries, quarter] = np.any(quarters[entries, quarter] >= tau, axis=1)
+        tau = np.sqrt(2) * self.threshold.of(
+            room, parents.light
+        )  # a parent and the sum of its quarters both have noise
+        return keep_measurable(parents, np.maximum(quarters, 0), lit, tau)
+
+
+def floodlit_block(room: Reference, grid: BlockGrid, threshold: Threshold) -> BlockLight:
+    """Level 0: the camera pixels that the floodlight raises by τ."""
+    camera = np.flatnonzero(np.any(room.light >= threshold.of(room), axis=1))
+    return BlockLight(grid, camera, np.zeros_like(camera), np.maximum(room.light[camera], 0))
+
+
+def schedule_quarters(parents: BlockLight) -> Quarters:
+    """Colour the conflict graph of the blocks that are seen, and show the quarters of each colour in turn."""
+    used, local = np.unique(parents.block, return_inverse=True)
+    colours = colour_graph(conflict_graph(parents.camera, local, used.size))
+    blocks = [used[colours == colour] for colour in range(colours.max(initial=-1) + 1)]
+    exists = parents.grid.children != NO_CHILD
+    shown = np.array([exists[members].any(axis=0) for members in blocks]).reshape(-1, QUARTERS)
+    colour, quarter = np.nonzero(shown)
+    return Quarters(parents.grid, blocks, colour, quarter)
+
+
+def keep_measurable(
+    parents: BlockLight, quarters: FloatArray, lit: NDArray[np.bool_], tau: FloatArray
+) -> tuple[BlockLight, list[BlockLight]]:
+    """Energy is kept once, at the last level at which it was measurable.
+
+    quarters : (entries, 4, 3) ≥ 0, light of each parent's quarters.  lit : (entries, 4), at least τ.
+    tau : of the rest, (entries, 3) or (3,).
+    Returns the lit quarters, and the rest: of a parent without lit quarters its own light; otherwise what its lit
+    quarters leave of it, if that is measurable, shared by its other quarters according to their size.
+    """
+    finer = BlockGrid(parents.grid.projector, parents.grid.side // 2)
+    children = parents.grid.children[parents.block]
+    lit = lit & (children != NO_CHILD)
+    whole = parents.select(np.asarray(~lit.any(axis=1)))
+    entry, quarter = np.nonzero(lit)
+    measured = BlockLight(finer, parents.camera[entry], children[entry, quarter], quarters[entry, quarter])
+    rest = np.maximum(parents.light - np.sum(quarters * lit[..., None], axis=1), 0)
+    left_over = lit.any(axis=1) & np.any(rest >= tau, axis=1)
+    dim = ~lit & (children != NO_CHILD) & left_over[:, None]
+    area = np.where(dim, finer.area[children], 0)
+    share = area / np.maximum(area.sum(axis=1, keepdims=True), 1)
+    entry, quarter = np.nonzero(dim)
+    light = rest[entry] * share[entry, quarter][:, None]
+    return measured, [whole, BlockLight(finer, parents.camera[entry], children[entry, quarter], light)]

@@ -1,0 +1,217 @@
+"""Located multiplexing: T in few pictures, where each camera pixel's direct light comes from one place.
+
+A camera pixel's direct light comes from a small window of projector pixels. Stripes tell roughly where it is; a code of
+w × w numbers, tiled over the projector, tells every pixel of the window apart, wherever the window lies, because it
+holds each number once (the local regions of parallel single-pixel imaging: Jiang et al. 2021, Parallel single-pixel
+imaging; here with S-matrix codes). Far light, which is smooth, adds the same to every number of the tile: a pedestal,
+which is taken off. Where it is not negligible, coarse blocks are told apart by a second S-matrix, after the near light
+has been subtracted.
+
+What it cannot see: a camera pixel that has two sharp sources (a mirror, a glass edge) has both in one window. The check
+picture at the end tells; the hierarchical scheme has no such limit.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from player.errors import InputError
+from tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Reference, Scheme
+from tools.acquisition.schemes.blocks import BlockGrid, BlockLight, KnownLight, as_transport, fit_to_floodlight
+from tools.acquisition.schemes.codes import code_length, s_inverse, s_matrix
+from tools.acquisition.schemes.stripes import Stripe, locate, stripes
+from tools.transport.mask import LUMINANCE
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+STRIPE_CELL = 2  # projector pixels: half of the least tile, so that cell and place in the tile agree on one window
+LEAST_TILE, MOST_TILE = 4, 14
+REACH_SIGMAS = 2.3  # half a window in standard deviations of the spot: 2 % of its light lie beyond, each way
+NEIGHBOURHOOD = 16  # projector pixels; the sharpest camera pixel of each tells the blur there
+MOST_BLURRED = 0.95  # of the neighbourhoods get a window that is wide enough
+LEAST_FAR = 0.02  # share of all light; less is left out
+FAR_BLOCKS = 64
+
+
+@dataclass(frozen=True)
+class MultiplexedScheme:
+    """tile : projector pixels a side of the window; None reads it off the stripes' contrast.
+
+    sigmas : what a pixel of the window must rise by, in standard deviations of its noise, to be kept. On simulated
+    rooms 3 suits sharp spots and 2 blurred ones, whose rims are many and weak.
+    """
+
+    tile: int | None = None
+    sigmas: float = 2.5
+
+    def __post_init__(self) -> None:
+        if self.tile is not None and not LEAST_TILE <= self.tile <= MOST_TILE:
+            raise InputError(f"--tile {self.tile}: expected {LEAST_TILE} to {MOST_TILE} projector pixels")
+
+    def __call__(self, room: Reference, projector: tuple[int, int]) -> Scheme:
+        shown = stripes(projector, STRIPE_CELL)
+        captures = yield Level("stripes", LazyPatterns(len(shown), lambda i: shown[i].paint()), 2)
+        shares = [_lit_share(room, captures, i) for i in range(len(shown))]
+        place = locate(shown, shares, projector)
+        side = self.tile or choose_tile(shown, shares, place, room, projector)
+        tile = Tile(projector, side)
+        captures = yield Level(f"tiles of {side} px", tile.patterns, 1, cover=(tile.code + 1) // 2)
+        near, pedestal = tile.decode(room, captures, place, self.sigmas)
+        floodlight = _better_floodlight(room, captures, (tile.code + 1) // 2)
+        notes = [f"stripes: {len(shown)} pictures", f"tiles of {side} px: {tile.code} pictures"]
+        parts = [near]
+        far_share = float(np.sum(pedestal @ LUMINANCE) * side**2 / np.sum(room.light @ LUMINANCE))
+        if far_share > LEAST_FAR:
+            blocks = CodedBlocks(far_grid(projector))
+            captures = yield Level(f"blocks of {blocks.grid.side} px", blocks.patterns, 0, cover=(blocks.code + 1) // 2)
+            parts.append(blocks.decode(room, captures, near))
+            notes.append(f"far light, {100 * far_share:.0f} %: {blocks.code} pictures of {blocks.grid.count} blocks")
+        transport = as_transport(fit_to_floodlight(parts, floodlight), len(room.light))
+        return Measured(transport, tuple(notes))
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A code of side × side numbers, repeated over the projector."""
+
+    projector: tuple[int, int]
+    side: int
+
+    @property
+    def code(self) -> int:
+        return code_length(self.side**2)
+
+    @property
+    def patterns(self) -> LazyPatterns:
+        height, width = self.projector
+        number = np.arange(height)[:, None] % self.side * self.side + np.arange(width) % self.side
+        lit = s_matrix(self.code)
+        return LazyPatterns(self.code, lambda i: np.asarray(lit[i][number]))
+
+    def decode(
+        self, room: Reference, captures: Captures, place: FloatArray, sigmas: float
+    ) -> tuple[BlockLight, FloatArray]:
+        """Light of each projector pixel in the camera pixels' windows, and each one's pedestal (camera pixels, 3)."""
+        folded = _solve(room, captures, self.code, self.side**2)
+        corner = self._corners(folded @ LUMINANCE, place)
+        down, right = np.mgrid[: self.side, : self.side].reshape(2, -1)
+        row, column = corner[:, :1] + down, corner[:, 1:] + right
+        number = row % self.side * self.side + column % self.side
+        light = np.take_along_axis(folded, number[..., None], axis=1)
+        corners = (down % (self.side - 1) == 0) & (right % (self.side - 1) == 0)
+        pedestal = np.maximum(np.mean(light[:, corners], axis=1), 0)
+        # Photon noise of half the floodlight in each of the code's pictures, through S⁻¹ (variance 4 / n).
+        sigma = 2 * room.noise.sigma(room.light / 2) / np.sqrt(self.code)
+        pedestal = np.where(pedestal > sigma, pedestal, 0)
+        light = light - pedestal[:, None]
+        inside = (row >= 0) & (row < self.projector[0]) & (column >= 0) & (column < self.projector[1])
+        kept = inside & np.any(light > sigmas * sigma[:, None], axis=2)
+        camera, entry = np.nonzero(kept)
+        pixel = row[camera, entry] * self.projector[1] + column[camera, entry]
+        grid = BlockGrid(self.projector, 1)
+        return BlockLight(grid, camera, pixel, np.maximum(light[camera, entry], 0)), pedestal
+
+    def _corners(self, folded: FloatArray, place: FloatArray) -> IntArray:
+        """The upper left projector pixel of each window: (camera pixels, 2).
+
+        The centre of light within the tile is that of a circle (the phase of its first harmonic, which no pedestal
+        moves); of all places that look like it, the one nearest to where the stripes saw it.
+        """
+        square = folded.reshape(-1, self.side, self.side)
+        wave = np.exp(2j * np.pi * (np.arange(self.side) + 0.5) / self.side)
+        corners = []
+        for axis in (0, 1):
+            centre = np.angle(square.sum(axis=2 - axis) @ wave) / (2 * np.pi) * self.side
+            centre += self.side * np.round((place[:, axis] - centre) / self.side)
+            corners.append(np.floor(centre - self.side / 2 + 0.5).astype(np.int64))
+        return np.stack(corners, axis=1)
+
+
+@dataclass(frozen=True)
+class CodedBlocks:
+    """Blocks that cover the projector, told apart by an S-matrix."""
+
+    grid: BlockGrid
+
+    @property
+    def code(self) -> int:
+        return code_length(self.grid.count)
+
+    @property
+    def patterns(self) -> LazyPatterns:
+        lit = s_matrix(self.code)[:, : self.grid.count]
+        return LazyPatterns(self.code, lambda i: self.grid.paint(np.flatnonzero(lit[i])))
+
+    def decode(self, room: Reference, captures: Captures, near: BlockLight) -> BlockLight:
+        """Light of each block in each camera pixel, the near light subtracted."""
+        known = KnownLight(len(room.light))
+        known.add(near)
+        patterns = self.patterns
+        total = _solve(room, captures, self.code, self.grid.count, lambda i: known.seen(patterns[i]))
+        camera, block = np.nonzero(np.any(total > 0, axis=2))
+        return BlockLight(self.grid, camera, block, np.maximum(total[camera, block], 0))
+
+
+def far_grid(projector: tuple[int, int]) -> BlockGrid:
+    """The smallest blocks of which at most 64 cover the projector."""
+    side = 1
+    while (grid := BlockGrid(projector, side)).count > FAR_BLOCKS:
+        side *= 2
+    return grid
+
+
+def choose_tile(
+    shown: list[Stripe], shares: list[FloatArray], place: FloatArray, room: Reference, projector: tuple[int, int]
+) -> int:
+    """The window that holds 19 of 20 neighbourhoods' spots, from how much of the finest stripes' contrast they lose.
+
+    In the middle of a stripe of width s, a Gaussian spot of standard deviation σ has a contrast of 1 − 4 Φ(−s / 2σ).
+    Far light lowers the contrast of wide and narrow stripes alike, so that it is their ratio that counts.
+    """
+    height, width = (-(-side // NEIGHBOURHOOD) for side in projector)
+    where = (place // NEIGHBOURHOOD).astype(np.int64) @ np.array([width, 1])
+    lit = np.any(room.light > 10 * room.noise.sigma(room.light), axis=1)
+    widths = sorted({stripe.width for stripe in shown if stripe.width <= NEIGHBOURHOOD})
+    contrast = {w: np.full((2, height * width), -1.0) for w in widths}
+    for stripe, share in zip(shown, shares, strict=True):
+        if stripe.width in contrast:
+            np.maximum.at(contrast[stripe.width][stripe.axis], where[lit], np.abs(2 * share[lit] - 1))
+    widest = contrast[widths[-1]]
+    seen = widest > 0.2
+    sigma = np.full(widest.shape, np.inf)
+    for w in reversed(widths):
+        lost = np.clip(1 - contrast[w] / np.where(seen, widest, 1), 1e-4, 1)
+        sigma = np.where(lost < 0.7, -w / 2 / ndtri(lost / 4), sigma)
+    if not seen.any():
+        return LEAST_TILE
+    return int(np.clip(np.ceil(2 * REACH_SIGMAS * np.quantile(sigma[seen], MOST_BLURRED)), LEAST_TILE, MOST_TILE))
+
+
+def _lit_share(room: Reference, captures: Captures, index: int) -> FloatArray:
+    flood = room.light @ LUMINANCE
+    return np.asarray(room.above_black(captures[index]) @ LUMINANCE / np.where(flood > 0, flood, np.inf))
+
+
+def _better_floodlight(room: Reference, captures: Captures, cover: int) -> FloatArray:
+    """T·1 from the floodlight and from captures that add up to `cover` floodlit rooms: (camera pixels, 3)."""
+    total = room.repeats * room.light
+    for i in range(len(captures)):
+        total = total + room.above_black(captures[i])
+    return np.asarray(total / (room.repeats + cover))
+
+
+def _solve(
+    room: Reference, captures: Captures, code: int, sources: int, known: Callable[[int], FloatArray] | None = None
+) -> FloatArray:
+    """S⁻¹ of the captures, one at a time: (camera pixels, sources, 3)."""
+    inverse = s_inverse(code)[:sources]
+    total = np.zeros((len(room.light), sources, 3))
+    for i in range(code):
+        light = room.above_black(captures[i])
+        if known is not None:
+            light = light - known(i)
+        total += inverse[:, i, None] * light[:, None]
+    return total

@@ -1,0 +1,60 @@
+"""Gray-coded stripes: where in the projector's picture a camera pixel looks, in log₂ many pictures.
+
+Other than import-graycode's captures, these are compared with half of the floodlight, not with an inverse picture:
+half of the pictures, and nothing is lost where a pixel's light comes from one place. (Half of the far light reaches a
+pixel in every picture of narrow stripes, so that half of the floodlight stays the right threshold.)
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.acquisition.plan import Pattern
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Stripe:
+    """One picture of stripes: axis 0 numbers rows, axis 1 columns; bit 0 is the finest, with stripes two cells wide."""
+
+    projector: tuple[int, int]
+    cell: int
+    axis: int
+    bit: int
+
+    @property
+    def width(self) -> int:
+        """Of a stripe, in projector pixels."""
+        return self.cell << (self.bit + 1)
+
+    def paint(self) -> Pattern:
+        cells = np.arange(self.projector[self.axis]) // self.cell
+        line = (cells ^ (cells >> 1)) >> self.bit & 1 == 1
+        return np.array(np.broadcast_to(line[:, None] if self.axis == 0 else line, self.projector))
+
+
+def stripes(projector: tuple[int, int], cell: int) -> list[Stripe]:
+    """The stripes that number cells of `cell` projector pixels: of each axis, from coarse to fine."""
+    bits = [max(0, (-(-side // cell) - 1).bit_length()) for side in projector]
+    return [Stripe(projector, cell, axis, bit) for axis in (0, 1) for bit in reversed(range(bits[axis]))]
+
+
+def locate(shown: Sequence[Stripe], lit_share: Sequence[FloatArray], projector: tuple[int, int]) -> FloatArray:
+    """Where each camera pixel looks, the middle of a cell: (camera pixels, 2), row and column, continuous.
+
+    lit_share : for each stripe, (camera pixels,), its light as a share of the floodlight.
+    """
+    pixels = lit_share[0].size if lit_share else 0
+    place = np.zeros((pixels, 2))
+    for axis in (0, 1):
+        cell, code, binary = 1, np.zeros(pixels, np.int64), np.zeros(pixels, np.bool_)
+        for stripe, share in zip(shown, lit_share, strict=True):
+            if stripe.axis == axis:
+                binary = binary ^ (share > 0.5)
+                cell, code = stripe.cell, 2 * code + binary
+        place[:, axis] = np.minimum((code + 0.5) * cell, projector[axis] - 0.5)
+    return place

@@ -1,0 +1,223 @@
+"""The report on an acquisition: what was captured, what T became of it, and how well a picture could be compensated."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from player import calibration as calibrations
+from player.calibration import Calibration
+from player.content import reachable_white
+from player.files import replacing_folder
+from tools.acquisition.acquired_room import AcquisitionReport
+from tools.acquisition.preflight import Finding
+from tools.inverse.pictures import typical_pictures
+from tools.relighting.pictures import encoded, white_level, write_png
+from tools.relighting.views import composition, dual
+from tools.report import charts, pictures
+from tools.report.page import Figure, Section, page, table
+from tools.report.report import FORMAT, JSON, PAGE, check_report_folder
+from tools.solve.quality import psnr
+from tools.solve.registry import solve_channels
+from tools.solve.system import channel_system
+from tools.transport.mask import LUMINANCE
+from tools.transport.storage import read_transport
+from tools.transport.transport import Transport
+
+FloatArray = NDArray[np.float64]
+PROMISED = ("photograph", "letters")  # the first two typical pictures
+MOST_PREDICTED = 1 << 17  # camera pixels up to which the optimum is computed for the report
+SMOOTH = 6  # camera pixels a picture pixel: little detail, so that faults of T show
+
+
+def write_acquisition_report(room: Path, report: AcquisitionReport, findings: list[Finding], folder: Path) -> Path:
+    """Measure the stored calibration `room`, draw and write the page; returns its path."""
+    check_report_folder(folder)
+    stored = calibrations.read(room)
+    transport, calibration = read_transport(stored), stored.calibration
+    drawn, whites = _pictures(transport, calibration, report)
+    figures = _figures(transport, calibration, report, findings) | {"picture_white": whites}
+    with replacing_folder(folder) as stage:
+        for name, picture in drawn.items():
+            write_png(stage / name, picture)
+        (stage / JSON).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+        (stage / PAGE).write_text(acquisition_page(figures), encoding="utf-8")
+    return folder / PAGE
+
+
+def predicted_quality(
+    transport: Transport, calibration: Calibration, check_error: float
+) -> dict[str, dict[str, float]]:
+    """PSNR in dB of the best compensation, by the acquired T, and with the error that T showed in the check.
+
+    With error δ of a predicted light c, relative, the mean square grows by δ² mean c².
+    """
+    shape, mask = calibration.camera.shape, calibration.mask
+    white = reachable_white(composition(transport, calibration, None, ambient=True), mask)
+    found: dict[str, dict[str, float]] = {}
+    for detail, label in ((1, "at the camera's resolution"), (SMOOTH, "smooth")):
+        small = typical_pictures(tuple(max(side // detail, 2) for side in shape))  # type: ignore[arg-type]
+        for name, grey in zip(PROMISED, small, strict=False):
+            picture = cv2.resize(grey, shape[::-1], interpolation=cv2.INTER_LINEAR)
+            desired = white * np.repeat(picture[:, :, None], 3, axis=2)
+            target = np.asarray(desired - calibration.ambient, np.float64).reshape(-1, 3)
+            systems = [channel_system(transport, i, target[:, i], mask.ravel()) for i in range(3)]
+            drive = np.stack([solution.drive for solution in solve_channels("box", systems)], axis=1)
+            seen = composition(transport, calibration, drive, ambient=True)
+            square = float(np.mean(((seen - desired)[mask] / white) ** 2))
+            doubt = check_error**2 * float(np.mean((desired[mask] / white) ** 2))
+            found[f"{name}, {label}"] = {"by_transport": psnr(square), "with_check_error": psnr(square + doubt)}
+    return found
+
+
+def _pictures(
+    transport: Transport, calibration: Calibration, report: AcquisitionReport
+) -> tuple[dict[str, NDArray[np.uint8]], dict[str, float]]:
+    room = report.acquisition.room
+    views = {
+        "floodlight.png": room.floodlight,
+        "black.png": room.black,
+        "composition.png": composition(transport, calibration, None, ambient=True),
+        "dual.png": dual(transport, calibration, None),
+    }
+    whites = {name: white_level(view) for name, view in views.items()}
+    drawn = {name: encoded(view, whites[name]) for name, view in views.items()}
+    near = sum(np.asarray(w * T.sum(axis=0)) for w, T in zip(LUMINANCE, transport.near, strict=True))
+    coverage = np.where(np.asarray(near) > 0, 255, 0).astype(np.uint8).reshape(calibration.projector.shape)
+    mask = np.where(calibration.mask, 255, 0).astype(np.uint8)
+    return drawn | {
+        "coverage.png": np.repeat(coverage[..., None], 3, axis=2),
+        "mask.png": np.repeat(mask[..., None], 3, axis=2),
+        "clusters_camera.png": pictures.cluster_picture(report.clusters.camera, calibration.camera.shape),
+        "clusters_projector.png": pictures.cluster_picture(report.clusters.projector, calibration.projector.shape),
+    }, whites
+
+
+def _figures(
+    transport: Transport, calibration: Calibration, report: AcquisitionReport, findings: list[Finding]
+) -> dict[str, Any]:
+    done = report.acquisition
+    small = calibration.camera.pixels <= MOST_PREDICTED
+    return {
+        "format": FORMAT,
+        "name": calibration.name,
+        "provenance": calibration.provenance,
+        "summary": str(report).splitlines(),
+        "camera": {"width": calibration.camera.width, "height": calibration.camera.height},
+        "projector": {"width": calibration.projector.width, "height": calibration.projector.height},
+        "preflight": [{"check": f.check, "grade": f.grade, "sentence": f.sentence} for f in findings],
+        "pictures": done.pictures,
+        "exposures": done.exposures,
+        "seconds": done.seconds,
+        "check": {"error": done.check_error, "noise": done.check_noise, "suspect": report.suspect},
+        "coverage": report.covered,
+        "lit_camera_pixels": report.lit,
+        "near_entries": report.entries,
+        "far_cells": 0 if transport.far is None else int(transport.far.mix.shape[1]),
+        "clusters": {
+            "count": report.clusters.count,
+            "projector_size_bins": charts.bins_of(report.clusters.projector_sizes),
+        },
+        "predicted_psnr": predicted_quality(transport, calibration, done.check_error) if small else {},
+    }
+
+
+def acquisition_page(figures: dict[str, Any]) -> str:
+    """The page, from the figures that the JSON holds."""
+    camera, projector = (f"{figures[side]['width']}x{figures[side]['height']}" for side in ("camera", "projector"))
+    intro = table(
+        [
+            ("camera, projector", f"{camera}, {projector}"),
+            ("pictures shown, exposures taken", f"{figures['pictures']}, {figures['exposures']}"),
+            ("seconds of the last run", f"{figures['seconds']:.0f}"),
+            ("projector pixels that are seen", f"{100 * figures['coverage']:.1f} %"),
+            ("camera pixels that count", f"{figures['lit_camera_pixels']}"),
+            ("near light, entries a channel; far light, cells", f"{figures['near_entries']}; {figures['far_cells']}"),
+        ]
+    )
+    sections = [_quality(figures), _captured(figures), _transport(figures), _clusters(figures)]
+    return page(f"Acquisition: {figures['name']}", intro, [*sections, Section("Before it", [], _findings(figures))])
+
+
+def _quality(figures: dict[str, Any]) -> Section:
+    check = figures["check"]
+    rows = [
+        (
+            "a random pattern that no scheme has seen: error of the prediction (noise alone)",
+            f"{100 * check['error']:.1f} % ({100 * check['noise']:.1f} %)",
+        )
+    ]
+    for name, found in figures["predicted_psnr"].items():
+        both = f"{found['by_transport']:.1f} dB, {found['with_check_error']:.1f} dB"
+        rows.append((f"{name}: best PSNR by this T, and with the check's error", both))
+    note = (
+        "The error is far more than noise explains: read the advice that the command printed."
+        if check["suspect"]
+        else "A picture with more detail than the projector can show has a low best PSNR whatever T is; a smooth "
+        "one shows what T is worth."
+    )
+    return Section("Predicted quality of compensation", [], f'{table(rows)}<p class="note">{note}</p>')
+
+
+def _captured(figures: dict[str, Any]) -> Section:
+    white = figures["picture_white"]
+    return Section(
+        "What was captured",
+        [
+            Figure("Floodlight", f"Projector white. White is {white['floodlight.png']:.3g}.", file="floodlight.png"),
+            Figure(
+                "Black level",
+                f"The projector black: ambient light and leakage. Brightened, white is {white['black.png']:.3g}.",
+                file="black.png",
+            ),
+            Figure("Mask", "Camera pixels that count: clearly lit by single projector pixels.", file="mask.png"),
+        ],
+    )
+
+
+def _transport(figures: dict[str, Any]) -> Section:
+    white = figures["picture_white"]
+    return Section(
+        "The light transport T",
+        [
+            Figure(
+                "Composition T·1 + e",
+                "The floodlit room as T predicts it: it must look like the floodlight above. "
+                f"White is {white['composition.png']:.3g}.",
+                file="composition.png",
+            ),
+            Figure(
+                "Dual Tᵀ·1",
+                "The room from the projector's place, lit by the camera (thesis eq. 3.12). Noise here is noise of T. "
+                f"White is {white['dual.png']:.3g}.",
+                file="dual.png",
+            ),
+            Figure(
+                "Coverage", "Projector pixels that some camera pixel sees; black ones stay dark.", file="coverage.png"
+            ),
+        ],
+    )
+
+
+def _clusters(figures: dict[str, Any]) -> Section:
+    found = figures["clusters"]
+    return Section(
+        "Clusters",
+        [
+            Figure("In camera space", "One colour a cluster; dark is unconnected.", file="clusters_camera.png"),
+            Figure("In projector space", "The same colours.", file="clusters_projector.png"),
+            Figure(
+                "Sizes",
+                f"{found['count']} clusters; projector pixels a cluster (bar height: square root of the count).",
+                svg=charts.histogram(found["projector_size_bins"], "projector pixels a cluster"),
+            ),
+        ],
+    )
+
+
+def _findings(figures: dict[str, Any]) -> str:
+    rows = [(f"{f['check']}: {f['sentence']}", f["grade"]) for f in figures["preflight"]]
+    return table(rows) if rows else '<p class="note">Projector and camera were not checked.</p>'

@@ -1,0 +1,84 @@
+"""verify-projection: project a compensated picture, photograph it, compare with the prediction and with the picture.
+
+The camera stands where it stood when the calibration was made, with the same settings.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from player import calibration as calibrations
+from player.command import Parser, run
+from player.errors import InputError
+from player.files import replacing_folder
+from tools.acquisition.cameras.live import LiveCamera
+from tools.acquisition.preflight import preflight, refuse_bad
+from tools.acquisition.rig_options import add_rig_options, open_rig
+from tools.acquisition.verify import SOLVERS, Verification, Verified
+from tools.relighting.pictures import read_placed, write_png, write_view
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    return run(_main, argv)
+
+
+def _main(argv: Sequence[str] | None) -> None:
+    options = _parser().parse_args(argv)
+    if options.output is not None and options.output.exists():
+        raise InputError(f"{options.output}: exists; name another folder")
+    stored = calibrations.read(options.calibration)
+    room = stored.calibration
+    picture = read_placed(options.picture, room.camera.shape)
+    with threadpool_limits(limits=1), open_rig(options, room.projector.response) as (camera, projector):
+        if not isinstance(camera, LiveCamera):
+            raise InputError(f"--camera {options.camera}: cannot be shown a picture now; use another camera")
+        if projector.shape != room.projector.shape:
+            raise InputError(
+                f"the projector has {projector.width}x{projector.height} pixels, {options.calibration} is for "
+                f"{room.projector.width}x{room.projector.height}; choose the calibrated one"
+            )
+        for finding in () if options.no_preflight else preflight(camera):
+            refuse_bad(finding)
+        radiance = options.picture.suffix.lower() == ".exr"
+        task = Verification(camera, stored, picture, radiance=radiance, solver=options.solver)
+        print(f"white is a camera radiance of {task.white:.4g}; {int(room.mask.sum())} camera pixels count")
+        found = []
+        for result in task.run(options.rounds, options.repeats):
+            print(result, flush=True)
+            found.append(result)
+    best = max(found, key=lambda each: each.measured_psnr)
+    if options.output is not None:
+        _write(options.output, task, best)
+        print(f"{options.output}: round {best.round}, written")
+
+
+def _write(folder: Path, task: Verification, best: Verified) -> None:
+    with replacing_folder(folder) as stage:
+        write_png(stage / "projected.png", best.codes)
+        for name, view in (("desired", task.desired), ("predicted", best.predicted), ("captured", best.captured)):
+            write_view(stage / f"{name}.png", view, task.white)
+
+
+def _whole(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"expected a whole number, found {text!r}")
+    return int(text)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser("verify-projection", description=__doc__)
+    parser.add_argument("calibration", type=Path, help="a calibration folder")
+    parser.add_argument("picture", type=Path, help="what the camera is to see; .exr is radiance, pixel by pixel")
+    parser.add_argument("--solver", choices=SOLVERS, default="box", help="default box; map: as the player does it")
+    parser.add_argument("--rounds", type=_whole, default=0, metavar="N", help="of feedback (default 0)")
+    parser.add_argument("--repeats", type=_whole, default=4, metavar="N", help="captures averaged (default 4)")
+    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="projected.png and what was seen of it")
+    add_rig_options(parser)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
