@@ -9,7 +9,7 @@ import platform
 import time
 from collections.abc import Callable, Iterable
 
-from tests import bench_frames, bench_maps, bench_solvers
+from tests import bench_acquisition, bench_frames, bench_hdr, bench_maps, bench_solvers
 
 ROWS: dict[str, Callable[[], Iterable[object]]] = {
     "shader": bench_frames.shader,
@@ -19,6 +19,9 @@ ROWS: dict[str, Callable[[], Iterable[object]]] = {
     "nnls": bench_solvers.non_negative,
     "decomposed": bench_maps.map_decomposed,
     "windowed": bench_maps.map_windowed,
+    "hdr": bench_hdr.radiance_maps,
+    "schedule": bench_acquisition.schedule,
+    "acquisition": bench_acquisition.whole,
 }
 
 

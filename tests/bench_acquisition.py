@@ -1,0 +1,63 @@
+"""What acquiring costs: scheduling blocks, T from measured entries, and a whole simulated acquisition."""
+
+import resource
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from tests.acquired_rooms import room_of, run, sharp_wall
+from tests.bench_rows import Timed
+from tools.acquisition.schemes.blocks import BlockGrid, BlockLight, as_transport
+from tools.acquisition.schemes.hierarchical import HierarchicalScheme
+from tools.acquisition.schemes.multiplexed import MultiplexedScheme
+from tools.acquisition.schemes.schedule import colour_graph, conflict_graph
+
+CAMERA, BLOCKS = (480, 640), (512, 512)
+WINDOW = 3  # blocks a side that a camera pixel sees
+SECOND_PLACE = 0.02  # of the camera pixels see a second window: a mirror, an edge
+
+
+def schedule() -> Iterator[object]:
+    """The conflict graph of 512x512 blocks seen by a 640x480 camera, its colours, and T of the same entries."""
+    camera, block = seen_blocks(np.random.default_rng(1))
+    made: dict[str, Any] = {}
+    yield stage("conflict graph", made, lambda: conflict_graph(camera, block, BLOCKS[0] * BLOCKS[1]))
+    graph = made["conflict graph"]
+    yield f"{camera.size} entries, {graph.nnz // 2} conflicts"
+    yield stage("colours", made, lambda: colour_graph(graph))
+    yield f"{made['colours'].max() + 1} colours; the largest clique has at least {WINDOW**2} blocks"
+    entries = BlockLight(BlockGrid(BLOCKS, 1), camera, block, np.ones((camera.size, 3)))
+    yield stage("T in CSR", made, lambda: as_transport([entries], CAMERA[0] * CAMERA[1]))
+    yield f"most memory of this process so far: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GiB"
+
+
+def stage(name: str, made: dict[str, Any], work: Callable[[], object]) -> str:
+    """Do it once: wall and processor time, since other load meets only the first."""
+    wall, processor = time.perf_counter(), time.process_time()
+    made[name] = work()
+    return f"{name}: {time.perf_counter() - wall:.1f} s, processor {time.process_time() - processor:.1f} s"
+
+
+def seen_blocks(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """(camera pixel, block) of each connection."""
+    row, column = np.mgrid[: CAMERA[0], : CAMERA[1]].reshape(2, -1)
+    row, column = row * (BLOCKS[0] - WINDOW) // CAMERA[0], column * (BLOCKS[1] - WINDOW) // CAMERA[1]
+    mirrored = np.flatnonzero(rng.random(row.size) < SECOND_PLACE)
+    pixels = np.concatenate([np.arange(row.size), mirrored])
+    row = np.concatenate([row, row[mirrored]])
+    column = np.concatenate([column, BLOCKS[1] - WINDOW - column[mirrored]])
+    down, right = np.mgrid[:WINDOW, :WINDOW].reshape(2, -1)
+    block = (row[:, None] + down) * BLOCKS[1] + column[:, None] + right
+    pairs = np.unique(np.repeat(pixels, WINDOW**2) * (BLOCKS[0] * BLOCKS[1]) + block.ravel())
+    camera, block = np.divmod(pairs, BLOCKS[0] * BLOCKS[1])
+    return camera, block
+
+
+def whole() -> Iterator[object]:
+    """A wall of 26x18 camera and 30x21 projector pixels, captures in memory."""
+    room = room_of(sharp_wall(np.random.default_rng(1)))
+    for scheme in (HierarchicalScheme(), MultiplexedScheme()):
+        done = run(room, scheme)
+        yield Timed(f"{type(scheme).__name__}, {done.pictures} pictures", done.seconds)

@@ -1,0 +1,263 @@
+"""What each scheme of acquisition costs and gives: python -m tests.study_acquisition.
+
+Fills docs/acquisition.csv, prints it as the table of docs/acquisition.md and draws docs/acquisition.png. Every room is
+simulated, with a camera of 14 bits, 20 000 electrons full well and 5 electrons read noise, one exposure a picture. The
+error of T is relative, in the Frobenius norm, against the noise-free truth, far light included. Compensation is the
+box-constrained optimum of the acquired room, shown in the true one; mean PSNR of a photograph and of letters. At the
+camera's resolution they hold detail that no projector can show; at a sixth of it, enlarged, the optimum is nearly
+perfect and every fault of T shows. Nothing here decides a test.
+"""
+
+import argparse
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import astuple, dataclass, fields, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from threadpoolctl import threadpool_limits
+
+from player.command import parse_size
+from player.content import camera_psnr, reachable_white
+from player.response import Response
+from tests.acquired_rooms import Memory
+from tools.acquisition.acquire import Acquisition, acquire
+from tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom
+from tools.acquisition.plan import MakeScheme
+from tools.acquisition.schemes.baselines import FixedBlocksScheme, GrayCodeScheme, PixelByPixelScheme
+from tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
+from tools.acquisition.schemes.multiplexed import MultiplexedScheme
+from tools.inverse.pictures import typical_pictures
+from tools.simulation.scene import load_scene
+from tools.simulation.simulate import simulate
+from tools.solve.registry import solve_channels
+from tools.solve.system import channel_system
+from tools.transport.mask import lit_pixels
+from tools.transport.transport import Transport
+
+FloatArray = NDArray[np.float64]
+ROOT = Path(__file__).resolve().parents[1]
+TABLE, PLOT = ROOT / "docs" / "acquisition.csv", ROOT / "docs" / "acquisition.png"
+TRUTH = "(the truth)"
+DETAILS = 1, 6  # camera pixels per picture pixel
+LARGEST_DENSE = 20000  # projector pixels up to which single pixels are shown one by one
+SENSOR = Sensor()
+STRIP = 512  # columns of T compared at a time
+COLUMNS = ("room", "camera, projector", "scheme", "pictures", "s", "error of T", "fine, dB", "smooth, dB", "check")
+
+
+@dataclass(frozen=True)
+class StudyRoom:
+    """A simulated room and the quality of compensation in it."""
+
+    room: SimulatedRoom
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        return self.room.ambient.shape[0], self.room.ambient.shape[1], 3
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        direct = Transport(self.room.transport.near).composition().reshape(self.shape)
+        return lit_pixels(direct, self.room.ambient)
+
+    def compensated(self, transport: Transport, ambient: NDArray[np.floating], detail: int) -> float:
+        """Mean PSNR in dB of the box optimum of some T and e, seen in this room."""
+        truth = self.room.transport
+        flood = truth.composition().reshape(self.shape) + self.room.ambient
+        white = reachable_white(flood, self.mask)
+        figures = []
+        for small in typical_pictures((self.shape[0] // detail, self.shape[1] // detail))[:2]:
+            picture = cv2.resize(small, self.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+            desired = white * np.repeat(picture[:, :, None], 3, axis=2)
+            target = (desired - ambient).reshape(-1, 3)
+            systems = [channel_system(transport, i, target[:, i], self.mask.ravel()) for i in range(3)]
+            drive = np.stack([found.drive for found in solve_channels("box", systems)], axis=1)
+            seen = truth.apply(drive).reshape(self.shape) + self.room.ambient
+            figures.append(camera_psnr(desired, seen, self.mask, white))
+        return float(np.mean(figures))
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table."""
+
+    room: str
+    size: str
+    scheme: str
+    pictures: int
+    seconds: float
+    error: float
+    fine: float
+    smooth: float
+    check: float
+
+    def __str__(self) -> str:
+        return (
+            f"| {self.room} | {self.size} | {self.scheme} | {self.pictures} | {self.seconds:.1f} "
+            f"| {100 * self.error:.1f} % | {self.fine:.2f} | {self.smooth:.2f} | {100 * self.check:.1f} % |"
+        )
+
+
+def rooms(
+    camera: tuple[int, int], projector: tuple[int, int], wanted: Sequence[str] | None = None
+) -> Iterator[StudyRoom]:
+    """The shipped scenes, a wall out of focus, and a wall with a mirror's second picture on its upper half."""
+    for path in sorted((ROOT / "calib_data" / "scenes").glob("*.toml")):
+        if wanted and path.stem not in wanted:
+            continue
+        scene = load_scene(path)
+        scene = replace(scene, camera=scene.camera.resized(*camera), projector=scene.projector.resized(*projector))
+        simulated = simulate(scene)
+        yield StudyRoom(
+            SimulatedRoom(path.stem, simulated.transport, simulated.ambient, projector, scene.projector.response)
+        )
+    if wanted and not {"out of focus", "mirror"} & set(wanted):
+        return
+    rng = np.random.default_rng(2006)
+    ambient = np.full((*camera, 3), 0.004, np.float32)
+    linear = Response("linear")
+    blurred = blurred_strips(rng, camera, projector, 1.3)
+    yield StudyRoom(SimulatedRoom("out of focus", Transport((blurred,) * 3), ambient, projector, linear))
+    sharp = blurred_strips(rng, camera, projector, 0.5)
+    row, column = np.mgrid[: projector[0], : projector[1]]
+    mirrored = sharp[:, (row * projector[1] + projector[1] - 1 - column).ravel()]
+    upper = sparse.diags_array(np.repeat(np.arange(camera[0]) < camera[0] // 2, camera[1]).astype(np.float32))
+    both = sparse.csr_array(sharp + 0.5 * (upper @ mirrored), dtype=np.float32)
+    yield StudyRoom(SimulatedRoom("mirror", Transport((both,) * 3), ambient, projector, linear))
+
+
+def blurred_strips(
+    rng: np.random.Generator, camera: tuple[int, int], projector: tuple[int, int], sigma: float
+) -> sparse.csr_array:
+    """A textured wall through a Gaussian blur, as tests.rooms makes it, but never dense: one camera row at a time."""
+    y, x = np.mgrid[: camera[0], : camera[1]]
+    centre_y, centre_x = (y + 0.5) * projector[0] / camera[0] - 0.5, (x + 0.5) * projector[1] / camera[1] - 0.5
+    reach = int(np.ceil(3.1 * sigma))
+    offset = np.arange(-reach, reach + 1)
+    v = np.rint(centre_y).astype(int).ravel()[:, None, None] + offset[:, None]
+    u = np.rint(centre_x).astype(int).ravel()[:, None, None] + offset
+    distance = (v - centre_y.reshape(-1, 1, 1)) ** 2 + (u - centre_x.reshape(-1, 1, 1)) ** 2
+    weight = np.exp(-distance / (2 * sigma**2))
+    inside = (weight >= 1e-2) & (v >= 0) & (v < projector[0]) & (u >= 0) & (u < projector[1])
+    weight = np.where(inside, weight, 0)
+    weight *= rng.uniform(0.4, 1, (len(weight), 1, 1)) / weight.sum(axis=(1, 2), keepdims=True)
+    rows, row, column = np.nonzero(inside)
+    pixel = v[rows, row, 0] * projector[1] + u[rows, 0, column]
+    shape = camera[0] * camera[1], projector[0] * projector[1]
+    return sparse.csr_array((weight[inside], (rows, pixel)), shape=shape, dtype=np.float32)
+
+
+def schemes(projector: tuple[int, int]) -> Iterator[tuple[str, MakeScheme]]:
+    if projector[0] * projector[1] <= LARGEST_DENSE:
+        yield "pixel by pixel", PixelByPixelScheme()
+    yield "fixed blocks", FixedBlocksScheme(16)
+    yield "Gray code", GrayCodeScheme()
+    yield "hierarchical, τ = 4 σ", HierarchicalScheme(Threshold(4))
+    yield "hierarchical, τ = 16 σ", HierarchicalScheme(Threshold(16))
+    yield "multiplexed", MultiplexedScheme()
+
+
+def relative_error(found: Transport, truth: Transport) -> float:
+    """‖T − T₀‖ / ‖T₀‖ over all channels, in strips of columns."""
+    square, scale = 0.0, 0.0
+    for first in range(0, truth.shape[1], STRIP):
+        for channel in range(3):
+            strips = [_columns(T, channel, slice(first, first + STRIP)) for T in (found, truth)]
+            square += float(np.sum((strips[0] - strips[1]) ** 2))
+            scale += float(np.sum(strips[1] ** 2))
+    return float(np.sqrt(square / scale))
+
+
+def _columns(transport: Transport, channel: int, which: slice) -> FloatArray:
+    near = transport.near[channel][:, which].toarray()
+    if transport.far is None:
+        return near
+    far = transport.far
+    return near + far.scatter[channel] @ (far.mix[channel] @ far.gather[channel][:, which].toarray())
+
+
+def study(place: StudyRoom) -> Iterator[Row]:
+    room = place.room
+    projector, camera = room.projector, room.ambient.shape
+    size = f"{camera[1]}x{camera[0]}, {projector[1]}x{projector[0]}"
+    best = [place.compensated(room.transport, room.ambient, detail) for detail in DETAILS]
+    yield Row(room.name, size, TRUTH, 0, 0.0, 0.0, *best, 0.0)
+    for name, make_scheme in schemes(room.projector):
+        eye = SimulatedCamera(room, SENSOR)
+        start = time.perf_counter()
+        done: Acquisition = acquire(eye, Memory(eye.exposures), make_scheme, room.projector)  # type: ignore[arg-type]
+        seconds = time.perf_counter() - start
+        transport = done.measured.transport
+        found = [place.compensated(transport, done.room.black, detail) for detail in DETAILS]
+        error = relative_error(transport, room.transport)
+        yield Row(room.name, size, name, done.pictures, seconds, error, *found, done.check_error)
+
+
+def read_rows() -> list[Row]:
+    if not TABLE.exists():
+        return []
+    kinds = [field.type for field in fields(Row)]
+    lines = TABLE.read_text().splitlines()[1:]
+    return [Row(*(kind(word) for kind, word in zip(kinds, line.split(";"), strict=True))) for line in lines]  # type: ignore[operator,misc]
+
+
+def write_rows(rows: Sequence[Row]) -> None:
+    head = ";".join(field.name for field in fields(Row))
+    lines = [
+        ";".join(f"{value:.5g}" if isinstance(value, float) else str(value) for value in astuple(row)) for row in rows
+    ]
+    TABLE.write_text("\n".join([head, *lines]) + "\n")
+
+
+def draw(rows: Sequence[Row]) -> None:
+    """Pictures against the error of T, both logarithmic, a panel a room; the smallest size of each."""
+    from matplotlib import pyplot
+
+    names = list(dict.fromkeys(row.room for row in rows))
+    kinds = [kind for kind in dict.fromkeys(row.scheme for row in rows) if kind != TRUTH]
+    figure, panels = pyplot.subplots(-(-len(names) // 3), 3, figsize=(11, 8), sharex=True, sharey=True, squeeze=False)
+    for panel in panels.ravel()[len(names) :]:
+        panel.axis("off")
+    for name, panel in zip(names, panels.ravel(), strict=False):
+        here = [row for row in rows if row.room == name]
+        here = [row for row in here if row.size == here[0].size]
+        for i, kind in enumerate(kinds):
+            found = [row for row in here if row.scheme == kind]
+            panel.loglog([row.pictures for row in found], [100 * row.error for row in found], "o", color=f"C{i}", ms=8)
+        panel.set_title(name, fontsize=10)
+        panel.grid(alpha=0.3)
+    figure.supxlabel("pictures shown")
+    figure.supylabel("error of T, %")
+    marks = [pyplot.Line2D([], [], marker="o", ls="", color=f"C{i}", label=kind) for i, kind in enumerate(kinds)]
+    figure.legend(handles=marks, loc="lower center", ncols=3, bbox_to_anchor=(0.5, 0.03))
+    figure.tight_layout(rect=(0, 0.08, 1, 1))
+    figure.savefig(PLOT, dpi=90)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.study_acquisition", description=__doc__)
+    parser.add_argument("--camera", type=parse_size, default=(72, 96), help="default 96x72")
+    parser.add_argument("--projector", type=parse_size, default=(96, 128), help="default 128x96")
+    parser.add_argument("--room", action="append", help="only this one; may be given several times")
+    parser.add_argument("--draw-only", action="store_true", help="print and draw what is in the table")
+    options = parser.parse_args()
+    if not options.draw_only:
+        with threadpool_limits(limits=1):
+            for place in rooms(options.camera, options.projector, options.room):
+                fresh = []
+                for row in study(place):
+                    print(row, flush=True)
+                    fresh.append(row)
+                kept = [row for row in read_rows() if (row.room, row.size) != (fresh[0].room, fresh[0].size)]
+                write_rows([*kept, *fresh])
+    rows = sorted(read_rows(), key=lambda row: (len(row.size), row.size, row.room))
+    print(f"| {' | '.join(COLUMNS)} |\n" + "|---" * len(COLUMNS) + "|", *rows, sep="\n")
+    draw(rows)
+
+
+if __name__ == "__main__":
+    main()
