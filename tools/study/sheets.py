@@ -38,7 +38,7 @@ def sheet(path: Path, room: RoomFigures) -> str:
                 below.axis("off")
             else:
                 heat = _heat(below, views[name] - views["desired"], room.mask)
-    bar = figure.colorbar(heat, ax=grid[1, 0], location="left", fraction=0.9, aspect=12, shrink=0.9)
+    bar = figure.colorbar(heat, cax=grid[1, 0].inset_axes((0.8, 0.05, 0.06, 0.9)), location="left")
     bar.set_label("error, share of white", fontsize=8)
     return save(path, figure)
 
