@@ -7,8 +7,9 @@ listed in calibration.toml with its size and SHA-256 and is refused if it differ
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -25,13 +26,26 @@ MAX_SIDE = 16384
 REBUILD = "make the calibration again (simulate-transport, import-transport or import-graycode)"
 
 
+class Region(NamedTuple):
+    """A rectangle of a picture, in pixels."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+
 @dataclass(frozen=True)
 class Device:
-    """A projector or a camera: its size in pixels and, for a projector, its response."""
+    """A projector or a camera: its size in pixels and, for a projector, its response.
+
+    monitor : name of the monitor that the projector is, if that is known.
+    """
 
     height: int
     width: int
     response: Response
+    monitor: str | None = None
 
     def __post_init__(self) -> None:
         if not (1 <= self.height <= MAX_SIDE and 1 <= self.width <= MAX_SIDE):
@@ -50,6 +64,7 @@ class Device:
 class Calibration:
     """One room as seen from one camera position.
 
+    projectors : one or more, of one response; several stand side by side in one raster, in this order from the left.
     ambient : (camera height, camera width, 3) float32, radiance with the projector at black.
     mask : (camera height, camera width) bool, the camera pixels that count.
     """
@@ -61,9 +76,33 @@ class Calibration:
     ambient: NDArray[np.float32]
     mask: NDArray[np.bool_]
 
+    def __post_init__(self) -> None:
+        for number, device in enumerate(self.projectors[1:], 2):
+            if device.response != self.projectors[0].response:
+                raise InputError(
+                    f"projector {number} has the response {_named(device.response)}, projector 1 "
+                    f"{_named(self.projectors[0].response)}; projectors of one calibration share one: set them alike, "
+                    "or give each a calibration and a player of its own"
+                )
+        _ = self.projector  # its size is checked
+
     @property
     def projector(self) -> Device:
-        return self.projectors[0]
+        """What T's columns and the maps are made for: the projector, or the raster of several (docs/displays.md).
+
+        The raster is as high as the highest and as wide as all together; below lower ones it has pixels that light
+        nothing.
+        """
+        if len(self.projectors) == 1:
+            return self.projectors[0]
+        height, width = max(p.height for p in self.projectors), sum(p.width for p in self.projectors)
+        return Device(height, width, self.projectors[0].response)
+
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        """Where each projector's picture is in the raster."""
+        lefts = accumulate((p.width for p in self.projectors), initial=0)
+        return tuple(Region(left, 0, p.width, p.height) for left, p in zip(lefts, self.projectors, strict=False))
 
 
 @dataclass(frozen=True)
@@ -117,14 +156,13 @@ def read(folder: Path) -> StoredCalibration:
         raise InputError(f"{folder / TOML}: needs [[projectors]], [camera] and [files]; {REBUILD}")
     devices = tuple(_device(entry, folder) for entry in projectors)
     eye = _device(camera, folder)
-    calibration = Calibration(
-        str(table.get("name", folder.name)),
-        str(table.get("provenance", "")),
-        devices,
-        eye,
-        _read_ambient(check_file(folder, AMBIENT, files, REBUILD), eye),
-        _read_mask(check_file(folder, MASK, files, REBUILD), eye),
-    )
+    ambient = _read_ambient(check_file(folder, AMBIENT, files, REBUILD), eye)
+    mask = _read_mask(check_file(folder, MASK, files, REBUILD), eye)
+    name, provenance = str(table.get("name", folder.name)), str(table.get("provenance", ""))
+    try:
+        calibration = Calibration(name, provenance, devices, eye, ambient, mask)
+    except InputError as error:
+        raise InputError(f"{folder / TOML}: {error}") from None
     return StoredCalibration(folder, calibration, sha256_of(folder / TOML), files)
 
 
@@ -138,20 +176,30 @@ def _to_toml(calibration: Calibration, files: dict[str, Any]) -> dict[str, Any]:
         "format": FORMAT,
         "name": calibration.name,
         "provenance": calibration.provenance,
-        "projectors": [
-            {"width": p.width, "height": p.height, "response": p.response.to_toml()} for p in calibration.projectors
-        ],
+        "projectors": [_projector_to_toml(projector) for projector in calibration.projectors],
         "camera": {"width": calibration.camera.width, "height": calibration.camera.height},
         "files": files,
     }
+
+
+def _projector_to_toml(projector: Device) -> dict[str, Any]:
+    table = {"width": projector.width, "height": projector.height, "response": projector.response.to_toml()}
+    return table if projector.monitor is None else table | {"monitor": projector.monitor}
+
+
+def _named(response: Response) -> str:
+    return "of a table" if response.kind == "table" else str(response.to_toml())
 
 
 def _device(entry: Any, folder: Path) -> Device:
     height, width = (entry.get(key) for key in ("height", "width")) if isinstance(entry, dict) else (None, None)
     if not (isinstance(height, int) and isinstance(width, int)):
         raise InputError(f"{folder / TOML}: a projector or camera lacks width and height; {REBUILD}")
+    monitor = entry.get("monitor")
+    if not (monitor is None or (isinstance(monitor, str) and monitor)):
+        raise InputError(f"{folder / TOML}: monitor {monitor!r}: expected the name of a monitor, as in monitor = \"HDMI-1\"")
     try:
-        return Device(height, width, parse_response(entry.get("response", "linear")))
+        return Device(height, width, parse_response(entry.get("response", "linear")), monitor)
     except InputError as error:
         raise InputError(f"{folder / TOML}: {error}; {REBUILD}") from None
 
