@@ -14,13 +14,14 @@ import numpy as np
 
 from player import calibration as calibrations
 from player import maps
+from player.calibration import Region
 from player.command import run
 from player.control import ControlServer
 from player.cpu_renderer import CpuRenderer
 from player.errors import InputError
 from player.headless import render_to_file
 from player.heartbeat import Heartbeat, Notifier
-from player.options import Steps, image_display_duration, one_medium, picture_of, read_options
+from player.options import Steps, image_display_duration, monitors_of, one_medium, picture_of, read_options
 from player.picture import Picture
 from player.placement import Corners, corners_of, read_placement, write_placement
 from player.playlist import Playlist
@@ -44,7 +45,7 @@ def _main(argv: Sequence[str] | None) -> int | None:
             raise InputError("--supervise keeps a window running; leave out --output")
         arguments = sys.argv[1:] if argv is None else argv
         notify = os.environ.get("NOTIFY_SOCKET")
-        return supervise(arguments, safe=options.safe, monitor=options.monitor, notify_socket=notify)
+        return supervise(arguments, safe=options.safe, monitors=monitors_of(options), notify_socket=notify)
     _show(options)
     return None
 
@@ -182,18 +183,15 @@ def play_in_window(
         raise InputError("--backend cpu has no window; add --output FILE")
     if not options.screenshot_directory.is_dir():
         raise InputError(f"{options.screenshot_directory}: no such folder for --screenshot-directory; make it first")
-    from player.gl.monitors import find_monitor, list_monitors
+    from player.gl.displays import open_display
     from player.gl.renderer import GlRenderer
-    from player.gl.window import open_window
 
-    monitors = list_monitors()
-    monitor = None if options.monitor is None else find_monitor(monitors, options.monitor)
-    if monitor is None and options.fullscreen:
-        monitor = find_monitor(monitors, 0)
-    with open_window(
-        room.calibration.projector.shape,
+    named, projectors = monitors_of(options), room.calibration.projectors
+    with open_display(
+        room.calibration.regions,
         "Counterlight",
-        monitor=monitor,
+        monitors=named or [projector.monitor or str(number) for number, projector in enumerate(projectors)],
+        there=bool(named),
         fullscreen=options.fullscreen,
         exact=not options.any_size,
         vsync=options.vsync,
@@ -216,7 +214,7 @@ def play_in_window(
                 assert isinstance(session.renderer, GlRenderer)
                 return session.renderer.encoded_texture
 
-            window.attach(shown)
+            window.attach(shown, lambda: session.rendered_view == "projector")
             try:
                 return session.run(options.frames)
             finally:
@@ -252,10 +250,10 @@ class _RoomInUse:
         return Site(self._reload, self._fit, keep, self._psnr, lambda: self._room.maps.refinement is not None)
 
     def _reload(self) -> Renderer:
-        fresh, before = room_of(self._options), self._room.calibration.projector
-        projector = fresh.calibration.projector
-        if projector.shape != before.shape:
-            sizes = f"{projector.width}x{projector.height}, was {before.width}x{before.height}"
+        fresh, before = room_of(self._options), self._room.calibration.regions
+        regions = fresh.calibration.regions
+        if regions != before:
+            sizes = f"{_sizes(regions)}, was {_sizes(before)}"
             raise InputError(
                 f"{self._options.calibration}: the projector's size is now {sizes}; start the player again"
             )
@@ -272,6 +270,10 @@ class _RoomInUse:
         values = 3 * np.count_nonzero(self._room.calibration.mask)
         mean = certificate.squared_error.sum() / max(values, 1)
         return float(10 * np.log10(self._room.white**2 / max(mean, 1e-30)))
+
+
+def _sizes(regions: Sequence[Region]) -> str:
+    return " + ".join(f"{region.width}x{region.height}" for region in regions)
 
 
 if __name__ == "__main__":

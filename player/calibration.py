@@ -197,7 +197,9 @@ def _device(entry: Any, folder: Path) -> Device:
         raise InputError(f"{folder / TOML}: a projector or camera lacks width and height; {REBUILD}")
     monitor = entry.get("monitor")
     if not (monitor is None or (isinstance(monitor, str) and monitor)):
-        raise InputError(f"{folder / TOML}: monitor {monitor!r}: expected the name of a monitor, as in monitor = \"HDMI-1\"")
+        raise InputError(
+            f'{folder / TOML}: monitor {monitor!r}: expected the name of a monitor, as in monitor = "HDMI-1"'
+        )
     try:
         return Device(height, width, parse_response(entry.get("response", "linear")), monitor)
     except InputError as error:

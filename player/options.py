@@ -5,7 +5,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from player.command import Parser
 from player.errors import InputError
@@ -39,6 +39,11 @@ def read_options(argv: Sequence[str] | None, description: str) -> argparse.Names
 def picture_of(options: argparse.Namespace) -> Picture:
     """The viewer's settings among the options."""
     return Picture(**{field.name: getattr(options, field.name) for field in fields(Picture) if field.name in options})
+
+
+def monitors_of(options: argparse.Namespace) -> list[str]:
+    """The monitors that are named, one for each projector; settings name one."""
+    return [options.monitor] if isinstance(options.monitor, str) else options.monitor or []
 
 
 def image_display_duration(options: argparse.Namespace) -> float | None:
@@ -141,7 +146,12 @@ def _add_picture(add: Callable[..., object]) -> None:
 
 def _add_window(add: Callable[..., object]) -> None:
     add("--fullscreen", action=argparse.BooleanOptionalAction, default=False, help="fill the monitor")
-    add("--monitor", metavar="NAME|INDEX", help="the projector's monitor")
+    add(
+        "--monitor",
+        action=_Several,
+        metavar="NAME|INDEX",
+        help="the projector's monitor, or once that of each of several\n(default: what the calibration says, or the first)",
+    )
     add("--list-monitors", action="store_true", help="list the monitors and end")
     add(
         "--any-size",
@@ -181,6 +191,20 @@ def _add_output(add: Callable[..., object]) -> None:
     )
     add("--safe", choices=SAFE, default="black", help="what --supervise shows after too many crashes (default black)")
     add("--stats", type=Path, metavar="FILE.json", help="write frames, drops, judder and milliseconds")
+
+
+class _Several(argparse.Action):
+    """Collects what an option is given; the first time replaces the default, which may come from the settings."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        before = getattr(namespace, self.dest)
+        setattr(namespace, self.dest, [values] if before is self.default else [*before, values])
 
 
 def _keys() -> str:

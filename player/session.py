@@ -66,6 +66,7 @@ class Session:
         self._open_reader, self._clock = open_reader, clock
         self._remotes, self._heartbeat = remotes, heartbeat
         self._failures = self._draws = self._steps_made = 0
+        self.rendered_view = self.view
         self._changed = self._uploaded = False
         self._shown: tuple[Page | None, bool] = (None, False)
         self._paged_at = self._certified_at = float("-inf")
@@ -277,6 +278,7 @@ class Session:
         if self._budget is not None:
             self._budget.took(seconds)
         self._draws += 1
+        self.rendered_view = self.view
         self._steps_made += steps
         self._changed = False
 

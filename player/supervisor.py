@@ -251,11 +251,11 @@ class Supervisor:
             self._signal = number
 
 
-def supervise(arguments: Sequence[str], *, safe: str, monitor: str | None, notify_socket: str | None) -> int:
+def supervise(arguments: Sequence[str], *, safe: str, monitors: Sequence[str], notify_socket: str | None) -> int:
     """Run `play-corrected ARGUMENTS` under supervision; returns its exit code.
 
     arguments : the whole command line, `--supervise` included; the player is told `--no-supervise` behind it.
-    safe : one of SAFE.  monitor : where black is shown.
+    safe : one of SAFE.  monitors : where black is shown; none for the primary one.
     """
     python = [sys.executable, "-P", "-m"]
     plain_options = "--no-compensation", "--refine=0", "--view=projector"
@@ -267,7 +267,7 @@ def supervise(arguments: Sequence[str], *, safe: str, monitor: str | None, notif
         return play(resume, *plain_options)
 
     def black(_: Sequence[str]) -> list[str]:
-        return [*python, "player.gl.black", *([] if monitor is None else [monitor])]
+        return [*python, "player.gl.black", *monitors]
 
     notifier = Notifier(notify_socket)
     try:

@@ -1,12 +1,13 @@
 #version 330 core
-// Put the finished 8-bit picture into the window, upright (OpenGL's windows start at the bottom), with the overlay's text.
+// Put the finished 8-bit picture, or a part of it, into the window, upright (OpenGL's windows start at the bottom), with the overlay's text.
 //
 // Inputs: `picture`, encoded RGB; `overlay`, RGBA text of its own size, at the window's upper left, alpha 0 where none.
 // Output: the window's pixels.
 uniform sampler2D picture;
 uniform sampler2D overlay;
 uniform ivec2 window_size;
-uniform ivec4 place;       // left, top, width, height of the picture in the window
+uniform ivec4 region;      // left, top, width, height of what is shown of the picture
+uniform ivec4 place;       // left, top, width, height of that in the window
 
 out vec4 encoded;
 
@@ -15,7 +16,7 @@ void main() {
     ivec2 inside = at - place.xy;
     vec3 code = vec3(0.0);
     if (all(greaterThanEqual(inside, ivec2(0))) && all(lessThan(inside, place.zw))) {
-        code = texelFetch(picture, inside * textureSize(picture, 0) / place.zw, 0).rgb;
+        code = texelFetch(picture, region.xy + inside * region.zw / place.zw, 0).rgb;
     }
     if (all(lessThan(at, textureSize(overlay, 0)))) {
         vec4 text = texelFetch(overlay, at, 0);

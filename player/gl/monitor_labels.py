@@ -8,7 +8,7 @@ import glfw
 import moderngl
 
 from player.gl.monitors import Monitor
-from player.gl.passes import ScreenPass
+from player.gl.passes import ScreenPass, Uniform
 from player.osd import Page, draw
 
 LETTERS = (2160, 3840)  # as if the window were this large (height, width): the text is read across a room
@@ -62,7 +62,8 @@ class MonitorLabels:
 def _paint(context: moderngl.Context, rgba: bytes, size: tuple[int, ...], window: tuple[int, int]) -> None:
     texture = context.texture((size[0], size[1]), 4, rgba, dtype="f1")
     black = context.texture((1, 1), 4, bytes(4), dtype="f1")
-    shown = ScreenPass(context, "present.frag", uniforms={"window_size": window, "place": (0, 0, *window)})
+    uniforms: dict[str, Uniform] = {"window_size": window, "region": (0, 0, 1, 1), "place": (0, 0, *window)}
+    shown = ScreenPass(context, "present.frag", uniforms=uniforms)
     context.screen.viewport = (0, 0, *window)
     context.screen.use()
     shown.draw(picture=black, overlay=texture)

@@ -8,6 +8,7 @@ from typing import Any
 import glfw
 import moderngl
 
+from player.calibration import Region
 from player.errors import InputError
 from player.gl.monitor_labels import MonitorLabels
 from player.gl.monitors import (
@@ -48,13 +49,24 @@ class Window:
 
     shape : (height, width) of the picture that is shown.  monitor : where to go full screen; None for the primary one.
     exact : refuse a full screen whose size is not `shape`, since the correction is pixel by pixel.
+    goal : name or number of the monitor that set_fullscreen goes to as long as the window has been on none.
+    sharing : a window whose textures this one can show.
     """
 
     def __init__(
-        self, shape: tuple[int, int], title: str, *, monitor: Monitor | None, fullscreen: bool, exact: bool, vsync: bool
+        self,
+        shape: tuple[int, int],
+        title: str,
+        *,
+        monitor: Monitor | None,
+        fullscreen: bool,
+        exact: bool,
+        vsync: bool,
+        goal: str = "0",
+        sharing: "Window | None" = None,
     ) -> None:
         start_glfw()
-        self._shape, self._vsync = shape, vsync
+        self._shape, self._vsync, self._goal = shape, vsync, goal
         self._home = None if monitor is None else monitor.name
         self._fills = self._at_home = False
         self._keys: list[str] = []
@@ -64,7 +76,7 @@ class Window:
         self._cursor_moved_at = time.monotonic()
         if fullscreen and exact and monitor is not None:
             _check_size(shape, monitor)
-        self._handle = _open(shape, title)
+        self._handle: Any = _open(shape, title, None if sharing is None else sharing._handle)
         try:
             self.context = moderngl.create_context(require=330)
             self._present = _Presenter(self.context)
@@ -76,7 +88,7 @@ class Window:
         glfw.set_cursor_pos_callback(self._handle, self._on_cursor)
         glfw.set_framebuffer_size_callback(self._handle, self._on_change)
         glfw.set_window_refresh_callback(self._handle, self._on_change)
-        glfw.set_monitor_callback(self._on_monitor)
+        glfw.set_monitor_callback(self.on_monitor)
         self._windowed_at = (0, 0)
         if monitor is not None:
             glfw.set_window_pos(self._handle, monitor.x, monitor.y)
@@ -85,10 +97,13 @@ class Window:
             self.set_fullscreen(True)
         glfw.show_window(self._handle)
         glfw.focus_window(self._handle)  # a window that is full screen before it is shown does not get it
-        glfw.swap_interval(int(vsync))
+        self._set_vsync()
 
-    def attach(self, picture: Callable[[], moderngl.Texture]) -> None:
-        """Say where the rendered view is found; the renderer is made after the window, in its context."""
+    def attach(self, picture: Callable[[], moderngl.Texture], drive: Callable[[], bool] = lambda: True) -> None:
+        """Say where the rendered view is found; the renderer is made after the window, in its context.
+
+        drive : whether that is what the projector shows; a lone window shows every view alike.
+        """
         self._picture = picture
 
     @property
@@ -100,6 +115,10 @@ class Window:
         """Where its picture's left upper corner is on the desktop: (x, y)."""
         x, y = glfw.get_window_pos(self._handle)
         return int(x), int(y)
+
+    def place(self, x: int, y: int) -> None:
+        """Stand there on the desktop."""
+        glfw.set_window_pos(self._handle, x, y)
 
     @property
     def fullscreen(self) -> bool:
@@ -118,10 +137,11 @@ class Window:
 
     def poll(self, timeout_s: float) -> list[str]:
         """Names of the keys pressed since the last call (player/keys.py), waiting at most `timeout_s` for an event."""
-        if timeout_s > 0:
-            glfw.wait_events_timeout(timeout_s)
-        else:
-            glfw.poll_events()
+        wait_for_events(timeout_s)
+        return self.take_keys()
+
+    def take_keys(self) -> list[str]:
+        """What has arrived, after the window has done what the time and the monitors ask for."""
         if self._monitors_changed:
             self._monitors_changed = False
             self._follow_monitor()
@@ -139,12 +159,33 @@ class Window:
 
     def present(self, page: Page | None, *, black: bool) -> None:
         """Show the attached picture, or black, with a page over it."""
+        picture = self._picture()
+        if self.draw(None if black else picture, Region(0, 0, *picture.size), page):
+            self.swap()
+
+    def draw(self, picture: moderngl.Texture | None, region: Region, page: Page | None) -> bool:
+        """Draw a part of a picture, None for black of its size; False if there is no window to draw on (iconified).
+
+        The window is current; `swap` then shows what was drawn.
+        """
         size = glfw.get_framebuffer_size(self._handle)
-        if 0 in size:  # iconified
-            return
+        if 0 in size:
+            return False
         self.context.screen.viewport = (0, 0, *size)
-        self._present.run(self._picture(), size, page, black=black)
+        self._present.run(picture, region, size, page)
+        return True
+
+    def swap(self) -> None:
         glfw.swap_buffers(self._handle)
+
+    def make_current(self) -> None:
+        """Draw into this window from now on."""
+        glfw.make_context_current(self._handle)
+
+    @property
+    def wanted_monitor(self) -> Monitor:
+        """The one to fill; InputError if it is not there."""
+        return find_monitor(list_monitors(), self._goal if self._home is None else self._home)
 
     def set_title(self, title: str) -> None:
         glfw.set_window_title(self._handle, title)
@@ -152,7 +193,7 @@ class Window:
     def set_fullscreen(self, on: bool) -> None:
         """Fill the monitor, or go back to a window. The video mode of the monitor is left as it is."""
         if on and not self.fullscreen:
-            monitor = find_monitor(list_monitors(), self._home or 0)
+            monitor = self.wanted_monitor
             handle = monitor_handle(monitor)
             self._windowed_at = glfw.get_window_pos(self._handle)
             self._home, self._at_home = monitor.name, True
@@ -164,7 +205,7 @@ class Window:
             self._become_window(self._windowed_at)
         self._fills = on
         self._show_cursor(not on)
-        glfw.swap_interval(int(self._vsync))  # some drivers forget it with the change
+        self._set_vsync()  # some drivers forget it with the change
 
     def move_to(self, monitor: object) -> None:
         """Go to the monitor of a name or number, filling it if the window fills one now."""
@@ -184,6 +225,7 @@ class Window:
 
     def release(self) -> None:
         self._remove_labels()
+        self.make_current()
         if hasattr(self, "_present"):
             self._present.release()
         if hasattr(self, "context"):
@@ -208,6 +250,13 @@ class Window:
             self._notices.append(f"monitor {self._home} is back")
         self._keys.append(REDRAW)
 
+    def _set_vsync(self) -> None:
+        """GLFW sets the interval of the current context."""
+        current = glfw.get_current_context()
+        glfw.make_context_current(self._handle)
+        glfw.swap_interval(int(self._vsync))
+        glfw.make_context_current(current)
+
     def _remove_labels(self) -> None:
         if self._labels is not None:
             self._labels.release()
@@ -222,7 +271,8 @@ class Window:
     def _on_change(self, *_: object) -> None:
         self._keys.append(REDRAW)
 
-    def _on_monitor(self, *_: object) -> None:
+    def on_monitor(self, *_: object) -> None:
+        """A monitor has come or gone; GLFW has one listener, the window opened last or who passes it on."""
         self._monitors_changed = True
 
     def _on_cursor(self, *_: object) -> None:
@@ -247,14 +297,32 @@ class Window:
 
 @contextmanager
 def open_window(
-    shape: tuple[int, int], title: str, *, monitor: Monitor | None, fullscreen: bool, exact: bool, vsync: bool = True
+    shape: tuple[int, int],
+    title: str,
+    *,
+    monitor: Monitor | None,
+    fullscreen: bool,
+    exact: bool,
+    vsync: bool = True,
+    goal: str = "0",
+    sharing: Window | None = None,
 ) -> Iterator[Window]:
     """A window that is closed, and its context released, at the end. Raises InputError without a screen or OpenGL."""
-    window = Window(shape, title, monitor=monitor, fullscreen=fullscreen, exact=exact, vsync=vsync)
+    window = Window(
+        shape, title, monitor=monitor, fullscreen=fullscreen, exact=exact, vsync=vsync, goal=goal, sharing=sharing
+    )
     try:
         yield window
     finally:
         window.release()
+
+
+def wait_for_events(timeout_s: float) -> None:
+    """Let every window hear what has happened, waiting at most `timeout_s` for something."""
+    if timeout_s > 0:
+        glfw.wait_events_timeout(timeout_s)
+    else:
+        glfw.poll_events()
 
 
 class _Presenter:
@@ -267,12 +335,13 @@ class _Presenter:
         self._pass = ScreenPass(context, "present.frag")
         self._drawn: tuple[Page, tuple[int, int]] | None = None
 
-    def run(self, picture: moderngl.Texture, size: tuple[int, int], page: Page | None, *, black: bool) -> None:
+    def run(self, picture: moderngl.Texture | None, region: Region, size: tuple[int, int], page: Page | None) -> None:
         if page is not None and (page, size) != self._drawn:
             self._draw_page(page, size)
         self._context.screen.use()
-        self._pass.set(window_size=size, place=_centred((picture.height, picture.width), size))
-        self._pass.draw(picture=self._none if black else picture, overlay=self._none if page is None else self._overlay)
+        shown, part = (self._none, Region(0, 0, 1, 1)) if picture is None else (picture, region)
+        self._pass.set(window_size=size, region=part, place=_centred((region.height, region.width), size))
+        self._pass.draw(picture=shown, overlay=self._none if page is None else self._overlay)
 
     def release(self) -> None:
         for resource in (self._pass, self._overlay, self._none):
@@ -288,7 +357,7 @@ class _Presenter:
         self._drawn = page, size
 
 
-def _open(shape: tuple[int, int], title: str) -> Any:
+def _open(shape: tuple[int, int], title: str, sharing: Any) -> Any:
     height, width = shape
     hints = {
         glfw.CONTEXT_VERSION_MAJOR: 3,
@@ -304,7 +373,7 @@ def _open(shape: tuple[int, int], title: str) -> Any:
         glfw.window_hint(hint, value)
     with raising():
         try:
-            handle = glfw.create_window(width, height, title, None, None)
+            handle = glfw.create_window(width, height, title, None, sharing)
         except glfw.GLFWError as error:
             raise InputError(f"no window with OpenGL 3.3 ({error}); install a driver: apt-get install libgl1") from None
     if not handle:

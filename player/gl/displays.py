@@ -1,0 +1,164 @@
+"""The windows of one projector or of several, which show their regions of one picture (docs/displays.md).
+
+The renderer works in the first window's context; the others share its textures.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+
+import glfw
+import moderngl
+
+from player.calibration import Region
+from player.errors import InputError
+from player.gl.monitors import Monitor, find_monitor, list_monitors
+from player.gl.window import REDRAW, Window, open_window, wait_for_events
+from player.osd import Page
+
+
+class Displays:
+    """Several windows as one display: keys from any of them, and what is asked for is done by all.
+
+    Pages and views other than the projectors' are shown in the first; such a view leaves the others black.
+    """
+
+    def __init__(self, windows: Sequence[Window], regions: Sequence[Region]) -> None:
+        self._windows, self._regions = windows, regions
+        self._first = windows[0]
+        glfw.set_monitor_callback(self._on_monitor)
+
+    @property
+    def context(self) -> moderngl.Context:
+        return self._first.context
+
+    def attach(self, picture: Callable[[], moderngl.Texture], drive: Callable[[], bool]) -> None:
+        """Say where the rendered view is found, and whether that is the raster of all projectors."""
+        self._picture, self._drive = picture, drive
+
+    @property
+    def closed(self) -> bool:
+        return any(window.closed for window in self._windows)
+
+    @property
+    def fullscreen(self) -> bool:
+        return self._first.fullscreen
+
+    @property
+    def monitor(self) -> str:
+        """Names of the windows' monitors, commas between them."""
+        return ", ".join(window.monitor for window in self._windows)
+
+    def poll(self, timeout_s: float) -> list[str]:
+        wait_for_events(timeout_s)
+        keys = [key for window in self._windows for key in window.take_keys()]
+        return [key for key in keys if key != REDRAW] + [REDRAW] * (REDRAW in keys)
+
+    def notices(self) -> list[str]:
+        return [text for window in self._windows for text in window.notices()]
+
+    def present(self, page: Page | None, *, black: bool) -> None:
+        """Draw in every window, then show all.
+
+        Each is finished before any is shown, so that they change together, and before the renderer, in another
+        context, writes the next picture into the texture that they read.
+        """
+        picture, drive = self._picture(), self._drive()
+        drawn = []
+        for window, region in zip(self._windows, self._regions, strict=True):
+            first = window is self._first
+            window.make_current()
+            shown = None if black or not (first or drive) else picture
+            part = region if drive else Region(0, 0, *picture.size)
+            if window.draw(shown, part, page if first else None):
+                window.context.finish()
+                drawn.append(window)
+        for window in drawn:
+            window.make_current()
+            window.swap()
+        self._first.make_current()
+
+    def set_title(self, title: str) -> None:
+        for window in self._windows:
+            window.set_title(title)
+
+    def set_fullscreen(self, on: bool) -> None:
+        """Fill every projector's monitor, or none; InputError if one is not there or two are the same."""
+        if on:
+            _refuse_shared([window.wanted_monitor for window in self._windows])
+        for window in self._windows:
+            window.set_fullscreen(on)
+
+    def move_to(self, monitor: object) -> None:
+        """Go to the monitors of as many names or numbers, commas between them."""
+        names = [name.strip() for name in str(monitor).split(",")]
+        for window, wanted in zip(self._windows, _find_all(names, len(self._windows)), strict=True):
+            window.move_to(wanted.name)
+
+    def identify(self) -> None:
+        self._first.identify()
+
+    def _on_monitor(self, *_: object) -> None:
+        for window in self._windows:
+            window.on_monitor()
+
+
+@contextmanager
+def open_display(
+    regions: Sequence[Region],
+    title: str,
+    *,
+    monitors: Sequence[str],
+    there: bool,
+    fullscreen: bool,
+    exact: bool,
+    vsync: bool,
+) -> Iterator[Window | Displays]:
+    """A window for every region, closed at the end, its context released. Raises InputError as `open_window`.
+
+    monitors : name or number of each projector's, where its window goes full screen.
+    there : whether the windows stand there from the beginning; if not, several stand side by side as in the raster.
+    """
+    chosen: Sequence[Monitor | None] = [None] * len(regions)
+    if there or fullscreen:
+        chosen = _find_all(monitors, len(regions))
+    with ExitStack() as stack:
+        windows: list[Window] = []
+        for goal, region, monitor in zip(monitors, regions, chosen, strict=True):
+            shape = region.height, region.width
+            window = open_window(
+                shape,
+                title,
+                monitor=monitor,
+                fullscreen=fullscreen,
+                exact=exact,
+                vsync=vsync,
+                goal=goal,
+                sharing=windows[0] if windows else None,
+            )
+            windows.append(stack.enter_context(window))
+            if monitor is None and len(regions) > 1:
+                windows[-1].place(region.left, region.top)
+        windows[0].make_current()
+        yield windows[0] if len(windows) == 1 else Displays(windows, regions)
+
+
+def _find_all(names: Sequence[str], count: int) -> list[Monitor]:
+    """The monitors of as many projectors."""
+    monitors = list_monitors()
+    if len(names) != count:
+        raise InputError(
+            f"monitors: {len(names)} named, the calibration has {count} projector{'s' * (count > 1)}; "
+            "name one for each, in their order"
+        )
+    if len(monitors) < count > 1:
+        there = "; ".join(map(str, monitors)) or "none"
+        raise InputError(f"{count} projectors need as many monitors, found: {there}; connect them, or play in windows")
+    chosen = [find_monitor(monitors, name) for name in names]
+    _refuse_shared(chosen)
+    return chosen
+
+
+def _refuse_shared(monitors: Sequence[Monitor]) -> None:
+    for number, monitor in enumerate(monitors):
+        if monitor in monitors[:number]:
+            raise InputError(f"monitor {monitor.name}: named for two projectors; each has its own")

@@ -1,0 +1,38 @@
+"""join-projectors: one calibration of several projectors, from calibrations of each with the same camera."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from player.command import Parser, run
+from tools.transport.joining import join_rooms
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    return run(_main, argv)
+
+
+def _main(argv: Sequence[str] | None) -> None:
+    options = _parser().parse_args(argv)
+    print(join_rooms(options.rooms, options.output, options.monitor, name=options.name, force=options.force))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser("join-projectors", description=__doc__)
+    parser.add_argument("rooms", type=Path, nargs="+", metavar="ROOM", help="calibration folders, from left to right")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="the joint calibration")
+    parser.add_argument(
+        "--monitor",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="the monitor that a projector is, once for each in their order (play-corrected --list-monitors)",
+    )
+    parser.add_argument("--name", help="what to call it (default: the folder's name)")
+    parser.add_argument("--force", action="store_true", help="replace a calibration that is there already")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

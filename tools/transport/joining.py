@@ -1,0 +1,150 @@
+"""Projectors that were measured one at a time, side by side as one: their transports, ambient light and masks.
+
+With p = (p₁, p₂, …) the pictures in one raster, T p = Σ T_k p_k: the columns of the T_k stand where the raster has
+their pixels, and of the far light M is block-diagonal, D has the cells of all below each other, U beside each other.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from player import calibration as calibrations
+from player.calibration import Calibration, Device, StoredCalibration
+from player.errors import InputError
+from tools.transport.mask import BRIGHT_PERCENTILE, FRACTION_OF_AMBIENT, LUMINANCE
+from tools.transport.storage import read_transport, write_transport
+from tools.transport.transport import Csr, FarLight, Transport
+
+# Of the brightest floodlit pixels: a display's black level, which one measurement may hold and another not.
+FRACTION_OF_BRIGHT = 0.005
+
+
+def join_rooms(
+    folders: Sequence[Path], output: Path, monitors: Sequence[str] = (), *, name: str | None = None, force: bool = False
+) -> str:
+    """Write one calibration of several of the same camera; returns a line on the whole.
+
+    monitors : names, one for each projector, in the order of the folders; none to keep what the folders say.
+    Raises InputError for cameras of different sizes, responses that differ, and ambient light that does.
+    """
+    if len(folders) < 2:
+        raise InputError(f"{len(folders)} calibration to join: give at least two, of one projector each")
+    calibrations.refuse_existing(output, force=force)
+    stored = [calibrations.read(folder) for folder in folders]
+    rooms = [one.calibration for one in stored]
+    _check_cameras(stored)
+    projectors = _with_monitors([device for room in rooms for device in room.projectors], monitors)
+    provenance = "joined by join-projectors: " + "; ".join(f"{room.name} ({room.provenance})" for room in rooms)
+    first = rooms[0]
+    mask = np.any([room.mask for room in rooms], axis=0)
+    joint = Calibration(name or output.name, provenance, projectors, first.camera, first.ambient, mask)
+    transport = join_transports([read_transport(one) for one in stored], [room.projector.shape for room in rooms])
+    difference = _check_ambient(stored, transport.composition())
+    with calibrations.writing(output, joint, force=force) as stage:
+        write_transport(transport, stage)
+    raster = f"raster {joint.projector.width}x{joint.projector.height}"
+    return (
+        f"{output}: {len(projectors)} projectors, {raster}, ambient light differs by {100 * difference:.2g} % of white"
+    )
+
+
+def join_transports(transports: Sequence[Transport], shapes: Sequence[tuple[int, int]]) -> Transport:
+    """T of projectors side by side, the first at the left, all at the top of a raster as high as the highest.
+
+    shapes : (height, width) of each projector.
+    """
+    height, width = max(shape[0] for shape in shapes), sum(shape[1] for shape in shapes)
+    lefts = np.cumsum([0, *(shape[1] for shape in shapes)])
+    places = np.concatenate([_places(shape, left, width) for shape, left in zip(shapes, lefts, strict=False)])
+    near = tuple(_columns_at(sparse.hstack(parts), places, height * width) for parts in _by_channel(transports))
+    return Transport(near, _join_far(transports, shapes, places, height * width))
+
+
+def _places(shape: tuple[int, int], left: int, width: int) -> NDArray[np.int64]:
+    """Index in a raster of `width` columns of each pixel of a picture at `left`, (pixels,)."""
+    rows, columns = np.mgrid[: shape[0], : shape[1]]
+    return np.asarray((rows * width + columns + left).ravel(), np.int64)
+
+
+def _by_channel(transports: Sequence[Transport]) -> list[tuple[Csr, ...]]:
+    return list(zip(*(transport.near for transport in transports), strict=True))
+
+
+def _columns_at(matrix: Csr, places: NDArray[np.int64], columns: int) -> Csr:
+    """A matrix whose column j stands at places[j] of `columns`."""
+    wide = sparse.csr_array(matrix)
+    moved = sparse.csr_array((wide.data, places[wide.indices], wide.indptr), shape=(wide.shape[0], columns))
+    moved.sort_indices()
+    return moved
+
+
+def _join_far(
+    transports: Sequence[Transport], shapes: Sequence[tuple[int, int]], places: NDArray[np.int64], columns: int
+) -> FarLight | None:
+    """Cells of all projectors; one without far light has none."""
+    ends = np.cumsum([0, *(height * width for height, width in shapes)])
+    parts = [
+        (far, places[start:end])
+        for far, start, end in zip((t.far for t in transports), ends, ends[1:], strict=False)
+        if far is not None
+    ]
+    if not parts:
+        return None
+    gather = tuple(
+        sparse.csr_array(sparse.vstack([_columns_at(far.gather[i], at, columns) for far, at in parts]))
+        for i in range(3)
+    )
+    mix = np.stack([sparse.block_diag([far.mix[i] for far, _ in parts]).toarray() for i in range(3)])
+    scatter = tuple(sparse.csr_array(sparse.hstack([far.scatter[i] for far, _ in parts])) for i in range(3))
+    return FarLight(gather, mix, scatter)
+
+
+def _check_cameras(stored: Sequence[StoredCalibration]) -> None:
+    first = stored[0]
+    for other in stored[1:]:
+        if other.calibration.camera.shape != first.calibration.camera.shape:
+            sizes = [f"{c.width}x{c.height}" for c in (other.calibration.camera, first.calibration.camera)]
+            raise InputError(
+                f"{other.folder}: its camera has {sizes[0]} pixels, that of {first.folder} {sizes[1]}; "
+                "measure all projectors with one camera in one place"
+            )
+
+
+def _with_monitors(projectors: Sequence[Device], monitors: Sequence[str]) -> tuple[Device, ...]:
+    if not monitors:
+        return tuple(projectors)
+    if len(monitors) != len(projectors):
+        raise InputError(
+            f"--monitor: {len(monitors)} given for {len(projectors)} projectors; give one for each, or none"
+        )
+    return tuple(
+        Device(device.height, device.width, device.response, monitor)
+        for device, monitor in zip(projectors, monitors, strict=True)
+    )
+
+
+def _check_ambient(stored: Sequence[StoredCalibration], composition: NDArray[np.float64]) -> float:
+    """The largest difference of the ambient lights, as a share of white; InputError if it is more than noise.
+
+    Root mean square over the view, of luminance: at most FRACTION_OF_AMBIENT of the ambient light, or
+    FRACTION_OF_BRIGHT of the brightest floodlit pixels.
+    """
+    ambient = [one.calibration.ambient.astype(np.float64) @ LUMINANCE for one in stored]
+    bright = float(np.percentile(composition @ LUMINANCE, BRIGHT_PERCENTILE))
+    noise = max(FRACTION_OF_AMBIENT * _rms(ambient[0]), FRACTION_OF_BRIGHT * bright)
+    differences = [_rms(other - ambient[0]) for other in ambient]
+    worst = int(np.argmax(differences))
+    if differences[worst] > noise:
+        raise InputError(
+            f"{stored[worst].folder}: its ambient light differs from that of {stored[0].folder} by "
+            f"{differences[worst]:.3g} (root mean square), expected at most {noise:.3g}; measure both with the camera "
+            "in one place, the same lamps on, and the other projectors on and black"
+        )
+    return differences[worst] / bright if bright > 0 else 0.0
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
