@@ -150,7 +150,7 @@ def _add_window(add: Callable[..., object]) -> None:
         "--monitor",
         action=_Several,
         metavar="NAME|INDEX",
-        help="the projector's monitor, or once that of each of several\n(default: what the calibration says, or the first)",
+        help="the projector's monitor; several: one after the other\n(default: as the calibration says, or the first)",
     )
     add("--list-monitors", action="store_true", help="list the monitors and end")
     add(

@@ -1,6 +1,6 @@
 """T⁺ of a whole room: clusters found, λ chosen, each part inverted, truncated and joined (thesis 4.2.1, 5.1)."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import chain
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from player.calibration import Region
 from player.errors import InputError
 from player.row_map import SparseRows
 from tools.clusters.components import Clusters, find_clusters
@@ -111,12 +112,13 @@ def invert_near_light(
     reach: FloatArray,
     white: float,
     options: InverseOptions,
+    regions: Sequence[Region] = (),
 ) -> Inverse:
     """Invert the near light inside the mask; the result's columns outside the mask are empty.
 
     near : T per channel, (camera pixels, projector pixels).  mask : (camera height, camera width).
     reach : (camera pixels, 3), the largest |c − e| of a picture; within it the certified bound holds.
-    white : the radiance of a white picture.
+    white : the radiance of a white picture.  regions : of several projectors in one raster.
     """
     matrices = tuple(_rows_inside(T, mask) for T in near)
     for T in matrices:
@@ -141,7 +143,7 @@ def invert_near_light(
     jobs = [clustered_jobs(matrices, clusters, ~method.windowed, lambdas, options.noise, truncation)]
     if method.windowed.any():
         member = np.isin(clusters.projector, np.flatnonzero(method.windowed)).reshape(projector_shape)
-        jobs.append(_windowed(matrices, lambdas, member, truncation, tolerance))
+        jobs.append(_windowed(matrices, lambdas, member, truncation, tolerance, regions))
     pieces = _run(list(chain(*jobs)), int(clusters.projector_sizes.sum()))
     joined = join(pieces, near[0].shape[1])
     halos = np.array([piece.halo for piece in pieces if piece.halo], np.int64)
@@ -200,10 +202,11 @@ def _windowed(
     member: NDArray[np.bool_],
     truncation: Truncation,
     tolerance: float,
+    regions: Sequence[Region],
 ) -> Iterator[Callable[[], Piece]]:
     memory.check_windows(matrices[1], int(member.sum()))
     channels = tuple(WindowedChannel(T, float(damp)) for T, damp in zip(matrices, lambdas, strict=True))
-    windows = plan_windows(channels[1], member, tolerance)
+    windows = plan_windows(channels[1], member, tolerance, regions)
     return windowed_jobs(channels, windows, truncation, tolerance)
 
 

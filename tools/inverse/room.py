@@ -40,7 +40,7 @@ def build_room_maps(stored: StoredCalibration, options: InverseOptions, *, refin
     floodlight = transport.composition().reshape(*camera, 3) + calibration.ambient
     white = reachable_white(floodlight, calibration.mask)
     reach = np.maximum(white, calibration.ambient.reshape(-1, 3)).astype(np.float64)
-    inverse = invert_near_light(transport.near, calibration.mask, projector, reach, white, options)
+    inverse = invert_near_light(transport.near, calibration.mask, projector, reach, white, options, calibration.regions)
     correction = pack(inverse.rows, projector, camera)
     far, undo = _pack_far_light(transport, inverse, calibration)
     details = _details(inverse, correction, transport, options)

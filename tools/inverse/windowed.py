@@ -5,18 +5,21 @@ of pixels solves the normal equations N x = 1_i, N = TᵀT + λ²I, of a window,
 rows x Tᵀ. What is left, r = N x − 1_i, lies just outside the window, and for any picture the drive differs from that of
 the exact inverse by rᵀ p*, p* the exact drive (docs/mathematics.md 2). The halo grows, block by block and channel by
 channel, until ‖r‖₁ is within the tolerance.
+
+Of several projectors in one raster, a block's neighbours are also the others' pixels that light the same places.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
+from scipy import ndimage, sparse
 from scipy.linalg import cho_factor, solve_triangular
 from scipy.linalg.lapack import dtrtri
 
+from player.calibration import Region
 from tools.inverse.pieces import Piece, Truncation, truncated_piece
 from tools.transport.transport import Csr
 
@@ -64,6 +67,10 @@ class WindowedChannel:
         compact = sparse.csc_array((local.data, place, local.indptr), shape=(camera.size, ordered.size))
         return WindowRows(camera.astype(np.int64), compact @ X, residual)
 
+    def touched(self, block: IntArray) -> IntArray:
+        """Projector pixels that light what a block's pixels light, ascending."""
+        return np.unique(self._normal[block].indices).astype(np.int64)
+
     def _split(self, ordered: IntArray) -> tuple[FloatArray, Csr]:
         """N[window, window], dense, and N[outside, window] with rows for those pixels only that the window touches."""
         rows = self._normal[ordered]
@@ -92,37 +99,86 @@ def last_columns_of_inverse(N: FloatArray, count: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class Windows:
-    """How large clusters are cut: their pixels as a picture, the blocks' side and the halo to begin with."""
+    """How large clusters are cut: their pixels as a picture, the blocks' side and the halo to begin with.
+
+    regions : of several projectors in the picture; empty for one.
+    """
 
     member: NDArray[np.bool_]
     halo: int
     block: int
+    regions: tuple[Region, ...] = ()
 
     def blocks(self) -> list[tuple[int, int]]:
-        """Upper left corners (row, column) of the blocks that hold any pixel of the clusters."""
-        height, width = self.member.shape
-        corners = [(y, x) for y in range(0, height, self.block) for x in range(0, width, self.block)]
-        return [(y, x) for y, x in corners if self.member[y : y + self.block, x : x + self.block].any()]
+        """Upper left corners (row, column) of the blocks that hold any pixel of the clusters.
+
+        No block reaches from one projector's region into another's.
+        """
+        corners = [
+            (y, x)
+            for left, top, width, height in self.regions or (self._whole,)
+            for y in range(top, top + height, self.block)
+            for x in range(left, left + width, self.block)
+        ]
+        return [corner for corner in corners if self.pixels(corner, 0).size]
 
     def pixels(self, corner: tuple[int, int], halo: int) -> IntArray:
         """Projector pixels of the clusters in the block at `corner` widened by `halo`, ascending."""
         y, x = corner
-        rows = slice(max(y - halo, 0), y + self.block + halo)
-        columns = slice(max(x - halo, 0), x + self.block + halo)
+        own = next((region for region in self.regions if _holds(region, y, x)), self._whole)
+        below, right = min(y + self.block, own.top + own.height), min(x + self.block, own.left + own.width)
+        rows, columns = slice(max(y - halo, 0), below + halo), slice(max(x - halo, 0), right + halo)
         inside_y, inside_x = np.nonzero(self.member[rows, columns])
         return np.asarray((inside_y + rows.start) * self.member.shape[1] + inside_x + columns.start, np.int64)
 
+    def window(self, channel: WindowedChannel, corner: tuple[int, int], halo: int) -> IntArray:
+        """What a block is solved on, ascending: its own surroundings, and those of what it touches in other regions."""
+        near = self.pixels(corner, halo)
+        if not self.regions:
+            return near
+        y, x = np.divmod(channel.touched(self.pixels(corner, 0)), self.member.shape[1])
+        parts = [near]
+        for region in self.regions:
+            inside = _holds(region, y, x)
+            if inside.any() and not _holds(region, *corner):
+                parts.append(self._around(y[inside], x[inside], region, halo))
+        return np.unique(np.concatenate(parts))
 
-def plan_windows(channel: WindowedChannel, member: NDArray[np.bool_], tolerance: float) -> Windows:
+    @property
+    def _whole(self) -> Region:
+        return Region(0, 0, self.member.shape[1], self.member.shape[0])
+
+    def _around(self, y: IntArray, x: IntArray, region: Region, halo: int) -> IntArray:
+        """The clusters' pixels of a region that are at most `halo` from one of the given, in rows and in columns."""
+        top, left = max(y.min() - halo, region.top), max(x.min() - halo, region.left)
+        below = min(y.max() + halo + 1, region.top + region.height)
+        right = min(x.max() + halo + 1, region.left + region.width)
+        given = np.zeros((below - top, right - left), bool)
+        given[y - top, x - left] = True
+        wide = ndimage.maximum_filter(given, 2 * halo + 1) & self.member[top:below, left:right]
+        inside_y, inside_x = np.nonzero(wide)
+        return np.asarray((inside_y + top) * self.member.shape[1] + inside_x + left, np.int64)
+
+
+def _holds(region: Region, y: IntArray | int, x: IntArray | int) -> NDArray[np.bool_]:
+    """Whether pixels are in a region."""
+    inside_y = (y >= region.top) & (y < region.top + region.height)
+    return np.asarray(inside_y & (x >= region.left) & (x < region.left + region.width))
+
+
+def plan_windows(
+    channel: WindowedChannel, member: NDArray[np.bool_], tolerance: float, regions: Sequence[Region] = ()
+) -> Windows:
     """Blocks, and the smallest halo that a few sample windows of one channel get by with; blocks grow their own.
 
-    member : (projector height, projector width).
+    member : (projector height, projector width).  regions : of several projectors in it.
     """
     side = _block_side(member, channel.camera_pixels)
-    corners = Windows(member, HALOS[0], side).blocks()
+    narrow = Windows(member, HALOS[0], side, tuple(regions) if len(regions) > 1 else ())
+    corners = narrow.blocks()
     sample = {corners[i] for i in np.linspace(0, len(corners) - 1, SAMPLE_WINDOWS + 2).astype(int)[1:-1]}
-    grown = [_grow(channel, Windows(member, HALOS[0], side), corner, tolerance)[1] for corner in sorted(sample)]
-    return Windows(member, int(np.median(grown)), side)
+    grown = [_grow(channel, narrow, corner, tolerance)[1] for corner in sorted(sample)]
+    return replace(narrow, halo=int(np.median(grown)))
 
 
 def _block_side(member: NDArray[np.bool_], camera_pixels: int) -> int:
@@ -141,7 +197,7 @@ def _grow(
     """The block at `corner`, solved with the first halo whose residual is within the tolerance, or else the widest."""
     block = windows.pixels(corner, 0)
     for halo in HALOS[HALOS.index(windows.halo) :]:
-        found = channel.solve(block, windows.pixels(corner, halo))
+        found = channel.solve(block, windows.window(channel, corner, halo))
         if found.residual.max() <= tolerance:
             break
     return found, halo

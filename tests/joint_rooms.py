@@ -1,0 +1,42 @@
+"""Rooms of one camera and two projectors that overlap, of unequal sizes so that a wrong offset shows."""
+
+from pathlib import Path
+
+import numpy as np
+from scipy import sparse
+
+from player.calibration import Calibration, Device, writing
+from player.response import Response
+from tests.rooms import blurred_transport
+from tests.test_player import succeed
+from tools.transport.storage import write_transport
+from tools.transport.transport import Transport
+
+CAMERA = (33, 60)
+LEFT, RIGHT = (30, 44), (26, 36)
+OVERLAP = slice(24, 36)  # columns of the camera's view that both light
+
+
+def write_halves(folder: Path, *, right_camera: tuple[int, int] = CAMERA, right_response: str = "srgb") -> list[Path]:
+    """Calibrations `left` and `right`: the projectors light 36 of 60 columns of the camera's view each."""
+    rng = np.random.default_rng(20060504)
+    ends = OVERLAP.stop, CAMERA[1] - OVERLAP.start
+    rooms = [folder / "left", folder / "right"]
+    parts = (LEFT, CAMERA, 0, ends[0], "srgb"), (RIGHT, right_camera, OVERLAP.start, ends[1], right_response)
+    for room, (projector, camera, first, width, response) in zip(rooms, parts, strict=True):
+        lit = np.zeros(camera, bool)
+        lit[:, first : first + width] = True
+        block = blurred_transport(rng, (camera[0], int(lit[0].sum())), projector, 0.5)
+        places = sparse.csr_array(sparse.eye_array(lit.size, format="csr")[:, np.flatnonzero(lit)])
+        tints = rng.uniform(0.5, 1, 3)
+        T = tuple(sparse.csr_array(places @ block * tint, dtype=np.float32) for tint in tints)
+        devices = Device(*projector, Response(response)), Device(*camera, Response("linear"))
+        ambient = np.full((*camera, 3), 0.01, np.float32)
+        with writing(room, Calibration(room.name, "made by a test", devices[:1], devices[1], ambient, lit)) as stage:
+            write_transport(Transport(T), stage)
+    return rooms
+
+
+def join(rooms: list[Path], output: Path, *options: object) -> Path:
+    succeed("join-projectors", *rooms, "-o", output, *options)
+    return output

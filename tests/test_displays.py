@@ -1,0 +1,189 @@
+"""Several projectors: their raster, joint transport and map, and what cannot be joined."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from player import calibration, exr
+from player.calibration import Calibration, Device, Region
+from player.errors import InputError
+from player.options import monitors_of, read_options
+from player.response import Response
+from tests.joint_rooms import CAMERA, LEFT, RIGHT, join, write_halves
+from tests.scenes import SCENES
+from tests.test_player import fail, succeed
+from tools.inverse.inverse import InverseOptions, invert_near_light
+from tools.solve.quality import psnr
+from tools.transport.joining import join_transports
+from tools.transport.storage import read_transport
+from tools.transport.transport import Transport
+
+POSITION = "position = [0.6, 0.2, 2.1]"  # the projector of the scene `wall`
+
+
+def pictures(drive: np.ndarray, regions: tuple[Region, ...]) -> list[np.ndarray]:
+    """Each projector's picture out of a raster (height, width, 3)."""
+    return [drive[top : top + height, left : left + width] for left, top, width, height in regions]
+
+
+def simulated(folder: Path, scene: str, old: str, new: str, *sizes: str) -> list[Path]:
+    """A shipped scene, and the same with its projector elsewhere, as calibrations."""
+    text = (SCENES / f"{scene}.toml").read_text()
+    assert old in text
+    rooms = []
+    for name, described, size in zip(("first", "second"), (text, text.replace(old, new)), sizes, strict=True):
+        (folder / f"{name}.toml").write_text(described)
+        rooms.append(folder / name)
+        sized = "--camera", "48x27", "--projector", size
+        succeed("simulate-transport", folder / f"{name}.toml", "-o", rooms[-1], *sized)
+    return rooms
+
+
+@pytest.mark.parametrize("scene", ["wall", "corner"])
+def test_the_joint_transport_is_the_sum_of_all(tmp_path: Path, rng: np.random.Generator, scene: str) -> None:
+    """Near light alone (wall), and far light as well (corner)."""
+    old = next(line for line in (SCENES / f"{scene}.toml").read_text().splitlines() if line.startswith("position"))
+    rooms = simulated(tmp_path, scene, old, old.replace("[0.6", "[-0.5").replace("[0.0", "[0.1"), "24x20", "31x13")
+    stored = calibration.read(join(rooms, tmp_path / "joint", "--monitor", "HDMI-1", "--monitor", "DP-2"))
+    joint = stored.calibration
+    assert joint.regions == (Region(0, 0, 24, 20), Region(24, 0, 31, 13))
+    assert joint.projector.shape == (20, 55)
+    assert [projector.monitor for projector in joint.projectors] == ["HDMI-1", "DP-2"]
+    transport, parts = read_transport(stored), [read_transport(calibration.read(room)) for room in rooms]
+    assert (transport.far is not None) == (scene == "corner")
+    drive = rng.uniform(size=(*joint.projector.shape, 3))
+    lit = zip(parts, pictures(drive, joint.regions), strict=True)
+    expected = sum(part.apply(picture.reshape(-1, 3)) for part, picture in lit)
+    found = transport.apply(drive.reshape(-1, 3))
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * expected.max())  # the stored factors are float32
+    below = transport.near[0].sum(axis=0).reshape(joint.projector.shape)[13:, 24:]
+    assert below.max() == 0  # beside the lower projector nothing is lit
+
+
+@pytest.mark.parametrize("method", ["clustered", "windowed"])
+def test_a_projector_beside_its_copy_gives_half_of_the_light(tmp_path: Path, method: str) -> None:
+    """[T T]⁺ = ½ [T⁺; T⁺], and so it is damped: the largest singular value, which λ is relative to, grows by √2."""
+    room = calibration.read(write_halves(tmp_path)[0])
+    single, shape, mask = read_transport(room), room.calibration.projector.shape, room.calibration.mask
+    twice = join_transports([single, single], [shape, shape])
+    options = InverseOptions(damping=0.1, max_error=0.01, method=method)
+
+    def rows(transport: Transport, shape: tuple[int, int]) -> np.ndarray:
+        regions = [Region(left, 0, 44, 30) for left in range(0, shape[1], 44)]
+        reach = np.ones((mask.size, 3))
+        found = invert_near_light(transport.near, mask, shape, reach, 1.0, options, regions)
+        return found.matrices(mask.size)[1].toarray().reshape(*shape, mask.size)
+
+    alone, together = rows(single, shape), rows(twice, (shape[0], 2 * shape[1]))
+    for half in (together[:, : shape[1]], together[:, shape[1] :]):
+        difference = np.abs(half - alone / 2).sum(axis=2).max()
+        assert difference < 0.5 / 255  # drive, for light of 1: truncation and windows leave that much in each
+
+
+def test_two_projectors_give_a_better_picture_where_they_overlap(tmp_path: Path) -> None:
+    """Asked for more light than either has: PSNR over the overlap, of the camera's predicted picture."""
+    rooms = simulated(tmp_path, "wall", POSITION, POSITION.replace("0.6", "-0.5"), "24x20", "24x20")
+    joint = join(rooms, tmp_path / "joint")
+    stored = [calibration.read(room) for room in (*rooms, joint)]
+    overlap = np.logical_and(*(one.calibration.mask for one in stored[:2]))
+    assert overlap.mean() > 0.2
+    np.testing.assert_array_equal(stored[2].calibration.mask, np.logical_or(*(s.calibration.mask for s in stored[:2])))
+    floodlight = read_transport(stored[2]).composition().reshape(27, 48, 3)
+    white = float(np.percentile(floodlight[overlap], 5))
+    y, x = np.mgrid[:27, :48]
+    wanted = white * (0.75 + 0.2 * np.sin(x / 5)[..., None] * np.cos(y / [4, 5, 6][0])[..., None] * np.ones(3))
+    exr.write_rgb(tmp_path / "wanted.exr", wanted.astype(np.float32))
+    reached = {}
+    for one in stored:
+        succeed("build-correction-map", one.folder, "--regularize", "0.03")
+        for refine in ("0", "8"):
+            drive_path = tmp_path / "drive.exr"
+            options = "--white", white, "--refine", refine, "--output", drive_path
+            succeed("play-corrected", one.folder, tmp_path / "wanted.exr", *options)
+            drive = exr.read_rgb(drive_path).astype(np.float64)
+            seen = read_transport(one).apply(drive.reshape(-1, 3)).reshape(27, 48, 3) + one.calibration.ambient
+            reached[one.folder.name, refine] = psnr(float(np.mean(((seen - wanted)[overlap] / white) ** 2)))
+    print(reached)
+    for refine in ("0", "8"):
+        assert reached["joint", refine] > max(reached["first", refine], reached["second", refine]) + 6
+
+
+def test_monitors_are_written_and_read(tmp_path: Path) -> None:
+    joint = join(write_halves(tmp_path), tmp_path / "joint", "--monitor", "A", "--monitor", "B")
+    assert calibration.read(joint).calibration.projectors[1] == Device(*RIGHT, Response("srgb"), "B")
+    text = (joint / "calibration.toml").read_text()
+    (joint / "calibration.toml").write_text(text.replace('monitor = "B"', "monitor = 2"))
+    with pytest.raises(InputError, match=r"calibration\.toml: monitor 2: expected the name"):
+        calibration.read(joint)
+
+
+def test_joint_rooms_are_joined_in_turn(tmp_path: Path, rng: np.random.Generator) -> None:
+    left, right = write_halves(tmp_path)
+    pair = join([left, right], tmp_path / "pair")
+    three = calibration.read(join([pair, left], tmp_path / "three"))
+    shapes = [(projector.height, projector.width) for projector in three.calibration.projectors]
+    assert shapes == [LEFT, RIGHT, LEFT]
+    drive = rng.uniform(size=(*three.calibration.projector.shape, 3))
+    parts = [read_transport(calibration.read(room)) for room in (left, right, left)]
+    lit = zip(parts, pictures(drive, three.calibration.regions), strict=True)
+    expected = sum(part.apply(picture.reshape(-1, 3)) for part, picture in lit)
+    np.testing.assert_allclose(read_transport(three).apply(drive.reshape(-1, 3)), expected, rtol=1e-6, atol=1e-9)
+
+
+def test_what_cannot_be_joined(tmp_path: Path) -> None:
+    left, right = write_halves(tmp_path)
+    (_, smaller), (_, linear) = (
+        write_halves(tmp_path / "camera", right_camera=(20, 60)),
+        write_halves(tmp_path / "response", right_response="linear"),
+    )
+    output = "-o", tmp_path / "joint"
+    assert "its camera has 60x20 pixels, that of" in fail("join-projectors", left, smaller, *output)
+    line = fail("join-projectors", left, linear, *output)
+    assert "projector 2 has the response linear, projector 1 srgb" in line
+    assert "1 calibration to join" in fail("join-projectors", left, *output)
+    assert "--monitor: 1 given for 2 projectors" in fail("join-projectors", left, right, *output, "--monitor", "A")
+    bright = calibration.read(right).calibration
+    lit = Calibration("lit", "", bright.projectors, bright.camera, bright.ambient + 0.1, bright.mask)
+    with calibration.writing(tmp_path / "lit", lit) as stage:
+        for path in right.glob("transport_*"):
+            (stage / path.name).write_bytes(path.read_bytes())
+    assert "its ambient light differs from that of" in fail("join-projectors", left, tmp_path / "lit", *output)
+    assert not (tmp_path / "joint").exists()
+
+
+def test_a_raster_is_no_larger_than_a_picture_may_be() -> None:
+    projector, camera = Device(4, 9000, Response("linear")), Device(2, 3, Response("linear"))
+    light, mask = np.zeros((2, 3, 3), np.float32), np.ones((2, 3), bool)
+    with pytest.raises(InputError, match="size 18000x4: expected 1 to 16384"):
+        Calibration("wide", "", (projector, projector), camera, light, mask)
+
+
+def test_a_file_holds_the_raster(tmp_path: Path) -> None:
+    joint = join(write_halves(tmp_path), tmp_path / "joint")
+    succeed("build-correction-map", joint, "--regularize", "0.1")
+    cv2.imwrite(str(tmp_path / "grey.png"), np.full((*CAMERA, 3), 120, np.uint8))
+    succeed("play-corrected", joint, tmp_path / "grey.png", "--output", tmp_path / "raster.png")
+    raster = cv2.imread(str(tmp_path / "raster.png"))
+    assert raster.shape == (LEFT[0], LEFT[1] + RIGHT[1], 3)
+    assert raster[RIGHT[0] :, LEFT[1] :].max() == 0
+    assert min(raster[: RIGHT[0], LEFT[1] :].mean(), raster[:, : LEFT[1]].mean()) > 20
+
+
+@pytest.mark.parametrize(
+    ("given", "settings", "monitors"),
+    [
+        ([], "", []),
+        (["--monitor", "A"], "", ["A"]),
+        (["--monitor", "A", "--monitor=B"], "", ["A", "B"]),
+        ([], 'monitor = "S"', ["S"]),
+        (["--monitor", "A", "--monitor", "B"], 'monitor = "S"', ["A", "B"]),
+    ],
+)
+def test_a_monitor_is_given_once_for_each_projector(
+    tmp_path: Path, given: list[str], settings: str, monitors: list[str]
+) -> None:
+    (tmp_path / "player.toml").write_text(settings)
+    options = read_options(["room", "a.png", *given, "--config", str(tmp_path / "player.toml")], "")
+    assert monitors_of(options) == monitors
