@@ -15,6 +15,7 @@ from tools.transport.transport import Transport
 CAMERA = (33, 60)
 LEFT, RIGHT = (30, 44), (26, 36)
 OVERLAP = slice(24, 36)  # columns of the camera's view that both light
+STRIDE = 8
 
 
 def write_halves(folder: Path, *, right_camera: tuple[int, int] = CAMERA, right_response: str = "srgb") -> list[Path]:
@@ -34,6 +35,28 @@ def write_halves(folder: Path, *, right_camera: tuple[int, int] = CAMERA, right_
         ambient = np.full((*camera, 3), 0.01, np.float32)
         with writing(room, Calibration(room.name, "made by a test", devices[:1], devices[1], ambient, lit)) as stage:
             write_transport(Transport(T), stage)
+    return rooms
+
+
+def write_monitors(folder: Path, sizes: list[tuple[int, int]]) -> list[Path]:
+    """Calibrations of projectors of (height, width) pixels, one in STRIDE² of which lights a camera pixel."""
+    tiles = [(height // STRIDE, width // STRIDE) for height, width in sizes]
+    camera = max(height for height, _ in tiles), sum(width for _, width in tiles)
+    albedo = np.random.default_rng(1)
+    rooms = []
+    for number, (size, tile) in enumerate(zip(sizes, tiles, strict=True)):
+        y, x = np.mgrid[: tile[0], : tile[1]].reshape(2, -1)
+        rows = y * camera[1] + x + sum(width for _, width in tiles[:number])
+        columns = (y * STRIDE + 3) * size[1] + x * STRIDE + 5
+        shape = camera[0] * camera[1], size[0] * size[1]
+        T = sparse.csr_array((albedo.uniform(0.5, 1, rows.size).astype(np.float32), (rows, columns)), shape=shape)
+        mask = np.zeros(camera, bool)
+        mask.ravel()[rows] = True
+        devices = Device(*size, Response("linear")), Device(*camera, Response("linear"))
+        dark = np.zeros((*camera, 3), np.float32)
+        rooms.append(folder / f"projector{number}")
+        with writing(rooms[-1], Calibration("large", "made by a test", devices[:1], devices[1], dark, mask)) as stage:
+            write_transport(Transport((T, T, T)), stage)
     return rooms
 
 

@@ -69,7 +69,7 @@ class Displays:
             window.make_current()
             shown = None if black or not (first or drive) else picture
             part = region if drive else Region(0, 0, *picture.size)
-            if window.draw(shown, part, page if first else None):
+            if window.visible and window.draw(shown, part, page if first else None):
                 window.context.finish()
                 drawn.append(window)
         for window in drawn:
@@ -134,6 +134,7 @@ def open_display(
                 vsync=vsync,
                 goal=goal,
                 sharing=windows[0] if windows else None,
+                hides=len(regions) > 1,
             )
             windows.append(stack.enter_context(window))
             if monitor is None and len(regions) > 1:

@@ -20,8 +20,8 @@ from player.gl.monitors import (
     raising,
     start_glfw,
 )
-from player.gl.passes import ScreenPass
-from player.osd import Page, draw
+from player.gl.presenter import Presenter
+from player.osd import Page
 
 REDRAW = "redraw"  # not a key: the window was resized or uncovered
 CURSOR_S = 1.0  # how long a cursor that rests is seen in a window; full screen it never is
@@ -51,6 +51,7 @@ class Window:
     exact : refuse a full screen whose size is not `shape`, since the correction is pixel by pixel.
     goal : name or number of the monitor that set_fullscreen goes to as long as the window has been on none.
     sharing : a window whose textures this one can show.
+    hides : while its monitor is unplugged, so as not to cover what other windows show.
     """
 
     def __init__(
@@ -64,9 +65,10 @@ class Window:
         vsync: bool,
         goal: str = "0",
         sharing: "Window | None" = None,
+        hides: bool = False,
     ) -> None:
         start_glfw()
-        self._shape, self._vsync, self._goal = shape, vsync, goal
+        self._shape, self._vsync, self._goal, self._hides = shape, vsync, goal, hides
         self._home = None if monitor is None else monitor.name
         self._fills = self._at_home = False
         self._keys: list[str] = []
@@ -79,7 +81,7 @@ class Window:
         self._handle: Any = _open(shape, title, None if sharing is None else sharing._handle)
         try:
             self.context = moderngl.create_context(require=330)
-            self._present = _Presenter(self.context)
+            self._present = Presenter(self.context)
         except BaseException:
             self.release()
             raise
@@ -119,6 +121,10 @@ class Window:
     def place(self, x: int, y: int) -> None:
         """Stand there on the desktop."""
         glfw.set_window_pos(self._handle, x, y)
+
+    @property
+    def visible(self) -> bool:
+        return bool(glfw.get_window_attrib(self._handle, glfw.VISIBLE))
 
     @property
     def fullscreen(self) -> bool:
@@ -243,9 +249,13 @@ class Window:
         act = after_a_change(self._home, monitors, at_home=self._at_home)
         if act == "left":
             self._at_home = False
-            self._notices.append(f"monitor {self._home} has gone; waiting for it in a window")
+            if self._hides:
+                glfw.hide_window(self._handle)
+            meanwhile = "its window is hidden until it is back" if self._hides else "waiting for it in a window"
+            self._notices.append(f"monitor {self._home} has gone; {meanwhile}")
         elif act == "return" and self._home is not None:
             self.move_to(self._home)
+            glfw.show_window(self._handle)
             glfw.focus_window(self._handle)
             self._notices.append(f"monitor {self._home} is back")
         self._keys.append(REDRAW)
@@ -306,10 +316,19 @@ def open_window(
     vsync: bool = True,
     goal: str = "0",
     sharing: Window | None = None,
+    hides: bool = False,
 ) -> Iterator[Window]:
     """A window that is closed, and its context released, at the end. Raises InputError without a screen or OpenGL."""
     window = Window(
-        shape, title, monitor=monitor, fullscreen=fullscreen, exact=exact, vsync=vsync, goal=goal, sharing=sharing
+        shape,
+        title,
+        monitor=monitor,
+        fullscreen=fullscreen,
+        exact=exact,
+        vsync=vsync,
+        goal=goal,
+        sharing=sharing,
+        hides=hides,
     )
     try:
         yield window
@@ -323,38 +342,6 @@ def wait_for_events(timeout_s: float) -> None:
         glfw.wait_events_timeout(timeout_s)
     else:
         glfw.poll_events()
-
-
-class _Presenter:
-    """The present pass and its overlay texture, made anew when a page has another size."""
-
-    def __init__(self, context: moderngl.Context) -> None:
-        self._context = context
-        self._none = context.texture((1, 1), 4, bytes(4), dtype="f1")
-        self._overlay = context.texture((1, 1), 4, bytes(4), dtype="f1")
-        self._pass = ScreenPass(context, "present.frag")
-        self._drawn: tuple[Page, tuple[int, int]] | None = None
-
-    def run(self, picture: moderngl.Texture | None, region: Region, size: tuple[int, int], page: Page | None) -> None:
-        if page is not None and (page, size) != self._drawn:
-            self._draw_page(page, size)
-        self._context.screen.use()
-        shown, part = (self._none, Region(0, 0, 1, 1)) if picture is None else (picture, region)
-        self._pass.set(window_size=size, region=part, place=_centred((region.height, region.width), size))
-        self._pass.draw(picture=shown, overlay=self._none if page is None else self._overlay)
-
-    def release(self) -> None:
-        for resource in (self._pass, self._overlay, self._none):
-            resource.release()
-
-    def _draw_page(self, page: Page, size: tuple[int, int]) -> None:
-        pixels = draw(page, (size[1], size[0]))
-        height, width = pixels.shape[:2]
-        if self._overlay.size != (width, height):
-            self._overlay.release()
-            self._overlay = self._context.texture((width, height), 4, dtype="f1")
-        self._overlay.write(pixels)
-        self._drawn = page, size
 
 
 def _open(shape: tuple[int, int], title: str, sharing: Any) -> Any:
@@ -380,14 +367,6 @@ def _open(shape: tuple[int, int], title: str, sharing: Any) -> Any:
         raise InputError("no window with OpenGL 3.3; install a driver: apt-get install libgl1, or use --output FILE")
     glfw.make_context_current(handle)
     return handle
-
-
-def _centred(shape: tuple[int, int], window: tuple[int, int]) -> tuple[int, int, int, int]:
-    """(left, top, width, height): pixel for pixel and centred if the window is large enough, else shrunk to fit."""
-    height, width = shape
-    scale = min(1.0, window[0] / width, window[1] / height)
-    shown = max(1, round(width * scale)), max(1, round(height * scale))
-    return (window[0] - shown[0]) // 2, (window[1] - shown[1]) // 2, *shown
 
 
 def _check_size(shape: tuple[int, int], monitor: Monitor) -> None:

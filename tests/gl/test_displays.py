@@ -1,0 +1,167 @@
+"""Two projectors in two real windows: what the X server shows in each is its own part of the raster."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from Xlib import X
+from Xlib.display import Display
+
+from tests.gl.test_window import PATIENCE_S, ROOT, expected_picture, playing, press, screen, wait_until, xrandr
+from tests.joint_rooms import CAMERA, LEFT, RIGHT, join, write_halves, write_monitors
+from tests.test_player import fail, succeed
+
+MONITORS = {"DUMMY0": (0, 0, 1280, 720), "DUMMY1": (1280, 0, 1024, 768)}
+SIDE_BY_SIDE = (0, 0, LEFT[1], LEFT[0]), (LEFT[1], 0, RIGHT[1], RIGHT[0])
+
+
+@pytest.fixture(scope="module")
+def joint(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("joint")
+    room = join(write_halves(folder), folder / "joint")
+    succeed("build-correction-map", room, "--regularize", "0.1")
+    return room
+
+
+@pytest.fixture(scope="module")
+def monitors_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Projectors of the two monitors' sizes; the calibration names them."""
+    folder = tmp_path_factory.mktemp("monitors")
+    sizes = [(height, width) for _, _, width, height in MONITORS.values()]
+    names = [part for name in MONITORS for part in ("--monitor", name)]
+    room = join(write_monitors(folder, sizes), folder / "joint", *names)
+    succeed("build-correction-map", room, "--regularize", "0.01", "--no-refine")
+    return room
+
+
+@pytest.fixture(scope="module")
+def picture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("picture") / "picture.png"
+    noise = np.random.default_rng(2).uniform(0, 255, (9, 16, 3))
+    cv2.imwrite(str(path), cv2.resize(noise, CAMERA[::-1], interpolation=cv2.INTER_CUBIC).clip(0, 255).astype(np.uint8))
+    return path
+
+
+def parts(raster: np.ndarray, sizes: list[tuple[int, int]]) -> list[np.ndarray]:
+    """The raster's pictures of (height, width), side by side."""
+    lefts = np.cumsum([0, *(width for _, width in sizes)])
+    return [raster[:height, left : left + width] for (height, width), left in zip(sizes, lefts, strict=False)]
+
+
+def shows(display: str, boxes: tuple[tuple[int, int, int, int], ...], wanted: list) -> Callable[[], bool]:
+    return lambda: all(np.all(screen(display, box) == part) for box, part in zip(boxes, wanted, strict=True))
+
+
+def test_each_window_shows_its_part_and_keys_act_on_both(xvfb: str, joint: Path, picture: Path, tmp_path: Path) -> None:
+    raster = expected_picture(joint, picture, tmp_path)
+    corrected = parts(raster, [LEFT, RIGHT])
+    plain = parts(expected_picture(joint, picture, tmp_path, "--no-compensation"), [LEFT, RIGHT])
+    assert raster.shape[:2] == (LEFT[0], LEFT[1] + RIGHT[1])
+    assert all(np.abs(one - other).max() > 20 for one, other in zip(corrected, plain, strict=True))
+    with playing(xvfb, joint, picture, "--no-osd") as process:
+        for key, wanted in (("", corrected), ("c", plain), ("b", [0, 0]), ("b", plain), ("c", corrected)):
+            if key:
+                press(xvfb, key)
+            wait_until(shows(xvfb, SIDE_BY_SIDE, wanted), f"{key or 'start'}: the picture of each", process)
+        press(xvfb, "v")  # the camera's view: shrunk into the first window
+        wait_until(shows(xvfb, SIDE_BY_SIDE[1:], [0]), "black in the second window", process)
+        assert screen(xvfb, SIDE_BY_SIDE[0]).max() > 40
+        for _ in range(4):
+            press(xvfb, "v")
+        wait_until(shows(xvfb, SIDE_BY_SIDE, corrected), "the projectors' pictures again", process)
+        press(xvfb, "i")
+        wait_until(lambda: not shows(xvfb, SIDE_BY_SIDE[:1], corrected[:1])(), "statistics in the first", process)
+        assert shows(xvfb, SIDE_BY_SIDE[1:], corrected[1:])()
+        press(xvfb, "q")
+        assert process.wait(PATIENCE_S) == 0
+
+
+def test_each_monitor_is_filled_with_its_own_picture(
+    two_monitors: str, monitors_room: Path, picture: Path, tmp_path: Path
+) -> None:
+    """As the calibration names them; one is unplugged and comes back."""
+    sizes = [(height, width) for _, _, width, height in MONITORS.values()]
+    corrected = parts(expected_picture(monitors_room, picture, tmp_path), sizes)
+    wanted = parts(expected_picture(monitors_room, picture, tmp_path, "--no-compensation"), sizes)
+    boxes = tuple(MONITORS.values())
+    with playing(two_monitors, monitors_room, picture, "--fullscreen", "--no-osd", "--no-compensation") as process:
+        wait_until(shows(two_monitors, boxes, wanted), "both monitors filled", process)
+        try:
+            xrandr(two_monitors, "--output", "DUMMY1", "--off")
+            wait_until(lambda: mapped_windows(two_monitors) == set(boxes[:1]), "the second window goes", process)
+            wait_until(shows(two_monitors, boxes[:1], wanted[:1]), "the first one stays", process)
+        finally:
+            xrandr(two_monitors, "--output", "DUMMY1", "--mode", "1024x768", "--pos", "1280x0")
+        wait_until(shows(two_monitors, boxes, wanted), "the second one is back", process)
+        press(two_monitors, "c")
+        wait_until(shows(two_monitors, boxes, corrected), "the corrected pictures", process)
+        press(two_monitors, "b")
+        wait_until(shows(two_monitors, boxes, [0, 0]), "black on both", process)
+        press(two_monitors, "g")
+        both = [lambda box=box: bool(screen(two_monitors, box).max() > 200) for box in boxes]
+        wait_until(lambda: all(named() for named in both), "names on both", process)
+        press(two_monitors, "q")
+        _, errors = process.communicate(timeout=PATIENCE_S)
+    assert errors.splitlines()[:2] == [
+        "monitor DUMMY1 has gone; its window is hidden until it is back",
+        "monitor DUMMY1 is back",
+    ]
+
+
+def test_the_safe_picture_covers_all_monitors(two_monitors: str) -> None:
+    """Of the monitors that are named, those that are there."""
+    names = ["DUMMY1", "HDMI-7", "DUMMY0"]
+    here = os.environ | {"DISPLAY": two_monitors, "WAYLAND_DISPLAY": ""}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "player.gl.black", *names], env=here, cwd=ROOT, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        wait_until(lambda: mapped_windows(two_monitors) == set(MONITORS.values()), "a window on each", process)
+    finally:
+        process.terminate()
+        process.communicate(timeout=PATIENCE_S)
+
+
+def mapped_windows(display: str) -> set[tuple[int, int, int, int]]:
+    """(left, top, width, height) of the visible windows of a desktop without a window manager."""
+    connection = Display(display)
+    try:
+        windows = connection.screen().root.query_tree().children
+        visible = [window for window in windows if window.get_attributes().map_state == X.IsViewable]
+        boxes = [window.get_geometry() for window in visible]
+        return {(box.x, box.y, box.width, box.height) for box in boxes}
+    finally:
+        connection.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--monitor", "DUMMY0"], "monitors: 1 named, the calibration has 2 projectors; name one for each"),
+        (["--monitor", "DUMMY0", "--monitor", "DUMMY0"], "monitor DUMMY0: named for two projectors"),
+        (["--monitor", "DUMMY0", "--monitor", "HDMI-7"], "monitor 'HDMI-7': not there"),
+        (["--fullscreen"], "monitor DUMMY0: 1280x720, the calibration is for a projector of 44x30"),
+    ],
+)
+def test_monitors_that_do_not_suit(
+    two_monitors: str, joint: Path, picture: Path, arguments: list[str], complaint: str
+) -> None:
+    here = {"DISPLAY": two_monitors, "WAYLAND_DISPLAY": ""}
+    assert complaint in fail("play-corrected", joint, picture, *arguments, **here)
+
+
+def test_more_projectors_than_monitors(xvfb: str, joint: Path, picture: Path) -> None:
+    here = {"DISPLAY": xvfb, "WAYLAND_DISPLAY": ""}
+    line = fail("play-corrected", joint, picture, "--fullscreen", "--any-size", **here)
+    assert "2 projectors need as many monitors, found: 0 screen (1280x720" in line
+    with playing(xvfb, joint, picture) as process:  # in windows, and they stay that when `f` is pressed
+        wait_until(lambda: len(mapped_windows(xvfb)) == 2, "two windows", process)
+        wait_until(lambda: screen(xvfb, SIDE_BY_SIDE[1]).max() > 0, "the picture", process)
+        press(xvfb, "f")
+        wait_until(lambda: screen(xvfb, SIDE_BY_SIDE[0]).max() > 200, "what is wrong, on the screen", process)
+        assert mapped_windows(xvfb) == set(SIDE_BY_SIDE)
