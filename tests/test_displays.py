@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from player import calibration, exr
+from player import app, calibration, exr
 from player.calibration import Calibration, Device, Region
 from player.errors import InputError
 from player.options import monitors_of, read_options
@@ -168,6 +168,19 @@ def test_a_file_holds_the_raster(tmp_path: Path) -> None:
     assert raster.shape == (LEFT[0], LEFT[1] + RIGHT[1], 3)
     assert raster[RIGHT[0] :, LEFT[1] :].max() == 0
     assert min(raster[: RIGHT[0], LEFT[1] :].mean(), raster[:, : LEFT[1]].mean()) > 20
+
+
+def test_a_reloaded_room_keeps_its_regions(tmp_path: Path) -> None:
+    """A raster of the same size that is cut elsewhere is refused: the windows are what they are."""
+    left, right = write_halves(tmp_path)
+    room, options = join([left, right], tmp_path / "joint"), ("--regularize", "0.1", "--no-refine")
+    succeed("build-correction-map", room, *options)
+    parsed = read_options([str(room), "a.png", "--no-config"], "")
+    site = app._RoomInUse(parsed, app.room_of(parsed), lambda fresh: pytest.fail("a renderer was made")).site()
+    join([right, left], room, "--force")
+    succeed("build-correction-map", room, *options)
+    with pytest.raises(InputError, match=r"size is now 36x26 \+ 44x30, was 44x30 \+ 36x26; start the player again"):
+        site.reload()
 
 
 @pytest.mark.parametrize(

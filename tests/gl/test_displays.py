@@ -127,6 +127,24 @@ def test_the_safe_picture_covers_all_monitors(two_monitors: str) -> None:
         process.communicate(timeout=PATIENCE_S)
 
 
+def test_windows_are_moved_by_the_names_of_their_monitors(
+    two_monitors: str, joint: Path, picture: Path, tmp_path: Path
+) -> None:
+    wanted = parts(expected_picture(joint, picture, tmp_path), [LEFT, RIGHT])
+    settings = tmp_path / "player.toml"
+    settings.write_text('[keys]\n"n" = "set monitor DUMMY1,DUMMY0"')
+    there = "--monitor", "DUMMY0", "--monitor", "DUMMY1"
+    with playing(two_monitors, joint, picture, *there, "--no-osd", "--config", settings) as process:
+        for key, lefts in (("", (0, 1280)), ("n", (1280, 0))):
+            if key:
+                press(two_monitors, key)
+            boxes = tuple((left, 0, width, height) for left, (height, width) in zip(lefts, (LEFT, RIGHT), strict=True))
+            wait_until(shows(two_monitors, boxes, wanted), f"the pictures at {lefts}", process)
+            assert mapped_windows(two_monitors) == set(boxes)
+        press(two_monitors, "q")
+        assert process.wait(PATIENCE_S) == 0
+
+
 def mapped_windows(display: str) -> set[tuple[int, int, int, int]]:
     """(left, top, width, height) of the visible windows of a desktop without a window manager."""
     connection = Display(display)
