@@ -1,7 +1,8 @@
 """Build programs from the GLSL files of player.shaders: defines in, errors out with the file's own line numbers."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib import resources
 
 import moderngl
@@ -29,10 +30,24 @@ def build_program(
     context: moderngl.Context, name: str, defines: Mapping[str, int | None] | None = None
 ) -> moderngl.Program:
     """Compile and link one fragment shader with the full-screen triangle."""
+    source = with_defines(read_source(name), defines or {})
+    with _naming(name):
+        return context.program(vertex_shader=read_source(VERTEX), fragment_shader=source)
+
+
+def build_compute_program(
+    context: moderngl.Context, name: str, defines: Mapping[str, int | None] | None = None
+) -> moderngl.ComputeShader:
+    """Compile and link one compute shader; the context must offer OpenGL 4.3."""
+    with _naming(name):
+        return context.compute_shader(with_defines(read_source(name), defines or {}))
+
+
+@contextmanager
+def _naming(name: str) -> Iterator[None]:
+    """Make a compiler's complaint a ShaderError with the file's name and line."""
     try:
-        return context.program(
-            vertex_shader=read_source(VERTEX), fragment_shader=with_defines(read_source(name), defines or {})
-        )
+        yield
     except moderngl.Error as error:
         line = re.search(r"\b0[:(](\d+)", str(error))
         where = f"{name}:{line.group(1)}" if line else name

@@ -1,0 +1,109 @@
+"""Row maps in buffers, and the compute pass that multiplies with them (shaders/row_map.comp, OpenGL 4.3)."""
+
+import moderngl
+import numpy as np
+
+from player.errors import InputError
+from player.gl.passes import Owner, float_texture
+from player.gl.shaders import build_compute_program
+from player.row_map import RowMap
+from player.sliced_map import GROUP, Part, lanes_of, parts
+
+VERSION = 430
+PART_BYTES = 1 << 27  # no buffer larger, though many drivers would take it: the player copies a part at a time
+ROWS, ENTRIES, TARGET = 0, 1, 0  # bindings of buffers, and of the image
+
+
+def supports_compute(context: moderngl.Context) -> bool:
+    return bool(context.version_code >= VERSION)
+
+
+class MapBuffers:
+    """The buffers of one row map; several passes may read them.
+
+    scale : makes entries of 8 bytes, halves multiplied by it (player/short_map.py).
+    """
+
+    def __init__(self, context: moderngl.Context, packed: RowMap, scale: np.float32 | None = None) -> None:
+        self._context, self._owner = context, Owner()
+        self.output_shape, self.source_shape = packed.output_shape, packed.source_shape
+        self.lanes, self.scale = lanes_of(packed), scale
+        most = min(PART_BYTES, context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
+        try:
+            self.parts = [
+                self._owner.own(_PartBuffers(context, part)) for part in parts(packed, self.lanes, most, scale)
+            ]
+        except BaseException:
+            self.release()
+            raise
+
+    def product(self, combine: str = "") -> "ComputePass":
+        return ComputePass(self._context, self, combine)
+
+    def release(self) -> None:
+        self._owner.release()
+
+
+class _PartBuffers:
+    """What one dispatch reads."""
+
+    def __init__(self, context: moderngl.Context, part: Part) -> None:
+        self._owner = Owner()
+        try:
+            self.rows = self._owner.own(_buffer(context, part.rows))
+            self.entries = self._owner.own(_buffer(context, part.entries))
+        except BaseException:
+            self.release()
+            raise
+        self._rows = len(part.rows)
+
+    def groups(self, lanes: int) -> int:
+        return self._rows * lanes // GROUP
+
+    def release(self) -> None:
+        self._owner.release()
+
+
+class ComputePass:
+    """target = Σ weights · source, or base ± that, or that clamped to 0..1; as RowMapPass."""
+
+    def __init__(self, context: moderngl.Context, buffers: MapBuffers, combine: str = "") -> None:
+        defines: dict[str, int | None] = {"GROUP": GROUP, "LANES": buffers.lanes}
+        if combine:
+            defines[combine] = None
+        if buffers.scale is not None:
+            defines["SHORT"] = None
+        self._context, self._buffers = context, buffers
+        self._program = build_compute_program(context, "row_map.comp", defines)
+        if buffers.scale is not None:
+            self._program["scale"] = float(buffers.scale)
+        self.target = float_texture(context, buffers.output_shape)
+
+    def run(self, source: moderngl.Texture, base: moderngl.Texture | None = None) -> moderngl.Texture:
+        inputs = {"source": source} if base is None else {"source": source, "base": base}
+        for unit, (name, texture) in enumerate(inputs.items()):
+            self._program[name] = unit
+            texture.use(unit)
+        self.target.bind_to_image(TARGET, read=False, write=True)
+        for part in self._buffers.parts:
+            part.rows.bind_to_storage_buffer(ROWS)
+            part.entries.bind_to_storage_buffer(ENTRIES)
+            self._program.run(part.groups(self._buffers.lanes))
+        self._context.memory_barrier()
+        return self.target
+
+    def release(self) -> None:
+        self._program.release()
+        self.target.release()
+
+
+def _buffer(context: moderngl.Context, data: np.ndarray) -> moderngl.Buffer:
+    """A buffer of these values; InputError if the GPU has no memory for it."""
+    buffer = context.buffer(np.ascontiguousarray(data)) if data.size else context.buffer(reserve=data.itemsize * 4)
+    if context.error != "GL_NO_ERROR":
+        buffer.release()
+        raise InputError(
+            f"the GPU has no memory for {data.nbytes} bytes of a map; build a smaller map with a larger --max-error, "
+            "or play with --path fragment or --backend cpu"
+        )
+    return buffer
