@@ -111,8 +111,8 @@ def read_room(
 
 
 @contextmanager
-def headless_renderer(backend: str, room: Room) -> Iterator[Renderer]:
-    """A renderer without a window: "gl" through EGL, or "cpu"."""
+def headless_renderer(backend: str, room: Room, path: str = "fragment") -> Iterator[Renderer]:
+    """A renderer without a window: "gl" through EGL, on one of PATHS, or "cpu"."""
     if backend == "cpu":
         yield CpuRenderer(room)
         return
@@ -120,7 +120,7 @@ def headless_renderer(backend: str, room: Room) -> Iterator[Renderer]:
     from player.gl.renderer import GlRenderer
 
     with headless_context() as context:
-        renderer = GlRenderer(context, room)
+        renderer = GlRenderer(context, room, path)
         try:
             yield renderer
         finally:
@@ -151,7 +151,9 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
         raise InputError("--loop with --output never ends; add --frames N")
     if options.refine == "auto":
         raise InputError("--refine auto is for a window: a file has no time to keep; give a number of steps")
-    with headless_renderer(options.backend, room) as renderer:
+    if options.backend == "cpu" and options.path is not None:
+        raise InputError(f"--path {options.path}: --backend cpu has no GPU to take it on; leave one of them out")
+    with headless_renderer(options.backend, room, options.path or "fragment") as renderer:
         renderer.open(reader.info.format)
         renderer.adjust(picture)
         stats = render_to_file(
@@ -187,6 +189,7 @@ def play_in_window(
     from player.gl.renderer import GlRenderer
 
     named, projectors = monitors_of(options), room.calibration.projectors
+    path = options.path or "auto"
     with open_display(
         room.calibration.regions,
         "Counterlight",
@@ -196,7 +199,7 @@ def play_in_window(
         exact=not options.any_size,
         vsync=options.vsync,
     ) as window:
-        renderer: Renderer = GlRenderer(window.context, room)
+        renderer: Renderer = GlRenderer(window.context, room, path)
         try:
             session = Session(
                 Playlist(options.media, loop=options.loop and len(options.media) > 1, start=options.playlist_start),
@@ -204,7 +207,7 @@ def play_in_window(
                 renderer,
                 window,
                 setup=_setup(options, room, picture),
-                site=_RoomInUse(options, room, lambda fresh: GlRenderer(window.context, fresh)).site(),
+                site=_RoomInUse(options, room, lambda fresh: GlRenderer(window.context, fresh, path)).site(),
                 bindings=options.keys,
                 remotes=remotes,
                 heartbeat=heartbeat,

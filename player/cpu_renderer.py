@@ -14,7 +14,7 @@ from player.picture_reference import Limits
 from player.placement import homography
 from player.reference import PreparedRows
 from player.refinement import GREY, OVER_RELAXATION, Certificate, momentum
-from player.renderer import Room, check_radiance_size, place
+from player.renderer import LONG_BYTES, PathReport, Room, check_radiance_size, place
 from player.response import Response, transfer_table
 from player.test_cards import card
 from player.video import Frame, PixelFormat
@@ -26,7 +26,7 @@ class CpuRenderer:
     """Renderer in numpy; see player.renderer.Renderer."""
 
     def __init__(self, room: Room) -> None:
-        self._room = room
+        self._room, self.path = room, PathReport("cpu", LONG_BYTES)
         self._correction = PreparedRows(room.maps.correction)
         self._transport = PreparedRows(room.maps.transport)
         self._far = None if room.maps.far is None else _FarChain(room.maps.far)

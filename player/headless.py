@@ -64,6 +64,7 @@ def render_to_file(
                 quality.append(camera_psnr(renderer.desired(), renderer.linear(), calibration.mask, white))
         if stats.frames == 0:
             raise InputError(f"{reader.info.path}: no frame to render; check --start and --frames")
+    stats.facts["gpu_path"] = renderer.path.to_dict()
     certificate = renderer.certificate()
     if certificate is not None:
         stats.facts["refinement"] = {"steps": steps, **certificate.to_dict()}

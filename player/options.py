@@ -13,7 +13,7 @@ from player.keys import KEYS
 from player.picture import CONTROL, MOST_BLACK, MOST_FLICKER, Picture
 from player.playlist import expand
 from player.refinement import DEFAULT_STEPS, MOST_STEPS, STARTS
-from player.renderer import DITHERS, VIEWS
+from player.renderer import DITHERS, PATHS, VIEWS
 from player.settings import apply_settings, default_path
 from player.supervisor import SAFE
 from player.test_cards import CARDS
@@ -180,6 +180,13 @@ def _add_output(add: Callable[..., object]) -> None:
         help="render without a window into .png, .exr (linear), name%%05d.png,\n.mp4, .mov, .webm or .mkv (lossless)",
     )
     add("--backend", choices=("gl", "cpu"), default="gl", help="cpu: the numpy reference (with --output)")
+    add(
+        "--path",
+        choices=PATHS,
+        help="how the GPU multiplies: fragment or compute shaders (OpenGL 4.3);\n"
+        "auto measures both at the start and keeps the faster (default: auto\n"
+        "in a window; fragment with --output, so that its result repeats)",
+    )
     add("--dither", choices=DITHERS, default="ordered", help="how 8-bit steps are hidden (default ordered)")
     add("--control", type=Path, metavar="SOCKET", help="take commands there, JSON lines as mpv's IPC")
     add("--heartbeat", metavar="FILE|-", help="add a JSON line a second: frames, drops, memory, position")

@@ -1,7 +1,7 @@
 """What both backends offer: a frame goes in, a view of it comes out (gl/renderer.py, cpu_renderer.py)."""
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,31 @@ from player.video import Frame, PixelFormat
 
 VIEWS = ("projector", "camera", "split", "error", "impossible")
 DITHERS = ("ordered", "noise", "none")
+PATHS = ("auto", "fragment", "compute")
+LONG_BYTES, SHORT_BYTES = 16, 8  # an entry: weights of 32 bits and an index, or of 16 bits and an offset
+
+
+@dataclass(frozen=True)
+class PathReport:
+    """How a renderer multiplies with the room's maps.
+
+    name : "fragment", "compute" or "cpu".  entry_bytes : of an entry of the correction map.
+    fragment_ms, compute_ms : of a frame's products, measured at the start; None if that was not asked for.
+    """
+
+    name: str
+    entry_bytes: int
+    fragment_ms: float | None = None
+    compute_ms: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        return {key: value for key, value in asdict(self).items() if value is not None}
+
+    def __str__(self) -> str:
+        measured = ""
+        if self.fragment_ms is not None and self.compute_ms is not None:
+            measured = f"; fragment {self.fragment_ms:.2f} ms, compute {self.compute_ms:.2f} ms"
+        return f"{self.name}, {self.entry_bytes} bytes an entry{measured}"
 
 
 @dataclass(frozen=True)
@@ -35,6 +60,10 @@ class Room:
 
 class Renderer(Protocol):
     """open, then upload and render as often as you like, then read what is needed; release at the end."""
+
+    @property
+    def path(self) -> PathReport:
+        """How it multiplies."""
 
     def open(self, pixels: PixelFormat) -> None:
         """Prepare for frames of one format; raises InputError if they do not suit the room."""

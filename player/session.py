@@ -92,6 +92,7 @@ class Session:
             if self._draws:
                 certificate = self.certificate(max_age_s=0.0)
                 certified = {} if certificate is None else certificate.to_dict()
+                self.stats.facts["gpu_path"] = self.renderer.path.to_dict()
                 self.stats.facts["refinement"] = {"steps": round(self._steps_made / self._draws, 1), **certified}
             return self.stats
         finally:

@@ -1,4 +1,4 @@
-"""Row maps with weights of 16 bits, and what the rounding changes at most: half the bytes, where that is good enough."""
+"""Row maps with weights of 16 bits, and what the rounding changes at most."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from player.renderer import LONG_BYTES, SHORT_BYTES
 from player.row_map import RowMap, UintArray
 from player.short_map import to_half
 
@@ -22,7 +23,6 @@ ENOUGH = 1 << 16  # invocations that keep a GPU busy
 MOST_GROUPS = 65535  # of a dispatch, what OpenGL promises
 NO_PIXEL = 0xFFFFFFFF
 SHORT_SPAN = 256  # source pixels that an 8-bit offset reaches
-LONG_BYTES, SHORT_BYTES = 16, 8
 
 IntArray = NDArray[np.int64]
 
@@ -33,8 +33,8 @@ class Part:
 
     rows : (rows, 4) uint32: output pixel x | y << 16 (NO_PIXEL in place of a missing one), corner x | y << 16, length,
     first entry. A row's k-th entry is entry `first + k // lanes · GROUP + k % lanes`.
-    entries : (entries, 4) uint32: bits of three float32 weights, source x | y << 16; or (entries, 2), short: halves R and
-    G, half B and the offset from the row's corner, x << 16 | y << 24.
+    entries : (entries, 4) uint32: bits of three float32 weights, source x | y << 16; or (entries, 2), short: halves
+    R | G << 16, half B and the offset from the row's corner, x << 16 | y << 24.
     """
 
     rows: UintArray

@@ -26,6 +26,7 @@ def stats_page(session: "Session", message: str) -> Page:
         f"view\t{session.view}, compensation {compensation}, monitor {session.display.monitor}",
         f"frames\t{stats.frames} shown at {stats.frames_per_second:.1f} fps, {stats.dropped} dropped",
         "time\t" + ", ".join(f"{stage} {stats.median_ms(stage):.1f} ms" for stage in STAGES),
+        f"GPU path\t{session.renderer.path}",
         f"refinement\t{session.steps} steps" + (f", {certificate}" if certificate is not None else ""),
         f"judder\tmedian {stats.median_ms('judder'):.1f} ms, 95 % below {stats.percentile_ms('judder', 95):.1f} ms",
         *([message] if message else []),

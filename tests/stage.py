@@ -14,9 +14,11 @@ from player.picture import Picture
 from player.placement import Corners
 from player.playlist import Playlist
 from player.refinement import Certificate
+from player.renderer import PathReport
 from player.session import Session
 from player.session_inputs import Setup, Site
 
+MEASURED = PathReport("fragment", 16, 12.5, 25.0)
 SQUARE: Corners = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
 
 
@@ -99,6 +101,7 @@ class Screen:
     identified: int = 0
     opened: int = 0
     released: bool = False
+    path: PathReport = MEASURED
 
     def open(self, pixels: Any) -> None:
         self.opened += 1

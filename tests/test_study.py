@@ -13,21 +13,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import sparse
 
 from player import calibration
 from player.files import describe_files
 from player.renderer import Room
-from player.row_map import RowMap, unpack
 from tests.rooms import random_room, write_blurred_room
 from tests.test_player import fail, succeed
 from tools.inverse.inverse import InverseOptions
 from tools.inverse.presets import PRESETS
-from tools.packing.row_maps import pack_matrices
 from tools.solve.compensate import CompensateOptions, CompensationTask
 from tools.study.frames import graphics, player
 from tools.study.measure import SHOWN
-from tools.study.methods import HALF_ENTRY, Map, Solver, catalogue, frame_bytes, in_half, uncut_knobs
+from tools.study.methods import HALF_ENTRY, Map, Solver, catalogue, frame_bytes, uncut_knobs
 from tools.study.pictures import BUILT_IN, DARK, find_pictures
 from tools.study.recommend import CLOSE_DB, FRAME_MS, wishes
 from tools.study.results import Mean, Row, everywhere, geometric, label, means, pareto
@@ -99,34 +96,6 @@ def test_means_weigh_rooms_alike_and_keep_the_worst() -> None:
     assert found[0].picture_ms == pytest.approx(8 ** (1 / 4))  # 1 · 1 · 1 · 8
     assert [m.family for m in everywhere(rows)] == ["f"]
     assert geometric([None, 0.0]) is None
-
-
-def test_the_bound_of_16_bit_weights_is_reached_and_never_passed(rng: np.random.Generator) -> None:
-    """The worst desired light has the signs of the rounding errors: nothing else comes so far."""
-    dense = [40 * rng.normal(size=(42, 45)) * (rng.uniform(size=(42, 45)) < 0.2) for _ in range(3)]
-    packed = pack_matrices([sparse.csr_array(T, dtype=np.float32) for T in dense], (6, 7), (5, 9))
-    ambient, white = rng.uniform(0, 2, (45, 3)).astype(np.float32), 1.3
-    rounded, bound = in_half(packed, white, ambient)
-    reach = np.maximum(white, ambient.astype(float))
-    before, after = ([T.toarray() for T in matrices(each)] for each in (packed, rounded))
-    changes = []
-    for i, error in enumerate(np.subtract(after, before)):
-        changes.append(np.max(np.sum(np.abs(error) * reach[:, i], axis=1)))
-        random_light = rng.uniform(-1, 1, (45, 20)) * reach[:, [i]]
-        assert np.max(np.abs(error @ random_light)) <= bound * (1 + 1e-5)
-    assert bound == pytest.approx(max(changes), rel=1e-5)  # products of float32
-    assert np.max(np.abs(np.subtract(after, before))) > 0
-    np.testing.assert_allclose(after, before, rtol=2**-11, atol=2**-24)  # half's rounding, and its smallest step
-
-
-@pytest.mark.parametrize("largest", [1e-3, 63.9, 64.13, 1e6])
-def test_16_bit_weights_fill_their_range_and_never_leave_it(largest: float) -> None:
-    """64.13 is just too much for a scale of 1024; in 16 bits log2(65504 / 64.13) would be rounded up to 10."""
-    dense = largest * np.array([[1.0, -0.3, 0.0], [0.5, 0.01, -1.0]])
-    packed = pack_matrices([sparse.csr_array(dense, dtype=np.float32)] * 3, (1, 2), (1, 3))
-    rounded, bound = in_half(packed, 1.0, np.zeros((3, 3), np.float32))
-    np.testing.assert_allclose(matrices(rounded)[0].toarray(), dense, rtol=2**-11)
-    assert 0 < bound <= 1.5 * largest * 2**-11
 
 
 def test_a_frame_reads_the_maps_that_it_needs(rng: np.random.Generator) -> None:
@@ -301,14 +270,6 @@ def test_a_preset_is_its_options_and_those_given_beside_it_prevail(name: str, ro
 def test_an_unknown_preset_is_one_line_that_names_the_known(tmp_path: Path) -> None:
     said = fail("build-correction-map", tmp_path, "--preset", "nice")
     assert all(name in said for name in PRESETS)
-
-
-def matrices(packed: RowMap) -> list[sparse.csr_array]:
-    rows = unpack(packed)
-    shape = rows.lengths.size, packed.source_shape[0] * packed.source_shape[1]
-    return [
-        sparse.csr_array((rows.weights[:, i].astype(float), rows.indices, rows.indptr), shape=shape) for i in range(3)
-    ]
 
 
 @pytest.mark.parametrize(

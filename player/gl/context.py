@@ -11,14 +11,17 @@ from player.errors import InputError
 
 @contextmanager
 def headless_context() -> Iterator[moderngl.Context]:
-    """A standalone OpenGL 3.3 context through EGL (a GPU, or Mesa's llvmpipe), released at the end.
+    """A standalone OpenGL 4.3 context through EGL (a GPU, or Mesa's llvmpipe), else 3.3, released at the end.
 
     Raises InputError with the fix when there is none.
     """
+    settings: dict[str, Any] = {"standalone": True, "backend": "egl"}
     try:
-        settings: dict[str, Any] = {"backend": "egl"}
-        context = moderngl.create_context(require=330, standalone=True, **settings)
-    except Exception as error:  # moderngl and glcontext raise bare Exceptions
+        try:
+            context = moderngl.create_context(require=430, **settings)
+        except Exception:  # moderngl and glcontext raise bare ones
+            context = moderngl.create_context(require=330, **settings)
+    except Exception as error:
         raise InputError(
             f"no OpenGL through EGL ({' '.join(str(error).split())}); install it with: apt-get install libegl1 libgl1, "
             "ask counterlight-doctor what is missing, or use --backend cpu"

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from player.gl.passes import Owner, Pass, ScreenPass, float_texture, integer_texture, picture_texture
-from player.gl.row_map_pass import FarPass, FarTextures, MapTextures, RowMapPass
+from player.gl.paths import FarPass, StoredMaps
 from player.maps import RefinementMaps
 from player.refinement import OVER_RELAXATION, Certificate, momentum
 
@@ -15,21 +15,20 @@ BLOCK = 16
 class Refiner:
     """Steps from a drive towards the best one, and says how far from it a drive can be.
 
-    transport, far : T, whose textures others read as well.  mask : (camera height, camera width).
+    stored : T and Tᵀ, which others read as well.  mask : (camera height, camera width).
     """
 
     def __init__(
         self,
         context: moderngl.Context,
-        transport: MapTextures,
-        far: FarTextures | None,
+        stored: StoredMaps,
         maps: RefinementMaps,
         mask: NDArray[np.bool_],
     ) -> None:
         self._owner = Owner()
         own, projector = self._owner.own, maps.dual.output_shape
         try:
-            self._slope = own(_Slope(context, transport, far, maps))
+            self._slope = own(_Slope(stored, maps))
             self._step_size = own(picture_texture(context, maps.step_size))
             uniforms = {"over_relaxation": OVER_RELAXATION}
             self._step = own(ScreenPass(context, "refinement_step.frag", uniforms=uniforms))
@@ -63,17 +62,15 @@ class Refiner:
 class _Slope:
     """b − T y and Tᵀ(b − T y), T = S + U M D."""
 
-    def __init__(
-        self, context: moderngl.Context, transport: MapTextures, far: FarTextures | None, maps: RefinementMaps
-    ) -> None:
+    def __init__(self, stored: StoredMaps, maps: RefinementMaps) -> None:
         self._owner = Owner()
-        own = self._owner.own
-        self._residual = own(RowMapPass(context, transport, "SUBTRACT_FROM_BASE"))
-        self._dual = own(RowMapPass(context, own(MapTextures(context, maps.dual))))
+        own, far = self._owner.own, stored.room.maps.far
+        self._residual = own(stored.of(stored.room.maps.transport).product("SUBTRACT_FROM_BASE"))
+        self._dual = own(stored.of(maps.dual).product())
         self._far = self._far_dual = None
         if far is not None and maps.far_dual is not None:
-            self._far = own(FarPass(context, far, "SUBTRACT_FROM_BASE"))
-            self._far_dual = own(FarPass(context, own(FarTextures(context, maps.far_dual)), "ADD_TO_BASE"))
+            self._far = own(FarPass(stored.chain(far), "SUBTRACT_FROM_BASE"))
+            self._far_dual = own(FarPass(stored.chain(maps.far_dual), "ADD_TO_BASE"))
 
     def run(self, y: moderngl.Texture, b: moderngl.Texture) -> tuple[moderngl.Texture, moderngl.Texture]:
         residual = self._residual.run(y, b)

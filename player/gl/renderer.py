@@ -12,9 +12,9 @@ from player.content import SceneCuts
 from player.gl.adaptation import Damper
 from player.gl.decoding import Decoder
 from player.gl.passes import Owner, Pass, float_texture, picture_texture
+from player.gl.paths import FarPass, Product, StoredMaps, store_maps
 from player.gl.refinement import Refiner
 from player.gl.request import Request, read
-from player.gl.row_map_pass import FarPass, FarTextures, MapTextures, RowMapPass
 from player.gl.starts import DirectStart, GreyStart, MapStart, PreviousStart, Start
 from player.gl.views import Encoder, Maps, Observer
 from player.maps import RefinementMaps
@@ -26,48 +26,53 @@ from player.video import Frame, PixelFormat
 
 
 class GlRenderer:
-    """Renderer in OpenGL 3.3; see player.renderer.Renderer. The caller owns the context."""
+    """Renderer in OpenGL 3.3, or 4.3 where it is the faster; see player.renderer.Renderer. The caller owns the context.
 
-    def __init__(self, context: moderngl.Context, room: Room) -> None:
+    path : one of player.renderer.PATHS.
+    """
+
+    def __init__(self, context: moderngl.Context, room: Room, path: str = "fragment") -> None:
         self._context, self._room = context, room
         self._owner, self._medium = Owner(), Owner()
         self._picture = NEUTRAL
         self._opened = False
         self._damper: Damper | None = None
-        self._product: RowMapPass | None = None
+        self._product: Product | None = None
         try:
-            self._build()
+            self._build(path)
         except BaseException:
             self._owner.release()
             raise
 
-    def _build(self) -> None:
+    def _build(self, path: str) -> None:
         context, room, own = self._context, self._room, self._owner.own
         maps, calibration = room.maps, room.calibration
         camera, projector = calibration.camera.shape, calibration.projector.shape
         ambient = own(picture_texture(context, calibration.ambient))
-        self._correction = own(MapTextures(context, maps.correction))
-        self._correct = own(RowMapPass(context, self._correction, "CLAMP"))
+        stored = own(store_maps(context, room, path))
+        self.path = stored.report
+        self._correction = stored.of(maps.correction)
+        self._correct = own(self._correction.product("CLAMP"))
         self._undo = None
         if maps.undo is not None:
-            self._undo = own(FarPass(context, own(FarTextures(context, maps.undo)), "SUBTRACT_FROM_BASE"))
-        transport = own(MapTextures(context, maps.transport))
-        far = None if maps.far is None else own(FarTextures(context, maps.far))
+            self._undo = own(FarPass(stored.chain(maps.undo), "SUBTRACT_FROM_BASE"))
+        transport = stored.of(maps.transport)
+        far = None if maps.far is None else stored.chain(maps.far)
         self._refiner = None
         if maps.refinement is not None:
-            self._refiner = own(Refiner(context, transport, far, maps.refinement, calibration.mask))
-            self._start = own(self._make_start(maps.refinement))
-        self._observers = [own(Observer(context, transport, far, ambient)) for _ in range(2)]
+            self._refiner = own(Refiner(context, stored, maps.refinement, calibration.mask))
+            self._start = own(self._make_start(stored, maps.refinement))
+        self._observers = [own(Observer(transport, far, ambient)) for _ in range(2)]
         self._maps = own(Maps(context, room, transport, far, ambient))
         self._request = own(Request(context, room, ambient, self._maps, self._near_light))
         self._split = own(Pass(context, "split.frag", float_texture(context, camera), line=room.white))
         self._projector_view = own(Encoder(context, projector, calibration.projector.response, 1.0, room.dither))
         self._camera_view = own(Encoder(context, camera, Response("srgb"), room.white, "none"))
 
-    def _make_start(self, maps: RefinementMaps) -> Start:
+    def _make_start(self, stored: StoredMaps, maps: RefinementMaps) -> Start:
         context, projector = self._context, self._room.calibration.projector.shape
         if self._room.start == "direct":
-            return DirectStart(context, maps)
+            return DirectStart(stored.of(maps.direct))
         if self._room.start == "grey":
             return GreyStart(context, projector)
         if self._room.start == "map":
@@ -174,7 +179,7 @@ class GlRenderer:
     def _unclamped(self, b: moderngl.Texture) -> moderngl.Texture:
         """T⁺ b of the near light."""
         if self._product is None:
-            self._product = self._owner.own(RowMapPass(self._context, self._correction))
+            self._product = self._owner.own(self._correction.product())
         return self._product.run(self._near_light(b))
 
     def _near_light(self, b: moderngl.Texture) -> moderngl.Texture:

@@ -1,9 +1,8 @@
-"""Row maps on the GPU: their textures, and the pass that multiplies with them (shaders/row_map.frag)."""
+"""Row maps in textures, and the fragment pass that multiplies with them (shaders/row_map.frag)."""
 
 import moderngl
 
 from player.gl.passes import Pass, float_texture, integer_texture
-from player.maps import FarMaps
 from player.row_map import RowMap
 
 
@@ -11,6 +10,7 @@ class MapTextures:
     """The textures of one row map; several passes may read them."""
 
     def __init__(self, context: moderngl.Context, packed: RowMap) -> None:
+        self._context = context
         self.output_shape, self.source_shape = packed.output_shape, packed.source_shape
         self.inputs = {"lookup": integer_texture(context, packed.lookup)}
         try:
@@ -20,6 +20,9 @@ class MapTextures:
         except BaseException:
             self.release()
             raise
+
+    def product(self, combine: str = "") -> "RowMapPass":
+        return RowMapPass(self._context, self, combine)
 
     def release(self) -> None:
         for texture in self.inputs.values():
@@ -47,34 +50,3 @@ class RowMapPass:
 
     def release(self) -> None:
         self._pass.release()
-
-
-class FarTextures:
-    """The textures of a far chain."""
-
-    def __init__(self, context: moderngl.Context, maps: FarMaps) -> None:
-        self.parts = [MapTextures(context, packed) for packed in (maps.gather, maps.mix, maps.scatter)]
-
-    def release(self) -> None:
-        for part in self.parts:
-            part.release()
-
-
-class FarPass:
-    """target = base ± scatter · mix · gather · source."""
-
-    def __init__(self, context: moderngl.Context, textures: FarTextures, combine: str) -> None:
-        gather, mix, scatter = textures.parts
-        self._passes = [
-            RowMapPass(context, gather),
-            RowMapPass(context, mix),
-            RowMapPass(context, scatter, combine),
-        ]
-
-    def run(self, source: moderngl.Texture, base: moderngl.Texture) -> moderngl.Texture:
-        gather, mix, scatter = self._passes
-        return scatter.run(mix.run(gather.run(source)), base)
-
-    def release(self) -> None:
-        for step in self._passes:
-            step.release()

@@ -7,8 +7,7 @@ import moderngl
 import numpy as np
 
 from player.gl.passes import Owner, Pass, float_texture, picture_texture
-from player.gl.row_map_pass import MapTextures, RowMapPass
-from player.maps import RefinementMaps
+from player.gl.paths import Product, StoredMap
 from player.refinement import GREY
 
 Correct: TypeAlias = Callable[[moderngl.Texture], moderngl.Texture]
@@ -82,13 +81,12 @@ class PreviousStart:
 class DirectStart(MapStart):
     """Direct mapping: each projector pixel asks the camera pixel that it lights most."""
 
-    def __init__(self, context: moderngl.Context, maps: RefinementMaps) -> None:
-        self._owner = Owner()
-        textures = self._owner.own(MapTextures(context, maps.direct))
-        super().__init__(self._owner.own(RowMapPass(context, textures, "CLAMP")).run)
+    def __init__(self, direct: StoredMap) -> None:
+        self._product: Product = direct.product("CLAMP")
+        super().__init__(self._product.run)
 
     def release(self) -> None:
-        self._owner.release()
+        self._product.release()
 
 
 class GreyStart(MapStart):

@@ -6,7 +6,7 @@ import moderngl
 import numpy as np
 
 from player.gl.passes import Owner, Pass, Uniform, float_texture, integer_texture, picture_texture, table_texture
-from player.gl.row_map_pass import FarPass, FarTextures, MapTextures, RowMapPass
+from player.gl.paths import Chain, FarPass, Product, StoredMap
 from player.renderer import Room
 from player.response import Response
 from player.views import (
@@ -26,15 +26,9 @@ from player.views import (
 class Observer:
     """What the camera sees of a drive: e + S p + U M D p."""
 
-    def __init__(
-        self,
-        context: moderngl.Context,
-        transport: MapTextures,
-        far: FarTextures | None,
-        ambient: moderngl.Texture,
-    ) -> None:
-        self._near = RowMapPass(context, transport, "ADD_TO_BASE")
-        self._far = None if far is None else FarPass(context, far, "ADD_TO_BASE")
+    def __init__(self, transport: StoredMap, far: Chain | None, ambient: moderngl.Texture) -> None:
+        self._near = transport.product("ADD_TO_BASE")
+        self._far = None if far is None else FarPass(far, "ADD_TO_BASE")
         self._ambient = ambient
 
     def run(self, drive: moderngl.Texture) -> moderngl.Texture:
@@ -57,8 +51,8 @@ class Maps:
         self,
         context: moderngl.Context,
         room: Room,
-        transport: MapTextures,
-        far: FarTextures | None,
+        transport: StoredMap,
+        far: Chain | None,
         ambient: moderngl.Texture,
     ) -> None:
         self._context, self._room, self._owner = context, room, Owner()
@@ -68,18 +62,18 @@ class Maps:
     @cached_property
     def reach(self) -> moderngl.Texture:
         """e + T·1, and in alpha whether a camera pixel counts."""
-        return self._full_drive(Observer(self._context, self._transport, self._far, self._ambient), self._ambient)
+        return self._full_drive(Observer(self._transport, self._far, self._ambient), self._ambient)
 
     @cached_property
     def most(self) -> moderngl.Texture:
         """S·1, the near light of full drive, and in alpha whether a camera pixel counts."""
         black = picture_texture(self._context, np.zeros((*self._camera, 3), np.float32))
         try:
-            return self._full_drive(RowMapPass(self._context, self._transport), black)
+            return self._full_drive(self._transport.product(), black)
         finally:
             black.release()
 
-    def _full_drive(self, seen_of: Observer | RowMapPass, ambient: moderngl.Texture) -> moderngl.Texture:
+    def _full_drive(self, seen_of: Observer | Product, ambient: moderngl.Texture) -> moderngl.Texture:
         context, temporary = self._context, Owner()
         reach = self._owner.own(Pass(context, "reach.frag", float_texture(context, self._camera)))
         try:

@@ -1,4 +1,4 @@
-"""The player's window: a GLFW window with an OpenGL 3.3 context, its keys, and the pass that presents a picture."""
+"""The player's window: a GLFW window with an OpenGL context, 4.3 or else 3.3, its keys, the pass that presents."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -345,10 +345,17 @@ def wait_for_events(timeout_s: float) -> None:
 
 
 def _open(shape: tuple[int, int], title: str, sharing: Any) -> Any:
+    try:
+        return _open_with((4, 3), shape, title, sharing)
+    except InputError:
+        return _open_with((3, 3), shape, title, sharing)
+
+
+def _open_with(version: tuple[int, int], shape: tuple[int, int], title: str, sharing: Any) -> Any:
     height, width = shape
     hints = {
-        glfw.CONTEXT_VERSION_MAJOR: 3,
-        glfw.CONTEXT_VERSION_MINOR: 3,
+        glfw.CONTEXT_VERSION_MAJOR: version[0],
+        glfw.CONTEXT_VERSION_MINOR: version[1],
         glfw.OPENGL_PROFILE: glfw.OPENGL_CORE_PROFILE,
         glfw.OPENGL_FORWARD_COMPAT: True,
         glfw.VISIBLE: False,  # until it stands where it belongs

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from player.errors import InputError
 from player.maps import RoomMaps
 from player.refinement import DEFAULT_STEPS
-from player.row_map import RowMap, unpack
+from player.short_map import in_half
 from tools.inverse.inverse import InverseOptions
 from tools.inverse.method import LARGEST_DENSE
 from tools.solve.box import projected_gradient
@@ -27,7 +27,6 @@ from tools.study.rooms import StudyRoom, Task, processor_seconds
 
 FloatArray = NDArray[np.float64]
 FLOAT32_ENTRY, HALF_ENTRY = 16, 10  # bytes: three weights of 4 or 2 and an index of 4
-LARGEST_HALF = float(np.finfo(np.float16).max)  # as a float16, quotients and logarithms with it would be rounded, too
 NNLS_STEPS = 200  # where clusters are too large to pivot; only drives far above 1, clamped anyway, need more
 STEPS = (1, 2, 4, 8, 16, 32, 64)
 DIRECT_STEPS = (4, 16, 64)
@@ -119,8 +118,8 @@ class Direct:
 class Map:
     """The correction map of build-correction-map, then steps of refinement by the player.
 
-    start : where refinement begins.  half : weights rounded to 16 bits, which the player does not offer: its cost in
-    accuracy is measured by rounding, its size computed.
+    start : where refinement begins.  half : weights rounded to 16 bits; the cost in accuracy is measured by rounding,
+    the size computed. The player does so by compute shaders where the bound stays within --max-error.
     """
 
     family: str
@@ -221,25 +220,6 @@ def uncut_knobs() -> list[Method]:
 def largest_block(system: LinearSystem) -> int:
     """Camera times projector pixels of the largest cluster."""
     return int((system.clusters.camera_sizes * system.clusters.projector_sizes).max(initial=0))
-
-
-def in_half(packed: RowMap, white: float, ambient: NDArray[np.float32]) -> tuple[RowMap, float]:
-    """The map with weights of 16 bits, scaled by a power of two into their range, and the certified change of a drive.
-
-    δ_i = Σ_j |T⁺_ij − half(T⁺_ij)| u_j, u = max(white, e), is the largest change of a desired light within u.
-    ambient : e, (source pixels, 3).
-    """
-    weights = packed.entries[..., :3]
-    largest = max(float(np.abs(weights).max()), 1e-30)
-    scale = np.float32(2.0 ** np.floor(np.log2(LARGEST_HALF / largest)))
-    entries = packed.entries.copy()
-    entries[..., :3] = (weights * scale).astype(np.float16).astype(np.float32) / scale
-    rounded = replace(packed, entries=entries)
-    rows = unpack(replace(packed, entries=np.concatenate([np.abs(entries[..., :3] - weights), entries[..., 3:]], -1)))
-    reach = np.maximum(white, ambient)[rows.indices]
-    owner = np.repeat(np.arange(rows.lengths.size), rows.lengths)
-    change = [np.bincount(owner, rows.weights[:, i] * reach[:, i], rows.lengths.size) for i in range(3)]
-    return rounded, float(np.max(change))
 
 
 def frame_bytes(maps: RoomMaps, steps: int, start: str) -> int:

@@ -1,0 +1,162 @@
+"""The two ways to multiply with a room's maps on the GPU, and which of them is the faster here.
+
+fragment : shaders/row_map.frag, everywhere.  compute : shaders/row_map.comp, OpenGL 4.3.
+"""
+
+import time
+from collections.abc import Iterable
+from typing import Protocol, TypeAlias
+
+import moderngl
+import numpy as np
+
+from player.errors import InputError
+from player.gl.compute_pass import MapBuffers, supports_compute
+from player.gl.passes import Owner, float_texture
+from player.gl.row_map_pass import MapTextures
+from player.maps import FarMaps
+from player.renderer import LONG_BYTES, SHORT_BYTES, PathReport, Room
+from player.row_map import RowMap
+from player.short_map import rounding_of
+from player.sliced_map import spans_fit
+
+WARM_UP, FRAMES = 1, 5
+
+
+class Product(Protocol):
+    """target = Σ weights · source, combined with a base as asked for."""
+
+    def run(self, source: moderngl.Texture, base: moderngl.Texture | None = None) -> moderngl.Texture: ...
+
+    def release(self) -> None: ...
+
+
+class StoredMap(Protocol):
+    """A row map on the GPU; several products may read it."""
+
+    @property
+    def output_shape(self) -> tuple[int, int]: ...
+
+    @property
+    def source_shape(self) -> tuple[int, int]: ...
+
+    def product(self, combine: str = "") -> Product:
+        """combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE" or "CLAMP"."""
+
+    def release(self) -> None: ...
+
+
+Chain: TypeAlias = tuple[StoredMap, StoredMap, StoredMap]
+
+
+class StoredMaps:
+    """Puts a room's maps on the GPU for one of the paths, each when first asked for, and holds them.
+
+    scale : of 16-bit weights for the correction map, None for 32-bit ones (player/short_map.py).
+    """
+
+    def __init__(self, context: moderngl.Context, room: Room, path: str, scale: np.float32 | None = None) -> None:
+        self._context, self._path, self._owner = context, path, Owner()
+        self._short = {} if scale is None else {id(room.maps.correction): scale}
+        self._stored: dict[int, StoredMap] = {}
+        self.room, self.report = room, PathReport(path, LONG_BYTES if scale is None else SHORT_BYTES)
+
+    def of(self, packed: RowMap) -> StoredMap:
+        if id(packed) not in self._stored:
+            self._stored[id(packed)] = self._owner.own(self._store(packed))
+        return self._stored[id(packed)]
+
+    def chain(self, maps: FarMaps) -> Chain:
+        return self.of(maps.gather), self.of(maps.mix), self.of(maps.scatter)
+
+    def release(self) -> None:
+        self._owner.release()
+
+    def _store(self, packed: RowMap) -> StoredMap:
+        if self._path == "compute":
+            return MapBuffers(self._context, packed, self._short.get(id(packed)))
+        return MapTextures(self._context, packed)
+
+
+class FarPass:
+    """target = base ± scatter · mix · gather · source."""
+
+    def __init__(self, chain: Chain, combine: str) -> None:
+        gather, mix, scatter = chain
+        self._products = gather.product(), mix.product(), scatter.product(combine)
+
+    def run(self, source: moderngl.Texture, base: moderngl.Texture) -> moderngl.Texture:
+        gather, mix, scatter = self._products
+        return scatter.run(mix.run(gather.run(source)), base)
+
+    def release(self) -> None:
+        for product in self._products:
+            product.release()
+
+
+def store_maps(context: moderngl.Context, room: Room, path: str) -> StoredMaps:
+    """A room's maps on the path asked for; "auto" measures both and keeps the faster.
+
+    Raises InputError if "compute" is asked for and this OpenGL has none; "auto" then takes fragments.
+    """
+    if path == "fragment" or (path == "auto" and not supports_compute(context)):
+        return StoredMaps(context, room, "fragment")
+    if not supports_compute(context):
+        raise InputError(
+            f"--path compute: needs OpenGL 4.3, found {context.info['GL_VERSION']}; use --path fragment or auto"
+        )
+    compute = StoredMaps(context, room, "compute", short_scale(room))
+    return _faster(context, room, compute) if path == "auto" else compute
+
+
+def short_scale(room: Room) -> np.float32 | None:
+    """For entries of 8 bytes; None if the correction map's bound or its rows' extent do not allow them."""
+    rounding = rounding_of(room.maps, room.white, room.calibration.ambient)
+    certified = rounding is not None and rounding.certified and spans_fit(room.maps.correction)
+    return rounding.scale if rounding is not None and certified else None
+
+
+def _faster(context: moderngl.Context, room: Room, compute: StoredMaps) -> StoredMaps:
+    """Fragments or `compute`, whichever takes less time for a frame's products; the other is released."""
+    fragment = StoredMaps(context, room, "fragment")
+    try:
+        fragment_ms = products_ms(context, fragment)
+        try:
+            compute_ms = products_ms(context, compute)
+        except InputError:  # no memory for both
+            compute_ms = float("inf")
+    except BaseException:
+        fragment.release()
+        compute.release()
+        raise
+    kept, other = (compute, fragment) if compute_ms < fragment_ms else (fragment, compute)
+    other.release()
+    kept.report = PathReport(kept.report.name, kept.report.entry_bytes, fragment_ms, compute_ms)
+    return kept
+
+
+def products_ms(context: moderngl.Context, stored: StoredMaps) -> float:
+    """Milliseconds of the products with T⁺ and, where the room can be refined, with T and Tᵀ; medians of a few."""
+    maps = stored.room.maps
+    measured = [maps.correction, *([] if maps.refinement is None else [maps.transport, maps.refinement.dual])]
+    return sum(_product_ms(context, each) for each in map(stored.of, measured))
+
+
+def _product_ms(context: moderngl.Context, stored: StoredMap) -> float:
+    owner = Owner()
+    try:
+        product = owner.own(stored.product())
+        grey = np.full((*stored.source_shape, 4), 0.5, np.float32)
+        source = owner.own(float_texture(context, stored.source_shape, grey))
+        return 1000 * float(np.median(list(_frame_seconds(context, product, source))[WARM_UP:]))
+    finally:
+        owner.release()
+
+
+def _frame_seconds(context: moderngl.Context, product: Product, source: moderngl.Texture) -> Iterable[float]:
+    for _ in range(WARM_UP + FRAMES):
+        context.finish()
+        start = time.perf_counter()
+        product.run(source)
+        context.finish()
+        yield time.perf_counter() - start

@@ -1,0 +1,287 @@
+"""Both paths of the row-map product against the CPU twin: products, whole frames, the choice between them."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import moderngl
+import numpy as np
+import pytest
+
+from player.cpu_renderer import CpuRenderer
+from player.errors import InputError
+from player.gl import compute_pass, paths
+from player.gl.compute_pass import MapBuffers, supports_compute
+from player.gl.passes import Owner, picture_texture
+from player.gl.paths import StoredMap, short_scale, store_maps
+from player.gl.renderer import GlRenderer
+from player.gl.row_map_pass import MapTextures
+from player.reference import PreparedRows
+from player.refinement import STARTS
+from player.renderer import Room
+from player.row_map import RowMap, SparseRows, pack
+from player.short_map import half_scale, in_half, rounding_of
+from player.video import Frame
+from tests.refined_rooms import physical_room
+from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_map, random_room, yuv_frame
+
+ATOL = 1e-5  # the issue's bound; float32 sums of at most 20 terms of size 3 are far below
+PATHS = ("fragment", "compute")
+COMBINES = ("", "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "CLAMP")
+
+
+def read(texture: moderngl.Texture) -> np.ndarray:
+    return np.frombuffer(texture.read(), np.float32).reshape(texture.height, texture.width, 4)[..., :3]
+
+
+def store(context: moderngl.Context, packed: RowMap, path: str) -> StoredMap:
+    return MapTextures(context, packed) if path == "fragment" else MapBuffers(context, packed)
+
+
+def multiply(
+    context: moderngl.Context, stored: StoredMap, picture: np.ndarray, base: np.ndarray | None = None, combine: str = ""
+) -> np.ndarray:
+    """One product; gives back what it took, `stored` as well."""
+    owner = Owner()
+    product = owner.own(stored.product(combine))
+    inputs = [owner.own(picture_texture(context, each)) for each in (picture, base) if each is not None]
+    result = read(product.run(*inputs)).copy()
+    owner.release()
+    stored.release()
+    return result
+
+
+def combined(product: np.ndarray, base: np.ndarray, combine: str) -> np.ndarray:
+    sums = {"ADD_TO_BASE": base + product, "SUBTRACT_FROM_BASE": base - product, "CLAMP": np.clip(product, 0, 1)}
+    return sums.get(combine, product)
+
+
+def test_there_are_compute_shaders_here(gl_context: moderngl.Context) -> None:
+    """Else the tests below would show nothing: Mesa has had them for years."""
+    assert supports_compute(gl_context)
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("combine", COMBINES)
+@pytest.mark.parametrize(("output", "source"), [((7, 13), (11, 17)), ((19, 3), (2, 31)), ((1, 6), (41, 17))])
+@pytest.mark.parametrize("longest", [1, 20, 300])
+def test_a_product_equals_its_twin(
+    gl_context: moderngl.Context,
+    rng: np.random.Generator,
+    path: str,
+    combine: str,
+    output: tuple[int, int],
+    source: tuple[int, int],
+    longest: int,
+) -> None:
+    """Rows of 0 to `longest` entries; 300 make several invocations share a row."""
+    packed = random_map(rng, output, source, longest, scale=min(1, 20 / longest))
+    assert packed.lookup[..., 2].min() < 0.2 * longest
+    picture = rng.uniform(-1, 1, (*source, 3)).astype(np.float32)
+    base = rng.uniform(-1, 1, (*output, 3)).astype(np.float32)
+    stored = store(gl_context, packed, path)
+    result = multiply(gl_context, stored, picture, base if "BASE" in combine else None, combine)
+    expected = combined(PreparedRows(packed).apply(picture), base, combine)
+    np.testing.assert_allclose(result, expected, atol=ATOL)
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_empty_rows_give_the_base_and_no_row_reads_another_pixel(gl_context: moderngl.Context, path: str) -> None:
+    """The source is infinite wherever no row reads; a padded entry that read it would give NaN."""
+    lengths = np.tile([0, 1, 0, 17, 3], 30)
+    indptr = np.concatenate([[0], np.cumsum(lengths)])
+    indices = np.arange(indptr[-1]) % 40 + 60
+    packed = pack(SparseRows(indptr, indices, np.ones((indptr[-1], 3), np.float32)), (10, 15), (9, 20))
+    picture = np.full((9, 20, 3), np.inf, np.float32)
+    picture.reshape(-1, 3)[60:100] = 0.5
+    base = np.full((10, 15, 3), 2.0, np.float32)
+    result = multiply(gl_context, store(gl_context, packed, path), picture, base, "ADD_TO_BASE")
+    np.testing.assert_array_equal(result, np.broadcast_to((2 + lengths / 2).reshape(10, 15, 1), result.shape))
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_a_map_without_entries_gives_black(gl_context: moderngl.Context, path: str) -> None:
+    empty = SparseRows(np.zeros(7, np.int64), np.zeros(0, np.int64), np.zeros((0, 3), np.float32))
+    stored = store(gl_context, pack(empty, (2, 3), (4, 5)), path)
+    assert not multiply(gl_context, stored, np.ones((4, 5, 3), np.float32)).any()
+
+
+@pytest.mark.parametrize("combine", COMBINES)
+@pytest.mark.parametrize("longest", [20, 300])
+def test_entries_of_8_bytes_stay_within_their_bound(
+    gl_context: moderngl.Context, rng: np.random.Generator, combine: str, longest: int
+) -> None:
+    """Against the map as it was, the certified change; against the rounded map, float32 alone."""
+    packed, ambient = random_map(rng, PROJECTOR, CAMERA, longest, 3.0), np.zeros((CAMERA[0] * CAMERA[1], 3), np.float32)
+    rounded, bound = in_half(packed, 1.0, ambient)
+    picture = rng.uniform(-1, 1, (*CAMERA, 3)).astype(np.float32)
+    base = rng.uniform(-1, 1, (*PROJECTOR, 3)).astype(np.float32)
+    stored = MapBuffers(gl_context, packed, half_scale(packed))
+    result = multiply(gl_context, stored, picture, base if "BASE" in combine else None, combine)
+    expected = combined(PreparedRows(packed).apply(picture), base, combine)
+    assert 10 * ATOL < np.abs(result - expected).max() <= bound
+    expected = combined(PreparedRows(rounded).apply(picture), base, combine)
+    np.testing.assert_allclose(result, expected, rtol=1e-5, atol=2e-4 if longest > 20 else 2e-5)  # weights up to 12
+
+
+def test_a_map_in_several_buffers_is_one_map(
+    gl_context: moderngl.Context, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    packed = random_map(rng, (40, 50), CAMERA, 30)
+    picture = rng.uniform(-1, 1, (*CAMERA, 3)).astype(np.float32)
+    monkeypatch.setattr(compute_pass, "PART_BYTES", 100_000)
+    stored = MapBuffers(gl_context, packed)
+    assert len(stored.parts) > 3
+    np.testing.assert_allclose(multiply(gl_context, stored, picture), PreparedRows(packed).apply(picture), atol=ATOL)
+
+
+def test_a_source_beyond_what_a_float_counts_is_read_at_its_corners(gl_context: moderngl.Context) -> None:
+    source = (4097, 4096)
+    last = source[0] * source[1] - 1
+    indices = np.array([0, 4095, 4096, last - 4096, last - 1, last])
+    packed = pack(SparseRows(np.arange(7), indices, np.ones((6, 3), np.float32)), (1, 6), source)
+    assert packed.index is not None
+    picture = np.zeros((*source, 3), np.float32)
+    picture[..., 0], picture[..., 1] = np.arange(source[1]), np.arange(source[0])[:, None]
+    result = multiply(gl_context, MapBuffers(gl_context, packed), picture)[0]
+    np.testing.assert_array_equal(result[:, :2], np.stack([indices % 4096, indices // 4096], axis=1))
+
+
+@contextmanager
+def on_path(context: moderngl.Context, room: Room, frame: Frame, path: str) -> Iterator[tuple[GlRenderer, CpuRenderer]]:
+    renderers = GlRenderer(context, room, path), CpuRenderer(room)
+    try:
+        for renderer in renderers:
+            renderer.open(frame.format)
+            renderer.upload(frame)
+        yield renderers
+    finally:
+        renderers[0].release()
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("far", [False, True])
+@pytest.mark.parametrize("start", STARTS)
+def test_refined_drives_equal_their_twin(
+    gl_context: moderngl.Context, rng: np.random.Generator, path: str, far: bool, start: str
+) -> None:
+    room = physical_room(rng, far=far, start=start).room
+    frame = radiance_frame(rng.choice([0.02, 0.3, 0.9], (*CAMERA, 3)).astype(np.float32))
+    for steps in (0, 1, 5, 50):
+        with on_path(gl_context, room, frame, path) as (gl, cpu):
+            for renderer in (gl, cpu):
+                renderer.render("projector", compensate=True, steps=steps)
+            np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=ATOL)
+            found, expected = gl.certificate(), cpu.certificate()
+            assert found is not None
+            assert expected is not None
+            np.testing.assert_allclose(found.squared_error, expected.squared_error, rtol=1e-4)  # float32
+            assert gl.path.to_dict() == {"name": path, "entry_bytes": 16}
+
+
+@pytest.mark.parametrize("view", ["projector", "camera", "split", "error", "impossible"])
+def test_every_view_by_compute_shaders_equals_its_twin(
+    gl_context: moderngl.Context, rng: np.random.Generator, view: str
+) -> None:
+    with on_path(gl_context, random_room(rng, far=True), yuv_frame(rng, (9, 15)), "compute") as (gl, cpu):
+        for renderer in (gl, cpu):
+            renderer.render(view, compensate=True)
+        tolerance = 100 * ATOL if view == "error" else 2 * ATOL  # its colours magnify; else two row maps in sequence
+        np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=tolerance)
+
+
+def certified_room(rng: np.random.Generator, max_error_codes: float) -> Room:
+    """Rows short enough for a bound of about half a code value, of which a tenth is taken."""
+    room = random_room(rng, far=True)
+    details = {"options": {"max_error_codes": max_error_codes}, "certified": {"truncation_drive": 0.1 / 255}}
+    return replace(room, maps=replace(room.maps, details=details))
+
+
+@pytest.mark.parametrize(("max_error_codes", "entry_bytes"), [(4.0, 8), (0.01, 16)])
+def test_weights_have_16_bits_where_the_bound_allows_it(
+    gl_context: moderngl.Context, rng: np.random.Generator, max_error_codes: float, entry_bytes: int
+) -> None:
+    room = certified_room(rng, max_error_codes)
+    desired = rng.uniform(0, 0.6, (*CAMERA, 3)).astype(np.float32)
+    with on_path(gl_context, room, radiance_frame(desired), "compute") as (gl, cpu):
+        for renderer in (gl, cpu):
+            renderer.render("projector", compensate=True)
+        difference = np.abs(gl.linear() - cpu.linear()).max()
+        assert gl.path.entry_bytes == entry_bytes
+    rounding = rounding_of(room.maps, room.white, room.calibration.ambient)
+    assert rounding is not None
+    assert rounding.certified == (entry_bytes == 8)
+    if entry_bytes == 8:
+        assert ATOL < difference <= rounding.change <= max_error_codes / 255
+    else:
+        assert difference <= ATOL
+
+
+def test_rows_that_reach_too_far_keep_16_bytes(rng: np.random.Generator) -> None:
+    room = certified_room(rng, 4.0)
+    assert short_scale(room) is not None
+    wide = pack(SparseRows(np.array([0, 2]), np.array([0, 256]), np.ones((2, 3), np.float32)), (1, 1), (1, 257))
+    ambient = np.zeros((1, 257, 3), np.float32)
+    far_apart = replace(
+        room,
+        maps=replace(room.maps, correction=wide),
+        calibration=replace(
+            room.calibration,
+            ambient=ambient,
+            camera=replace(room.calibration.camera, height=1, width=257),
+            mask=np.ones((1, 257), bool),
+        ),
+    )
+    assert short_scale(far_apart) is None
+
+
+@pytest.mark.parametrize(("slower", "kept"), [("fragment", "compute"), ("compute", "fragment")])
+def test_auto_keeps_the_faster(
+    gl_context: moderngl.Context,
+    rng: np.random.Generator,
+    monkeypatch: pytest.MonkeyPatch,
+    slower: str,
+    kept: str,
+) -> None:
+    """The measurement decides: it is real, and for one path twice as long as any frame here could take."""
+    measure = paths.products_ms
+    monkeypatch.setattr(
+        paths, "products_ms", lambda context, stored: measure(context, stored) + 1e6 * (stored.report.name == slower)
+    )
+    stored = store_maps(gl_context, physical_room(rng).room, "auto")
+    stored.release()
+    assert stored.report.name == kept
+    report = stored.report.to_dict()
+    assert report[f"{slower}_ms"] > 1e6
+    assert 0 < report[f"{kept}_ms"] < 1e6
+
+
+def test_auto_measures_and_renders_the_same(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+    room = physical_room(rng).room
+    frame = radiance_frame(rng.choice([0.02, 0.3, 0.9], (*CAMERA, 3)).astype(np.float32))
+    with on_path(gl_context, room, frame, "auto") as (gl, cpu):
+        for renderer in (gl, cpu):
+            renderer.render("camera", compensate=True, steps=3)
+        np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=2 * ATOL)
+        measured = gl.path.fragment_ms, gl.path.compute_ms
+    assert all(ms is not None and ms > 0 for ms in measured)
+    assert gl.path.name == PATHS[int(np.argmin(np.array(measured, float)))]
+
+
+class OldContext:
+    """A context that says it is OpenGL 3.3."""
+
+    version_code = 330
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context = context
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._context, name)
+
+
+def test_without_opengl_4_3_there_are_fragments(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+    room, old = random_room(rng, far=False), OldContext(gl_context)
+    assert store_maps(old, room, "auto").report.to_dict() == {"name": "fragment", "entry_bytes": 16}  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"--path compute: needs OpenGL 4\.3, found .*; use --path fragment or auto"):
+        store_maps(old, room, "compute")  # type: ignore[arg-type]

@@ -1,0 +1,101 @@
+"""The order of a map in buffers: nothing lost, rows of one length together, pieces within their size."""
+
+import numpy as np
+import pytest
+
+from player.row_map import RowMap, SparseRows, pack, unpack
+from player.short_map import half_scale, in_half
+from player.sliced_map import GROUP, NO_PIXEL, SHORT_SPAN, Part, lanes_of, parts, row_order, spans_fit
+from tests.rooms import random_map
+
+OUTPUT, SOURCE = (19, 23), (31, 40)
+
+
+def unsliced(found: list[Part], lanes: int, scale: np.float32 | None) -> dict[tuple[int, int], list[tuple[float, ...]]]:
+    """Output pixel -> its (x, y, w_R, w_G, w_B), read entry by entry as the shader does."""
+    result: dict[tuple[int, int], list[tuple[float, ...]]] = {}
+    for part in found:
+        for pixel, corner, length, first in part.rows.tolist():
+            if pixel == NO_PIXEL:
+                assert length == 0
+                continue
+            at = pixel & 0xFFFF, pixel >> 16
+            assert at not in result
+            result[at] = []
+            for k in range(length):
+                entry = part.entries[first + k // lanes * GROUP + k % lanes]
+                result[at].append(long_entry(entry) if scale is None else short_entry(entry, corner, scale))
+    return result
+
+
+def long_entry(entry: np.ndarray) -> tuple[float, ...]:
+    return int(entry[3]) & 0xFFFF, int(entry[3]) >> 16, *entry[:3].view(np.float32).tolist()
+
+
+def short_entry(entry: np.ndarray, corner: int, scale: np.float32) -> tuple[float, ...]:
+    halves = entry.view(np.uint16)[:3].view(np.float16).astype(np.float32) / scale
+    offset = int(entry[1]) >> 16
+    return (corner & 0xFFFF) + (offset & 0xFF), (corner >> 16) + (offset >> 8), *halves.tolist()
+
+
+def expected(packed: RowMap) -> dict[tuple[int, int], list[tuple[float, ...]]]:
+    rows, width = unpack(packed), packed.output_shape[1]
+    result = {}
+    for i, (start, stop) in enumerate(zip(rows.indptr, rows.indptr[1:], strict=False)):
+        y, x = np.divmod(rows.indices[start:stop], packed.source_shape[1])
+        columns = [x.tolist(), y.tolist(), *(rows.weights[start:stop, j].tolist() for j in range(3))]
+        result[i % width, i // width] = list(zip(*columns, strict=True))
+    return result
+
+
+@pytest.mark.parametrize("short", [False, True])
+@pytest.mark.parametrize("lanes", [1, 4, 64])
+@pytest.mark.parametrize("most_bytes", [1, 40_000, 1 << 30])
+def test_every_entry_is_there_once(rng: np.random.Generator, short: bool, lanes: int, most_bytes: int) -> None:
+    packed = random_map(rng, OUTPUT, SOURCE, 90)
+    scale = half_scale(packed) if short else None
+    found = list(parts(packed, lanes, most_bytes, scale))
+    plain = in_half(packed, 1.0, np.zeros((SOURCE[0] * SOURCE[1], 3), np.float32))[0] if short else packed
+    assert unsliced(found, lanes, scale) == expected(plain)
+    assert all(len(part.rows) * lanes % GROUP == 0 for part in found)
+    largest = -(-90 // lanes) * GROUP * (8 if short else 16)
+    assert max(part.entries.nbytes for part in found) <= max(most_bytes, largest)
+
+
+def test_an_empty_map_has_rows_and_no_entries() -> None:
+    empty = SparseRows(np.zeros(7, np.int64), np.zeros(0, np.int64), np.zeros((0, 3), np.float32))
+    packed = pack(empty, (2, 3), SOURCE)
+    (part,) = parts(packed, lanes_of(packed), 1 << 20, half_scale(packed))
+    assert spans_fit(packed)
+    assert part.entries.shape == (0, 2)
+    assert (part.rows[:, 0] != NO_PIXEL).sum() == 6
+
+
+def test_a_workgroups_rows_are_about_equally_long(rng: np.random.Generator) -> None:
+    """Within a bin the longest is 2^(1/8) of the shortest at most: padding below a tenth, but where two bins meet."""
+    lengths = rng.integers(0, 400, 128 * 128)
+    ordered = lengths[row_order(lengths, (128, 128))]
+    groups = ordered.reshape(-1, GROUP)
+    assert groups.max(axis=1).sum() * GROUP < 1.1 * lengths.sum()
+    assert np.mean(groups.max(axis=1) <= np.maximum(groups.min(axis=1), 1) * 2**0.125 + 1) > 0.8
+    assert sorted(row_order(lengths, (128, 128))) == list(range(128 * 128))
+
+
+def test_rows_of_one_length_go_tile_by_tile() -> None:
+    y, x = np.divmod(row_order(np.full(24 * 40, 9), (24, 40)), 40)
+    for group in np.stack([y, x], axis=1).reshape(-1, GROUP, 2):
+        assert (np.ptp(group, axis=0) == 7).all()
+
+
+@pytest.mark.parametrize(("span", "fits"), [(SHORT_SPAN, True), (SHORT_SPAN + 1, False)])
+@pytest.mark.parametrize("down", [False, True])
+def test_offsets_of_8_bits_reach_that_far(span: int, fits: bool, down: bool) -> None:
+    source, last = (300, 300), (span - 1) * (300 if down else 1)
+    rows = SparseRows(np.array([0, 0, 2, 3]), np.array([5, 5 + last, 299]), np.ones((3, 3), np.float32))
+    assert spans_fit(pack(rows, (1, 3), source)) == fits
+
+
+def test_few_long_rows_are_shared(rng: np.random.Generator) -> None:
+    assert lanes_of(random_map(rng, (300, 400), (50, 50), 30)) == 1
+    assert lanes_of(random_map(rng, (1, 6), (50, 50), 2000)) == GROUP
+    assert lanes_of(random_map(rng, (1, 6), (50, 50), 2)) == 1
