@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from player.renderer import LONG_BYTES, SHORT_BYTES
 from player.row_map import RowMap, UintArray
 from player.short_map import to_half
 
@@ -64,8 +63,8 @@ def spans_fit(packed: RowMap) -> bool:
     )
 
 
-def parts(packed: RowMap, lanes: int, most_bytes: int, scale: np.float32 | None = None) -> Iterator[Part]:
-    """The map in pieces whose entries take at most `most_bytes`.
+def parts(packed: RowMap, lanes: int, most_entries: int, scale: np.float32 | None = None) -> Iterator[Part]:
+    """The map in pieces of at most `most_entries`, padding included; one workgroup is always whole.
 
     scale : makes short entries of 16-bit weights, multiplied by it; `spans_fit` must hold.
     """
@@ -75,8 +74,7 @@ def parts(packed: RowMap, lanes: int, most_bytes: int, scale: np.float32 | None 
     padded = np.concatenate([order, np.full(-order.size % a_group, -1)]).reshape(-1, a_group)
     longest = np.where(padded >= 0, lengths[padded], 0).max(axis=1)
     sizes = -(-longest // lanes) * GROUP
-    most = max(most_bytes // (LONG_BYTES if scale is None else SHORT_BYTES), int(sizes.max()))
-    for groups in _cut(sizes, most):
+    for groups in _cut(sizes, max(most_entries, int(sizes.max()))):
         yield _part(packed, padded[groups], sizes[groups], lanes, scale, (shape[1], starts, lengths))
 
 

@@ -1,10 +1,12 @@
-"""What a frame costs: the shader beside scipy's product of the same map, and whole frames through both backends.
+"""What a frame costs: the row-map product on every path beside scipy's and Numba's, and whole frames on both backends.
 
-Room: projector 512x384, camera 640x480, 16 or 64 entries a projector pixel around its place in the camera's view.
+Room: projector 512x384, camera 640x480, 16 or 64 entries a projector pixel around its place in the camera's view; where
+there is a GPU, 1920x1080 for both, too.
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import moderngl
@@ -13,42 +15,81 @@ from scipy import sparse
 
 from player.calibration import Calibration, Device
 from player.cpu_renderer import CpuRenderer
+from player.gl.compute_pass import MapBuffers, supports_compute
 from player.gl.context import headless_context
-from player.gl.passes import float_texture
+from player.gl.passes import picture_texture
+from player.gl.paths import StoredMap
 from player.gl.renderer import GlRenderer
-from player.gl.row_map_pass import MapTextures, RowMapPass
-from player.maps import RoomMaps
+from player.gl.row_map_pass import MapTextures
+from player.maps import RefinementMaps, RoomMaps
+from player.reference import PreparedRows
 from player.renderer import Room
 from player.response import Response
 from player.row_map import RowMap, SparseRows, pack, unpack
+from player.short_map import half_scale
 from player.video import MediaReader
 from tests.bench_rows import REPEATS, WARM_UP, median_ms
+from tests.rooms import radiance_frame
 
 CLIP = Path(__file__).resolve().parents[1] / "calib_data" / "media" / "big_buck_bunny.mp4"
 PROJECTOR, CAMERA = (384, 512), (480, 640)
+FULL_HD = (1080, 1920)
+REFINED_ENTRIES, STEPS = 25, 8
 FRAME_TIMEOUT_S = 60.0
+SOFTWARE = ("llvmpipe", "softpipe", "swrast")
+COPY_BYTES = 1 << 28
+MB = 1e6
+
+
+@dataclass(frozen=True)
+class Contender:
+    """milliseconds : of a frame's product.  megabytes : that it must move, each byte of map and pictures once."""
+
+    name: str
+    milliseconds: float
+    megabytes: float
+
+    def row(self, bandwidth: float, scipy_ms: float | None) -> str:
+        """bandwidth : bytes a second of a copy, read and written, where this ran."""
+        share = self.megabytes * MB / bandwidth / (self.milliseconds / 1000)
+        beside = "" if scipy_ms is None else f"{scipy_ms / self.milliseconds:8.2f}"
+        return f"  {self.name:<28}{self.milliseconds:8.2f}{beside}{self.megabytes:8.1f}{share:8.0%}"
 
 
 def shader() -> Iterator[str]:
-    """One row map pass, beside scipy's CSR product of the three channels."""
+    """The row-map product of three channels on every path, beside scipy and Numba; bytes moved, share of a copy's speed."""
     rng = np.random.default_rng(1)
-    picture = rng.uniform(size=(*CAMERA, 3)).astype(np.float32)
     with headless_context() as context:
-        yield f"{context.info['GL_RENDERER']}, milliseconds"
+        software, host = is_software(context), host_copy_bandwidth()
+        device = host if software else device_copy_bandwidth(context)
+        yield f"{context.info['GL_RENDERER']}; a copy reads and writes {host / 1e9:.1f} GB/s on all cores" + (
+            "" if software else f", {device / 1e9:.0f} GB/s on the GPU"
+        )
         for side in (4, 8):
-            correction = local_map(PROJECTOR, CAMERA, side, rng)
-            ours, csr = shader_ms(context, correction, picture), scipy_ms(correction, picture)
-            yield f"{side**2:3} entries: shader {ours:.1f}, scipy CSR x3 {csr:.1f}, scipy/shader {csr / ours:.2f}"
+            yield from table(context, local_map(PROJECTOR, CAMERA, side, rng), (device, host))
+        if software:
+            yield "1920x1080, 64 entries: left out, no GPU here (OpenGL runs on the CPU)"
+        else:
+            yield from table(context, local_map(FULL_HD, FULL_HD, 8, rng), (device, host), baseline=False)
+
+
+def refined() -> Iterator[str]:
+    """Eight steps of refinement, maps of 25 entries a pixel, on both paths."""
+    rng = np.random.default_rng(1)
+    with headless_context() as context:
+        yield context.info["GL_RENDERER"]
+        yield refined_line(context, PROJECTOR, CAMERA, rng)
+        if is_software(context):
+            yield "1920x1080: left out, no GPU here (OpenGL runs on the CPU)"
+        else:
+            yield refined_line(context, FULL_HD, FULL_HD, rng)
 
 
 def frames() -> Iterator[str]:
     """A real 720p clip through both backends."""
     rng = np.random.default_rng(1)
-    device = Device(*PROJECTOR, Response("srgb"))
-    black = np.zeros((*CAMERA, 3), np.float32)
-    calibration = Calibration("bench", "", (device,), Device(*CAMERA, Response("linear")), black, np.ones(CAMERA, bool))
     maps = RoomMaps(local_map(PROJECTOR, CAMERA, 4, rng), local_map(CAMERA, PROJECTOR, 2, rng), None, None, 0.5)
-    room = Room(calibration, maps, 0.5)
+    room = bench_room(maps, PROJECTOR, CAMERA)
     with headless_context() as context:
         for name, renderer in (("gl", GlRenderer(context, room)), ("cpu", CpuRenderer(room))):
             with MediaReader.open(CLIP, loop=True) as reader:
@@ -58,6 +99,142 @@ def frames() -> Iterator[str]:
             yield f"whole frame, 720p H.264, {name}: " + ", ".join(f"{stage} {ms:.1f}" for stage, ms in stages.items())
 
 
+def table(
+    context: moderngl.Context, packed: RowMap, bandwidths: tuple[float, float], *, baseline: bool = True
+) -> Iterator[str]:
+    """Every contender with one map.  bandwidths : bytes a second of a copy where OpenGL runs, and on the CPU.
+
+    baseline : with scipy and Numba, which take seconds for a large map.
+    """
+    rng = np.random.default_rng(2)
+    picture = rng.uniform(size=(*packed.source_shape, 3)).astype(np.float32)
+    height, width = packed.output_shape
+    yield (
+        f"{width}x{height} from {packed.source_shape[1]}x{packed.source_shape[0]}, "
+        f"{packed.count / (height * width):.0f} entries:"
+    )
+    yield f"  {'':<28}{'ms':>8}" + (f"{'scipy/':>8}" if baseline else "") + f"{'MB':>8}{'of copy':>8}"
+    on_cpu = [scipy_product(packed, picture), numba_product(packed, picture)] if baseline else []
+    scipy_ms = on_cpu[0].milliseconds if baseline else None
+    for contender in gl_products(context, packed, picture):
+        yield contender.row(bandwidths[0], scipy_ms) + ("" if baseline else fps(contender.milliseconds))
+    for contender in on_cpu:
+        yield contender.row(bandwidths[1], scipy_ms)
+
+
+def gl_products(context: moderngl.Context, packed: RowMap, picture: np.ndarray) -> Iterator[Contender]:
+    pixels = packed.output_shape[0] * packed.output_shape[1]
+    pictures = 16 * (pixels + picture.shape[0] * picture.shape[1])
+    ways: list[tuple[str, Callable[[], StoredMap], int]] = [
+        ("fragment", lambda: MapTextures(context, packed), 16 * packed.count + 12 * pixels)
+    ]
+    if supports_compute(context):
+        for size, scale in ((16, None), (8, half_scale(packed))):
+            made = lambda scale=scale: MapBuffers(context, packed, scale)  # noqa: E731
+            ways.append((f"compute, {size} bytes an entry", made, size * packed.count + 16 * pixels))
+    for name, store, map_bytes in ways:
+        yield Contender(name, product_ms(context, store(), picture), (map_bytes + pictures) / MB)
+
+
+def product_ms(context: moderngl.Context, stored: StoredMap, picture: np.ndarray) -> float:
+    """Releases `stored`."""
+    source, product = picture_texture(context, picture), stored.product("CLAMP")
+
+    def work() -> None:
+        product.run(source)
+        context.finish()
+
+    result = median_ms(work)
+    for resource in (product, stored, source):
+        resource.release()
+    return result
+
+
+def scipy_product(packed: RowMap, picture: np.ndarray) -> Contender:
+    rows = unpack(packed)
+    shape = len(rows.indptr) - 1, picture.shape[0] * picture.shape[1]
+    matrices = [sparse.csr_array((rows.weights[:, i].copy(), rows.indices, rows.indptr), shape=shape) for i in range(3)]
+    columns = [picture[..., i].ravel().copy() for i in range(3)]
+    milliseconds = median_ms(lambda: [T @ c for T, c in zip(matrices, columns, strict=True)])
+    moved = sum(
+        T.data.nbytes + T.indices.nbytes + T.indptr.nbytes + c.nbytes + 4 * shape[0]
+        for T, c in zip(matrices, columns, strict=True)
+    )
+    return Contender("scipy CSR x3, one core", milliseconds, moved / MB)
+
+
+def numba_product(packed: RowMap, picture: np.ndarray) -> Contender:
+    rows, prepared = packed.output_shape[0] * packed.output_shape[1], PreparedRows(packed)
+    moved = 16 * packed.count + 8 * rows + picture.nbytes + 24 * rows
+    return Contender("Numba, all cores (cpu)", median_ms(lambda: prepared.apply(picture)), moved / MB)
+
+
+def host_copy_bandwidth() -> float:
+    """Bytes read and written a second by Numba's loop over all cores: the limit of what runs on the CPU."""
+    from numba import njit, prange
+
+    def copy(source: np.ndarray, target: np.ndarray) -> None:
+        for i in prange(source.size):
+            target[i] = source[i]
+
+    fast, source = njit(parallel=True)(copy), np.ones(COPY_BYTES // 8)
+    target = np.empty_like(source)
+    return 2 * COPY_BYTES / (median_ms(lambda: fast(source, target)) / 1000)
+
+
+def device_copy_bandwidth(context: moderngl.Context) -> float:
+    """The same on the GPU, from buffer to buffer."""
+    source, target = (context.buffer(reserve=COPY_BYTES) for _ in range(2))
+
+    def work() -> None:
+        context.copy_buffer(target, source)
+        context.finish()
+
+    bandwidth = 2 * COPY_BYTES / (median_ms(work) / 1000)
+    source.release()
+    target.release()
+    return bandwidth
+
+
+def refined_line(
+    context: moderngl.Context, projector: tuple[int, int], camera: tuple[int, int], rng: np.random.Generator
+) -> str:
+    side = int(REFINED_ENTRIES**0.5)
+    dual, transport = local_map(projector, camera, side, rng), local_map(camera, projector, side, rng)
+    step_size = np.full((*projector, 3), 0.5, np.float32)
+    refinement = RefinementMaps(dual, None, local_map(projector, camera, 1, rng), step_size)
+    room = bench_room(RoomMaps(dual, transport, None, None, 0.5, refinement=refinement), projector, camera)
+    frame = radiance_frame(rng.uniform(0, 0.5, (*camera, 3)).astype(np.float32))
+    found = []
+    for path in ("fragment", "compute") if supports_compute(context) else ("fragment",):
+        renderer = GlRenderer(context, room, path)
+        renderer.open(frame.format)
+        renderer.upload(frame)
+
+        def work(renderer: GlRenderer = renderer) -> None:
+            renderer.render("projector", compensate=True, steps=STEPS)
+            renderer.finish()
+
+        milliseconds = median_ms(work)
+        found.append(f"{path} {milliseconds:.1f} ms{fps(milliseconds)}")
+        renderer.release()
+    return f"{projector[1]}x{projector[0]}, camera {camera[1]}x{camera[0]}: {'; '.join(found)}"
+
+
+def fps(milliseconds: float) -> str:
+    return f" ({1000 / milliseconds:.0f} fps)"
+
+
+def is_software(context: moderngl.Context) -> bool:
+    return any(name in context.info["GL_RENDERER"].lower() for name in SOFTWARE)
+
+
+def bench_room(maps: RoomMaps, projector: tuple[int, int], camera: tuple[int, int]) -> Room:
+    black, mask = np.zeros((*camera, 3), np.float32), np.ones(camera, bool)
+    device = Device(*projector, Response("srgb"))
+    return Room(Calibration("bench", "", (device,), Device(*camera, Response("linear")), black, mask), maps, 0.5)
+
+
 def local_map(output: tuple[int, int], source: tuple[int, int], side: int, rng: np.random.Generator) -> RowMap:
     """side × side entries around each output pixel's place in the source."""
     y, x = np.mgrid[: output[0], : output[1]].reshape(2, -1, 1, 1)
@@ -65,33 +242,10 @@ def local_map(output: tuple[int, int], source: tuple[int, int], side: int, rng: 
     rows = np.clip(y * source[0] // output[0] + offset[:, None], 0, source[0] - 1)
     columns = np.clip(x * source[1] // output[1] + offset, 0, source[1] - 1)
     indices = (rows * source[1] + columns).reshape(len(y), -1)
-    weights = rng.uniform(0, 1 / side**2, (indices.size, 3)).astype(np.float32)
+    weights = rng.random((indices.size, 3), np.float32)
+    weights /= side**2
     indptr = np.arange(0, indices.size + 1, side**2)
-    return pack(SparseRows(indptr, indices.ravel().astype(np.int64), weights), output, source)
-
-
-def scipy_ms(packed: RowMap, picture: np.ndarray) -> float:
-    rows = unpack(packed)
-    shape = len(rows.indptr) - 1, picture.shape[0] * picture.shape[1]
-    matrices = [sparse.csr_array((rows.weights[:, i].copy(), rows.indices, rows.indptr), shape=shape) for i in range(3)]
-    columns = [picture[..., i].ravel().copy() for i in range(3)]
-    return median_ms(lambda: [T @ c for T, c in zip(matrices, columns, strict=True)])
-
-
-def shader_ms(context: moderngl.Context, packed: RowMap, picture: np.ndarray) -> float:
-    rgba = np.concatenate([picture, np.ones((*picture.shape[:2], 1), np.float32)], axis=2)
-    source = float_texture(context, picture.shape[:2], rgba)
-    textures = MapTextures(context, packed)
-    step = RowMapPass(context, textures, "CLAMP")
-
-    def work() -> None:
-        step.run(source)
-        context.finish()
-
-    result = median_ms(work)
-    for resource in (step, textures, source):
-        resource.release()
-    return result
+    return pack(SparseRows(indptr, indices.ravel().astype(np.int64, copy=False), weights), output, source)
 
 
 def frame_ms(renderer: GlRenderer | CpuRenderer, reader: MediaReader) -> dict[str, float]:

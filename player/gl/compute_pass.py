@@ -6,11 +6,12 @@ import numpy as np
 from player.errors import InputError
 from player.gl.passes import Owner, float_texture
 from player.gl.shaders import build_compute_program
+from player.renderer import LONG_BYTES
 from player.row_map import RowMap
 from player.sliced_map import GROUP, Part, lanes_of, parts
 
 VERSION = 430
-PART_BYTES = 1 << 27  # no buffer larger, though many drivers would take it: the player copies a part at a time
+PART_ENTRIES = 1 << 23  # of a buffer, though drivers would take larger ones: the player arranges a part at a time
 ROWS, ENTRIES, TARGET = 0, 1, 0  # bindings of buffers, and of the image
 
 
@@ -28,7 +29,7 @@ class MapBuffers:
         self._context, self._owner = context, Owner()
         self.output_shape, self.source_shape = packed.output_shape, packed.source_shape
         self.lanes, self.scale = lanes_of(packed), scale
-        most = min(PART_BYTES, context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
+        most = min(PART_ENTRIES, context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"] // LONG_BYTES)
         try:
             self.parts = [
                 self._owner.own(_PartBuffers(context, part)) for part in parts(packed, self.lanes, most, scale)

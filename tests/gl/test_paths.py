@@ -129,7 +129,7 @@ def test_a_map_in_several_buffers_is_one_map(
 ) -> None:
     packed = random_map(rng, (40, 50), CAMERA, 30)
     picture = rng.uniform(-1, 1, (*CAMERA, 3)).astype(np.float32)
-    monkeypatch.setattr(compute_pass, "PART_BYTES", 100_000)
+    monkeypatch.setattr(compute_pass, "PART_ENTRIES", 6000)
     stored = MapBuffers(gl_context, packed)
     assert len(stored.parts) > 3
     np.testing.assert_allclose(multiply(gl_context, stored, picture), PreparedRows(packed).apply(picture), atol=ATOL)
