@@ -57,7 +57,7 @@ class Contender:
 
 
 def shader() -> Iterator[str]:
-    """The row-map product of three channels on every path, beside scipy and Numba; bytes moved, share of a copy's speed."""
+    """The row-map product on every path beside scipy's and Numba's; bytes moved, and the share of a copy's speed."""
     rng = np.random.default_rng(1)
     with headless_context() as context:
         software, host = is_software(context), host_copy_bandwidth()

@@ -7,6 +7,7 @@ from dataclasses import replace
 import moderngl
 import numpy as np
 import pytest
+from scipy import sparse
 
 from player.cpu_renderer import CpuRenderer
 from player.errors import InputError
@@ -19,11 +20,16 @@ from player.gl.row_map_pass import MapTextures
 from player.reference import PreparedRows
 from player.refinement import STARTS
 from player.renderer import Room
+from player.response import Response
 from player.row_map import RowMap, SparseRows, pack
 from player.short_map import half_scale, in_half, rounding_of
 from player.video import Frame
 from tests.refined_rooms import physical_room
 from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_map, random_room, yuv_frame
+from tools import build_correction_map
+from tools.inverse.inverse import InverseOptions
+from tools.transport.storage import write_transport
+from tools.transport.transport import Transport
 
 ATOL = 1e-5  # the issue's bound; float32 sums of at most 20 terms of size 3 are far below
 PATHS = ("fragment", "compute")
@@ -285,3 +291,40 @@ def test_without_opengl_4_3_there_are_fragments(gl_context: moderngl.Context, rn
     assert store_maps(old, room, "auto").report.to_dict() == {"name": "fragment", "entry_bytes": 16}  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"--path compute: needs OpenGL 4\.3, found .*; use --path fragment or auto"):
         store_maps(old, room, "compute")  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A room whose every row has one entry: nothing is left out of its map, so that halves fit --max-error."""
+    folder, pixels = tmp_path_factory.mktemp("paths") / "wall", PROJECTOR[0] * PROJECTOR[1]
+    albedo = np.random.default_rng(1).uniform(0.5, 1, pixels).astype(np.float32)
+    T, device = sparse.csr_array(sparse.diags_array(albedo)), Device(*PROJECTOR, Response("linear"))
+    ambient, mask = np.zeros((*PROJECTOR, 3), np.float32), np.ones(PROJECTOR, bool)
+    with writing(folder, Calibration("one to one", "", (device,), device, ambient, mask)) as stage:
+        write_transport(Transport((T, T, T)), stage)
+    assert build_correction_map.main([str(folder), "--regularize", "none"]) in (None, 0)
+    return folder
+
+
+def test_files_are_rendered_on_the_path_asked_for(built: Path, tmp_path: Path, rng: np.random.Generator) -> None:
+    """And on fragments if none is: their results repeat."""
+    exr.write_rgb(tmp_path / "c.exr", rng.uniform(0, 0.5, (*PROJECTOR, 3)).astype(np.float32))
+    drives, chosen = {}, {}
+    for words in ((), ("--path", "fragment"), ("--path", "compute"), ("--path", "auto")):
+        out, stats = tmp_path / "p.exr", tmp_path / "stats.json"
+        files = str(built), str(tmp_path / "c.exr"), "--output", str(out), "--stats", str(stats), "--no-config"
+        assert app.main([*files, "--refine", "0", *words]) in (None, 0)
+        drives[words[1:]], chosen[words[1:]] = exr.read_rgb(out), json.loads(stats.read_text())["gpu_path"]
+    assert chosen[()] == chosen["fragment",] == {"name": "fragment", "entry_bytes": 16}
+    assert chosen["compute",] == {"name": "compute", "entry_bytes": 8}
+    assert chosen["auto",].keys() == {"name", "entry_bytes", "fragment_ms", "compute_ms"}
+    np.testing.assert_array_equal(drives[()], drives["fragment",])
+    difference = np.abs(drives["compute",] - drives[()]).max()
+    assert 0 < difference <= InverseOptions().max_error / 255
+
+
+def test_a_path_without_a_gpu_is_refused(built: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    exr.write_rgb(tmp_path / "c.exr", np.zeros((*PROJECTOR, 3), np.float32))
+    files = str(built), str(tmp_path / "c.exr"), "--output", str(tmp_path / "p.exr"), "--no-config"
+    assert app.main([*files, "--backend", "cpu", "--path", "compute"]) == 2
+    assert "--path compute: --backend cpu has no GPU to take it on; leave one of them out" in capsys.readouterr().err
