@@ -1,14 +1,18 @@
 """Both paths of the row-map product against the CPU twin: products, whole frames, the choice between them."""
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import moderngl
 import numpy as np
 import pytest
 from scipy import sparse
 
+from player import app, exr
+from player.calibration import Calibration, Device, writing
 from player.cpu_renderer import CpuRenderer
 from player.errors import InputError
 from player.gl import compute_pass, paths
