@@ -34,7 +34,9 @@ class PathReport:
     compute_ms: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        return {key: value for key, value in asdict(self).items() if value is not None}
+        """Milliseconds to the microsecond."""
+        shown = {key: round(value, 3) if isinstance(value, float) else value for key, value in asdict(self).items()}
+        return {key: value for key, value in shown.items() if value is not None}
 
     def __str__(self) -> str:
         measured = ""
