@@ -3,6 +3,7 @@
 Reads commands (JSON lines) from stdin and writes events to stdout:
 
     in   {"ring": path, "slots": n}   {"free": slot}   {"seek": order}   {"quit": true}   end of file = quit
+         {"skip": seconds, "serial": n}   (pictures that end before that time are no longer wanted)
     out  {"opened": {…}}   {"mapped": true}   {"frame": {…}, "serial": n}   {"end": true, "serial": n}
          {"error": line, "serial": n}   {"busy_s": seconds}   (the heartbeat: time spent on the current picture)
 """
@@ -50,6 +51,7 @@ class Mailbox:
         self._free: list[int] = []
         self._ring: str | None = None
         self._order: Order | None = None
+        self._skip = (0, 0.0)
         self._working_since: float | None = time.monotonic()
         threading.Thread(target=self._listen, daemon=True).start()
 
@@ -64,6 +66,14 @@ class Mailbox:
         with self._changed:
             self._wait(lambda: bool(self._free) or self._order is not None)
             return None if self._order is not None else self._free.pop(0)
+
+    def put_back(self, slot: int) -> None:
+        with self._changed:
+            self._free.insert(0, slot)
+
+    def is_overtaken(self, serial: int, end_s: float) -> bool:
+        """Whether a picture that ends at `end_s` comes too late for whoever gave the order `serial`."""
+        return self._skip[0] == serial and end_s <= self._skip[1]
 
     def wait_for_order(self) -> Order:
         with self._changed:
@@ -99,6 +109,8 @@ class Mailbox:
             self._ring, self._free = command["ring"], list(range(command["slots"]))
         elif "seek" in command:
             self._order = Order(**command["seek"])
+        elif "skip" in command:
+            self._skip = command["serial"], command["skip"]
 
 
 class Events:
@@ -148,16 +160,21 @@ def _follow(order: Order, source: Source, planes: list[Any], mailbox: Mailbox, e
 
 def _play_lap(order: Order, source: Source, planes: list[Any], mailbox: Mailbox, events: Events) -> bool:
     """Send the frames from `order.time_s` to the end; False when a new order interrupts."""
-    asked = time.perf_counter()
+    asked, skipped = time.perf_counter(), 0
     for picture in source.lap(order.time_s, after=order.after):
         decode_s = time.perf_counter() - asked
         slot = mailbox.wait_for_slot()
         if slot is None:
             return False
-        store(picture.samples, planes[slot], flip_rows=source.flip_rows)
-        times = {"time_s": picture.time_s, "duration_s": picture.duration_s, "decode_s": decode_s}
-        times |= {"offset_s": order.offset_s, "lap_s": source.end_s}  # 0 until the first lap's length is known
-        events.send({"frame": times | {"slot": slot}, "serial": order.serial})
+        if mailbox.is_overtaken(order.serial, order.offset_s + picture.time_s + picture.duration_s):
+            mailbox.put_back(slot)
+            skipped += 1
+        else:
+            store(picture.samples, planes[slot], flip_rows=source.flip_rows)
+            times = {"time_s": picture.time_s, "duration_s": picture.duration_s, "decode_s": decode_s}
+            times |= {"offset_s": order.offset_s, "lap_s": source.end_s}  # 0 until the first lap's length is known
+            events.send({"frame": times | {"slot": slot, "skipped": skipped}, "serial": order.serial})
+            skipped = 0
         asked = time.perf_counter()
     return True
 

@@ -76,6 +76,7 @@ class Frame:
     decode_s : how long the decoder took for it.
     planes : three arrays (rows, stride), views into the ring, valid until MediaReader.release.
     slot : where it lies: (decoder's number, slot), for release.
+    skipped : pictures before it that were decoded and left out, as MediaReader.skip allowed.
     """
 
     index: int
@@ -85,6 +86,7 @@ class Frame:
     format: PixelFormat
     planes: tuple[NDArray[Any], ...]
     slot: tuple[int, int]
+    skipped: int = 0
 
 
 def slot_bytes(pixels: PixelFormat) -> int:

@@ -6,6 +6,10 @@ from typing import Protocol
 from player.frames import Frame, MediaInfo
 
 MORE_THAN_ROUNDING_S = 1e-3
+TOLERATED_S = 0.02  # frames may be that late whatever their rate
+DECODER_WAIT_S = 0.002  # between looks at a decoder that is behind
+HELD_S = 0.25  # how long an overtaken frame waits for the decoder to bring a newer one
+HURRIED_S = 2.0  # how long none waits after that was in vain
 
 
 class Reader(Protocol):
@@ -19,12 +23,17 @@ class Reader(Protocol):
     def poll(self) -> Frame | None: ...
     def release(self, frame: Frame) -> None: ...
     def seek(self, time_s: float) -> None: ...
+    def skip(self, time_s: float) -> None: ...
     def notices(self) -> list[str]: ...
     def close(self) -> None: ...
 
 
 class Playback:
     """Says which frame of a reader is due: the last whose time media time has reached; the overtaken are dropped.
+
+    Whoever renders for longer than the reader's ring lasts would find only old frames in it, older every time. So the
+    decoder is told what will have been overtaken by then, and a frame that nevertheless comes too late is held back
+    until a newer one arrives. Media time waits for a decoder that cannot keep up; `stalled_s` says how long.
 
     clock : seconds, monotonic.  hold_s : how long a still is shown; None for ever.
     seamless : the reader itself begins again at the end, as long as `loop` stays on.
@@ -43,6 +52,7 @@ class Playback:
     ) -> None:
         self.reader, self.loop, self.hold_s = reader, loop, hold_s
         self.dropped = 0
+        self.stalled_s = 0.0
         self.a_s: float | None = None
         self.b_s: float | None = None
         self._clock, self._seamless = clock, seamless
@@ -53,6 +63,12 @@ class Playback:
         self._paused, self._speed = paused, speed
         self._wanted = True  # a frame that pause does not hold back: the first one, that of a seek, that of a step
         self._cut_off = False
+        self._held: Frame | None = None  # has come, but too late; shown if nothing newer does
+        self._held_since_s: float | None = None
+        self._hurried_until_s = float("-inf")
+        self._skipped_to_s = 0.0
+        self._left_s: float | None = None  # clock time at which the last frame was handed out
+        self._absences_s = 0.0, 0.0  # how long it then took until somebody waited or asked: the last two times
 
     @property
     def position_s(self) -> float:
@@ -91,23 +107,15 @@ class Playback:
         """The newest frame whose time has come; older ones that were not shown in time are dropped and counted."""
         if self._paused and not self._wanted:
             return None
-        due: Frame | None = None
-        while self._fetch() and not self._cut_off:
-            pending = self._pending
-            assert pending is not None
-            if self._anchor is None or (self._paused and self._wanted):
-                self._anchor = self._clock(), pending.time_s
-                self._wanted = False
-            if not self._has_come(pending.time_s):
-                break
-            if self._leaves_loop(pending):
-                break
-            if due is not None:
-                self.reader.release(due)
-                self.dropped += 1
-            due, self._pending = pending, None
-            self._took(pending)
-        if due is None and self._exhausted and self.finished and not self.reader.info.still and self.loops:
+        self._came_back()
+        due = self._newest()
+        if due is not None and self._comes_too_late(due):
+            self._held = due
+            return None
+        self._held_since_s = None
+        if due is not None:
+            self._leave(due)
+        elif self._exhausted and self.finished and not self.reader.info.still and self.loops:
             self.seek(self.a_s or 0.0)
         return due
 
@@ -125,8 +133,11 @@ class Playback:
 
     def wait_s(self, longest_s: float) -> float:
         """How long nothing will be due, if nobody acts."""
-        if self._pending is None or self._anchor is None or self._paused:
-            return 0.001 if self._wanted else longest_s
+        self._came_back()
+        if self._paused and not self._wanted:
+            return longest_s
+        if self._pending is None or self._anchor is None:
+            return longest_s if self.reader.ended and not self._wanted else min(DECODER_WAIT_S, longest_s)
         now_s = self._media_time()
         assert now_s is not None
         return min(max((self._pending.time_s - now_s) / self._speed, 0.0), longest_s)
@@ -134,6 +145,8 @@ class Playback:
     def seek(self, time_s: float) -> None:
         """Go on with the frame that is shown at `time_s` of the medium; a still stays as it is."""
         self._drop_pending()
+        self._skipped_to_s = 0.0
+        self._left_s = None
         self._seconds = self._in_medium(max(0.0, time_s))
         self.reader.seek(self._seconds)
         self._anchor = self._taken_s = None
@@ -157,10 +170,69 @@ class Playback:
 
     @property
     def _exhausted(self) -> bool:
-        return self.reader.ended and self._pending is None
+        return self.reader.ended and self._pending is None and self._held is None
+
+    def _newest(self) -> Frame | None:
+        """Take every frame whose time has come, and give the last."""
+        due, self._held = self._held, None
+        while self._fetch() and not self._cut_off:
+            pending = self._pending
+            assert pending is not None
+            if self._anchor is None or (self._paused and self._wanted):
+                self._anchor = self._clock(), pending.time_s
+                self._wanted = False
+            if not self._has_come(pending.time_s) or self._leaves_loop(pending):
+                break
+            if due is not None:
+                self.reader.release(due)
+                self.dropped += 1
+            due, self._pending = pending, None
+            self._took(pending)
+        return due
+
+    def _comes_too_late(self, frame: Frame) -> bool:
+        """Whether to wait for a newer frame: this one is over, and the next has not been decoded."""
+        now_s = self._media_time()
+        if self._paused or self._pending is not None or self.reader.ended or self._cut_off or now_s is None:
+            return False
+        late_s, clock_s = now_s - frame.time_s, self._clock()
+        if late_s <= max(frame.duration_s, TOLERATED_S * self._speed):
+            return False
+        if self._held_since_s is None:
+            self._held_since_s = clock_s
+        if clock_s >= self._hurried_until_s and clock_s - self._held_since_s < HELD_S:
+            self._skip_to(now_s, frame.duration_s)
+            return True
+        if clock_s >= self._hurried_until_s:
+            self._hurried_until_s = clock_s + HURRIED_S
+        self.stalled_s += late_s / self._speed
+        self._anchor = clock_s, frame.time_s
+        return False
+
+    def _leave(self, frame: Frame) -> None:
+        """A frame is handed out: tell the decoder what will be over when the next one is asked for."""
+        self._left_s = self._clock()
+        absence_s, now_s = min(self._absences_s) * self._speed, self._media_time()
+        if now_s is not None and not self._paused and absence_s > 2 * frame.duration_s:
+            self._skip_to(now_s + absence_s - frame.duration_s, frame.duration_s)
+
+    def _came_back(self) -> None:
+        if self._left_s is not None:
+            self._absences_s, self._left_s = (self._absences_s[1], self._clock() - self._left_s), None
+
+    def _skip_to(self, time_s: float, duration_s: float) -> None:
+        """Let the decoder leave out what ends before `time_s`, but never the medium's last frame."""
+        end_s = self.reader.info.duration_s
+        if end_s is not None and not self._seamless:
+            time_s = min(time_s, end_s - 2 * duration_s)
+        if time_s >= self._skipped_to_s + duration_s:
+            self._skipped_to_s = time_s
+            self.reader.skip(time_s)
 
     def _fetch(self) -> bool:
-        self._pending = self._pending or self.reader.poll()
+        if self._pending is None:
+            self._pending = self.reader.poll()
+            self.dropped += self._pending.skipped if self._pending is not None else 0
         return self._pending is not None
 
     def _took(self, frame: Frame) -> None:
@@ -204,6 +276,7 @@ class Playback:
             self._anchor = self._clock(), now_s
 
     def _drop_pending(self) -> None:
-        if self._pending is not None:
-            self.reader.release(self._pending)
-            self._pending = None
+        for frame in (self._pending, self._held):
+            if frame is not None:
+                self.reader.release(frame)
+        self._pending = self._held = self._held_since_s = None

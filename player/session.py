@@ -120,6 +120,7 @@ class Session:
             self.open_current()
             return
         self.stats.dropped, playback.dropped = self.stats.dropped + playback.dropped, 0
+        self.stats.stalled_s, playback.stalled_s = self.stats.stalled_s + playback.stalled_s, 0.0
         if frame is not None:
             self._upload(frame, playback)
         elif playback.finished:

@@ -19,12 +19,14 @@ class Stats:
     """Frames shown and dropped, when they were shown, and milliseconds per stage of the most recent frames.
 
     late : how long after its time each frame stood on the screen.
+    stalled_s : how long the show's time stood still, since the decoder could not keep up.
     judder : how much the interval between two frames on the screen differed from that between their times.
     """
 
     def __init__(self) -> None:
         self.frames = 0
         self.dropped = 0
+        self.stalled_s = 0.0
         self.notices: list[str] = []
         self.facts: dict[str, Any] = {}
         self._stages: dict[str, deque[float]] = {}
@@ -74,7 +76,8 @@ class Stats:
             for stage, values in self._stages.items()
         }
         late = {"late_frames": dict(zip(LATE_LABELS, self._late_counts, strict=True))} if self._shown_at else {}
-        return {"frames": self.frames, "dropped": self.dropped, **self.facts, **stages, **late, "notices": self.notices}
+        counts = {"frames": self.frames, "dropped": self.dropped, "stalled_s": round(self.stalled_s, 3)}
+        return {**counts, **self.facts, **stages, **late, "notices": self.notices}
 
     def write(self, path: Path) -> None:
         with replacing_file(path) as temporary:

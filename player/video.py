@@ -121,6 +121,10 @@ class MediaReader:
         else:
             self._child.send({"seek": self._start})
 
+    def skip(self, time_s: float) -> None:
+        """Pictures that end before `time_s`, which counts as Frame.time_s, are no longer wanted; a seek forgets it."""
+        self._child.send({"skip": time_s, "serial": self._serial})
+
     def notices(self) -> list[str]:
         """What the user should know and has not been told since the last call."""
         fresh, self._notices = self._notices, []
@@ -204,11 +208,11 @@ class MediaReader:
         self._lap_s = fields["lap_s"] or self._lap_s
         # Times never step back, not even where a lap is not as long as the container says.
         time_s = max(fields["offset_s"] + fields["time_s"], self._last_s)
-        self._index, self._last_s = self._index + 1, time_s
+        self._index, self._last_s = self._index + 1 + fields["skipped"], time_s
         planes = self._child.planes(fields["slot"])
         slot = (self._number, fields["slot"])
         times = time_s, fields["duration_s"], fields["decode_s"]
-        return Frame(self._index - 1, *times, self.info.format, planes, slot)
+        return Frame(self._index - 1, *times, self.info.format, planes, slot, fields["skipped"])
 
     def _check_alive(self) -> None:
         """Kill a decoder that is stopped or stuck (its death then arrives as an event); repeat an earlier failure."""

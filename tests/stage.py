@@ -66,7 +66,9 @@ class Reader:
             raise InputError(f"{self.path}: broken")
         self.position += 1
         index = self.position - 1
-        return SimpleNamespace(index=index, time_s=index / 25, duration_s=0.04, decode_s=0.001)
+        return SimpleNamespace(index=index, time_s=index / 25, duration_s=0.04, decode_s=0.001, skipped=0)
+
+    def skip(self, time_s: float) -> None: ...
 
     def release(self, frame: Any) -> None:
         self.released.append(frame.index)

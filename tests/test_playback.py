@@ -1,0 +1,149 @@
+"""A real clip and its decoder against a clock that is made up: what is shown when rendering takes long."""
+
+import time
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+
+from player import playback as playbacks
+from player.playback import Playback
+from player.playlist import Playlist
+from player.session import Session
+from player.session_inputs import Setup
+from player.video import MediaReader
+from tests.ffmpeg_frames import ffmpeg_frame
+from tests.stage import Clock, Screen
+
+RATE, FRAMES = 25, 250
+FRAME_S = 1 / RATE
+DECODER_S = 0.02  # of real time, for each millisecond that the clock spends waiting for the decoder
+
+
+class SlowScreen(Screen):
+    """A display and renderer that take `rendering_s` of the clock's time a frame."""
+
+    def __init__(self, clock: Clock, rendering_s: float) -> None:
+        super().__init__()
+        self._clock, self._rendering_s = clock, rendering_s
+        self.asked: list[float] = []
+
+    def poll(self, timeout_s: float) -> list[str]:
+        self._clock.now += max(timeout_s, 1e-4)  # less can vanish in rounding
+        if timeout_s <= playbacks.DECODER_WAIT_S:
+            time.sleep(DECODER_S)
+        return []
+
+    def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
+        super().render(view, compensate=compensate, frame=frame, steps=steps)
+        self._clock.now += self._rendering_s
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten seconds at 25 frames a second."""
+    path = tmp_path_factory.mktemp("clip") / "clip.mkv"
+    grey, neutral = np.full((32, 48), 100, np.uint8), np.full((16, 24), 128, np.uint8)
+    with av.open(str(path), "w") as container:
+        stream: Any = container.add_stream("ffv1", rate=RATE)
+        stream.height, stream.width, stream.pix_fmt = 32, 48, "yuv420p"
+        for i in range(FRAMES):
+            frame = ffmpeg_frame((grey, neutral, neutral), "yuv420p")
+            frame.pts, frame.time_base = i, Fraction(1, RATE)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def played(clip: Path, rendering_s: float, limit: int | None = None, **setup: Any) -> tuple[Session, SlowScreen]:
+    clock = Clock()
+    screen = SlowScreen(clock, rendering_s)
+    session = Session(
+        Playlist([str(clip)]),
+        lambda medium, loop: MediaReader.open(medium, loop=loop),
+        screen,  # type: ignore[arg-type]
+        screen,
+        setup=Setup(**setup),
+        clock=clock,
+    )
+    session.run(limit)
+    return session, screen
+
+
+@pytest.fixture(params=[0.07, 0.3, 0.5, 1.1])
+def rendering_s(request: pytest.FixtureRequest) -> float:
+    """2 to 28 frame times, where the decoder's ring holds 8 frames."""
+    return float(request.param)
+
+
+def test_what_is_shown_is_never_later_than_a_frame_time_and_a_rendering(clip: Path, rendering_s: float) -> None:
+    longest_s = rendering_s + FRAME_S  # a rendering, and at most the wait for the next frame
+    session, screen = played(clip, rendering_s, limit=int(FRAMES / RATE / longest_s) - 1)
+    assert session.stats.percentile_ms("late", 100) <= 1000 * longest_s + 5  # the waits are of milliseconds
+    assert session.stats.stalled_s == 0
+    assert len(screen.uploaded) > 1
+
+
+def test_the_end_comes_when_it_should_and_its_last_picture_is_shown(clip: Path, rendering_s: float) -> None:
+    session, screen = played(clip, rendering_s)
+    assert screen.uploaded[-1] == FRAMES - 1
+    assert session.stats.frames >= FRAMES / RATE / (rendering_s + 2 * FRAME_S)
+
+
+def test_every_picture_is_either_shown_or_counted_as_dropped(clip: Path, rendering_s: float) -> None:
+    session, screen = played(clip, rendering_s)
+    assert len(screen.uploaded) + session.stats.dropped == screen.uploaded[-1] + 1
+    assert screen.uploaded == sorted(set(screen.uploaded))
+
+
+def test_a_fast_renderer_drops_nothing(clip: Path) -> None:
+    session, screen = played(clip, 0.03)
+    assert screen.uploaded == list(range(FRAMES))
+    assert session.stats.dropped == 0
+    assert session.stats.percentile_ms("late", 100) < 1000 * (0.03 + FRAME_S)
+
+
+def test_laps_and_speeds_are_in_time_too(clip: Path) -> None:
+    session, screen = played(clip, 0.6, limit=30, loop_file=True, speed=2.0)
+    assert session.stats.percentile_ms("late", 100) <= 1000 * (0.6 + FRAME_S) + 5
+    assert screen.uploaded[-1] > 3 * FRAMES  # 30 renderings of 0.6 s at twice the speed: 36 s
+
+
+class SlowDecoder:
+    """A reader of 25 frames a second that has one of them each time its clock has moved on by `decode_s`."""
+
+    def __init__(self, reader: MediaReader, clock: Clock, decode_s: float) -> None:
+        self._reader, self._clock, self._decode_s, self._next_s = reader, clock, decode_s, clock.now
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._reader, name)
+
+    def skip(self, time_s: float) -> None: ...
+
+    def poll(self) -> Any:
+        if self._clock.now < self._next_s:
+            return None
+        self._next_s = self._clock.now + self._decode_s
+        return self._reader.next_frame(timeout_s=60)
+
+
+def test_time_waits_for_a_decoder_that_cannot_keep_up(clip: Path) -> None:
+    """80 ms to decode 40 ms: shown late by no more than what is tolerated or held back, and at half the speed."""
+    clock, late_s, began_s = Clock(), [], 100.0
+    with MediaReader.open(clip) as reader:
+        playback = Playback(SlowDecoder(reader, clock, 2 * FRAME_S - 1e-3), clock)  # the clock ticks 5 ms
+        while not playback.finished:
+            frame = playback.due()
+            if frame is not None:
+                due_s = playback.due_at(frame)
+                assert due_s is not None
+                late_s.append(clock.now - due_s)
+                reader.release(frame)
+            clock.now += 0.005
+    assert max(late_s) <= FRAME_S + 0.005
+    assert clock.now - began_s == pytest.approx(2 * FRAMES / RATE, rel=0.05)
+    assert playback.stalled_s == pytest.approx(FRAMES / RATE, rel=0.05)
+    assert len(late_s) > FRAMES / 2
