@@ -4,9 +4,11 @@ Which frame is due is player/playback.py's to say, what comes next player/playli
 player/controls.py's. Knows no OpenGL; a display and a clock are handed in.
 """
 
+import gc
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 from player import controls
 from player.errors import InputError
@@ -79,16 +81,8 @@ class Session:
     def run(self, limit: int | None = None) -> Stats:
         """Play until the list ends, the window closes, `q`, or `limit` frames have been shown."""
         try:
-            while not (self.done or self.display.closed):
-                for key in self.display.poll(self._wait_s()):
-                    self.press(key)
-                for remote in self._remotes:
-                    remote.poll(self.commands)
-                self.step()
-                if self._heartbeat is not None and self._heartbeat.due and self.playback is not None:
-                    self._heartbeat.beat(facts(self))
-                if limit is not None and self.stats.frames >= limit:
-                    break
+            with short_collections():
+                self._run(limit)
             if self._draws:
                 certificate = self.certificate(max_age_s=0.0)
                 certified = {} if certificate is None else certificate.to_dict()
@@ -97,6 +91,18 @@ class Session:
             return self.stats
         finally:
             self.close()
+
+    def _run(self, limit: int | None) -> None:
+        while not (self.done or self.display.closed):
+            for key in self.display.poll(self._wait_s()):
+                self.press(key)
+            for remote in self._remotes:
+                remote.poll(self.commands)
+            self.step()
+            if self._heartbeat is not None and self._heartbeat.due and self.playback is not None:
+                self._heartbeat.beat(facts(self))
+            if limit is not None and self.stats.frames >= limit:
+                return
 
     def close(self) -> None:
         """End the decoder. The renderer belongs to whoever made it, except one that reload brought."""
@@ -322,3 +328,14 @@ class Session:
         if self.refine != "auto" or self.playback is None:
             return None
         return StepBudget(1 / self.playback.reader.info.frames_per_second)
+
+
+@contextmanager
+def short_collections() -> Iterator[None]:
+    """Keep what is alive now out of garbage collections, which then take a fraction of a frame's time."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()

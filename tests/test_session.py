@@ -3,6 +3,7 @@
 The real reader, renderer and window are tested in test_video.py, gl/ and test_player.py; here time itself is the input.
 """
 
+import gc
 from pathlib import Path
 
 import numpy as np
@@ -203,3 +204,11 @@ def test_loadfile_keeps_what_plays_if_the_new_one_cannot(stage: Stage, tmp_path:
     assert stage.reader.closed
     stage.advance(0.1)
     assert stage.commands.get("path") == "new"
+
+
+def test_collections_pass_over_what_was_there_before_the_show() -> None:
+    stage, frozen = Stage(Reader(count=3)), []
+    stage.screen.poll = lambda timeout_s: frozen.append(gc.get_freeze_count()) or [stage.advance(0.04)][:0]  # type: ignore[method-assign]
+    stage.session.run()
+    assert min(frozen) > 10_000  # numpy alone
+    assert gc.get_freeze_count() == 0
