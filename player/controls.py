@@ -70,7 +70,7 @@ class _Actions:
     def seek(self, seconds: object, how: object = "relative") -> str:
         playback = _playback(self._session)
         info, amount, mode = playback.reader.info, ANY_NUMBER.read(seconds), SEEKS.read(how)
-        if info.still:
+        if info.still or info.live:
             return ""
         if mode == "absolute-percent":
             if not info.duration_s:

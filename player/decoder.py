@@ -5,7 +5,8 @@ Reads commands (JSON lines) from stdin and writes events to stdout:
     in   {"ring": path, "slots": n}   {"free": slot}   {"seek": order}   {"quit": true}   end of file = quit
          {"skip": seconds, "serial": n}   (pictures that end before that time are no longer wanted)
     out  {"opened": {…}}   {"mapped": true}   {"frame": {…}, "serial": n}   {"end": true, "serial": n}
-         {"error": line, "serial": n}   {"busy_s": seconds}   (the heartbeat: time spent on the current picture)
+         {"error": line, "serial": n}   {"notice": line}
+         {"busy_s": seconds}   (the heartbeat: time spent on the current picture)
 """
 
 import json
@@ -17,7 +18,6 @@ import threading
 import time
 import traceback
 from dataclasses import dataclass
-from pathlib import Path
 from typing import IO, Any
 
 import av
@@ -66,6 +66,16 @@ class Mailbox:
         with self._changed:
             self._wait(lambda: bool(self._free) or self._order is not None)
             return None if self._order is not None else self._free.pop(0)
+
+    def take_slot(self) -> int | None:
+        """A slot that is free at present."""
+        self.is_alive()
+        with self._changed:
+            return self._free.pop(0) if self._free else None
+
+    def is_alive(self) -> None:
+        """Something has happened: the work that the heartbeat times begins anew."""
+        self._working_since = time.monotonic()
 
     def put_back(self, slot: int) -> None:
         with self._changed:
@@ -131,7 +141,7 @@ def main(arguments: dict[str, Any]) -> None:
     mailbox = Mailbox(sys.stdin.buffer)
     threading.Thread(target=_beat, args=(events, mailbox), daemon=True).start()
     try:
-        source = open_source(Path(arguments["path"]), arguments["frames_per_second"])
+        source = open_source(arguments["path"], arguments["frames_per_second"])
     except InputError as error:
         events.send({"error": str(error)})
         threading.Event().wait()  # until the parent closes stdin
@@ -160,10 +170,18 @@ def _follow(order: Order, source: Source, planes: list[Any], mailbox: Mailbox, e
 
 def _play_lap(order: Order, source: Source, planes: list[Any], mailbox: Mailbox, events: Events) -> bool:
     """Send the frames from `order.time_s` to the end; False when a new order interrupts."""
-    asked, skipped = time.perf_counter(), 0
+    asked, skipped, live = time.perf_counter(), 0, source.info.live
     for picture in source.lap(order.time_s, after=order.after):
+        if isinstance(picture, str):
+            mailbox.is_alive()
+            if picture:
+                events.send({"notice": picture})
+            continue
         decode_s = time.perf_counter() - asked
-        slot = mailbox.wait_for_slot()
+        slot = mailbox.take_slot() if live else mailbox.wait_for_slot()
+        if slot is None and live:  # whoever shows it is busy: the source must not wait
+            skipped += 1
+            continue
         if slot is None:
             return False
         if mailbox.is_overtaken(order.serial, order.offset_s + picture.time_s + picture.duration_s):

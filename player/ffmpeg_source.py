@@ -1,4 +1,4 @@
-"""Videos, pictures and numbered pictures by FFmpeg, through PyAV: the only module that opens containers."""
+"""Videos, pictures and numbered pictures by FFmpeg, through PyAV. Live sources: player/live_source.py."""
 
 import re
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ _FIX = f"it is damaged, larger than {MAX_PIXELS} pixels or of an unknown kind: c
 class FfmpegSource:
     """Whatever FFmpeg reads: videos, pictures, numbered pictures."""
 
-    def __init__(self, path: Path, sequence: Sequence | None) -> None:
+    def __init__(self, path: Path | str, sequence: Sequence | None) -> None:
         self.path, self._sequence = path, sequence
         self.notices: list[str] = []
         self.end_s = 0.0
@@ -35,7 +35,7 @@ class FfmpegSource:
         self.info = self._describe(first, tags)
         self._check_trailer()
 
-    def lap(self, from_s: float, *, after: bool) -> Iterator[Decoded]:
+    def lap(self, from_s: float, *, after: bool) -> Iterator[Decoded | str]:
         """See Source. Decodes from the key frame before `from_s` and drops what comes too early."""
         fresh, self._fresh = self._fresh, None  # the pictures that opening has decoded
         pictures = fresh if fresh is not None and from_s <= 0 else self._from(from_s)
@@ -57,7 +57,7 @@ class FfmpegSource:
                 metadata_errors="replace",
             )
         except (av.FFmpegError, OSError) as error:
-            raise InputError(f"{self.path}: FFmpeg cannot read it ({_reason(error)}); {_FIX}") from None
+            raise InputError(f"{self.path}: FFmpeg cannot read it ({reason(error)}); {_FIX}") from None
         self._stream = self._video_stream()
 
     def _video_stream(self) -> av.VideoStream:
@@ -181,7 +181,7 @@ class FfmpegSource:
                     count += 1
                     yield frame
         except (av.FFmpegError, OSError, MemoryError) as error:
-            raise self._damaged(None if resume else count, _reason(error)) from None
+            raise self._damaged(None if resume else count, reason(error)) from None
 
     def _samples(self, frame: av.VideoFrame, count: int) -> Samples:
         if count == 1:
@@ -238,8 +238,9 @@ class FfmpegSource:
         """A cut GIF decodes without complaint: its last byte must be the trailer `;`."""
         if self._codec != "gif":
             return
-        with self.path.open("rb") as file:
-            file.seek(-min(64, self.path.stat().st_size), 2)
+        path = Path(self.path)
+        with path.open("rb") as file:
+            file.seek(-min(64, path.stat().st_size), 2)
             if not file.read().rstrip(b"\0").endswith(b";"):
                 raise self._damaged(None, "the GIF ends before its trailer")
 
@@ -262,7 +263,7 @@ def _throw(error: InputError) -> Decoded:
     raise error
 
 
-def _reason(error: BaseException) -> str:
+def reason(error: BaseException) -> str:
     """FFmpeg's words without the path and the errno, in one line."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return " ".join(str(text).split()).rstrip(".")

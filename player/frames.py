@@ -57,15 +57,19 @@ class PixelFormat:
 
 @dataclass(frozen=True)
 class MediaInfo:
-    """What a medium is. `duration_s` and `frames` are what it declares: None when it does not, or a still."""
+    """What a medium is. `duration_s` and `frames` are what it declares: None when it does not, or a still.
 
-    path: Path
+    live : a camera or a stream; it has no end, cannot seek, and its newest frame is the one that counts.
+    """
+
+    path: Path | str
     format: PixelFormat
     frames_per_second: float
     duration_s: float | None
     still: bool
     codec: str
     frames: int | None
+    live: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A path -> the source that decodes it: OpenEXR pictures here, everything else by FFmpeg (player/ffmpeg_source.py)."""
+"""A name -> the source that decodes it: OpenEXR pictures here, the rest by FFmpeg."""
 
 import re
 from collections.abc import Iterator
@@ -10,6 +10,8 @@ from player import exr
 from player.errors import InputError
 from player.ffmpeg_source import FfmpegSource
 from player.frames import MediaInfo
+from player.live import live_address
+from player.live_source import LiveSource
 from player.pixels import MAX_PIXELS, UNTAGGED, Samples, Tags, check_finite, describe
 from player.source import Decoded, Sequence, Source, is_wanted
 
@@ -17,8 +19,12 @@ SEQUENCE_RATE = 25.0
 _PATTERN = re.compile(r"%0?(\d*)d")
 
 
-def open_source(path: Path, frames_per_second: float | None) -> Source:
-    """Open a file, or a printf pattern such as `frames/%05d.png`, and decode its first picture."""
+def open_source(name: str, frames_per_second: float | None) -> Source:
+    """Open a file, a printf pattern such as `frames/%05d.png` or a live source, and decode its first picture."""
+    live = live_address(name)
+    if live is not None:
+        return LiveSource(name, live)
+    path = Path(name)
     if _PATTERN.search(path.name) and not path.exists():
         start, paths = _sequence(path)
         rate = frames_per_second or SEQUENCE_RATE
@@ -43,7 +49,7 @@ class ExrSource:
         still = len(paths) == 1
         self.info = MediaInfo(path, pixels, rate, None if still else self.end_s, still, "exr", len(paths))
 
-    def lap(self, from_s: float, *, after: bool) -> Iterator[Decoded]:
+    def lap(self, from_s: float, *, after: bool) -> Iterator[Decoded | str]:
         """See Source."""
         for i, path in enumerate(self._paths):
             start_s, end_s = i / self._rate, (i + 1) / self._rate

@@ -143,7 +143,9 @@ class Playback:
         return min(max((self._pending.time_s - now_s) / self._speed, 0.0), longest_s)
 
     def seek(self, time_s: float) -> None:
-        """Go on with the frame that is shown at `time_s` of the medium; a still stays as it is."""
+        """Go on with the frame that is shown at `time_s` of the medium; stills and live sources just go on."""
+        if self.reader.info.live:
+            return
         self._drop_pending()
         self._skipped_to_s = 0.0
         self._left_s = None
@@ -178,7 +180,7 @@ class Playback:
         while self._fetch() and not self._cut_off:
             pending = self._pending
             assert pending is not None
-            if self._anchor is None or (self._paused and self._wanted):
+            if self._anchor is None or (self._paused and self._wanted) or self._is_early(pending):
                 self._anchor = self._clock(), pending.time_s
                 self._wanted = False
             if not self._has_come(pending.time_s) or self._leaves_loop(pending):
@@ -189,6 +191,10 @@ class Playback:
             due, self._pending = pending, None
             self._took(pending)
         return due
+
+    def _is_early(self, frame: Frame) -> bool:
+        """A live frame cannot come before its time: that it does shows by how much earlier ones were delayed."""
+        return self.reader.info.live and not self._paused and not self._has_come(frame.time_s)
 
     def _comes_too_late(self, frame: Frame) -> bool:
         """Whether to wait for a newer frame: this one is over, and the next has not been decoded."""

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from player.errors import InputError
+from player.live import live_address
 
 LISTS = (".m3u", ".m3u8", ".txt")
 MAX_LIST_BYTES = 4 << 20
@@ -46,7 +47,7 @@ def expand(media: Sequence[str]) -> list[str]:
 
 
 def is_list(name: str) -> bool:
-    return Path(name).suffix.lower() in LISTS
+    return Path(name).suffix.lower() in LISTS and live_address(name) is None
 
 
 def read_list(path: Path) -> list[str]:
@@ -67,4 +68,4 @@ def read_list(path: Path) -> list[str]:
     for entry in media:
         if is_list(entry):
             raise InputError(f"{path}: lists the list {entry}; name media only")
-    return [entry if "://" in entry else str(path.parent / entry) for entry in media]
+    return [entry if live_address(entry) or "://" in entry else str(path.parent / entry) for entry in media]

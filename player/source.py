@@ -31,8 +31,11 @@ class Source(Protocol):
     flip_rows: bool
     notices: list[str]
 
-    def lap(self, from_s: float, *, after: bool) -> Iterator[Decoded]:
-        """Yield the pictures to the end: from the one shown at `from_s`, or the first that starts after it."""
+    def lap(self, from_s: float, *, after: bool) -> Iterator[Decoded | str]:
+        """Yield the pictures to the end: from the one shown at `from_s`, or the first that starts after it.
+
+        Between them, lines for the user; an empty one only says that the source is alive.
+        """
 
 
 @dataclass(frozen=True)

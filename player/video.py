@@ -12,10 +12,12 @@ from typing import Any, Self
 from player.decoder_link import SILENCE_S, STUCK_S, DecoderLink
 from player.errors import InputError
 from player.frames import Frame, MediaInfo, PixelFormat, PlaneShape, format_from_json, slot_bytes
+from player.live import live_address
 
 __all__ = ["Frame", "MediaInfo", "MediaReader", "PixelFormat", "PlaneShape"]
 
 RING_SLOTS = 8
+LIVE_SLOTS = 3
 RING_BYTES = 512 << 20  # what decode-ahead may cost at most; at least two slots
 OPENING_S = 60.0
 MAX_DEATHS = 5
@@ -34,7 +36,7 @@ class MediaReader:
     At most `RING_SLOTS` (two for huge pictures, one for stills) frames can be held at a time: release them.
     """
 
-    def __init__(self, path: Path, *, loop: bool, frames_per_second: float | None) -> None:
+    def __init__(self, path: Path | str, *, loop: bool, frames_per_second: float | None) -> None:
         self._path, self._loop = path, loop
         self._arguments = {"path": str(path), "loop": loop, "frames_per_second": frames_per_second}
         self._serial, self._index, self._deaths, self._number = 0, 0, 0, 0
@@ -55,14 +57,15 @@ class MediaReader:
 
     @classmethod
     def open(cls, path: str | Path, *, loop: bool = False, frames_per_second: float | None = None) -> Self:
-        """Start decoding a file, or a sequence given by a printf pattern (`frames/%05d.png`).
+        """Start decoding a file, a sequence (`frames/%05d.png`) or a live source (player/live.py).
 
         frames_per_second : of a sequence; 25 when None. Videos keep their own times.
         Raises InputError, in one line, when it cannot be read; its first frame has been decoded when this returns.
         """
         if frames_per_second is not None and not 0 < frames_per_second <= 1000:
             raise InputError(f"{path}: frame rate {frames_per_second}, expected more than 0 and at most 1000")
-        return cls(Path(path), loop=loop, frames_per_second=frames_per_second)
+        name = path if live_address(str(path)) else Path(path)
+        return cls(name, loop=loop, frames_per_second=frames_per_second)
 
     def __enter__(self) -> Self:
         return self
@@ -164,13 +167,16 @@ class MediaReader:
         """The medium is open: give the decoder a ring for its frames."""
         pixels = format_from_json(opened["format"])
         if self._info is None:
-            values = {name: opened[name] for name in ("frames_per_second", "duration_s", "still", "codec", "frames")}
+            values = {
+                name: opened[name] for name in ("frames_per_second", "duration_s", "still", "codec", "frames", "live")
+            }
             self._info = MediaInfo(path=self._path, format=pixels, **values)
             self._notices += opened["notices"]
         elif pixels != self.info.format:
             self._failure = f"{self._path}: has changed since it was opened; open it again"
             return
-        slots = 1 if self.info.still else max(2, min(RING_SLOTS, RING_BYTES // slot_bytes(pixels)))
+        most = LIVE_SLOTS if self.info.live else RING_SLOTS
+        slots = 1 if self.info.still else max(2, min(most, RING_BYTES // slot_bytes(pixels)))
         self._child.make_ring(slots, pixels)
 
     def _handle(self, event: dict[str, Any]) -> Frame | None:
@@ -182,6 +188,8 @@ class MediaReader:
         elif "mapped" in event:
             self._child.remove_ring_file()
             self._mapped = True
+        elif "notice" in event:
+            self._notices.append(event["notice"])
         elif "error" in event and not self._mapped:
             self._refused(event["error"])
         elif event.get("serial") != self._serial:

@@ -51,6 +51,7 @@ class Reader:
             format=SimpleNamespace(width=4, height=3),
             frames_per_second=self.rate,
             still=self.still,
+            live=False,
             duration_s=None if self.still else self.count / 25,
             codec="none",
         )
