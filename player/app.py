@@ -149,6 +149,8 @@ def _render(options: argparse.Namespace, room: Room, picture: Picture) -> Stats:
 def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room, picture: Picture) -> Stats:
     if options.loop and options.frames is None:
         raise InputError("--loop with --output never ends; add --frames N")
+    if reader.info.live and options.frames is None:
+        raise InputError(f"{reader.info.path}: a live source never ends; add --frames N to --output")
     if options.refine == "auto":
         raise InputError("--refine auto is for a window: a file has no time to keep; give a number of steps")
     if options.backend == "cpu" and options.path is not None:

@@ -110,7 +110,12 @@ class MediaReader:
             self._child.send({"free": slot})
 
     def seek(self, time_s: float) -> None:
-        """Continue with the frame that is shown at `time_s`, which counts across loops like Frame.time_s."""
+        """Continue with the frame that is shown at `time_s`, which counts across loops like Frame.time_s.
+
+        A live source just goes on.
+        """
+        if self.info.live:
+            return
         self._serial += 1
         self._failure, self.ended, self._deaths, self._last_s = None, False, 0, 0.0
         time_s = max(time_s, 0.0)

@@ -99,6 +99,14 @@ def test_an_old_picture_waits_for_the_newest() -> None:
         assert due().time_s > last
 
 
+def test_a_reader_that_is_asked_to_seek_goes_on() -> None:
+    with MediaReader.open(f"lavfi:{COUNTING}") as reader:
+        frame = next_frame(reader)
+        reader.release(frame)
+        reader.seek(0.0)
+        assert next_frame(reader).time_s > frame.time_s
+
+
 def test_a_source_that_breaks_off_is_opened_again() -> None:
     with MediaReader.open(f"lavfi:{COUNTING},trim=end_frame=5") as reader:
         numbers: list[int] = []
