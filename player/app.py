@@ -14,6 +14,7 @@ import numpy as np
 
 from player import calibration as calibrations
 from player import maps
+from player.audio import open_audio
 from player.calibration import Region
 from player.command import run
 from player.control import ControlServer
@@ -202,17 +203,19 @@ def play_in_window(
         vsync=options.vsync,
     ) as window:
         renderer: Renderer = GlRenderer(window.context, room, path)
+        audio, silence = open_audio(options.volume, mute=options.mute) if options.audio else (None, None)
         try:
             session = Session(
                 Playlist(options.media, loop=options.loop and len(options.media) > 1, start=options.playlist_start),
                 lambda medium, loop: MediaReader.open(medium, loop=loop, frames_per_second=options.fps),
                 renderer,
                 window,
-                setup=_setup(options, room, picture),
+                setup=replace(_setup(options, room, picture), silence=silence),
                 site=_RoomInUse(options, room, lambda fresh: GlRenderer(window.context, fresh, path)).site(),
                 bindings=options.keys,
                 remotes=remotes,
                 heartbeat=heartbeat,
+                audio=audio,
             )
 
             def shown() -> Any:
@@ -225,6 +228,8 @@ def play_in_window(
             finally:
                 session.renderer.release()
         finally:
+            if audio is not None:
+                audio.close()
             renderer.release()
 
 

@@ -137,7 +137,7 @@ class Events:
 
 def main(arguments: dict[str, Any]) -> None:
     """Open the medium, wait for the ring, then follow orders until told to quit."""
-    events = Events(_private_stdout())
+    events = Events(private_stdout())
     mailbox = Mailbox(sys.stdin.buffer)
     threading.Thread(target=_beat, args=(events, mailbox), daemon=True).start()
     try:
@@ -209,7 +209,7 @@ def _beat(events: Events, mailbox: Mailbox) -> None:
         events.send({"busy_s": mailbox.busy_s()})
 
 
-def _private_stdout() -> IO[bytes]:
+def private_stdout() -> IO[bytes]:
     """Keep the pipe to the parent for events: libraries print warnings to file descriptor 1."""
     pipe = os.dup(1)
     nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -217,7 +217,7 @@ def _private_stdout() -> IO[bytes]:
     return os.fdopen(pipe, "wb")
 
 
-def _limit_memory() -> None:
+def limit_memory() -> None:
     """Bound the address space, so that a hostile header fails here and does not swap the machine to death."""
     try:
         import resource
@@ -229,7 +229,7 @@ def _limit_memory() -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
 
 
-def _quiet_ffmpeg() -> None:
+def quiet_ffmpeg() -> None:
     # PyAV's own log callback takes the GIL: a codec thread that logs while the main thread frees the codec hung the
     # process in half of the runs on a damaged H.264 file. FFmpeg's callback needs no GIL.
     av.logging.restore_default_callback()
@@ -238,8 +238,8 @@ def _quiet_ffmpeg() -> None:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _limit_memory()
-    _quiet_ffmpeg()
+    limit_memory()
+    quiet_ffmpeg()
     try:
         main(json.loads(sys.argv[1]))
     except BrokenPipeError:  # the parent has gone

@@ -110,7 +110,8 @@ class FfmpegSource:
         self.notices += [f"{self.path}: {notice}"] if notice else []
         duration = None if self._still else self._declared_s()
         count = self._declared_frames() or (1 if self._still else None)
-        return MediaInfo(self.path, pixels, self._rate(), duration, self._still, self._codec, count)
+        sound = bool(self._container.streams.audio)
+        return MediaInfo(self.path, pixels, self._rate(), duration, self._still, self._codec, count, sound=sound)
 
     def _rate(self) -> float:
         rate = self._sequence.rate if self._sequence else self._stream.average_rate or self._stream.guessed_rate

@@ -70,6 +70,7 @@ class MediaInfo:
     codec: str
     frames: int | None
     live: bool = False
+    sound: bool = False
 
 
 @dataclass(frozen=True)

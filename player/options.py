@@ -165,6 +165,9 @@ def _add_window(add: Callable[..., object]) -> None:
         default=True,
         help="wait for the display's refresh",
     )
+    add("--audio", action=argparse.BooleanOptionalAction, default=True, help="play sound, if the extra audio is there")
+    add("--volume", type=_within(0, 130), default=100.0, metavar="PERCENT", help="of the sound (default 100)")
+    add("--mute", action=argparse.BooleanOptionalAction, default=False, help="begin without sound")
     add("--blackout", action=argparse.BooleanOptionalAction, default=False, help="begin with black")
     add("--osd", action=argparse.BooleanOptionalAction, default=True, help="say on the screen what keys change")
     add("--screenshot-directory", type=Path, default=Path(), metavar="DIR", help="for the key s (default: here)")

@@ -28,6 +28,16 @@ class Reader(Protocol):
     def close(self) -> None: ...
 
 
+class Sound(Protocol):
+    """player.audio.Track, as far as playback goes."""
+
+    def seek(self, time_s: float, speed: float) -> None: ...
+    def play(self, time_s: float, at_s: float) -> None: ...
+    def pause(self) -> None: ...
+    def time_s(self) -> float | None: ...
+    def close(self) -> None: ...
+
+
 class Playback:
     """Says which frame of a reader is due: the last whose time media time has reached; the overtaken are dropped.
 
@@ -36,6 +46,7 @@ class Playback:
     until a newer one arrives. Media time waits for a decoder that cannot keep up; `stalled_s` says how long.
 
     clock : seconds, monotonic.  hold_s : how long a still is shown; None for ever.
+    sound : the medium's; while it is heard, its clock leads.
     seamless : the reader itself begins again at the end, as long as `loop` stays on.
     """
 
@@ -49,13 +60,15 @@ class Playback:
         hold_s: float | None = None,
         paused: bool = False,
         speed: float = 1.0,
+        sound: Sound | None = None,
     ) -> None:
         self.reader, self.loop, self.hold_s = reader, loop, hold_s
         self.dropped = 0
         self.stalled_s = 0.0
         self.a_s: float | None = None
         self.b_s: float | None = None
-        self._clock, self._seamless = clock, seamless
+        self._clock, self._seamless, self._sound = clock, seamless, sound
+        self._lap_s = 0.0  # media time at which the present lap began
         self._pending: Frame | None = None
         self._anchor: tuple[float, float] | None = None  # clock and media time at once; None until a frame arrives
         self._taken_s: float | None = None  # time of the frame that was taken last
@@ -76,6 +89,11 @@ class Playback:
         return self._seconds
 
     @property
+    def media_s(self) -> float | None:
+        """Media time now, which grows across loops; None until a frame has come."""
+        return self._media_time()
+
+    @property
     def paused(self) -> bool:
         return self._paused
 
@@ -83,6 +101,7 @@ class Playback:
     def paused(self, paused: bool) -> None:
         self._hold_now()
         self._paused = paused
+        self._let_hear()
 
     @property
     def speed(self) -> float:
@@ -92,6 +111,9 @@ class Playback:
     def speed(self, speed: float) -> None:
         self._hold_now()
         self._speed = speed
+        if self._sound is not None:
+            self._sound.seek(self._in_medium(self._media_time() or self._seconds), speed)
+            self._let_hear()
 
     @property
     def finished(self) -> bool:
@@ -147,10 +169,12 @@ class Playback:
         if self.reader.info.live:
             return
         self._drop_pending()
-        self._skipped_to_s = 0.0
+        self._skipped_to_s = self._lap_s = 0.0
         self._left_s = None
         self._seconds = self._in_medium(max(0.0, time_s))
         self.reader.seek(self._seconds)
+        if self._sound is not None:
+            self._sound.seek(self._seconds, self._speed)
         self._anchor = self._taken_s = None
         self._wanted, self._cut_off = True, False
 
@@ -169,6 +193,8 @@ class Playback:
     def close(self) -> None:
         self._drop_pending()
         self.reader.close()
+        if self._sound is not None:
+            self._sound.close()
 
     @property
     def _exhausted(self) -> bool:
@@ -181,7 +207,7 @@ class Playback:
             pending = self._pending
             assert pending is not None
             if self._anchor is None or (self._paused and self._wanted) or self._is_early(pending):
-                self._anchor = self._clock(), pending.time_s
+                self._put_anchor(pending.time_s)
                 self._wanted = False
             if not self._has_come(pending.time_s) or self._leaves_loop(pending):
                 break
@@ -212,7 +238,7 @@ class Playback:
         if clock_s >= self._hurried_until_s:
             self._hurried_until_s = clock_s + HURRIED_S
         self.stalled_s += late_s / self._speed
-        self._anchor = clock_s, frame.time_s
+        self._put_anchor(frame.time_s)
         return False
 
     def _leave(self, frame: Frame) -> None:
@@ -243,8 +269,18 @@ class Playback:
 
     def _took(self, frame: Frame) -> None:
         self._wanted = False
+        self._begin_lap(frame.time_s - self._in_medium(frame.time_s))
         self._taken_s, self._taken_until_s = frame.time_s, frame.time_s + frame.duration_s
         self._seconds = self._in_medium(frame.time_s)
+
+    def _begin_lap(self, lap_s: float) -> None:
+        """The reader has begun again: so shall the sound."""
+        if abs(lap_s - self._lap_s) > MORE_THAN_ROUNDING_S:
+            self._media_time()  # the anchor as it was heard, before the sound falls silent
+            self._lap_s = lap_s
+            if self._sound is not None:
+                self._sound.seek(0.0, self._speed)
+                self._let_hear()
 
     def _in_medium(self, time_s: float) -> float:
         """A time that goes on when the reader begins again, within the medium."""
@@ -268,8 +304,25 @@ class Playback:
     def _media_time(self) -> float | None:
         if self._anchor is None:
             return None
+        heard_s = None if self._sound is None or self._paused else self._sound.time_s()
+        if heard_s is not None:
+            self._anchor = self._clock(), self._lap_s + heard_s
         clock_s, media_s = self._anchor
         return media_s if self._paused else media_s + (self._clock() - clock_s) * self._speed
+
+    def _put_anchor(self, media_s: float) -> None:
+        self._anchor = self._clock(), media_s
+        self._let_hear()
+
+    def _let_hear(self) -> None:
+        """Tell the sound what belongs to the anchor."""
+        if self._sound is None:
+            return
+        if self._paused or self._anchor is None:
+            self._sound.pause()
+        else:
+            clock_s, media_s = self._anchor
+            self._sound.play(media_s - self._lap_s, clock_s)
 
     def _has_come(self, time_s: float) -> bool:
         now_s = self._media_time()

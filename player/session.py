@@ -12,12 +12,12 @@ from contextlib import contextmanager
 
 from player import controls
 from player.errors import InputError
-from player.frames import Frame
+from player.frames import Frame, MediaInfo
 from player.keys import Keys
 from player.osd import MESSAGE_SIZE, Message, Page
 from player.picture import Picture
 from player.placing import Placing
-from player.playback import Playback, Reader
+from player.playback import Playback, Reader, Sound
 from player.playlist import Playlist
 from player.refinement import Certificate, StepBudget
 from player.renderer import Renderer
@@ -63,6 +63,7 @@ class Session:
         self.placing: Placing | None = None
         self.image_display_duration = self.setup.image_display_duration
         self.refine: Steps = self.setup.refine
+        self._silence = self.setup.silence
         self.renderer = renderer
         self._incoming: Renderer | None = None
         self._open_reader, self._clock = open_reader, clock
@@ -210,6 +211,7 @@ class Session:
             hold_s=self.image_display_duration,
             paused=before is not None and before.paused,
             speed=self.setup.speed if before is None else before.speed,
+            sound=self._sound(reader.info, medium),
         )
         if before is not None:
             before.close()
@@ -289,6 +291,17 @@ class Session:
         self.rendered_view = self.view
         self._steps_made += steps
         self._changed = False
+
+    def _sound(self, info: MediaInfo, medium: str) -> Sound | None:
+        """The sound of a medium that has one; why it is not heard is told once."""
+        if not info.sound or info.still or info.live:
+            return None
+        if self.audio is not None:
+            return self.audio.open(medium)
+        if self._silence is not None:
+            self.notice(self._silence)
+            self._silence = None
+        return None
 
     def _new_page(self) -> Page | None:
         """What is written over the picture; the statistics' figures stand still for PAGE_INTERVAL_S."""

@@ -10,6 +10,7 @@ from player.frames import PixelFormat
 from player.osd import Page
 from player.picture import Picture
 from player.placement import Corners
+from player.playback import Sound
 from player.refinement import Certificate
 from player.renderer import Renderer
 
@@ -71,12 +72,16 @@ class Audio(Protocol):
     volume: float
     mute: bool
 
+    def open(self, medium: str) -> Sound:
+        """The sound of a medium."""
+
 
 @dataclass(frozen=True)
 class Setup:
     """What a session begins with.
 
     image_display_duration : seconds that a still is shown; None for ever.
+    silence : why there is no audio output, told when a medium has sound; None: nobody wants any.
     """
 
     view: str = "projector"
@@ -88,6 +93,7 @@ class Setup:
     start_s: float = 0.0
     image_display_duration: float | None = None
     blackout: bool = False
+    silence: str | None = None
     osd: bool = True
     screenshots: Path = Path()
 

@@ -173,7 +173,8 @@ class MediaReader:
         pixels = format_from_json(opened["format"])
         if self._info is None:
             values = {
-                name: opened[name] for name in ("frames_per_second", "duration_s", "still", "codec", "frames", "live")
+                name: opened[name]
+                for name in ("frames_per_second", "duration_s", "still", "codec", "frames", "live", "sound")
             }
             self._info = MediaInfo(path=self._path, format=pixels, **values)
             self._notices += opened["notices"]

@@ -52,6 +52,7 @@ class Reader:
             frames_per_second=self.rate,
             still=self.still,
             live=False,
+            sound=False,
             duration_s=None if self.still else self.count / 25,
             codec="none",
         )
