@@ -17,21 +17,21 @@ from player import maps
 from player.audio import open_audio
 from player.calibration import Region
 from player.command import run
-from player.control import ControlServer
 from player.cpu_renderer import CpuRenderer
 from player.errors import InputError
 from player.headless import render_to_file
-from player.heartbeat import Heartbeat, Notifier
-from player.options import Steps, image_display_duration, monitors_of, one_medium, picture_of, read_options
 from player.picture import Picture
 from player.placement import Corners, corners_of, read_placement, write_placement
-from player.playlist import Playlist
 from player.refinement import DEFAULT_STEPS, STARTS, Certificate
 from player.renderer import Renderer, Room, place
-from player.session import Session
-from player.session_inputs import Remote, Setup, Site
+from player.show.options import Steps, image_display_duration, monitors_of, one_medium, picture_of, read_options
+from player.show.playlist import Playlist
+from player.show.session import Session
+from player.show.session_inputs import Remote, Setup, Site
 from player.stats import Stats
-from player.supervisor import supervise
+from player.unattended.control import ControlServer
+from player.unattended.heartbeat import Heartbeat, Notifier
+from player.unattended.supervisor import supervise
 from player.video import MediaReader, PixelFormat
 
 

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from player.audio_decoder import CHANNELS, HEADER, NO_SOUND, RATE, Samples
+from player.decoding.audio_decoder import CHANNELS, HEADER, NO_SOUND, RATE, Samples
 
 AHEAD = RATE  # samples that are kept ready: a second
 MISSING = "no sound: the package sounddevice is missing; install it with: pip install sounddevice"
@@ -230,7 +230,7 @@ def _start_child(medium: str) -> subprocess.Popen[bytes]:
     package_folder = str(Path(__file__).resolve().parents[1])
     search = os.pathsep.join(filter(None, [package_folder, os.environ.get("PYTHONPATH")]))
     return subprocess.Popen(
-        [sys.executable, "-P", "-m", "player.audio_decoder", medium],
+        [sys.executable, "-P", "-m", "player.decoding.audio_decoder", medium],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

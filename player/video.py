@@ -1,7 +1,7 @@
 """Media -> decoded frames with their time in seconds, decoded by a child process.
 
-A damaged stream can crash or hang a decoder, so it runs in `player.decoder`: a crash costs a notice and a restart,
-never the show.
+A damaged stream can crash or hang a decoder, so it runs in `player.decoding.decoder`: a crash costs a notice and a
+restart, never the show.
 """
 
 import time
@@ -9,10 +9,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from player.decoder_link import SILENCE_S, STUCK_S, DecoderLink
+from player.decoding.decoder_link import SILENCE_S, STUCK_S, DecoderLink
+from player.decoding.live import live_address
 from player.errors import InputError
 from player.frames import Frame, MediaInfo, PixelFormat, PlaneShape, format_from_json, slot_bytes
-from player.live import live_address
 
 __all__ = ["Frame", "MediaInfo", "MediaReader", "PixelFormat", "PlaneShape"]
 
@@ -57,7 +57,7 @@ class MediaReader:
 
     @classmethod
     def open(cls, path: str | Path, *, loop: bool = False, frames_per_second: float | None = None) -> Self:
-        """Start decoding a file, a sequence (`frames/%05d.png`) or a live source (player/live.py).
+        """Start decoding a file, a sequence (`frames/%05d.png`) or a live source (player/decoding/live.py).
 
         frames_per_second : of a sequence; 25 when None. Videos keep their own times.
         Raises InputError, in one line, when it cannot be read; its first frame has been decoded when this returns.

@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from player.commands import Commands
 from player.errors import InputError
-from player.osd import Page
 from player.picture import Picture
 from player.placement import Corners
-from player.playlist import Playlist
 from player.refinement import Certificate
 from player.renderer import PathReport
-from player.session import Session
-from player.session_inputs import Setup, Site
+from player.show.commands import Commands
+from player.show.osd import Page
+from player.show.playlist import Playlist
+from player.show.session import Session
+from player.show.session_inputs import Setup, Site
 
 MEASURED = PathReport("fragment", 16, 12.5, 25.0)
 SQUARE: Corners = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from player.audio import MISSING, AudioOutput, Pull, open_audio
-from player.audio_decoder import RATE, decoded
-from player.playback import Playback
-from player.session_inputs import Setup
+from player.decoding.audio_decoder import RATE, decoded
+from player.show.playback import Playback
+from player.show.session_inputs import Setup
 from player.video import MediaReader
 from tests.ffmpeg_frames import ffmpeg_frame
 from tests.stage import Clock, Reader, Stage

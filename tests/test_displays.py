@@ -9,8 +9,8 @@ import pytest
 from player import app, calibration, exr
 from player.calibration import Calibration, Device, Region
 from player.errors import InputError
-from player.options import monitors_of, read_options
 from player.response import Response
+from player.show.options import monitors_of, read_options
 from tests.joint_rooms import CAMERA, LEFT, RIGHT, join, write_halves
 from tests.scenes import SCENES
 from tests.test_player import fail, succeed

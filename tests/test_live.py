@@ -11,11 +11,11 @@ import av
 import numpy as np
 import pytest
 
+from player.decoding.live import LiveAddress, live_address
 from player.errors import InputError
-from player.live import LiveAddress, live_address
-from player.playback import Playback
-from player.playlist import expand
-from player.session_inputs import Setup
+from player.show.playback import Playback
+from player.show.playlist import expand
+from player.show.session_inputs import Setup
 from player.video import LIVE_SLOTS, Frame, MediaReader
 from tests.ffmpeg_frames import ffmpeg_frame
 from tests.stage import Reader, Stage

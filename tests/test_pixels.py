@@ -1,4 +1,4 @@
-"""player/pixels.py: FFmpeg frames of known code values, format by format, in odd sizes."""
+"""player/decoding/pixels.py: FFmpeg frames of known code values, format by format, in odd sizes."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from player import pixels
+from player.decoding import pixels
 from player.errors import InputError
 from tests.ffmpeg_frames import Planes, ffmpeg_frame
 

@@ -9,11 +9,11 @@ import av
 import numpy as np
 import pytest
 
-from player import playback as playbacks
-from player.playback import Playback
-from player.playlist import Playlist
-from player.session import Session
-from player.session_inputs import Setup
+from player.show import playback as playbacks
+from player.show.playback import Playback
+from player.show.playlist import Playlist
+from player.show.session import Session
+from player.show.session_inputs import Setup
 from player.video import MediaReader
 from tests.ffmpeg_frames import ffmpeg_frame
 from tests.stage import Clock, Screen

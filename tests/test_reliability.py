@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from player.gl.renderer import GlRenderer
-from player.heartbeat import rss_bytes
+from player.unattended.heartbeat import rss_bytes
 from player.video import Frame, MediaReader
 from tests.gl_objects import live_objects
 from tests.rooms import random_room

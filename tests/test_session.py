@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from player.commands import CommandError
 from player.errors import InputError
-from player.session_inputs import Setup
+from player.show.commands import CommandError
+from player.show.session_inputs import Setup
 from tests.stage import Reader, Stage
 
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from player.commands import CommandError, Commands
 from player.errors import InputError
-from player.session_inputs import Setup
+from player.show.commands import CommandError, Commands
+from player.show.session_inputs import Setup
 from tests.stage import SQUARE, Reader, Screen, Stage
 
 

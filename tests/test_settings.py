@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from player.errors import InputError
-from player.options import image_display_duration, picture_of, read_options
 from player.picture import Picture
-from player.playlist import Playlist, expand
-from player.settings import default_path
+from player.show.options import image_display_duration, picture_of, read_options
+from player.show.playlist import Playlist, expand
+from player.show.settings import default_path
 
 
 @pytest.fixture

@@ -20,10 +20,10 @@ import pytest
 from Xlib.display import Display
 from Xlib.error import BadDrawable
 
-from player import heartbeat
 from player.errors import InputError
-from player.heartbeat import FACTS, Heartbeat, Notifier, read_facts
-from player.supervisor import (
+from player.unattended import heartbeat
+from player.unattended.heartbeat import FACTS, Heartbeat, Notifier, read_facts
+from player.unattended.supervisor import (
     BACK_OFF_S,
     ENDING_S,
     LONGEST_BACK_OFF_S,
@@ -360,7 +360,7 @@ def test_no_player_outlives_a_supervisor_that_is_killed(
 def test_the_unit_starts_what_there_is_and_waits_longer_than_the_supervisor() -> None:
     unit = configparser.ConfigParser(strict=True, interpolation=None)
     unit.optionxform = str  # type: ignore[assignment, method-assign]
-    unit.read_string((files("player.systemd") / "counterlight.service").read_text())
+    unit.read_string((files("player.unattended.systemd") / "counterlight.service").read_text())
     service = unit["Service"]
     options = {word for word in service["ExecStart"].split() if word.startswith("--")}
     assert options == {"--supervise", "--fullscreen"}

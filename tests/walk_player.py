@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from player.app import play_in_window, room_of
-from player.commands import CommandError, Commands
-from player.options import picture_of, read_options
+from player.show.commands import CommandError, Commands
+from player.show.options import picture_of, read_options
 
 LOOPS_BETWEEN = 4
 NOT_WATCHED = ("volume", "mute", "gap", "psnr", "frames", "dropped", "fps", "monitor")

@@ -15,7 +15,7 @@ import moderngl
 from player.command import run
 from player.errors import InputError
 from player.gl.monitors import Monitor, find_monitor, list_monitors, monitor_handle
-from player.heartbeat import INTERVAL_S, Heartbeat, Notifier
+from player.unattended.heartbeat import INTERVAL_S, Heartbeat, Notifier
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -13,7 +13,7 @@ from player.calibration import Region
 from player.errors import InputError
 from player.gl.monitors import Monitor, find_monitor, list_monitors
 from player.gl.window import REDRAW, Window, open_window, wait_for_events
-from player.osd import Page
+from player.show.osd import Page
 
 
 class Displays:

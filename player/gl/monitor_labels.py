@@ -9,7 +9,7 @@ import moderngl
 
 from player.gl.monitors import Monitor
 from player.gl.passes import ScreenPass, Uniform
-from player.osd import Page, draw
+from player.show.osd import Page, draw
 
 LETTERS = (2160, 3840)  # as if the window were this large (height, width): the text is read across a room
 HINTS = {

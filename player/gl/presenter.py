@@ -4,7 +4,7 @@ import moderngl
 
 from player.calibration import Region
 from player.gl.passes import ScreenPass
-from player.osd import Page, draw
+from player.show.osd import Page, draw
 
 
 class Presenter:

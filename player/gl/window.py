@@ -21,7 +21,7 @@ from player.gl.monitors import (
     start_glfw,
 )
 from player.gl.presenter import Presenter
-from player.osd import Page
+from player.show.osd import Page
 
 REDRAW = "redraw"  # not a key: the window was resized or uncovered
 CURSOR_S = 1.0  # how long a cursor that rests is seen in a window; full screen it never is
@@ -142,7 +142,7 @@ class Window:
         return monitors[0].name if monitors else "none"
 
     def poll(self, timeout_s: float) -> list[str]:
-        """Names of the keys pressed since the last call (player/keys.py), waiting at most `timeout_s` for an event."""
+        """Names of the keys pressed since the last call (player/show/keys.py), after at most `timeout_s`."""
         wait_for_events(timeout_s)
         return self.take_keys()
 

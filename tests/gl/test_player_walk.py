@@ -16,10 +16,10 @@ import av
 import numpy as np
 import pytest
 
-from player.commands import Commands
-from player.keys import KEYS, PLACING
 from player.picture import Picture
-from player.session_inputs import Setup
+from player.show.commands import Commands
+from player.show.keys import KEYS, PLACING
+from player.show.session_inputs import Setup
 from tests.gl.test_window import PATIENCE_S, ROOT, press
 from tests.rooms import write_blurred_room
 from tests.stage import Stage

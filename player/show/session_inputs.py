@@ -5,14 +5,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol, TypeAlias
 
-from player.commands import Commands
 from player.frames import PixelFormat
-from player.osd import Page
 from player.picture import Picture
 from player.placement import Corners
-from player.playback import Sound
 from player.refinement import Certificate
 from player.renderer import Renderer
+from player.show.commands import Commands
+from player.show.osd import Page
+from player.show.playback import Sound
 
 Steps: TypeAlias = int | Literal["auto"]
 

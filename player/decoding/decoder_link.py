@@ -1,7 +1,7 @@
 """The parent's end of a decoder process: start it, hear it, share memory with it, end it.
 
-Commands and events are JSON lines (player/decoder.py lists them); pixels go through a ring of slots in a memory-mapped
-file that is unlinked as soon as both sides have mapped it.
+Commands and events are JSON lines (decoder.py lists them); pixels go through a ring of slots in a memory-mapped file
+that is unlinked as soon as both sides have mapped it.
 """
 
 import contextlib
@@ -131,13 +131,13 @@ class DecoderLink:
 
 
 def _start_decoder(arguments: dict[str, Any], errors: IO[bytes]) -> subprocess.Popen[bytes]:
-    """Run player.decoder with this interpreter, in a process group of its own: Ctrl-C is for the parent to handle."""
-    package_folder = str(Path(__file__).resolve().parents[1])
+    """Run decoder.py with this interpreter, in a process group of its own: Ctrl-C is for the parent to handle."""
+    package_folder = str(Path(__file__).resolve().parents[2])
     search = os.pathsep.join(filter(None, [package_folder, os.environ.get("PYTHONPATH")]))
     # One BLAS thread and few arenas: each would reserve address space, which the decoder limits for itself.
     environment = os.environ | {"PYTHONPATH": search, "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "4"}
     return subprocess.Popen(
-        [sys.executable, "-P", "-m", "player.decoder", json.dumps(arguments)],
+        [sys.executable, "-P", "-m", "player.decoding.decoder", json.dumps(arguments)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=errors,

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from player.decoding.live import live_address
 from player.errors import InputError
-from player.live import live_address
 
 LISTS = (".m3u", ".m3u8", ".txt")
 MAX_LIST_BYTES = 4 << 20

@@ -1,7 +1,7 @@
 """Playback in a window, from loop to loop: keys and remotes, the frame that is due, what is drawn and written over it.
 
-Which frame is due is player/playback.py's to say, what comes next player/playlist.py's, what keys and remotes can do
-player/controls.py's. Knows no OpenGL; a display and a clock are handed in.
+Which frame is due is playback.py's to say, what comes next playlist.py's, what keys and remotes can do
+controls.py's. Knows no OpenGL; a display and a clock are handed in.
 """
 
 import gc
@@ -10,20 +10,20 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
-from player import controls
 from player.errors import InputError
 from player.frames import Frame, MediaInfo
-from player.keys import Keys
-from player.osd import MESSAGE_SIZE, Message, Page
 from player.picture import Picture
-from player.placing import Placing
-from player.playback import Playback, Reader, Sound
-from player.playlist import Playlist
 from player.refinement import Certificate, StepBudget
 from player.renderer import Renderer
-from player.session_inputs import Audio, Display, Heartbeat, Remote, Setup, Site, Steps
+from player.show import controls
+from player.show.keys import Keys
+from player.show.osd import MESSAGE_SIZE, Message, Page
+from player.show.placing import Placing
+from player.show.playback import Playback, Reader, Sound
+from player.show.playlist import Playlist
+from player.show.session_inputs import Audio, Display, Heartbeat, Remote, Setup, Site, Steps
+from player.show.stats_page import facts, stats_page
 from player.stats import Stats
-from player.stats_page import facts, stats_page
 
 CERTIFICATE_INTERVAL_S = 0.5
 PAGE_INTERVAL_S = 0.2

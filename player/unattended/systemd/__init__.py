@@ -1,4 +1,4 @@
 """The systemd unit that keeps a show running: counterlight.service (docs/unattended.md tells how to install it).
 
-No code lives here. Read next: player/supervisor.py, which the unit starts.
+No code lives here. Read next: player/unattended/supervisor.py, which the unit starts.
 """

@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from player.errors import InputError
-from player.json_lines import encode
+from player.unattended.json_lines import encode
 
 INTERVAL_S = 1.0
 MAX_LOG_BYTES = 16 << 20  # then FILE becomes FILE.1: a show of months fills no disk

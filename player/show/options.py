@@ -9,14 +9,14 @@ from typing import Any, Literal, TypeAlias
 
 from player.command import Parser
 from player.errors import InputError
-from player.keys import KEYS
 from player.picture import CONTROL, MOST_BLACK, MOST_FLICKER, Picture
-from player.playlist import expand
 from player.refinement import DEFAULT_STEPS, MOST_STEPS, STARTS
 from player.renderer import DITHERS, PATHS, VIEWS
-from player.settings import apply_settings, default_path
-from player.supervisor import SAFE
+from player.show.keys import KEYS
+from player.show.playlist import expand
+from player.show.settings import apply_settings, default_path
 from player.test_cards import CARDS
+from player.unattended.supervisor import SAFE
 
 Steps: TypeAlias = int | Literal["auto"] | None
 LISTED_IMAGE_S = 5.0  # how long a picture in a list is shown if nobody says

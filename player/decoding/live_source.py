@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import av
 
+from player.decoding.ffmpeg_source import FfmpegSource, reason
+from player.decoding.live import LiveAddress
+from player.decoding.source import Decoded
 from player.errors import InputError
-from player.ffmpeg_source import FfmpegSource, reason
-from player.live import LiveAddress
-from player.source import Decoded
 
 OPEN_S, READ_S = 10.0, 5.0  # FFmpeg's patience with a network
 RETRY_S = (0.5, 1.0, 2.0, 5.0)  # between attempts to open it again; the last one for ever

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from player import exr
+from player.decoding.ffmpeg_source import FfmpegSource
+from player.decoding.live import live_address
+from player.decoding.live_source import LiveSource
+from player.decoding.pixels import MAX_PIXELS, UNTAGGED, Samples, Tags, check_finite, describe
+from player.decoding.source import Decoded, Sequence, Source, is_wanted
 from player.errors import InputError
-from player.ffmpeg_source import FfmpegSource
 from player.frames import MediaInfo
-from player.live import live_address
-from player.live_source import LiveSource
-from player.pixels import MAX_PIXELS, UNTAGGED, Samples, Tags, check_finite, describe
-from player.source import Decoded, Sequence, Source, is_wanted
 
 SEQUENCE_RATE = 25.0
 _PATTERN = re.compile(r"%0?(\d*)d")

@@ -6,21 +6,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from player.commands import Anything, Choice, Command, CommandError, Commands, Flag, Number, Property
 from player.errors import InputError
 from player.files import replacing_file
 from player.output import write_picture
 from player.picture import CONTROL, MOST_BLACK, MOST_FLICKER
-from player.placing import Placing
-from player.playback import Playback
-from player.playlist import expand
 from player.refinement import MOST_STEPS
 from player.renderer import VIEWS, Renderer
-from player.stats_page import position
+from player.show.commands import Anything, Choice, Command, CommandError, Commands, Flag, Number, Property
+from player.show.placing import Placing
+from player.show.playback import Playback
+from player.show.playlist import expand
+from player.show.stats_page import position
 from player.test_cards import CARDS
 
 if TYPE_CHECKING:
-    from player.session import Session
+    from player.show.session import Session
 
 ANY_NUMBER = Number(-1e9, 1e9)
 TIME = Number(0, 1e9)

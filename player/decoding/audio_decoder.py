@@ -1,4 +1,4 @@
-"""The audio decoder process: `python -m player.audio_decoder ARGUMENTS`, started by player/audio.py and by nobody else.
+"""The audio decoder process: `python -m player.decoding.audio_decoder ARGUMENTS`, started by player/audio.py alone.
 
 Reads orders (JSON lines {"serial": n, "time_s": t, "speed": v}) from stdin; writes blocks to stdout: HEADER (serial,
 samples), then as many stereo pairs of float32 at RATE, the first one at `time_s` of the medium, `speed` media seconds a
@@ -19,7 +19,7 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
-from player.decoder import limit_memory, private_stdout, quiet_ffmpeg
+from player.decoding.decoder import limit_memory, private_stdout, quiet_ffmpeg
 
 RATE, CHANNELS = 48_000, 2
 HEADER = struct.Struct("<qI")

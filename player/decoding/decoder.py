@@ -1,4 +1,4 @@
-"""The decoder process: `python -m player.decoder ARGUMENTS`, started by player/video.py and by nobody else.
+"""The decoder process: `python -m player.decoding.decoder ARGUMENTS`, started by player/video.py alone.
 
 Reads commands (JSON lines) from stdin and writes events to stdout:
 
@@ -22,11 +22,11 @@ from typing import IO, Any
 
 import av
 
+from player.decoding.media import open_source
+from player.decoding.pixels import store
+from player.decoding.source import Source
 from player.errors import InputError
 from player.frames import PixelFormat, describe_info, slot_planes
-from player.media import open_source
-from player.pixels import store
-from player.source import Source
 
 HEARTBEAT_S = 0.5
 MAX_ADDRESS_SPACE = 6 << 30

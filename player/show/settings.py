@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from player.commands import CommandError, nearest
 from player.errors import InputError
 from player.files import read_toml
-from player.keys import check_bindings
+from player.show.commands import CommandError, nearest
+from player.show.keys import check_bindings
 
 NOT_SETTINGS = ("help", "config", "list-monitors", "output")
 KEYS_TABLE = "keys"

@@ -1,6 +1,6 @@
 """play-corrected --supervise: the player as a child process that is started again whenever it dies or hangs.
 
-The supervisor is the player's service manager: it hears the READY=1, WATCHDOG=1 and facts of player/heartbeat.py at a
+The supervisor is the player's service manager: it hears the READY=1, WATCHDOG=1 and facts of heartbeat.py at a
 socket of its own, and tells systemd in turn. It holds no picture and no codec, so that little can end it.
 
     crash        the player ends with a signal or an exit code that is not clean, or is silent for SILENCE_S
@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from player.command import BAD_INPUT, DONE, INTERRUPTED
-from player.heartbeat import INTERVAL_S, Notifier, read_facts
+from player.unattended.heartbeat import INTERVAL_S, Notifier, read_facts
 
 SILENCE_S = 3.0  # three beats; with the longest back-off, 5 s from the last beat to the next player
 START_S = 60.0  # to read the maps and compile the shaders

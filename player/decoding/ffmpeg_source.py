@@ -1,4 +1,4 @@
-"""Videos, pictures and numbered pictures by FFmpeg, through PyAV. Live sources: player/live_source.py."""
+"""Videos, pictures and numbered pictures by FFmpeg, through PyAV. Live sources: player/decoding/live_source.py."""
 
 import re
 from collections.abc import Iterator
@@ -8,10 +8,10 @@ from pathlib import Path
 
 import av
 
+from player.decoding.pixels import MAX_PIXELS, UNTAGGED, Samples, Tags, describe, display_rotation, hdr_notice, unpack
+from player.decoding.source import TIME_SLACK_S, Decoded, Sequence, is_wanted
 from player.errors import InputError
 from player.frames import MediaInfo
-from player.pixels import MAX_PIXELS, UNTAGGED, Samples, Tags, describe, display_rotation, hdr_notice, unpack
-from player.source import TIME_SLACK_S, Decoded, Sequence, is_wanted
 
 DEFAULT_RATE = 25.0
 _PICTURE_CODECS = {"gif", "apng", "webp", "webp_anim"}
