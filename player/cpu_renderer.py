@@ -1,6 +1,7 @@
 """The reference backend: the same pipeline as gl/renderer.py on the CPU, in numpy (`--backend cpu`)."""
 
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +41,8 @@ class CpuRenderer:
     def open(self, pixels: PixelFormat) -> None:
         check_radiance_size(pixels, self._room.calibration)
         self._pixels, self._cuts = pixels, SceneCuts()
-        self._before: FloatArray | None = None  # what refinement changed in the frame before
-        self._now: FloatArray | None = None  # and in this one
+        self._before: tuple[FloatArray, FloatArray, int] | None = None  # p − T⁺ b, y − p and steps of the frame before
+        self._now: tuple[FloatArray, FloatArray, int] | None = None  # and of this one
         self._radiance = pixels.layout == "radiance"
         self._upright: FloatArray | None = None
         self._unit = 1 / self._room.white if self._radiance else 1.0
@@ -201,21 +202,31 @@ class CpuRenderer:
 
     def _refined(self, b: FloatArray, steps: int, refinement: "_Refinement") -> FloatArray:
         if self._room.start == "direct":
-            return self._descend(np.clip(refinement.direct.apply(b), 0, 1), b, steps, refinement)
-        if self._room.start == "grey":
-            return self._descend(np.full((*self._room.calibration.projector.shape, 3), GREY), b, steps, refinement)
-        product = self._product(b)
-        change = np.zeros_like(product) if self._before is None or self._room.start == "map" else self._before
-        drive = self._descend(reference.combine(product, change, 1.0, clamp=True), b, steps, refinement)
-        self._now = reference.combine(drive, product, -1.0)
-        return drive
+            start = np.clip(refinement.direct.apply(b), 0, 1)
+        elif self._room.start == "grey":
+            start = np.full((*self._room.calibration.projector.shape, 3), GREY)
+        elif self._room.start == "map":
+            start = np.clip(self._product(b), 0, 1)
+        else:
+            return self._continued(b, steps, refinement)
+        return self._descend(_Iterate(start, start, 0), b, steps, refinement).p
 
-    def _descend(self, p: FloatArray, b: FloatArray, steps: int, refinement: "_Refinement") -> FloatArray:
-        y = p
-        for step in range(1, steps + 1):
+    def _continued(self, b: FloatArray, steps: int, refinement: "_Refinement") -> FloatArray:
+        """From where the frame before ended."""
+        product = self._product(b)
+        nothing = np.zeros_like(product)
+        change, ahead, made = self._before or (nothing, nothing, 0)
+        start = reference.combine(product, change, 1.0, clamp=True)
+        last = self._descend(_Iterate(start, start + ahead, made), b, steps, refinement)
+        self._now = reference.combine(last.p, product, -1.0), reference.combine(last.y, last.p, -1.0), last.steps
+        return last.p
+
+    def _descend(self, start: "_Iterate", b: FloatArray, steps: int, refinement: "_Refinement") -> "_Iterate":
+        p, y, made = start
+        for step in range(made + 1, made + steps + 1):
             descent = refinement.descent(b - self._light(y))
             p, y = reference.refinement_step(descent, y, p, refinement.step_size, momentum(step), OVER_RELAXATION)
-        return p
+        return _Iterate(p, y, made + steps)
 
     def _light(self, drive: FloatArray) -> FloatArray:
         """T p."""
@@ -224,6 +235,14 @@ class CpuRenderer:
 
     def _observe(self, drive: FloatArray) -> FloatArray:
         return self._room.calibration.ambient + self._light(drive)
+
+
+class _Iterate(NamedTuple):
+    """p and y of player/refinement.py, and how many steps led there since the last cut."""
+
+    p: FloatArray
+    y: FloatArray
+    steps: int
 
 
 class _Carried:

@@ -9,7 +9,8 @@ As T ≥ 0, TᵀT ≼ diag(d) with d = TᵀT·1, so a step of s = 1/d never over
     q = clamp(y + s Tᵀ(b − T y)),   y ← q + β (q − p) + γ (q − y),   p ← q.
 
 β is Nesterov's momentum; γ is the over-relaxation of the optimised gradient method (Kim and Fessler 2016). Both are a
-fixed schedule that begins anew with every frame, so that no step waits for a sum over the picture.
+fixed schedule, so that no step waits for a sum over the picture. From a frame to the next the momentum is carried on:
+p starts from what the steps before changed, y as far from p as it was; after a cut everything begins anew.
 """
 
 from dataclasses import dataclass

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from player.gl.passes import Owner, Pass, ScreenPass, float_texture, integer_texture, picture_texture
 from player.gl.paths import FarPass, StoredMaps
+from player.gl.starts import Iterate
 from player.maps import RefinementMaps
 from player.refinement import OVER_RELAXATION, Certificate, momentum
 
@@ -32,23 +33,23 @@ class Refiner:
             self._step_size = own(picture_texture(context, maps.step_size))
             uniforms = {"over_relaxation": OVER_RELAXATION}
             self._step = own(ScreenPass(context, "refinement_step.frag", uniforms=uniforms))
-            self._iterates = [own(_Iterate(context, projector)) for _ in range(2)]
+            self._targets = [own(_Target(context, projector)) for _ in range(2)]
             self._certifier = own(_Certifier(context, projector, mask))
         except BaseException:
             self.release()
             raise
 
-    def run(self, start: moderngl.Texture, b: moderngl.Texture, steps: int) -> moderngl.Texture:
-        """The drive after `steps` steps from `start`."""
-        p = y = start
-        for step in range(1, steps + 1):
+    def run(self, start: Iterate, b: moderngl.Texture, steps: int) -> Iterate:
+        """Where `steps` steps from `start` lead."""
+        p, y, made = start
+        for step in range(made + 1, made + steps + 1):
             _, descent = self._slope.run(y, b)
-            following = self._iterates[step % 2]
+            following = self._targets[step % 2]
             following.framebuffer.use()
             self._step.set(momentum=momentum(step))
             self._step.draw(descent=descent, y=y, p=p, step_size=self._step_size)
             p, y = following.p, following.y
-        return p
+        return Iterate(p, y, made + steps)
 
     def certify(self, p: moderngl.Texture, b: moderngl.Texture) -> Certificate:
         """Measure a drive within 0..1; waits for the GPU."""
@@ -83,7 +84,7 @@ class _Slope:
         self._owner.release()
 
 
-class _Iterate:
+class _Target:
     """p and y of one step, drawn together."""
 
     def __init__(self, context: moderngl.Context, shape: tuple[int, int]) -> None:

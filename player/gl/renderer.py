@@ -169,8 +169,9 @@ class GlRenderer:
         if self._refiner is None or not steps:
             drive = self._correct.run(self._near_light(b))
         else:
-            drive = self._refiner.run(self._start.run(b), b, steps)
-            self._start.keep(drive)
+            last = self._refiner.run(self._start.run(b), b, steps)
+            self._start.keep(last)
+            drive = last.p
         if self._damper is not None and self._picture.flicker:
             drive = self._damper.run(drive, self._picture.flicker)
         self._compensated = drive, b

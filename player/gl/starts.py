@@ -1,7 +1,7 @@
-"""Where refinement starts: the drive that the first step of a frame improves (`--start`)."""
+"""Where refinement starts: the drive that the first step of a frame improves (`--refine-from`)."""
 
 from collections.abc import Callable
-from typing import Protocol, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 import moderngl
 import numpy as np
@@ -13,14 +13,22 @@ from player.refinement import GREY
 Correct: TypeAlias = Callable[[moderngl.Texture], moderngl.Texture]
 
 
+class Iterate(NamedTuple):
+    """p and y of player/refinement.py, and how many steps led there since the last cut."""
+
+    p: moderngl.Texture
+    y: moderngl.Texture
+    steps: int
+
+
 class Start(Protocol):
     def advance(self, *, cut: bool) -> None:
         """A new frame comes; cut: it has nothing to do with the one before."""
 
-    def run(self, b: moderngl.Texture) -> moderngl.Texture:
-        """The drive to start from, 0..1; the same for one frame however often it is drawn."""
+    def run(self, b: moderngl.Texture) -> Iterate:
+        """Where to start, p within 0..1; the same for one frame however often it is drawn."""
 
-    def keep(self, drive: moderngl.Texture) -> None:
+    def keep(self, last: Iterate) -> None:
         """Take what refinement made of it."""
 
     def release(self) -> None: ...
@@ -35,10 +43,11 @@ class MapStart:
     def advance(self, *, cut: bool) -> None:
         """Nothing is carried over."""
 
-    def run(self, b: moderngl.Texture) -> moderngl.Texture:
-        return self._correct(b)
+    def run(self, b: moderngl.Texture) -> Iterate:
+        drive = self._correct(b)
+        return Iterate(drive, drive, 0)
 
-    def keep(self, drive: moderngl.Texture) -> None:
+    def keep(self, last: Iterate) -> None:
         """Nothing is carried over."""
 
     def release(self) -> None:
@@ -46,7 +55,8 @@ class MapStart:
 
 
 class PreviousStart:
-    """clamp(T⁺ b + k), k being what refinement changed in the frame before, its drive less its T⁺ b; 0 after a cut.
+    """p = clamp(T⁺ b + k), y = p + v: k is what refinement changed in the frame before, its last p less its T⁺ b, and v
+    the momentum that it ended with, y less p; both 0 after a cut.
 
     correct : b -> T⁺ b, not clamped.
     """
@@ -55,27 +65,46 @@ class PreviousStart:
         self._correct, self._owner = correct, Owner()
         own = self._owner.own
         self._start = own(Pass(context, "combine.frag", float_texture(context, shape), {"CLAMP": None}, factor=1.0))
-        self._before, self._now = (
-            own(Pass(context, "combine.frag", float_texture(context, shape), factor=-1.0)) for _ in range(2)
-        )
-        self._kept = False
+        self._ahead = own(Pass(context, "combine.frag", float_texture(context, shape), factor=1.0))
+        self._before, self._now = (own(_Carried(context, shape)) for _ in range(2))
 
     def advance(self, *, cut: bool) -> None:
         self._before, self._now = self._now, self._before
-        if cut or not self._kept:
+        self._now.clear()
+        if cut:
             self._before.clear()
-        self._kept = False
 
-    def run(self, b: moderngl.Texture) -> moderngl.Texture:
+    def run(self, b: moderngl.Texture) -> Iterate:
         self._map = self._correct(b)
-        return self._start.run(first=self._map, second=self._before.target)
+        p = self._start.run(first=self._map, second=self._before.change.target)
+        return Iterate(p, self._ahead.run(first=p, second=self._before.momentum.target), self._before.steps)
 
-    def keep(self, drive: moderngl.Texture) -> None:
-        self._now.run(first=drive, second=self._map)
-        self._kept = True
+    def keep(self, last: Iterate) -> None:
+        self._now.change.run(first=last.p, second=self._map)
+        self._now.momentum.run(first=last.y, second=last.p)
+        self._now.steps = last.steps
 
     def release(self) -> None:
         self._owner.release()
+
+
+class _Carried:
+    """k, v and the steps of a frame, for the next one."""
+
+    def __init__(self, context: moderngl.Context, shape: tuple[int, int]) -> None:
+        self.change, self.momentum = (
+            Pass(context, "combine.frag", float_texture(context, shape), factor=-1.0) for _ in range(2)
+        )
+        self.clear()
+
+    def clear(self) -> None:
+        self.change.clear()
+        self.momentum.clear()
+        self.steps = 0
+
+    def release(self) -> None:
+        self.change.release()
+        self.momentum.release()
 
 
 class DirectStart(MapStart):

@@ -156,6 +156,23 @@ def test_frames_in_a_row_equal_their_twins(gl_context: moderngl.Context, rng: np
     assert np.abs(drives[5] - drives[1]).max() > 1e-3  # after a frame without, it begins anew
 
 
+def test_steps_go_on_from_frame_to_frame_of_a_still_picture(
+    gl_context: moderngl.Context, rng: np.random.Generator
+) -> None:
+    """Four frames of three steps are one of twelve: drive, momentum and schedule are carried over."""
+    physical, frame = physical_room(rng), letters(rng)
+    with both(gl_context, physical.room, frame) as at_once, both(gl_context, physical.room, frame) as in_frames:
+        for renderer in at_once:
+            renderer.render("projector", compensate=True, steps=12)
+        for renderer in in_frames:
+            for index in range(4):
+                renderer.render("projector", compensate=True, steps=3)
+                if index < 3:
+                    renderer.upload(frame)
+        for twelve, threes in zip(at_once, in_frames, strict=True):
+            np.testing.assert_allclose(threes.linear(), twelve.linear(), atol=ATOL)
+
+
 @pytest.mark.parametrize("view", ["projector", "camera", "split"])
 def test_no_step_is_the_thesis_method_bit_for_bit(
     gl_context: moderngl.Context, rng: np.random.Generator, view: str
