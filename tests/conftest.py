@@ -4,6 +4,7 @@ A missing OpenGL or X server is a failure, never a skip: the product is nothing 
 """
 
 import gc
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +17,10 @@ from tests import screens
 from tests.gl_objects import live_objects
 
 ROOT = Path(__file__).resolve().parents[1]
+
+# Run in the background of a script, pytest and all that it starts would ignore Ctrl-C, which tests send.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
