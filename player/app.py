@@ -22,7 +22,7 @@ from player.errors import InputError
 from player.headless import render_to_file
 from player.picture import Picture
 from player.placement import Corners, corners_of, read_placement, write_placement
-from player.refinement import DEFAULT_STEPS, STARTS, Certificate
+from player.refinement import Certificate, default_start
 from player.renderer import Renderer, Room, place
 from player.show.options import Steps, image_display_duration, monitors_of, one_medium, picture_of, read_options
 from player.show.playlist import Playlist
@@ -95,7 +95,7 @@ def read_room(
     """Read a calibration with its correction map; `white` None takes the level that most of the room can reach.
 
     refine : steps of refinement; None for the usual number where the room has the maps for it.
-    start : one of STARTS, where they begin.
+    start : one of STARTS, where they begin; None for what suits the room's maps.
     """
     if refine == 0 and start is not None:
         raise InputError(
@@ -108,7 +108,8 @@ def read_room(
             f"{folder}: its maps were built without what refinement needs; "
             f"rebuild them with: build-correction-map {folder}, or leave out --refine and --refine-from"
         )
-    return Room(stored.calibration, room_maps, room_maps.white if white is None else white, dither, start or STARTS[0])
+    level = room_maps.white if white is None else white
+    return Room(stored.calibration, room_maps, level, dither, start or default_start(room_maps.correction_in_steps))
 
 
 @contextmanager
@@ -132,7 +133,7 @@ def _fixed_steps(refine: Steps, room: Room) -> int:
     """The steps of a frame if nothing is said of its time."""
     if isinstance(refine, int):
         return refine
-    return DEFAULT_STEPS if room.maps.refinement is not None else 0
+    return room.default_steps
 
 
 def _render(options: argparse.Namespace, room: Room, picture: Picture) -> Stats:

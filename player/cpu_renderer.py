@@ -208,17 +208,17 @@ class CpuRenderer:
         elif self._room.start == "map":
             start = np.clip(self._product(b), 0, 1)
         else:
-            return self._continued(b, steps, refinement)
+            first = refinement.direct.apply(b) if self._room.start == "previous-direct" else self._product(b)
+            return self._continued(first, b, steps, refinement)
         return self._descend(_Iterate(start, start, 0), b, steps, refinement).p
 
-    def _continued(self, b: FloatArray, steps: int, refinement: "_Refinement") -> FloatArray:
-        """From where the frame before ended."""
-        product = self._product(b)
-        nothing = np.zeros_like(product)
+    def _continued(self, first: FloatArray, b: FloatArray, steps: int, refinement: "_Refinement") -> FloatArray:
+        """From `first`, T⁺ b or direct mapping, changed as in the frame before."""
+        nothing = np.zeros_like(first)
         change, ahead, made = self._before or (nothing, nothing, 0)
-        start = reference.combine(product, change, 1.0, clamp=True)
+        start = reference.combine(first, change, 1.0, clamp=True)
         last = self._descend(_Iterate(start, start + ahead, made), b, steps, refinement)
-        self._now = reference.combine(last.p, product, -1.0), reference.combine(last.y, last.p, -1.0), last.steps
+        self._now = reference.combine(last.p, first, -1.0), reference.combine(last.y, last.p, -1.0), last.steps
         return last.p
 
     def _descend(self, start: "_Iterate", b: FloatArray, steps: int, refinement: "_Refinement") -> "_Iterate":

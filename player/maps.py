@@ -33,6 +33,11 @@ class FarMaps:
     mix: RowMap
     scatter: RowMap
 
+    @property
+    def count(self) -> int:
+        """Entries."""
+        return self.gather.count + self.mix.count + self.scatter.count
+
 
 @dataclass(frozen=True)
 class RefinementMaps:
@@ -66,6 +71,15 @@ class RoomMaps:
     white: float
     details: dict[str, Any] = field(default_factory=dict)
     refinement: RefinementMaps | None = None
+
+    @property
+    def correction_in_steps(self) -> float:
+        """What T⁺ b takes over what a step of refinement takes, T p and Tᵀ r, in entries; 0 without refinement."""
+        if self.refinement is None:
+            return 0.0
+        chains = self.far, self.refinement.far_dual
+        step = self.transport.count + self.refinement.dual.count + sum(chain.count for chain in chains if chain)
+        return (self.correction.count + (self.undo.count if self.undo else 0)) / max(step, 1)
 
     def named(self) -> dict[str, RowMap]:
         """Every distinct map with the folder it is stored in, relative to correction/."""

@@ -18,14 +18,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-STARTS = ("previous", "map", "direct", "grey")
-DEFAULT_STEPS = 4
+STARTS = ("previous", "previous-direct", "map", "direct", "grey")
+DEFAULT_STEPS, STEPS_WITHOUT_MAP = 4, 8
+DEAR_MAP = 5.0  # a T⁺ b that takes as long as so many steps is better left for more steps (docs/refinement.md)
 GREY = 0.5
 OVER_RELAXATION = 0.6
 LARGEST_MOMENTUM = 0.95  # below 1, every mode of an unclamped iteration decays however many steps are made
 
 MOST_STEPS = 256
 SHARE_OF_FRAME, PATIENCE = 0.8, 100
+
+
+def default_start(map_in_steps: float) -> str:
+    """Where refinement starts in a room whose T⁺ b takes as long as so many steps."""
+    return "previous" if map_in_steps < DEAR_MAP else "previous-direct"
+
+
+def default_steps(start: str) -> int:
+    """Steps a frame; more where no T⁺ b is waited for."""
+    return DEFAULT_STEPS if start in ("previous", "map") else STEPS_WITHOUT_MAP
 
 
 def momentum(step: int) -> float:

@@ -11,7 +11,7 @@ from player.errors import InputError
 from player.maps import RoomMaps
 from player.picture import Picture
 from player.placement import Placement, fit
-from player.refinement import Certificate
+from player.refinement import Certificate, default_steps
 from player.video import Frame, PixelFormat
 
 VIEWS = ("projector", "camera", "split", "error", "impossible")
@@ -58,6 +58,11 @@ class Room:
     white: float
     dither: str = "ordered"
     start: str = "previous"
+
+    @property
+    def default_steps(self) -> int:
+        """Steps of refinement a frame if nobody says how many."""
+        return default_steps(self.start) if self.maps.refinement is not None else 0
 
 
 class Renderer(Protocol):

@@ -68,7 +68,7 @@ class StudyRoom:
 
 
 def rooms(folder: Path) -> Iterator[StudyRoom]:
-    for name in ("wall", "corner"):
+    for name in ("wall", "corner", "two_planes"):
         scene = load_scene(DATA / "scenes" / f"{name}.toml")
         scene = replace(scene, camera=scene.camera.resized(*CAMERA), projector=scene.projector.resized(*PROJECTOR))
         simulated = simulate(scene)
@@ -202,7 +202,7 @@ def certified(renderer: GlRenderer, steps: int) -> str:
 
 def film(study: StudyRoom) -> None:
     """Consecutive frames at equal steps and at equal milliseconds, those of so many steps from the previous frame."""
-    starts = ("previous", "map", "direct")
+    starts = ("previous", "previous-direct", "map", "direct")
     optima: list[float] = []
     with renderers(study, starts) as made:
         for _, b in shown(made, FILM_FROM_S, FILM_FRAMES):

@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import sparse
 from scipy.optimize import lsq_linear
 
 from player import calibration, maps
 from player.content import CUT, SceneCuts
 from player.cpu_renderer import CpuRenderer
+from player.maps import FarMaps, RefinementMaps, RoomMaps
 from player.reference import PreparedRows
 from player.refinement import (
     LARGEST_MOMENTUM,
@@ -18,6 +20,7 @@ from player.refinement import (
     STARTS,
     Certificate,
     StepBudget,
+    default_start,
     momentum,
 )
 from player.video import Frame
@@ -25,6 +28,7 @@ from tests.refined_rooms import DARK, PhysicalRoom, physical_room
 from tests.rooms import CAMERA, radiance_frame, rgb_frame, write_blurred_room
 from tools.inverse.inverse import InverseOptions
 from tools.inverse.room import build_room_maps
+from tools.packing.row_maps import pack_matrices
 
 
 def desired(rng: np.random.Generator) -> Frame:
@@ -135,6 +139,23 @@ def test_the_certificate_of_any_drive_is_a_bound(rng: np.random.Generator) -> No
         assert (error - best) / 2 <= gap
         assert 10 * np.log10(error / best) <= certificate.decibels
         assert certificate.relative == pytest.approx(2 * gap / error)
+
+
+def test_a_correction_map_of_many_entries_is_not_waited_for() -> None:
+    """T and its transpose of one entry a row: a step is as dear as two entries a row of T⁺."""
+    side, pixels = 12, 144
+    one = pack_matrices([sparse.eye_array(pixels, format="csr")] * 3, (side, side), (side, side))
+    far = FarMaps(one, one, one)
+    for entries, start in ((9, "previous"), (10, "previous-direct")):
+        many = sparse.csr_array(np.tile(np.arange(pixels) < entries, (pixels, 1)).astype(np.float32))
+        correction = pack_matrices([many] * 3, (side, side), (side, side))
+        step_size = np.ones((side, side, 3), np.float32)
+        near = RoomMaps(correction, one, None, None, 0.5, refinement=RefinementMaps(one, None, one, step_size))
+        assert near.correction_in_steps == entries / 2
+        assert default_start(near.correction_in_steps) == start
+        both = RoomMaps(correction, one, far, far, 0.5, refinement=RefinementMaps(one, far, one, step_size))
+        assert both.correction_in_steps == (entries + 3) / (2 + 6)
+        assert replace(near, refinement=None).correction_in_steps == 0
 
 
 def test_a_certificate_that_says_nothing_says_so() -> None:

@@ -14,7 +14,6 @@ from player.content import camera_psnr
 from player.errors import InputError
 from player.headless import FRAME_TIMEOUT_S
 from player.output import write_picture
-from player.refinement import DEFAULT_STEPS
 from player.renderer import Room
 from player.video import MediaReader
 from tools import build_correction_map, simulate_transport
@@ -57,7 +56,6 @@ def compare(room: Room, folder: Path) -> tuple[float, float, float]:
     """
     mask, white = room.calibration.mask, room.white
     quality, views, seen = [], [], []
-    steps = DEFAULT_STEPS if room.maps.refinement is not None else 0
     with app.headless_renderer("gl", room) as renderer, MediaReader.open(CLIP) as reader:
         reader.seek(SHOWN_AT_S)
         frame = reader.next_frame(FRAME_TIMEOUT_S)
@@ -67,7 +65,7 @@ def compare(room: Room, folder: Path) -> tuple[float, float, float]:
         renderer.upload(frame)
         reader.release(frame)
         for name, compensate in (("before.png", False), ("after.png", True)):
-            renderer.render("camera", compensate=compensate, steps=steps)
+            renderer.render("camera", compensate=compensate, steps=room.default_steps)
             write_picture(folder / name, renderer)
             views.append(renderer.encoded()[..., ::-1])
             desired = renderer.desired()

@@ -71,11 +71,14 @@ class GlRenderer:
 
     def _make_start(self, stored: StoredMaps, maps: RefinementMaps) -> Start:
         context, projector = self._context, self._room.calibration.projector.shape
-        if self._room.start == "direct":
+        start = self._room.start
+        if start == "previous-direct":
+            return PreviousStart(context, projector, self._owner.own(stored.of(maps.direct).product()).run)
+        if start == "direct":
             return DirectStart(stored.of(maps.direct))
-        if self._room.start == "grey":
+        if start == "grey":
             return GreyStart(context, projector)
-        if self._room.start == "map":
+        if start == "map":
             return MapStart(lambda b: self._correct.run(self._near_light(b)))
         return PreviousStart(context, projector, self._unclamped)
 

@@ -58,7 +58,7 @@ class PreviousStart:
     """p = clamp(T⁺ b + k), y = p + v: k is what refinement changed in the frame before, its last p less its T⁺ b, and v
     the momentum that it ended with, y less p; both 0 after a cut.
 
-    correct : b -> T⁺ b, not clamped.
+    correct : b -> T⁺ b, or direct mapping, not clamped.
     """
 
     def __init__(self, context: moderngl.Context, shape: tuple[int, int], correct: Correct) -> None:

@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeAlias
 from player.command import Parser
 from player.errors import InputError
 from player.picture import CONTROL, MOST_BLACK, MOST_FLICKER, Picture
-from player.refinement import DEFAULT_STEPS, MOST_STEPS, STARTS
+from player.refinement import DEFAULT_STEPS, MOST_STEPS, STARTS, STEPS_WITHOUT_MAP
 from player.renderer import DITHERS, PATHS, VIEWS
 from player.show.keys import KEYS
 from player.show.playlist import expand
@@ -103,13 +103,15 @@ def _add_compensation(add: Callable[..., object]) -> None:
         "--refine",
         type=_steps,
         metavar="N|auto",
-        help=f"steps a frame towards the best picture (default {DEFAULT_STEPS};\n"
-        "auto: as many as the frame time leaves; 0: the correction map alone)",
+        help=f"steps a frame towards the best picture (default {DEFAULT_STEPS}, from\n"
+        f"direct mapping {STEPS_WITHOUT_MAP}; auto: as many as the frame time leaves;\n"
+        "0: the correction map alone)",
     )
     add(
         "--refine-from",
         choices=STARTS,
-        help="where they start (default previous: the correction map's\npicture, changed as in the frame before)",
+        help="where they start (default: the correction map's picture,\n"
+        "or, if that map is large, direct mapping's, both changed\nas in the frame before)",
     )
     add(
         "--compensation",

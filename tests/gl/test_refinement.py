@@ -135,12 +135,13 @@ def test_the_drive_equals_its_twin_after_any_steps(
             np.testing.assert_allclose(found.gap, expected.gap, rtol=1e-4, atol=1e-5 * scale)  # g nearly cancels
 
 
-def test_frames_in_a_row_equal_their_twins(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("start", ["previous", "previous-direct"])
+def test_frames_in_a_row_equal_their_twins(gl_context: moderngl.Context, rng: np.random.Generator, start: str) -> None:
     """Two that resemble each other, a cut, one without refinement, one after it."""
     scene, other = (rng.integers(0, 255, (*CAMERA, 3)).astype(np.uint8) for _ in range(2))
     darker = (scene * 0.95).astype(np.uint8)
     shown = [(scene, 3), (darker, 3), (darker, 3), (other, 3), (other, 0), (darker, 3)]
-    with both(gl_context, physical_room(rng).room, rgb_frame(scene)) as (gl, cpu):
+    with both(gl_context, physical_room(rng, start=start).room, rgb_frame(scene)) as (gl, cpu):
         drives = []
         for picture, steps in shown:
             for renderer in (gl, cpu):
