@@ -9,13 +9,14 @@ import platform
 import time
 from collections.abc import Callable, Iterable
 
-from tests import bench_acquisition, bench_frames, bench_hdr, bench_maps, bench_solvers
+from tests import bench_acquisition, bench_frames, bench_hdr, bench_maps, bench_show, bench_solvers
 
 ROWS: dict[str, Callable[[], Iterable[object]]] = {
     "shader": bench_frames.shader,
     "scaling": bench_frames.scaling,
     "refined": bench_frames.refined,
     "frames": bench_frames.frames,
+    "show": bench_show.show,
     "focus": bench_solvers.focus_experiment,
     "box": bench_solvers.box,
     "nnls": bench_solvers.non_negative,

@@ -46,9 +46,9 @@ class NoServerError(Exception):
 
 
 @contextmanager
-def one_screen(folder: Path) -> Iterator[str]:
-    """Run Xvfb with one screen of 1280x720; yields its DISPLAY. `folder` takes the server's log."""
-    with _server(["Xvfb", "-screen", "0", "1280x720x24"], folder / "xvfb.log") as display:
+def one_screen(folder: Path, size: tuple[int, int] = (1280, 720)) -> Iterator[str]:
+    """Run Xvfb with one screen of (width, height); yields its DISPLAY. `folder` takes the server's log."""
+    with _server(["Xvfb", "-screen", "0", f"{size[0]}x{size[1]}x24"], folder / "xvfb.log") as display:
         yield display
 
 

@@ -271,7 +271,9 @@ class Session:
             self._render()
         shown = self._new_page(), self.blackout
         if self._draws and (render or shown != self._shown):
+            start = time.perf_counter()
             self.display.present(shown[0], black=self.blackout)
+            self.stats.add("present", time.perf_counter() - start)
             self._shown = shown
             due_s = playback.due_at(frame) if frame is not None else None
             if due_s is not None:

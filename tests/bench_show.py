@@ -1,0 +1,147 @@
+"""A clip in a window: the real player under Xvfb, 1280x720 through a Gray-code calibration of a 1024x768 projector.
+
+The captures are rendered: a camera of 1280x1024 in front of a textured wall. Where the shared data are beside the
+checkout, real captures of the same sizes follow.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+
+from player.video import MediaReader
+from tests.screens import one_screen
+from tests.test_graycode import SHARED, opencv_code, write_capture
+
+PROJECTOR, CAMERA = (768, 1024), (1024, 1280)
+FRAME, RATE, SECONDS = (720, 1280), 30, 6
+FEW = 60  # frames at a slower rate
+SCREEN = 1280, 1024
+REAL = SHARED / "graycode-procam-kamino" / "capture_0"
+GOAL_MS = 5.0  # decoding and uploading a frame
+ALLOWED = 0.8  # share of a frame's time that drawing may take, so that it is there before its time
+PATIENCE_S = 600.0
+
+
+def show() -> Iterator[str]:
+    """A 720p clip in a window through a Gray-code calibration: drops, judder, decode and upload, drawing."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        write_clip(folder / "clip.mp4")
+        yield f"decoding alone: {decoding_ms(folder / 'clip.mp4'):.1f} ms of processor time a frame"
+        write_captures(folder / "rendered")
+        captures = {"rendered captures": folder / "rendered", "real captures": REAL}
+        with one_screen(folder, SCREEN) as display:
+            for what, source in captures.items():
+                if source.is_dir():
+                    yield f"{what}, {make_room(source, folder / what)}:"
+                    yield from play(display, folder / what, folder / "clip.mp4")
+
+
+def play(display: str, room: Path, clip: Path) -> Iterator[str]:
+    """At the clip's rate; if drawing does not allow that, once more as fast as it does; and refined."""
+    plain = "--refine", "0"
+    found = stats_of(display, room, clip, *plain)
+    yield line("--refine 0", found, 1.0)
+    speed = min(1.0, ALLOWED * 1000 / RATE / (found["gpu_ms"]["p95"] + found["present_ms"]["p95"]))
+    if speed < 1:
+        slower = stats_of(display, room, clip, *plain, "--speed", f"{max(speed, 0.01):.3f}", "--frames", str(FEW))
+        yield line("--refine 0", slower, speed)
+    yield line("4 steps", stats_of(display, room, clip), 1.0)
+
+
+def line(what: str, found: dict[str, Any], speed: float) -> str:
+    stage = {name: found[f"{name}_ms"]["median"] for name in ("decode", "upload", "gpu", "present", "judder")}
+    drawing, frame_ms = stage["gpu"] + stage["present"], 1000 / RATE / speed
+    allows = "allowed" if drawing <= ALLOWED * frame_ms else "not allowed"
+    return (
+        f"  {what:<10} {RATE * speed:4.1f} fps: {found['frames']} frames, {found['dropped']} dropped, "
+        f"judder {stage['judder']:.1f} ms (95 % below {found['judder_ms']['p95']:.1f}); "
+        f"decode {stage['decode']:.1f} + upload {stage['upload']:.1f} ms (goal {GOAL_MS:g}); "
+        f"draw {stage['gpu']:.1f} + present {stage['present']:.1f} ms of {frame_ms:.1f}: {allows}"
+    )
+
+
+def decoding_ms(clip: Path) -> float:
+    """The decoder process's time on all cores, a frame, copying into shared memory included."""
+    with MediaReader.open(clip) as reader:
+        before, frames = processor_s(reader.decoder_pid), 0
+        while (frame := reader.next_frame(PATIENCE_S)) is not None:
+            reader.release(frame)
+            frames += 1
+        return 1000 * (processor_s(reader.decoder_pid) - before) / frames
+
+
+def processor_s(pid: int) -> float:
+    user, system = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+    return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+
+
+def stats_of(display: str, room: Path, clip: Path, *options: str) -> dict[str, Any]:
+    """What `--stats` says of the clip played from beginning to end."""
+    path = room.with_suffix(".json")
+    quiet = "--no-config", "--no-audio", "--no-osd"
+    run("player.app", room, clip, *quiet, *options, "--stats", path, DISPLAY=display, WAYLAND_DISPLAY="")
+    return dict(json.loads(path.read_text()))
+
+
+def make_room(captures: Path, room: Path) -> str:
+    """A calibration with its maps, by the commands; what they say of it."""
+    size = f"{PROJECTOR[1]}x{PROJECTOR[0]}"
+    imported = run("tools.import_graycode", captures, "--projector", size, "-o", room)
+    run("tools.build_correction_map", room)
+    return imported.partition(": ")[2].strip()
+
+
+def write_clip(path: Path) -> None:
+    """A textured picture that glides, H.264."""
+    height, width = FRAME
+    rng = np.random.default_rng(3)
+    noise = rng.uniform(0, 255, (height // 8, width // 8, 3))
+    wall = cv2.resize(noise, (width, height), interpolation=cv2.INTER_CUBIC) + rng.normal(0, 6, (*FRAME, 3))
+    picture = wall.clip(0, 255).astype(np.uint8)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=RATE, options={"preset": "veryfast"})
+        assert isinstance(stream, av.VideoStream)
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        for index in range(RATE * SECONDS):
+            shown = np.roll(picture, (index, 3 * index), axis=(0, 1))
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(shown, format="rgb24")))
+        container.mux(stream.encode(None))
+
+
+def write_captures(folder: Path) -> None:
+    """OpenCV's patterns on an obliquely seen wall: up to 190 codes of light over 10 of ambient."""
+    folder.mkdir()
+    rng = np.random.default_rng(4)
+    height, width = PROJECTOR
+    seen = np.array([[90, 60], [1190, 20], [1240, 960], [40, 1000]], np.float32)
+    H = cv2.getPerspectiveTransform(np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32), seen)
+    albedo = rng.uniform(0.4, 1, CAMERA)
+    for number, pattern in enumerate(opencv_code(PROJECTOR)[1]):
+        lit = cv2.warpPerspective(pattern, H, CAMERA[::-1], flags=cv2.INTER_NEAREST) / 255
+        light = 10 + 190 * albedo * lit + rng.normal(0, 1, CAMERA)
+        write_capture(folder / f"shot{number}.png", light.round().clip(0, 255).astype(np.uint8))
+
+
+def run(module: str, *arguments: object, **environment: str) -> str:
+    """What a command prints; its errors if it fails."""
+    done = subprocess.run(
+        [sys.executable, "-m", module, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        env=os.environ | environment,
+        check=False,
+    )
+    if done.returncode:
+        raise RuntimeError(f"{module}: {done.stderr.strip()}")
+    return done.stdout
