@@ -1,0 +1,210 @@
+"""--control of a player that plays in a window: what docs/player.md lists, by the socket, and lines that are nothing."""
+
+import json
+import re
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+
+from tests.gl.test_window import PATIENCE_S, ROOT, playing, wait_until
+from tests.rooms import write_blurred_room
+from tests.test_player import succeed
+
+PAGE = (ROOT / "docs" / "player.md").read_text()
+ARGUMENTS: dict[str, list[object]] = {
+    "seek": [1],
+    "loadfile": ["clip.mkv", "append"],
+    "show-text": ["hello", 200],
+    "place-move": [0.1, 0],
+    "place-scale": [0.9],
+    "set": ["view", "camera"],
+    "cycle": ["osd"],
+    "add": ["contrast", 2],
+    "multiply": ["refine", 2],
+}
+WITHOUT_SOUND = {"volume", "mute"}
+RANDOM_LINES, OUTSTANDING = 10_000, 100
+
+
+def listed(heading: str) -> dict[str, str]:
+    """Names in the first column of the table below a heading, and what the second says."""
+    section = PAGE.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
+    return dict(re.findall(r"^\| `([^`]+)` \| (.*?) (?<!\\)\|", section, re.MULTILINE))
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("control") / "wall"
+    write_blurred_room(folder, np.random.default_rng(7), (30, 40), (28, 36))
+    succeed("build-correction-map", folder, "--regularize", "0.1")
+    return folder
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Where the player runs: a small clip of five seconds."""
+    with av.open(str(tmp_path / "clip.mkv"), "w") as container:
+        stream = container.add_stream("mpeg4", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for index in range(125):
+            picture = np.full((48, 64, 3), index, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode(None))
+    return tmp_path
+
+
+class Client:
+    """One connection to a player: requests answered, events kept."""
+
+    def __init__(self, path: Path) -> None:
+        self._socket = socket.socket(socket.AF_UNIX)
+        self._socket.settimeout(PATIENCE_S)
+        self._socket.connect(str(path))
+        self._lines = self._socket.makefile("rb")
+        self._numbers = count(1)
+        self.events: list[dict[str, Any]] = []
+
+    def ask(self, *words: object) -> dict[str, Any]:
+        number = next(self._numbers)
+        self.send(json.dumps({"command": words, "request_id": number}).encode())
+        answer = self.answer()
+        assert answer["request_id"] == number
+        return answer
+
+    def get(self, name: str) -> Any:
+        answer = self.ask("get_property", name)
+        assert answer["error"] == "success", answer
+        return answer["data"]
+
+    def send(self, line: bytes) -> None:
+        self._socket.sendall(line + b"\n")
+
+    def answer(self) -> dict[str, Any]:
+        while True:
+            line = self._lines.readline()
+            assert line, "closed"
+            told = dict(json.loads(line))
+            if "error" in told:
+                return told
+            self.events.append(told)
+
+    def ending(self) -> list[str]:
+        """Names of the events until the player closes the connection."""
+        return [json.loads(line).get("event") for line in self._lines]
+
+    def close(self) -> None:
+        self._lines.close()
+        self._socket.close()
+
+
+@contextmanager
+def show(display: str, folder: Path, *arguments: object) -> Iterator[tuple[Any, Client]]:
+    """A player that has shown a frame, and a client of its."""
+    path = folder / "show.socket"
+    options = "--no-config", "--no-audio", "--control", path
+    with playing(display, *arguments, *options, folder=folder) as process:
+        wait_until(path.exists, "the socket", process)
+        client = Client(path)
+        try:
+            wait_until(lambda: client.get("frames") > 0, "a frame", process)
+            yield process, client
+        finally:
+            client.close()
+
+
+def test_every_documented_command_and_property_by_the_socket(xvfb: str, room: Path, folder: Path) -> None:
+    commands, properties = listed("Commands"), listed("Properties")
+    with show(xvfb, folder, room, "clip.mkv", "clip.mkv", "--loop") as (process, client):
+        assert sorted(client.get("property-list")) == sorted(properties)
+        assert {entry["name"] for entry in client.get("command-list")} == commands.keys()
+        for number, name in enumerate(properties):
+            assert client.ask("observe_property", number, name)["error"] == "success"
+        for name in commands:
+            if name.startswith("place-"):
+                client.ask("place")
+            if name != "quit":
+                answer = client.ask(name, *ARGUMENTS.get(name, []))
+                assert answer["error"] == "success", answer
+                assert name != "screenshot" or Path(folder, answer["data"]).stat().st_size > 100
+        found = {name: client.ask("get_property", name) for name in properties}
+        assert {name for name in found if found[name]["error"] != "success"} == WITHOUT_SOUND
+        assert all(found[name]["message"] == "no audio" for name in WITHOUT_SOUND)
+        wanted = {"view": "camera", "contrast": 2, "osd": False, "pause": True, "refine": 8, "placing": False}
+        assert {name: found[name]["data"] for name in wanted} == wanted
+        assert len(found["playlist"]["data"]) == 3
+        for name, values in properties.items():
+            error = client.ask("set_property", name, found[name].get("data", 50))["error"]
+            refusal = "error running command" if name in WITHOUT_SOUND else "success"
+            assert error == ("error accessing property" if values == "read-only" else refusal), name
+        assert client.ask("set_property", "pause", False)["error"] == "success"
+        frames = client.get("frames")
+        wait_until(lambda: client.get("frames") > frames + 5, "the show goes on", process)
+        changes = {event["name"]: event["data"] for event in client.events if event["event"] == "property-change"}
+        assert changes.keys() == properties.keys()
+        assert changes["contrast"] == 2
+        assert client.ask("quit")["error"] == "success"
+        assert client.ending()[-1] == "shutdown"
+        assert process.wait(PATIENCE_S) == 0
+    assert not (folder / "show.socket").exists()
+
+
+def test_after_ten_thousand_random_lines_it_answers_and_plays(
+    xvfb: str, room: Path, folder: Path, rng: np.random.Generator
+) -> None:
+    """Bytes, mutilated requests, and requests of known words in any order; none may end the show or find our fault."""
+    words = ["get_property", "set_property", "observe_property", "cycle", "add", "multiply", "set", "place", "seek"]
+    words += ["loadfile", "place-move", "place-scale", "place-save", "show-text", "ab-loop", "frame-step", "reload"]
+    things = [
+        *listed("Properties"),
+        None,
+        True,
+        0,
+        -1,
+        1e308,
+        10**400,
+        "",
+        "\udc80",
+        [],
+        {},
+        [[0, 0]] * 4,
+        "nan",
+        "yes",
+    ]
+    with show(xvfb, folder, room, "clip.mkv", "--loop") as (process, client):
+        answered = 0
+        for index in range(RANDOM_LINES):
+            client.send(random_line(rng, index, words, things))
+            if index - answered >= OUTSTANDING:
+                client.answer()
+                answered += 1
+        for _ in range(RANDOM_LINES - answered):
+            client.answer()
+        for name, value in {"pause": False, "speed": 1, "blackout": False}.items():
+            assert client.ask("set_property", name, value)["error"] == "success"
+        client.ask("loadfile", "clip.mkv")
+        client.ask("set_property", "loop-file", True)
+        frames = client.get("frames")
+        wait_until(lambda: client.get("frames") > frames + 25, "the show goes on", process)
+        assert client.ask("quit")["error"] == "success"
+        _, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0
+    assert [line for line in errors.splitlines() if line.startswith("control: ")] == []
+
+
+def random_line(rng: np.random.Generator, index: int, words: list[str], things: list[object]) -> bytes:
+    """Never blank, and never `quit`, which no word is one letter from."""
+    if index % 3 == 0:
+        return rng.bytes(int(rng.integers(1, 200))).replace(b"\n", b"") + b"."
+    picked = [words[rng.integers(len(words))], *(things[i] for i in rng.integers(0, len(things), rng.integers(0, 4)))]
+    line = json.dumps({"command": picked, "request_id": int(rng.integers(0, 9))}).encode()
+    if index % 3 == 1:
+        at = int(rng.integers(0, len(line)))
+        line = line[:at] + rng.bytes(1).replace(b"\n", b"") + line[at + 1 :]
+    return line
