@@ -203,6 +203,17 @@ def play_in_window(
         exact=not options.any_size,
         vsync=options.vsync,
     ) as window:
+
+        def renewed(fresh: Room) -> Renderer:
+            """A renderer of the room as it is now; the window takes its shader anew if nothing is damaged."""
+            renderer = GlRenderer(window.context, fresh, path)
+            try:
+                window.reload()
+            except BaseException:
+                renderer.release()
+                raise
+            return renderer
+
         renderer: Renderer = GlRenderer(window.context, room, path)
         audio, silence = open_audio(options.volume, mute=options.mute) if options.audio else (None, None)
         try:
@@ -212,7 +223,7 @@ def play_in_window(
                 renderer,
                 window,
                 setup=replace(_setup(options, room, picture), silence=silence),
-                site=_RoomInUse(options, room, lambda fresh: GlRenderer(window.context, fresh, path)).site(),
+                site=_RoomInUse(options, room, renewed).site(),
                 bindings=options.keys,
                 remotes=remotes,
                 heartbeat=heartbeat,

@@ -159,6 +159,22 @@ def test_reload_takes_the_new_renderer_with_its_first_frame_or_keeps_the_old(sta
     assert fresh.pictures
 
 
+def test_a_reloaded_renderer_that_cannot_draw_leaves_the_old(stage: Stage) -> None:
+    class Broken(Screen):
+        def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
+            raise KeyError("scale")
+
+    stage.advance(0.2)
+    stage.fresh, old = [Broken()], stage.session.renderer
+    broken, uploaded = stage.fresh[0], len(stage.screen.uploaded)
+    assert stage.press("ctrl+r") == "not reloaded: KeyError('scale')"
+    assert broken.released
+    assert stage.session.renderer is old
+    assert not stage.screen.released
+    assert len(stage.screen.uploaded) == uploaded + 1  # the frame that the new one could not draw
+    assert stage.session.stats.notices == ["not reloaded: KeyError('scale')"]
+
+
 def test_what_reader_and_display_have_to_say_is_told_at_once(stage: Stage, capsys: pytest.CaptureFixture[str]) -> None:
     stage.reader.news, stage.screen.news = ["decoder stopped; restarted"], ["monitor A has gone"]
     stage.advance(0.05)

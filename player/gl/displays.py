@@ -77,6 +77,14 @@ class Displays:
             window.swap()
         self._first.make_current()
 
+    def reload(self) -> None:
+        """Compile the shader that presents again, for every window."""
+        try:
+            for window in self._windows:
+                window.reload()
+        finally:
+            self._first.make_current()
+
     def set_title(self, title: str) -> None:
         for window in self._windows:
             window.set_title(title)

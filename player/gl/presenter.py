@@ -20,14 +20,37 @@ class Presenter:
     def run(self, picture: moderngl.Texture | None, region: Region, size: tuple[int, int], page: Page | None) -> None:
         if page is not None and (page, size) != self._drawn:
             self._draw_page(page, size)
-        self._context.screen.use()
         shown, part = (self._none, Region(0, 0, 1, 1)) if picture is None else (picture, region)
-        self._pass.set(window_size=size, region=part, place=_centred((region.height, region.width), size))
-        self._pass.draw(picture=shown, overlay=self._none if page is None else self._overlay)
+        place = _centred((region.height, region.width), size)
+        self._draw(self._pass, shown, self._none if page is None else self._overlay, part, place, size)
+
+    def reload(self) -> None:
+        """Compile the shader again and draw with it once, unseen; an error, which is raised, leaves the old one."""
+        fresh, dot = ScreenPass(self._context, "present.frag"), Region(0, 0, 1, 1)
+        try:
+            self._draw(fresh, self._none, self._none, dot, dot, (1, 1))
+        except BaseException:
+            fresh.release()
+            raise
+        self._pass.release()
+        self._pass = fresh
 
     def release(self) -> None:
         for resource in (self._pass, self._overlay, self._none):
             resource.release()
+
+    def _draw(
+        self,
+        present: ScreenPass,
+        picture: moderngl.Texture,
+        overlay: moderngl.Texture,
+        region: Region,
+        place: tuple[int, int, int, int],
+        size: tuple[int, int],
+    ) -> None:
+        self._context.screen.use()
+        present.set(window_size=size, region=region, place=place)
+        present.draw(picture=picture, overlay=overlay)
 
     def _draw_page(self, page: Page, size: tuple[int, int]) -> None:
         pixels = draw(page, (size[1], size[0]))

@@ -181,6 +181,11 @@ class Window:
         self._present.run(picture, region, size, page)
         return True
 
+    def reload(self) -> None:
+        """Compile the shader that presents again; what is damaged raises an error and changes nothing."""
+        self.make_current()
+        self._present.reload()
+
     def swap(self) -> None:
         glfw.swap_buffers(self._handle)
 

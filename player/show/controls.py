@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from player.errors import InputError
 from player.files import replacing_file
 from player.output import write_picture
 from player.picture import CONTROL, MOST_BLACK, MOST_FLICKER
@@ -137,10 +136,10 @@ class _Actions:
         try:
             renderer: Renderer = session.site.reload()
             session.replace_renderer(renderer)
-        except (InputError, OSError, RuntimeError) as error:
-            line = " ".join(str(error).split())
+        except Exception as error:  # an edited shader can go wrong in any way
+            line = session.not_reloaded(error)
             session.stats.notices.append(line)
-            raise CommandError(f"not reloaded: {line}") from None
+            raise CommandError(line) from None
         return "maps and shaders reloaded"
 
     def place(self) -> None:

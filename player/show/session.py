@@ -240,6 +240,12 @@ class Session:
         self._incoming = renderer
         self.playback.refresh()
 
+    @staticmethod
+    def not_reloaded(error: Exception) -> str:
+        """A line that says why what was there stays."""
+        known = isinstance(error, InputError | OSError | RuntimeError)
+        return f"not reloaded: {' '.join((str(error) if known else repr(error)).split())}"
+
     def certificate(self, max_age_s: float = CERTIFICATE_INTERVAL_S) -> Certificate | None:
         """How far the picture is from the best one; measured again if what is known is older."""
         if self._uploaded and self._draws and self._clock() - self._certified_at >= max_age_s:
@@ -253,16 +259,28 @@ class Session:
 
     def _upload(self, frame: Frame, playback: Playback) -> None:
         start = time.perf_counter()
-        if self._incoming is not None:
-            self.renderer.release()
-            self.renderer, self._incoming = self._incoming, None
-        self.renderer.upload(frame)
+        if self._incoming is None or not self._took_over(self._incoming, frame):
+            self.renderer.upload(frame)
         playback.reader.release(frame)
         self.stats.add("decode", frame.decode_s)
         self.stats.add("upload", time.perf_counter() - start)
         self.stats.frames += 1
         self._failures = 0
         self._uploaded = self._changed = True
+
+    def _took_over(self, incoming: Renderer, frame: Frame) -> bool:
+        """Whether what reload brought can draw a frame: it then takes the place of the renderer, which else stays."""
+        self._incoming = None
+        try:
+            incoming.upload(frame)
+            incoming.render(self.view, compensate=self.compensation, frame=self.stats.frames, steps=self.steps)
+        except Exception as error:  # an edited shader can go wrong in any way
+            incoming.release()
+            self.notice(self.not_reloaded(error))
+            return False
+        self.renderer.release()
+        self.renderer = incoming
+        return True
 
     def _draw(self, playback: Playback, frame: Frame | None) -> None:
         """Render if the view has changed, and present if that or the page over it has."""

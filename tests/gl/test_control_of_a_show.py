@@ -1,4 +1,4 @@
-"""--control of a player that plays in a window: what docs/player.md lists, by the socket, and lines that are nothing."""
+"""--control of a player that plays in a window: what docs/player.md lists, by the socket, and random lines."""
 
 import json
 import re

@@ -1,0 +1,122 @@
+"""ctrl+r with shaders that somebody has edited: of an installed copy, in a window, over the control socket."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.gl.test_control_of_a_show import Client
+from tests.gl.test_window import PATIENCE_S, ROOT, expected_picture, screen, wait_until
+from tests.rooms import write_blurred_room
+from tests.test_player import succeed
+
+BOX = (0, 0, 100, 75)
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("reload") / "wall"
+    write_blurred_room(folder, np.random.default_rng(7), (90, 120), (75, 100))
+    succeed("build-correction-map", folder, "--regularize", "0.1", "--no-refine")
+    return folder
+
+
+@pytest.fixture
+def picture(tmp_path: Path, rng: np.random.Generator) -> Path:
+    path = tmp_path / "picture.png"
+    cv2.imwrite(str(path), rng.integers(0, 255, (75, 100, 3), np.uint8))
+    return path
+
+
+@pytest.fixture
+def installed(tmp_path: Path) -> Path:
+    """A folder with the package as a wheel lays it out."""
+    folder = tmp_path / "installed"
+    left_out = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "player", folder / "player", ignore=left_out)
+    shutil.copytree(ROOT / "shaders", folder / "player" / "shaders", ignore=left_out)
+    return folder
+
+
+@pytest.fixture
+def playing_copy(xvfb: str, installed: Path, room: Path, picture: Path) -> Iterator[subprocess.Popen[str]]:
+    """The copy's player in a window, with a socket called `show.socket` beside it."""
+    options = "--no-config", "--no-osd", "--path", "fragment", "--control", str(installed / "show.socket")
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-m", "player.app", str(room), str(picture), *options],
+        env=os.environ | {"DISPLAY": xvfb, "WAYLAND_DISPLAY": "", "PYTHONPATH": str(installed)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_shaders_are_compiled_anew_and_damaged_ones_leave_the_old(
+    xvfb: str, installed: Path, room: Path, picture: Path, tmp_path: Path, playing_copy: subprocess.Popen[str]
+) -> None:
+    corrected = expected_picture(room, picture, tmp_path)
+    shaders = installed / "player" / "shaders"
+    present, encode = ((shaders / name).read_text() for name in ("present.frag", "encode.frag"))
+    result = "encoded = vec4(code, 1.0)"
+    assert result in present
+
+    def shows(wanted: np.ndarray) -> None:
+        wait_until(lambda: np.array_equal(screen(xvfb, BOX), wanted), "the picture", playing_copy)
+
+    shows(corrected)
+    client = Client(installed / "show.socket")
+    steps: list[tuple[str, str, str, np.ndarray]] = [
+        ("present.frag", present.replace(result, "encoded = vec4(1.0 - code, 1.0)"), "", 255 - corrected),
+        ("present.frag", present.replace(result, "encoded = vec4(codes, 1.0)"), "present.frag", 255 - corrected),
+        ("present.frag", present.replace("place.zw", "ivec2(9)").replace("place.xy", "0"), "place", 255 - corrected),
+        ("present.frag", present, "", corrected),
+        ("encode.frag", "#version 330 core\nvoid main() { nothing }", "encode.frag", corrected),
+        ("encode.frag", encode, "", corrected),
+    ]
+    for name, text, complaint, wanted in steps:
+        (shaders / name).write_text(text)
+        answer = client.ask("reload")
+        if complaint:
+            assert answer["error"] == "error running command"
+            assert "not reloaded" in answer["message"]
+            assert complaint in answer["message"]
+        else:
+            assert answer["error"] == "success", answer
+        for compensation in (False, True):  # what is drawn from now on
+            assert client.ask("set_property", "compensation", compensation)["error"] == "success"
+        shows(wanted)
+    client.close()
+    playing_copy.terminate()
+    playing_copy.communicate(timeout=PATIENCE_S)
+
+
+def test_a_shader_that_fails_only_when_it_draws_leaves_the_old(
+    xvfb: str, installed: Path, room: Path, picture: Path, tmp_path: Path, playing_copy: subprocess.Popen[str]
+) -> None:
+    """encode.frag without its textures compiles and links; the pass fails when the first picture is drawn."""
+    corrected = expected_picture(room, picture, tmp_path)
+    shader = installed / "player" / "shaders" / "encode.frag"
+    wait_until(lambda: np.array_equal(screen(xvfb, BOX), corrected), "the picture", playing_copy)
+    client = Client(installed / "show.socket")
+    text = shader.read_text()
+    head, _, _ = text.partition("void main")
+    shader.write_text(head + "void main() { encoded = vec4(scale); }")
+    assert client.ask("reload")["error"] == "success"
+    wait_until(lambda: "not reloaded" in client.get("message"), "what is wrong", playing_copy)
+    for compensation in (False, True):
+        assert client.ask("set_property", "compensation", compensation)["error"] == "success"
+        wait_until(
+            lambda c=compensation: np.array_equal(screen(xvfb, BOX), corrected) == c, "the picture", playing_copy
+        )
+    client.close()
