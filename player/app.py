@@ -25,6 +25,7 @@ from player.placement import Corners, corners_of, read_placement, write_placemen
 from player.refinement import Certificate, default_start
 from player.renderer import Renderer, Room, place
 from player.show.options import Steps, image_display_duration, monitors_of, one_medium, picture_of, read_options
+from player.show.outline import lit_by
 from player.show.playlist import Playlist
 from player.show.session import Session
 from player.show.session_inputs import Remote, Setup, Site
@@ -269,7 +270,15 @@ class _RoomInUse:
 
     def site(self) -> Site:
         keep = partial(write_placement, self._options.calibration)
-        return Site(self._reload, self._fit, keep, self._psnr, lambda: self._room.maps.refinement is not None)
+        return Site(
+            self._reload,
+            self._fit,
+            keep,
+            self._psnr,
+            refinable=lambda: self._room.maps.refinement is not None,
+            camera=lambda: self._room.calibration.camera.shape,
+            on_projector=lambda points: lit_by(self._room.maps.transport, points),
+        )
 
     def _reload(self) -> Renderer:
         fresh, before = room_of(self._options), self._room.calibration.regions

@@ -166,7 +166,15 @@ class Stage:
         self.fresh: list[Any] = []
         self.refinable = True
         setup = options.pop("setup", Setup())
-        site = Site(self._reload, lambda pixels: SQUARE, self.saved.append, lambda c: 40.0, lambda: self.refinable)
+        site = Site(
+            self._reload,
+            lambda pixels: SQUARE,
+            self.saved.append,
+            lambda certificate: 40.0,
+            refinable=lambda: self.refinable,
+            camera=lambda: (3, 4),
+            on_projector=lambda points: points / 2,
+        )
         self.session = Session(
             Playlist(list(self.readers), loop=loop_list),
             self._open,

@@ -7,7 +7,7 @@ import pytest
 
 from player.errors import InputError
 from player.picture import Picture
-from player.show.options import image_display_duration, picture_of, read_options
+from player.show.options import image_display_duration, monitors_of, picture_of, read_options
 from player.show.playlist import Playlist, expand
 from player.show.settings import default_path
 
@@ -46,6 +46,16 @@ monitor = "HDMI-1"
     assert (options.refine, options.compensation, options.loop, options.brightness) == ("auto", True, False, 3)
 
 
+def test_a_setting_names_the_monitors_of_several_projectors(config: Path) -> None:
+    assert monitors_of(options_with(config, 'monitor = ["HDMI-1", 2]')) == ["HDMI-1", "2"]
+    assert monitors_of(options_with(config, 'monitor = ["HDMI-1", 2]', "--monitor", "A", "--monitor", "B")) == [
+        "A",
+        "B",
+    ]
+    assert monitors_of(options_with(config, "monitor = 1")) == ["1"]
+    assert monitors_of(options_with(config, "monitor = []")) == []
+
+
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
@@ -54,6 +64,7 @@ monitor = "HDMI-1"
         ("output = 'x.png'", "no setting 'output'"),
         ("refine = -1", "refine: expected auto or a number of steps"),
         ("refine = [1]", "refine: expected text or a number, found [1]"),
+        ("monitor = [['A']]", "monitor: expected text or a number, found ['A']"),
         ("refine = true", "refine: expected text or a number, found True"),
         ("loop = 'yes'", "loop: expected true or false, found 'yes'"),
         ("view = 'side'", "view: expected projector, camera"),

@@ -19,7 +19,7 @@ from player.show.osd import Page
 class Displays:
     """Several windows as one display: keys from any of them, and what is asked for is done by all.
 
-    Pages and views other than the projectors' are shown in the first; such a view leaves the others black.
+    Text and views other than the projectors' are shown in the first; such a view leaves the others black.
     """
 
     def __init__(self, windows: Sequence[Window], regions: Sequence[Region]) -> None:
@@ -69,7 +69,7 @@ class Displays:
             window.make_current()
             shown = None if black or not (first or drive) else picture
             part = region if drive else Region(0, 0, *picture.size)
-            if window.visible and window.draw(shown, part, page if first else None):
+            if window.visible and window.draw(shown, part, page if first else _without_text(page)):
                 window.context.finish()
                 drawn.append(window)
         for window in drawn:
@@ -149,6 +149,11 @@ def open_display(
                 windows[-1].place(region.left, region.top)
         windows[0].make_current()
         yield windows[0] if len(windows) == 1 else Displays(windows, regions)
+
+
+def _without_text(page: Page | None) -> Page | None:
+    """What every window shows of a page: the outline."""
+    return None if page is None or page.outline is None else Page((), outline=page.outline)
 
 
 def _find_all(names: Sequence[str], count: int) -> list[Monitor]:

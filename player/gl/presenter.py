@@ -1,10 +1,17 @@
 """The last pass: the finished picture, or a part of it, in a window, with a page of text over it."""
 
+from typing import TypeAlias
+
 import moderngl
+import numpy as np
+from numpy.typing import NDArray
 
 from player.calibration import Region
 from player.gl.passes import ScreenPass
-from player.show.osd import Page, draw
+from player.show.osd import Page, draw, scale_for
+from player.show.outline import Points, draw_outline
+
+Box: TypeAlias = tuple[int, int, int, int]  # left, top, width, height
 
 
 class Presenter:
@@ -15,13 +22,14 @@ class Presenter:
         self._none = context.texture((1, 1), 4, bytes(4), dtype="f1")
         self._overlay = context.texture((1, 1), 4, bytes(4), dtype="f1")
         self._pass = ScreenPass(context, "present.frag")
-        self._drawn: tuple[Page, tuple[int, int]] | None = None
+        self._drawn: tuple[Page, tuple[int, int], tuple[int, int], Region, Box] | None = None
 
     def run(self, picture: moderngl.Texture | None, region: Region, size: tuple[int, int], page: Page | None) -> None:
-        if page is not None and (page, size) != self._drawn:
-            self._draw_page(page, size)
         shown, part = (self._none, Region(0, 0, 1, 1)) if picture is None else (picture, region)
         place = _centred((region.height, region.width), size)
+        if page is not None and (page, size, shown.size, part, place) != self._drawn:
+            self._drawn = page, size, shown.size, part, place
+            self._write(_overlay(page, size, shown.size, part, place))
         self._draw(self._pass, shown, self._none if page is None else self._overlay, part, place, size)
 
     def reload(self) -> None:
@@ -45,24 +53,46 @@ class Presenter:
         picture: moderngl.Texture,
         overlay: moderngl.Texture,
         region: Region,
-        place: tuple[int, int, int, int],
+        place: Box,
         size: tuple[int, int],
     ) -> None:
         self._context.screen.use()
         present.set(window_size=size, region=region, place=place)
         present.draw(picture=picture, overlay=overlay)
 
-    def _draw_page(self, page: Page, size: tuple[int, int]) -> None:
-        pixels = draw(page, (size[1], size[0]))
+    def _write(self, pixels: NDArray[np.uint8]) -> None:
         height, width = pixels.shape[:2]
         if self._overlay.size != (width, height):
             self._overlay.release()
             self._overlay = self._context.texture((width, height), 4, dtype="f1")
-        self._overlay.write(pixels)
-        self._drawn = page, size
+        self._overlay.write(np.ascontiguousarray(pixels))
 
 
-def _centred(shape: tuple[int, int], window: tuple[int, int]) -> tuple[int, int, int, int]:
+def _overlay(
+    page: Page, size: tuple[int, int], picture: tuple[int, int], region: Region, place: Box
+) -> NDArray[np.uint8]:
+    """What is written over a window of `size`, from its upper left: (height, width, RGBA).
+
+    size, picture : (width, height).  region : of the picture, which stands at `place` in the window.
+    """
+    window = size[1], size[0]
+    text = draw(page, window) if page.lines else np.zeros((1, 1, 4), np.uint8)
+    if page.outline is None:
+        return text
+    left, top, width, height = place
+    canvas = np.zeros((*window, 4), np.uint8)
+
+    def in_place(points: Points) -> Points:
+        return np.asarray(
+            (points * picture - (region.left, region.top)) * (width / region.width, height / region.height)
+        )
+
+    draw_outline(canvas[top : top + height, left : left + width], page.outline, in_place, scale_for(window))
+    canvas[: text.shape[0], : text.shape[1]][text[..., 3] > 0] = text[text[..., 3] > 0]
+    return canvas
+
+
+def _centred(shape: tuple[int, int], window: tuple[int, int]) -> Box:
     """(left, top, width, height): pixel for pixel and centred if the window is large enough, else shrunk to fit."""
     height, width = shape
     scale = min(1.0, window[0] / width, window[1] / height)

@@ -5,7 +5,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 from player.command import Parser
 from player.errors import InputError
@@ -14,7 +14,7 @@ from player.refinement import DEFAULT_STEPS, MOST_STEPS, STARTS, STEPS_WITHOUT_M
 from player.renderer import DITHERS, PATHS, VIEWS
 from player.show.keys import KEYS
 from player.show.playlist import expand
-from player.show.settings import apply_settings, default_path
+from player.show.settings import Several, apply_settings, default_path
 from player.test_cards import CARDS
 from player.unattended.supervisor import SAFE
 
@@ -42,7 +42,7 @@ def picture_of(options: argparse.Namespace) -> Picture:
 
 
 def monitors_of(options: argparse.Namespace) -> list[str]:
-    """The monitors that are named, one for each projector; settings name one."""
+    """The monitors that are named, one for each projector; settings may name a single one without a list."""
     return [options.monitor] if isinstance(options.monitor, str) else options.monitor or []
 
 
@@ -150,7 +150,7 @@ def _add_window(add: Callable[..., object]) -> None:
     add("--fullscreen", action=argparse.BooleanOptionalAction, default=False, help="fill the monitor")
     add(
         "--monitor",
-        action=_Several,
+        action=Several,
         metavar="NAME|INDEX",
         help="the projector's monitor; several: one after the other\n(default: as the calibration says, or the first)",
     )
@@ -203,20 +203,6 @@ def _add_output(add: Callable[..., object]) -> None:
     )
     add("--safe", choices=SAFE, default="black", help="what --supervise shows after too many crashes (default black)")
     add("--stats", type=Path, metavar="FILE.json", help="write frames, drops, judder and milliseconds")
-
-
-class _Several(argparse.Action):
-    """Collects what an option is given; the first time replaces the default, which may come from the settings."""
-
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
-        values: Any,
-        option_string: str | None = None,
-    ) -> None:
-        before = getattr(namespace, self.dest)
-        setattr(namespace, self.dest, [values] if before is self.default else [*before, values])
 
 
 def _keys() -> str:

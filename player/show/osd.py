@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from player.show.outline import Outline
+
 SHOWN_S, FADING_S = 1.0, 0.3
 MESSAGE_SIZE = 1.6
 TEXT_HEIGHT, LINE_HEIGHT, MARGIN, TAB_GAP = 18, 24, 12, 18  # pixels in a window of REFERENCE_HEIGHT
@@ -33,12 +35,14 @@ class Page:
     """Lines of text, a tab apart in columns, and a histogram below them.
 
     opacity : 0..1 of all of it.  size : of the letters, 1 for a page that is read, more for a word in passing.
+    outline : drawn over the picture, below the text.
     """
 
     lines: tuple[str, ...]
     histogram: Histogram | None = None
     opacity: float = 1.0
     size: float = 1.0
+    outline: Outline | None = None
 
 
 class Message:

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 from player.errors import InputError
 from player.frames import Frame, MediaInfo
@@ -18,6 +19,7 @@ from player.renderer import Renderer
 from player.show import controls
 from player.show.keys import Keys
 from player.show.osd import MESSAGE_SIZE, Message, Page
+from player.show.outline import Outline, moved, outline_of
 from player.show.placing import Placing
 from player.show.playback import Playback, Reader, Sound
 from player.show.playlist import Playlist
@@ -74,6 +76,7 @@ class Session:
         self._shown: tuple[Page | None, bool] = (None, False)
         self._paged_at = self._certified_at = float("-inf")
         self._certificate: Certificate | None = None
+        self._outlined: tuple[object, Outline] | None = None
         self.playback: Playback | None = None
         self.open_current(first=True)
         self.commands = controls.commands_of(self)
@@ -324,6 +327,22 @@ class Session:
         return None
 
     def _new_page(self) -> Page | None:
+        """What is written and drawn over the picture."""
+        page, outline = self._text(), self._outline()
+        return page if outline is None else replace(page or Page(()), outline=outline)
+
+    def _outline(self) -> Outline | None:
+        """Of the picture that is being placed; made anew when the corners, the view or the room have changed."""
+        placing = self.placing
+        if placing is None or self.site is None:
+            return None
+        key = placing.corners, placing.corner, self.view == "projector", self.renderer
+        if self._outlined is None or self._outlined[0] != key:
+            outline = outline_of(placing.corners, placing.corner, self.site.camera())
+            self._outlined = key, moved(outline, self.site.on_projector) if self.view == "projector" else outline
+        return self._outlined[1]
+
+    def _text(self) -> Page | None:
         """What is written over the picture; the statistics' figures stand still for PAGE_INTERVAL_S."""
         text, opacity = self.message.text, self.message.opacity
         if self.show_help:

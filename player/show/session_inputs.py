@@ -12,6 +12,7 @@ from player.refinement import Certificate
 from player.renderer import Renderer
 from player.show.commands import Commands
 from player.show.osd import Page
+from player.show.outline import Points
 from player.show.playback import Sound
 
 Steps: TypeAlias = int | Literal["auto"]
@@ -105,6 +106,7 @@ class Site:
     reload : read the maps, make a renderer of them.  fit : the corners of a picture that nobody placed.
     save : keep corners for the next time.  psnr : dB of the camera's picture, by its certificate.
     refinable : whether the maps are there that refinement needs.
+    camera : (height, width) of the view.  on_projector : where the projector's picture lights points of the view most.
     """
 
     reload: Callable[[], Renderer]
@@ -112,3 +114,5 @@ class Site:
     save: Callable[[Corners | None], object]
     psnr: Callable[[Certificate], float]
     refinable: Callable[[], bool]
+    camera: Callable[[], tuple[int, int]]
+    on_projector: Callable[[Points], Points]

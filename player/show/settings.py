@@ -14,6 +14,20 @@ NOT_SETTINGS = ("help", "config", "list-monitors", "output")
 KEYS_TABLE = "keys"
 
 
+class Several(argparse.Action):
+    """Collects what an option is given; the first time replaces the default, which may come from the settings."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        before = getattr(namespace, self.dest)
+        setattr(namespace, self.dest, [values] if before is self.default else [*before, values])
+
+
 def default_path(environment: Mapping[str, str], home: Path) -> Path:
     """Where the settings are by the XDG Base Directory Specification."""
     return Path(environment.get("XDG_CONFIG_HOME") or home / ".config") / "counterlight" / "player.toml"
@@ -41,7 +55,13 @@ def _name(action: argparse.Action) -> str:
 
 
 def _value(action: argparse.Action, value: Any, where: str) -> Any:
-    """What the option would make of it on the command line."""
+    """What the option would make of it on the command line; a list is one that may be given several times."""
+    if isinstance(action, Several) and isinstance(value, list):
+        return [_single(action, item, where) for item in value]
+    return _single(action, value, where)
+
+
+def _single(action: argparse.Action, value: Any, where: str) -> Any:
     if action.nargs == 0:  # a flag
         if not isinstance(value, bool):
             raise InputError(f"{where}: expected true or false, found {value!r}")

@@ -24,7 +24,8 @@ def stats_page(session: "Session", message: str) -> Page:
         f"medium\t{Path(info.path).name}, {size}, {info.codec}, {info.frames_per_second:.3g} fps",
         f"position\t{position(session)}, medium {session.playlist.position + 1} of {len(session.playlist.media)}",
         f"view\t{session.view}, compensation {compensation}, monitor {session.display.monitor}",
-        f"frames\t{stats.frames} shown at {stats.frames_per_second:.1f} fps, {stats.dropped} dropped",
+        f"frames\t{stats.frames} shown at {stats.frames_per_second:.1f} fps, {stats.dropped} dropped"
+        + (f", {stats.stalled_s:.1f} s stood still for the decoder" if stats.stalled_s else ""),
         "time\t" + ", ".join(f"{stage} {stats.median_ms(stage):.1f} ms" for stage in STAGES),
         f"GPU path\t{session.renderer.path}",
         f"refinement\t{session.steps} steps" + (f", {certificate}" if certificate is not None else ""),

@@ -1,0 +1,45 @@
+"""Placing in a real window: the outline and the selected corner's handle on the screen, not in what is saved."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from player.show.outline import SELECTED
+from tests.gl.test_control_of_a_show import show
+from tests.gl.test_reload import BOX, room  # noqa: F401 (a fixture)
+from tests.gl.test_window import PATIENCE_S, expected_picture, screen, wait_until
+
+
+@pytest.fixture
+def picture(tmp_path: Path, rng: np.random.Generator) -> Path:
+    path = tmp_path / "picture.png"
+    cv2.imwrite(str(path), rng.integers(0, 255, (75, 100, 3), np.uint8))
+    return path
+
+
+def test_the_outline_comes_and_goes(xvfb: str, room: Path, picture: Path, tmp_path: Path) -> None:  # noqa: F811
+    expected = expected_picture(room, picture, tmp_path)
+
+    def handle() -> bool:
+        return bool((screen(xvfb, BOX) == SELECTED[:3]).all(axis=2).any())
+
+    def plain() -> bool:
+        return np.array_equal(screen(xvfb, BOX), expected)
+
+    with show(xvfb, tmp_path, room, picture) as (process, client):
+        wait_until(plain, "the picture", process)
+        for view in ("projector", "camera"):
+            assert client.ask("place")["error"] == "success"
+            for _ in range(3):  # below the text
+                assert client.ask("place-corner")["error"] == "success"
+            assert client.ask("set_property", "view", view)["error"] == "success"
+            wait_until(handle, "the handle of the lower right corner", process)
+            saved = cv2.imread(str(tmp_path / client.ask("screenshot")["data"]))[..., ::-1]
+            assert not (saved == SELECTED[:3]).all(axis=2).any()
+            assert client.ask("set_property", "view", "projector")["error"] == "success"
+            assert client.ask("place-cancel")["error"] == "success"
+            wait_until(plain, "the picture without it", process)
+        client.ask("quit")
+        assert process.wait(PATIENCE_S) == 0
