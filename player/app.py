@@ -220,7 +220,7 @@ def play_in_window(
         try:
             session = Session(
                 Playlist(options.media, loop=options.loop and len(options.media) > 1, start=options.playlist_start),
-                lambda medium, loop: MediaReader.open(medium, loop=loop, frames_per_second=options.fps),
+                lambda medium, loop: MediaReader.open(medium, loop=loop, frames_per_second=options.fps, tolerant=True),
                 renderer,
                 window,
                 setup=replace(_setup(options, room, picture), silence=silence),

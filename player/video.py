@@ -36,9 +36,14 @@ class MediaReader:
     At most `RING_SLOTS` (two for huge pictures, one for stills) frames can be held at a time: release them.
     """
 
-    def __init__(self, path: Path | str, *, loop: bool, frames_per_second: float | None) -> None:
+    def __init__(self, path: Path | str, *, loop: bool, frames_per_second: float | None, tolerant: bool) -> None:
         self._path, self._loop = path, loop
-        self._arguments = {"path": str(path), "loop": loop, "frames_per_second": frames_per_second}
+        self._arguments = {
+            "path": str(path),
+            "loop": loop,
+            "frames_per_second": frames_per_second,
+            "tolerant": tolerant,
+        }
         self._serial, self._index, self._deaths, self._number = 0, 0, 0, 0
         self._start: dict[str, Any] = {"serial": 0, "time_s": 0.0, "after": False, "offset_s": 0.0}
         self._last_s = self._lap_s = 0.0
@@ -56,16 +61,19 @@ class MediaReader:
             raise
 
     @classmethod
-    def open(cls, path: str | Path, *, loop: bool = False, frames_per_second: float | None = None) -> Self:
+    def open(
+        cls, path: str | Path, *, loop: bool = False, frames_per_second: float | None = None, tolerant: bool = False
+    ) -> Self:
         """Start decoding a file, a sequence (`frames/%05d.png`) or a live source (player/decoding/live.py).
 
         frames_per_second : of a sequence; 25 when None. Videos keep their own times.
+        tolerant : pictures that cannot be decoded are left out (Frame.skipped, and a notice) instead of an error.
         Raises InputError, in one line, when it cannot be read; its first frame has been decoded when this returns.
         """
         if frames_per_second is not None and not 0 < frames_per_second <= 1000:
             raise InputError(f"{path}: frame rate {frames_per_second}, expected more than 0 and at most 1000")
         name = path if live_address(str(path)) else Path(path)
-        return cls(name, loop=loop, frames_per_second=frames_per_second)
+        return cls(name, loop=loop, frames_per_second=frames_per_second, tolerant=tolerant)
 
     def __enter__(self) -> Self:
         return self

@@ -141,7 +141,7 @@ def main(arguments: dict[str, Any]) -> None:
     mailbox = Mailbox(sys.stdin.buffer)
     threading.Thread(target=_beat, args=(events, mailbox), daemon=True).start()
     try:
-        source = open_source(arguments["path"], arguments["frames_per_second"])
+        source = open_source(arguments["path"], arguments["frames_per_second"], tolerant=arguments["tolerant"])
     except InputError as error:
         events.send({"error": str(error)})
         threading.Event().wait()  # until the parent closes stdin
@@ -176,6 +176,9 @@ def _play_lap(order: Order, source: Source, planes: list[Any], mailbox: Mailbox,
             mailbox.is_alive()
             if picture:
                 events.send({"notice": picture})
+            continue
+        if picture.corrupt:
+            skipped += 1
             continue
         decode_s = time.perf_counter() - asked
         slot = mailbox.take_slot() if live else mailbox.wait_for_slot()

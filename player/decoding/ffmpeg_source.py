@@ -21,11 +21,16 @@ _FIX = f"it is damaged, larger than {MAX_PIXELS} pixels or of an unknown kind: c
 
 
 class FfmpegSource:
-    """Whatever FFmpeg reads: videos, pictures, numbered pictures."""
+    """Whatever FFmpeg reads: videos, pictures, numbered pictures.
 
-    def __init__(self, path: Path | str, sequence: Sequence | None) -> None:
-        self.path, self._sequence = path, sequence
+    tolerant : leave out pictures that cannot be decoded, and take an early end for the end; a line says so, once.
+    """
+
+    def __init__(self, path: Path | str, sequence: Sequence | None, *, tolerant: bool = False) -> None:
+        self.path, self._sequence, self._tolerant = path, sequence, tolerant
         self.notices: list[str] = []
+        self._damage: InputError | None = None  # the first that was tolerated
+        self._told = False
         self.end_s = 0.0
         self._picture = False
         self._origin: int | None = None
@@ -36,13 +41,33 @@ class FfmpegSource:
         self._check_trailer()
 
     def lap(self, from_s: float, *, after: bool) -> Iterator[Decoded | str]:
-        """See Source. Decodes from the key frame before `from_s` and drops what comes too early."""
+        """See Source. Decodes from the key frame before `from_s` and drops what comes too early.
+
+        Raises InputError at damage; if tolerant, only when the whole medium has no good picture.
+        """
         fresh, self._fresh = self._fresh, None  # the pictures that opening has decoded
-        pictures = fresh if fresh is not None and from_s <= 0 else self._from(from_s)
+        pictures, good = fresh if fresh is not None and from_s <= 0 else self._from(from_s), 0
         for picture in pictures:
             if is_wanted(picture.time_s, picture.time_s + picture.duration_s, from_s, after=after):
                 self._check_picture(picture)
+                good += not picture.corrupt
+                yield from self._news()
                 yield picture
+        if self._damage is not None and not good and from_s <= 0:
+            raise self._damage
+        yield from self._news()
+
+    def _news(self) -> Iterator[str]:
+        """What was tolerated, the first time."""
+        if self._damage is not None and not self._told:
+            self._told = True
+            yield f"{str(self._damage).removesuffix(f'; {_FIX}')}; left out, as all that cannot be decoded"
+
+    def _tolerate(self, damage: InputError) -> None:
+        """Raise it, unless it is to be tolerated."""
+        if not self._tolerant:
+            raise damage from None
+        self._damage = self._damage or damage
 
     def _open(self) -> None:
         options = {"protocol_whitelist": "file", "pattern_type": "none", "max_pixels": str(MAX_PIXELS)}
@@ -168,7 +193,10 @@ class FfmpegSource:
             count, next_s = count + 1, time_s + duration_s
             end_s = max(end_s, next_s)
             yield Decoded(time_s, duration_s, self._samples(frame, count), frame.is_corrupt)
-        self._check_complete(None if resume else count, end_s)
+        try:
+            self._check_complete(None if resume else count, end_s)
+        except InputError as error:
+            self._tolerate(error)
         self.end_s = end_s
 
     def _frames(self, resume: bool) -> Iterator[av.VideoFrame]:
@@ -176,13 +204,21 @@ class FfmpegSource:
         try:
             for packet in self._container.demux(self._stream):
                 if self._picture and self._codec == "mjpeg" and packet.size and not _jpeg_ends(bytes(packet)):
-                    raise self._damaged(count, "the JPEG ends before its end marker")
-                for frame in packet.decode():
-                    assert isinstance(frame, av.VideoFrame)
+                    self._tolerate(self._damaged(count, "the JPEG ends before its end marker"))
+                    continue
+                for frame in self._decode(packet, None if resume else count):
                     count += 1
                     yield frame
         except (av.FFmpegError, OSError, MemoryError) as error:
-            raise self._damaged(None if resume else count, reason(error)) from None
+            self._tolerate(self._damaged(None if resume else count, reason(error)))
+
+    def _decode(self, packet: "av.Packet[av.VideoStream]", number: int | None) -> list[av.VideoFrame]:
+        """The pictures that a packet completes.  number : of the first one, for the error."""
+        try:
+            return [frame for frame in packet.decode() if isinstance(frame, av.VideoFrame)]
+        except (av.FFmpegError, OSError, MemoryError) as error:
+            self._tolerate(self._damaged(number, reason(error)))
+            return []
 
     def _samples(self, frame: av.VideoFrame, count: int) -> Samples:
         if count == 1:
@@ -203,11 +239,11 @@ class FfmpegSource:
         return self._codec in _CENTERED_CODECS
 
     def _check_picture(self, picture: Decoded) -> None:
-        """Raise InputError for a picture that FFmpeg patched up, or that is not like the first one."""
+        """Raise InputError for a picture that is not like the first one, or that FFmpeg patched up if that matters."""
         pixels = self.info.format
         number = round(picture.time_s * self.info.frames_per_second)
         if picture.corrupt:
-            raise self._damaged(number, "its data is damaged")
+            self._tolerate(self._damaged(number, "its data is damaged"))
         found, expected = picture.samples, self._plan
         if tuple((p.shape[1], p.shape[0]) for p in found.planes) != tuple((s.width, s.height) for s in expected[2]):
             height, width = found.planes[0].shape

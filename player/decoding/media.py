@@ -19,8 +19,11 @@ SEQUENCE_RATE = 25.0
 _PATTERN = re.compile(r"%0?(\d*)d")
 
 
-def open_source(name: str, frames_per_second: float | None) -> Source:
-    """Open a file, a printf pattern such as `frames/%05d.png` or a live source, and decode its first picture."""
+def open_source(name: str, frames_per_second: float | None, *, tolerant: bool = False) -> Source:
+    """Open a file, a printf pattern such as `frames/%05d.png` or a live source, and decode its first picture.
+
+    tolerant : leave out what FFmpeg cannot decode; OpenEXR pictures must be whole.
+    """
     live = live_address(name)
     if live is not None:
         return LiveSource(name, live)
@@ -30,9 +33,11 @@ def open_source(name: str, frames_per_second: float | None) -> Source:
         rate = frames_per_second or SEQUENCE_RATE
         if path.suffix.lower() == ".exr":
             return ExrSource(path, paths, rate)
-        return FfmpegSource(path, Sequence(start, len(paths), rate))
+        return FfmpegSource(path, Sequence(start, len(paths), rate), tolerant=tolerant)
     _check_file(path)
-    return ExrSource(path, [path], SEQUENCE_RATE) if path.suffix.lower() == ".exr" else FfmpegSource(path, None)
+    if path.suffix.lower() == ".exr":
+        return ExrSource(path, [path], SEQUENCE_RATE)
+    return FfmpegSource(path, None, tolerant=tolerant)
 
 
 class ExrSource:

@@ -15,7 +15,10 @@ TIME_SLACK_S = 1e-6  # far below one frame, far above the rounding of a float64 
 
 @dataclass(frozen=True)
 class Decoded:
-    """One picture of a medium: seconds since the first one, and its samples (valid until the next is asked for)."""
+    """One picture of a medium: seconds since the first one, and its samples (valid until the next is asked for).
+
+    corrupt : FFmpeg has patched it up; a source that yields it leaves it out.
+    """
 
     time_s: float
     duration_s: float
