@@ -8,6 +8,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,13 +18,17 @@ import av
 import cv2
 import numpy as np
 
+from player.app import read_room
+from player.gl.context import headless_context
+from player.gl.renderer import GlRenderer
 from player.video import MediaReader
+from tests.bench_rows import WARM_UP
 from tests.screens import one_screen
 from tests.test_graycode import SHARED, opencv_code, write_capture
 
 PROJECTOR, CAMERA = (768, 1024), (1024, 1280)
 FRAME, RATE, SECONDS = (720, 1280), 30, 6
-FEW = 60  # frames at a slower rate
+FEW, DRAWN = 60, 20  # frames at a slower rate, and drawn alone
 SCREEN = 1280, 1024
 REAL = SHARED / "graycode-procam-kamino" / "capture_0"
 GOAL_MS = 5.0  # decoding and uploading a frame
@@ -43,6 +48,8 @@ def show() -> Iterator[str]:
             for what, source in captures.items():
                 if source.is_dir():
                     yield f"{what}, {make_room(source, folder / what)}:"
+                    spent = drawing_ms(folder / what, folder / "clip.mp4")
+                    yield f"  drawing alone: {spent:.0f} ms of processor time a frame, all cores together"
                     yield from play(display, folder / what, folder / "clip.mp4")
 
 
@@ -68,6 +75,24 @@ def line(what: str, found: dict[str, Any], speed: float) -> str:
         f"decode {stage['decode']:.1f} + upload {stage['upload']:.1f} ms (goal {GOAL_MS:g}); "
         f"draw {stage['gpu']:.1f} + present {stage['present']:.1f} ms of {frame_ms:.1f}: {allows}"
     )
+
+
+def drawing_ms(room: Path, clip: Path) -> float:
+    """Processor time of all threads to draw a frame without refinement: what other work on the machine leaves alone."""
+    with headless_context() as context, MediaReader.open(clip) as reader:
+        renderer = GlRenderer(context, read_room(room, None, refine=0))
+        renderer.open(reader.info.format)
+        frame = reader.next_frame(PATIENCE_S)
+        assert frame is not None
+        renderer.upload(frame)
+        spent = []
+        for _ in range(WARM_UP + DRAWN):
+            before = time.process_time()
+            renderer.render("projector", compensate=True)
+            renderer.finish()
+            spent.append(time.process_time() - before)
+        renderer.release()
+    return 1000 * float(np.median(spent[WARM_UP:]))
 
 
 def decoding_ms(clip: Path) -> float:
