@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from player.calibration import Region
-from player.gl.presenter import _overlay
+from player.gl.presenter import overlay_of
 from player.placement import Corners
 from player.row_map import RowMap, SparseRows, pack
 from player.show.osd import Page
@@ -61,12 +61,13 @@ def test_dots_are_edged_handles_lie_over_them_and_nothing_is_drawn_outside() -> 
 def test_in_a_window_the_outline_follows_the_part_that_is_shown() -> None:
     """A point at (12, 3) of a raster of 20x10; its right half, from x 10, is shown twice as large at (4, 2)."""
     page = Page((), outline=Outline(np.array([(12.5 / 20, 3.5 / 10)]), np.empty((0, 2))))
-    overlay = _overlay(page, (40, 30), (20, 10), Region(10, 0, 10, 10), (4, 2, 20, 20))
+    overlay = overlay_of(page, (40, 30), (20, 10), Region(10, 0, 10, 10), (4, 2, 20, 20))
     assert overlay.shape == (30, 40, 4)
     rows, columns = np.nonzero((overlay == INK).all(axis=2))
     assert (rows.mean(), columns.mean()) == (2 + 7, 4 + 5)
     assert not overlay[:, :4].any()  # beside the picture
-    text = _overlay(Page(("text",), outline=page.outline), (400, 300), (20, 10), Region(0, 0, 20, 10), (0, 0, 20, 10))
+    assert not overlay_of(page, (40, 30), None, Region(0, 0, 1, 1), (4, 2, 20, 20)).any()  # black stays black
+    text = overlay_of(Page(("text",), outline=page.outline), (400, 300), (20, 10), Region(0, 0, 20, 10), (0, 0, 20, 10))
     assert text[5, 5, 3] > 0
     assert not text[200, 300].any()
 

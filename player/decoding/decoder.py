@@ -178,6 +178,7 @@ def _play_lap(order: Order, source: Source, planes: list[Any], mailbox: Mailbox,
                 events.send({"notice": picture})
             continue
         if picture.corrupt:
+            mailbox.is_alive()
             skipped += 1
             continue
         decode_s = time.perf_counter() - asked

@@ -109,7 +109,7 @@ class FfmpegSource:
         """Decode the first picture and put it back; one that no second follows is a still."""
         first = next(pictures, None)
         if first is None:
-            raise InputError(f"{self.path}: FFmpeg decodes no picture from it; {_FIX}")
+            raise self._damage or InputError(f"{self.path}: FFmpeg decodes no picture from it; {_FIX}")
         tags = self._tags
         second: Iterator[Decoded] = iter(())
         self._still = self._sequence is None and self._stream.frames <= 1

@@ -22,14 +22,15 @@ class Presenter:
         self._none = context.texture((1, 1), 4, bytes(4), dtype="f1")
         self._overlay = context.texture((1, 1), 4, bytes(4), dtype="f1")
         self._pass = ScreenPass(context, "present.frag")
-        self._drawn: tuple[Page, tuple[int, int], tuple[int, int], Region, Box] | None = None
+        self._drawn: tuple[Page, tuple[int, int], tuple[int, int] | None, Region, Box] | None = None
 
     def run(self, picture: moderngl.Texture | None, region: Region, size: tuple[int, int], page: Page | None) -> None:
         shown, part = (self._none, Region(0, 0, 1, 1)) if picture is None else (picture, region)
         place = _centred((region.height, region.width), size)
-        if page is not None and (page, size, shown.size, part, place) != self._drawn:
-            self._drawn = page, size, shown.size, part, place
-            self._write(_overlay(page, size, shown.size, part, place))
+        extent = None if picture is None else picture.size
+        if page is not None and (page, size, extent, part, place) != self._drawn:
+            self._drawn = page, size, extent, part, place
+            self._write(overlay_of(page, size, extent, part, place))
         self._draw(self._pass, shown, self._none if page is None else self._overlay, part, place, size)
 
     def reload(self) -> None:
@@ -68,24 +69,23 @@ class Presenter:
         self._overlay.write(np.ascontiguousarray(pixels))
 
 
-def _overlay(
-    page: Page, size: tuple[int, int], picture: tuple[int, int], region: Region, place: Box
+def overlay_of(
+    page: Page, size: tuple[int, int], picture: tuple[int, int] | None, region: Region, place: Box
 ) -> NDArray[np.uint8]:
     """What is written over a window of `size`, from its upper left: (height, width, RGBA).
 
-    size, picture : (width, height).  region : of the picture, which stands at `place` in the window.
+    size, picture : (width, height); no picture, no outline.  region : of the picture, which stands at `place`.
     """
     window = size[1], size[0]
     text = draw(page, window) if page.lines else np.zeros((1, 1, 4), np.uint8)
-    if page.outline is None:
+    if page.outline is None or picture is None:
         return text
     left, top, width, height = place
     canvas = np.zeros((*window, 4), np.uint8)
 
     def in_place(points: Points) -> Points:
-        return np.asarray(
-            (points * picture - (region.left, region.top)) * (width / region.width, height / region.height)
-        )
+        scale = width / region.width, height / region.height
+        return np.asarray((points * picture - (region.left, region.top)) * scale)
 
     draw_outline(canvas[top : top + height, left : left + width], page.outline, in_place, scale_for(window))
     canvas[: text.shape[0], : text.shape[1]][text[..., 3] > 0] = text[text[..., 3] > 0]

@@ -9,7 +9,7 @@ from player.stats import LATE_LABELS
 if TYPE_CHECKING:
     from player.show.session import Session
 
-STAGES = ("decode", "upload", "gpu")
+STAGES = ("decode", "upload", "gpu", "present")
 
 
 def stats_page(session: "Session", message: str) -> Page:

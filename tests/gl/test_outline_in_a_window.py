@@ -8,6 +8,7 @@ import pytest
 
 from player.show.outline import SELECTED
 from tests.gl.test_control_of_a_show import show
+from tests.gl.test_displays import SIDE_BY_SIDE, joint  # noqa: F401 (a fixture)
 from tests.gl.test_reload import BOX, room  # noqa: F401 (a fixture)
 from tests.gl.test_window import PATIENCE_S, expected_picture, screen, wait_until
 
@@ -41,5 +42,30 @@ def test_the_outline_comes_and_goes(xvfb: str, room: Path, picture: Path, tmp_pa
             assert client.ask("set_property", "view", "projector")["error"] == "success"
             assert client.ask("place-cancel")["error"] == "success"
             wait_until(plain, "the picture without it", process)
+        client.ask("quit")
+        assert process.wait(PATIENCE_S) == 0
+
+
+def test_it_runs_through_the_windows_of_several_projectors(
+    xvfb: str,
+    joint: Path,  # noqa: F811
+    picture: Path,
+    tmp_path: Path,
+) -> None:
+    """The text is in the first window alone; the second one shows its part of the line."""
+    second = SIDE_BY_SIDE[1]
+
+    def handles() -> bool:
+        return bool((screen(xvfb, second) == SELECTED[:3]).all(axis=2).any())
+
+    with show(xvfb, tmp_path, joint, picture) as (process, client):
+        client.ask("place")
+        wait_until(handles, "handles in the second window", process)
+        client.ask("set_property", "view", "camera")  # whole in the first window
+        wait_until(lambda: screen(xvfb, second).max() == 0, "black in the second window", process)
+        client.ask("set_property", "view", "projector")
+        wait_until(handles, "handles in the second window again", process)
+        client.ask("place-cancel")
+        wait_until(lambda: not handles(), "the picture without them", process)
         client.ask("quit")
         assert process.wait(PATIENCE_S) == 0
