@@ -17,6 +17,7 @@ from player import exr
 from player.errors import InputError
 
 MAX_TEXTURE_WIDTH = 16384  # OpenGL implementations of the last fifteen years, llvmpipe included
+SHORTEN = "shorten the rows with --max-cluster, or a larger --max-error or --regularize"
 MAX_FLOAT_INDEX = 1 << 24  # every integer below is exact in a float32, so an index fits the alpha channel
 GOOD_FILL = 0.99
 LOOKUP_CHANNELS, ENTRIES_CHANNELS = ("X", "Y", "LENGTH"), ("R", "G", "B", "A")
@@ -95,7 +96,7 @@ def pack(
     if lengths[longest] > max_texture_width:
         raise InputError(
             f"row map: the row of output pixel ({longest % width}, {longest // width}) has {lengths[longest]} entries, "
-            f"the widest texture holds {max_texture_width}; shorten the rows with a larger --max-error or --regularize"
+            f"the widest texture holds {max_texture_width}; {SHORTEN}"
         )
     x, y, texture_shape = _place_rows(lengths, max_texture_width)
     lookup = np.stack([x, y, lengths], axis=-1).astype(np.uint32).reshape(height, width, 3)
@@ -197,10 +198,7 @@ def _place_rows(
         if best is not None and total >= GOOD_FILL * best[0] * best[1]:
             break
     if best is None:
-        raise InputError(
-            f"row map: {total} entries do not fit a texture of {max_width}x{MAX_TEXTURE_WIDTH}; "
-            "shorten the rows with a larger --max-error or --regularize"
-        )
+        raise InputError(f"row map: {total} entries do not fit a texture of {max_width}x{MAX_TEXTURE_WIDTH}; {SHORTEN}")
     width, height, shelves = best
     x, y = _coordinates(lengths, shelves)
     return x, y, (height, width)
