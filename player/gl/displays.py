@@ -12,7 +12,7 @@ import moderngl
 from player.calibration import Region
 from player.errors import InputError
 from player.gl.monitors import Monitor, find_monitor, list_monitors
-from player.gl.window import REDRAW, Window, open_window, wait_for_events
+from player.gl.window import REDRAW, Window, wait_for_events
 from player.show.osd import Page
 
 
@@ -121,7 +121,7 @@ def open_display(
     exact: bool,
     vsync: bool,
 ) -> Iterator[Window | Displays]:
-    """A window for every region, closed at the end, its context released. Raises InputError as `open_window`.
+    """A window for every region, closed at the end, its context released. Raises InputError as `Window`.
 
     monitors : name or number of each projector's, where its window goes full screen.
     there : whether the windows stand there from the beginning; if not, several stand side by side as in the raster.
@@ -133,7 +133,7 @@ def open_display(
         windows: list[Window] = []
         for goal, region, monitor in zip(monitors, regions, chosen, strict=True):
             shape = region.height, region.width
-            window = open_window(
+            window = Window(
                 shape,
                 title,
                 monitor=monitor,
@@ -144,9 +144,10 @@ def open_display(
                 sharing=windows[0] if windows else None,
                 hides=len(regions) > 1,
             )
-            windows.append(stack.enter_context(window))
+            stack.callback(window.release)
+            windows.append(window)
             if monitor is None and len(regions) > 1:
-                windows[-1].place(region.left, region.top)
+                window.place(region.left, region.top)
         windows[0].make_current()
         yield windows[0] if len(windows) == 1 else Displays(windows, regions)
 

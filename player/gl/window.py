@@ -1,8 +1,7 @@
 """The player's window: a GLFW window with an OpenGL context, 4.3 or else 3.3, its keys, the pass that presents."""
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import glfw
@@ -46,6 +45,8 @@ NAMED_KEYS = {
 
 class Window:
     """A window of the projector's size, or a monitor filled; it comes back to its monitor when that was unplugged.
+
+    Who makes it releases it. Raises InputError without a screen or OpenGL.
 
     shape : (height, width) of the picture that is shown.  monitor : where to go full screen; None for the primary one.
     exact : refuse a full screen whose size is not `shape`, since the correction is pixel by pixel.
@@ -308,37 +309,6 @@ class Window:
             self._keys += [f"ctrl+{name}"] if name else []
         elif name is not None:
             self._keys.append(f"shift+{name}" if modifiers & glfw.MOD_SHIFT else name)
-
-
-@contextmanager
-def open_window(
-    shape: tuple[int, int],
-    title: str,
-    *,
-    monitor: Monitor | None,
-    fullscreen: bool,
-    exact: bool,
-    vsync: bool = True,
-    goal: str = "0",
-    sharing: Window | None = None,
-    hides: bool = False,
-) -> Iterator[Window]:
-    """A window that is closed, and its context released, at the end. Raises InputError without a screen or OpenGL."""
-    window = Window(
-        shape,
-        title,
-        monitor=monitor,
-        fullscreen=fullscreen,
-        exact=exact,
-        vsync=vsync,
-        goal=goal,
-        sharing=sharing,
-        hides=hides,
-    )
-    try:
-        yield window
-    finally:
-        window.release()
 
 
 def wait_for_events(timeout_s: float) -> None:
