@@ -8,8 +8,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NoReturn, TypeVar
 
-from tqdm import tqdm
-
 from player.errors import InputError
 
 DONE, FAULT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -58,6 +56,8 @@ def parse_size(text: str) -> tuple[int, int]:
 def track(items: Iterable[T], label: str, total: int | None = None) -> Iterator[T]:
     """Yield `items` with a progress bar on a terminal, otherwise with a log line now and then (stderr)."""
     if sys.stderr.isatty():
+        from tqdm import tqdm  # counterlight-doctor reports a tqdm that is missing by means of this module
+
         yield from tqdm(items, desc=label, total=total, leave=False)
         return
     start = last = time.monotonic()

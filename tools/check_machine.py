@@ -4,7 +4,6 @@ Nothing that it needs may be what it is there to report, so that packages are im
 and GLFW run in children (player.gl.probe): a driver that crashes is a line of the report.
 """
 
-import argparse
 import dataclasses
 import importlib
 import json
@@ -19,9 +18,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Literal, NoReturn
+from typing import Any, Literal
 
-from tools.system_packages import BAD_INPUT, DONE, PLAY, PYTHON_FLOOR, TEST, apt_line, missing, runs
+from player.command import BAD_INPUT, DONE, Parser, run
+from tools.system_packages import PLAY, PYTHON_FLOOR, TEST, apt_line, missing, runs
 
 PROBE_S = 60.0  # a software renderer's first context on a busy machine takes seconds
 SMALLEST_TEXTURE = 4096
@@ -44,16 +44,13 @@ class Finding:
     fix: str = ""
 
 
-class OneLineParser(argparse.ArgumentParser):
-    """player.command.Parser, which needs a package that may be missing here."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(BAD_INPUT, f"error: {self.prog}: {message}; see {self.prog} --help\n")
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code 0 if the player can at least render without a screen, 2 if something that it requires is missing."""
-    parser = OneLineParser(prog="counterlight-doctor", description="Says what this machine has and what is missing.")
+    return run(_main, argv)
+
+
+def _main(argv: Sequence[str] | None) -> int:
+    parser = Parser(prog="counterlight-doctor", description="Says what this machine has and what is missing.")
     parser.add_argument("--json", action="store_true", help="the same as JSON")
     options = parser.parse_args(argv)
     findings = examine()
