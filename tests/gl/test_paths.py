@@ -1,8 +1,6 @@
 """Both paths of the row-map product against the CPU twin: products, whole frames, the choice between them."""
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,13 +11,11 @@ from scipy import sparse
 
 from player import app, exr
 from player.calibration import Calibration, Device, writing
-from player.cpu_renderer import CpuRenderer
 from player.errors import InputError
 from player.gl import compute_pass, paths
 from player.gl.compute_pass import MapBuffers, supports_compute
 from player.gl.passes import Owner, picture_texture
 from player.gl.paths import StoredMap, short_scale, store_maps
-from player.gl.renderer import GlRenderer
 from player.gl.row_map_pass import MapTextures
 from player.reference import PreparedRows
 from player.refinement import STARTS
@@ -27,8 +23,8 @@ from player.renderer import Room
 from player.response import Response
 from player.row_map import RowMap, SparseRows, pack
 from player.short_map import half_scale, in_half, rounding_of
-from player.video import Frame
 from tests.refined_rooms import physical_room
+from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_map, random_room, yuv_frame
 from tools import build_correction_map
 from tools.inverse.inverse import InverseOptions
@@ -38,10 +34,6 @@ from tools.transport.transport import Transport
 ATOL = 1e-5  # the issue's bound; float32 sums of at most 20 terms of size 3 are far below
 PATHS = ("fragment", "compute")
 COMBINES = ("", "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "CLAMP")
-
-
-def read(texture: moderngl.Texture) -> np.ndarray:
-    return np.frombuffer(texture.read(), np.float32).reshape(texture.height, texture.width, 4)[..., :3]
 
 
 def store(context: moderngl.Context, packed: RowMap, path: str) -> StoredMap:
@@ -157,18 +149,6 @@ def test_a_source_beyond_what_a_float_counts_is_read_at_its_corners(gl_context: 
     np.testing.assert_array_equal(result[:, :2], np.stack([indices % 4096, indices // 4096], axis=1))
 
 
-@contextmanager
-def on_path(context: moderngl.Context, room: Room, frame: Frame, path: str) -> Iterator[tuple[GlRenderer, CpuRenderer]]:
-    renderers = GlRenderer(context, room, path), CpuRenderer(room)
-    try:
-        for renderer in renderers:
-            renderer.open(frame.format)
-            renderer.upload(frame)
-        yield renderers
-    finally:
-        renderers[0].release()
-
-
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("far", [False, True])
 @pytest.mark.parametrize("start", STARTS)
@@ -178,7 +158,7 @@ def test_refined_drives_equal_their_twin(
     room = physical_room(rng, far=far, start=start).room
     frame = radiance_frame(rng.choice([0.02, 0.3, 0.9], (*CAMERA, 3)).astype(np.float32))
     for steps in (0, 1, 5, 50):
-        with on_path(gl_context, room, frame, path) as (gl, cpu):
+        with both(gl_context, room, frame, path) as (gl, cpu):
             for renderer in (gl, cpu):
                 renderer.render("projector", compensate=True, steps=steps)
             np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=ATOL)
@@ -193,7 +173,7 @@ def test_refined_drives_equal_their_twin(
 def test_every_view_by_compute_shaders_equals_its_twin(
     gl_context: moderngl.Context, rng: np.random.Generator, view: str
 ) -> None:
-    with on_path(gl_context, random_room(rng, far=True), yuv_frame(rng, (9, 15)), "compute") as (gl, cpu):
+    with both(gl_context, random_room(rng, far=True), yuv_frame(rng, (9, 15)), "compute") as (gl, cpu):
         for renderer in (gl, cpu):
             renderer.render(view, compensate=True)
         tolerance = 100 * ATOL if view == "error" else 2 * ATOL  # its colours magnify; else two row maps in sequence
@@ -213,7 +193,7 @@ def test_weights_have_16_bits_where_the_bound_allows_it(
 ) -> None:
     room = certified_room(rng, max_error_codes)
     desired = rng.uniform(0, 0.6, (*CAMERA, 3)).astype(np.float32)
-    with on_path(gl_context, room, radiance_frame(desired), "compute") as (gl, cpu):
+    with both(gl_context, room, radiance_frame(desired), "compute") as (gl, cpu):
         for renderer in (gl, cpu):
             renderer.render("projector", compensate=True)
         difference = np.abs(gl.linear() - cpu.linear()).max()
@@ -269,7 +249,7 @@ def test_auto_keeps_the_faster(
 def test_auto_measures_and_renders_the_same(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
     room = physical_room(rng).room
     frame = radiance_frame(rng.choice([0.02, 0.3, 0.9], (*CAMERA, 3)).astype(np.float32))
-    with on_path(gl_context, room, frame, "auto") as (gl, cpu):
+    with both(gl_context, room, frame, "auto") as (gl, cpu):
         for renderer in (gl, cpu):
             renderer.render("camera", compensate=True, steps=3)
         np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=2 * ATOL)

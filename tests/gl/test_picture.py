@@ -1,7 +1,5 @@
 """What a viewer changes, on the GPU against its CPU twin; and that a picture nobody changed is what it always was."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 
 import moderngl
@@ -11,7 +9,6 @@ import pytest
 from player import picture_reference
 from player.colour import decoding_of
 from player.content import approach
-from player.cpu_renderer import CpuRenderer
 from player.gl import shaders
 from player.gl.adaptation import Adapter
 from player.gl.decoding import Decoder
@@ -20,10 +17,11 @@ from player.gl.placing import Fitter
 from player.gl.renderer import GlRenderer
 from player.gl.row_map_pass import MapTextures, RowMapPass
 from player.picture import NEUTRAL, Picture
-from player.renderer import VIEWS, Room
+from player.renderer import VIEWS
 from player.test_cards import CARDS, card
 from player.video import Frame
 from tests.refined_rooms import physical_room
+from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_room, rgb_frame, yuv_frame
 
 ATOL = 1e-5  # the issue's bound
@@ -42,18 +40,6 @@ PICTURES = {
     "mirrored": Picture(corners=(PINNED[1], PINNED[0], PINNED[3], PINNED[2]), black_level=0.05),
     "everything": Picture(5, 10, -15, 20, 0.03, 4.0, 0.4, corners=PINNED),
 }
-
-
-@contextmanager
-def both(context: moderngl.Context, room: Room, frame: Frame) -> Iterator[tuple[GlRenderer, CpuRenderer]]:
-    renderers = GlRenderer(context, room), CpuRenderer(room)
-    try:
-        for renderer in renderers:
-            renderer.open(frame.format)
-            renderer.upload(frame)
-        yield renderers
-    finally:
-        renderers[0].release()
 
 
 def scene(rng: np.random.Generator) -> Frame:
@@ -199,15 +185,11 @@ def test_a_neutral_picture_is_bit_for_bit_what_the_bare_passes_give(
     placed = fitter.run(decoder.run())
     drive = correct.run(asked.run(picture=placed, ambient=ambient))
     encode.run(picture=drive, inverse_response=table)
-    assert rgb(drive, np.float32).tobytes() == found
-    assert rgb(target, np.uint8).tobytes() == codes
-    assert (np.float32(room.white) * rgb(placed, np.float32)).tobytes() == desired
+    assert read(drive).tobytes() == found
+    assert read(target, np.uint8).tobytes() == codes
+    assert (np.float32(room.white) * read(placed)).tobytes() == desired
     for resource in (decoder, fitter, ambient, asked, textures, correct, table, encode):
         resource.release()
-
-
-def rgb(texture: moderngl.Texture, dtype: type) -> np.ndarray:
-    return np.frombuffer(texture.read(), dtype).reshape(texture.height, texture.width, 4)[..., :3]
 
 
 @pytest.mark.parametrize("name", CARDS)

@@ -1,7 +1,5 @@
 """Refinement on the GPU against its CPU twin: each shader, the iteration, the certificate, what a frame leaves."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 
 import moderngl
@@ -9,21 +7,15 @@ import numpy as np
 import pytest
 
 from player import reference
-from player.cpu_renderer import CpuRenderer
 from player.gl.passes import Pass, ScreenPass, float_texture, integer_texture, picture_texture
-from player.gl.renderer import GlRenderer
 from player.refinement import STARTS
-from player.renderer import Room
 from player.video import Frame
 from tests.refined_rooms import physical_room
+from tests.renderers import both, read
 from tests.rooms import CAMERA, radiance_frame, random_room, rgb_frame
 
 ATOL = 1e-5  # the issue's bound
 SHAPE = (37, 21)
-
-
-def read(texture: moderngl.Texture) -> np.ndarray:
-    return np.frombuffer(texture.read(), np.float32).reshape(texture.height, texture.width, 4)[..., :3]
 
 
 def run(
@@ -97,18 +89,6 @@ def test_a_block_sum_equals_its_twin(gl_context: moderngl.Context, rng: np.rando
     expected = reference.block_sum(inputs["source"].astype(float), side)
     np.testing.assert_allclose(result, expected, atol=1e-3)  # float32 sums of up to 777 terms
     np.testing.assert_allclose(expected.sum(axis=(0, 1)), inputs["source"].sum(axis=(0, 1), dtype=float))
-
-
-@contextmanager
-def both(context: moderngl.Context, room: Room, frame: Frame) -> Iterator[tuple[GlRenderer, CpuRenderer]]:
-    renderers = GlRenderer(context, room), CpuRenderer(room)
-    try:
-        for renderer in renderers:
-            renderer.open(frame.format)
-            renderer.upload(frame)
-        yield renderers
-    finally:
-        renderers[0].release()
 
 
 def letters(rng: np.random.Generator) -> Frame:

@@ -1,7 +1,5 @@
 """Every shader against its CPU twin, alone and in the chain that the player runs."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 
 import moderngl
@@ -16,35 +14,18 @@ from player.gl.renderer import GlRenderer
 from player.gl.row_map_pass import MapTextures, RowMapPass
 from player.gl.shaders import ShaderError, build_program
 from player.reference import PreparedRows
-from player.renderer import Room
 from player.response import parse_response
 from player.row_map import RowMap, SparseRows, pack
-from player.video import Frame
+from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_map, random_room, rgb_frame, yuv_frame
 
 FLOAT_ATOL = 1e-5  # the issue's bound; float32 sums of at most 20 terms of size 3 are far below
 CODE_ATOL = 1  # a float32 rounding may tip one code value
 
 
-@contextmanager
-def both(context: moderngl.Context, room: Room, frame: Frame) -> Iterator[tuple[GlRenderer, CpuRenderer]]:
-    renderers = GlRenderer(context, room), CpuRenderer(room)
-    try:
-        for renderer in renderers:
-            renderer.open(frame.format)
-            renderer.upload(frame)
-        yield renderers
-    finally:
-        renderers[0].release()
-
-
 def upload(context: moderngl.Context, picture: np.ndarray) -> moderngl.Texture:
     rgba = np.concatenate([picture, np.ones((*picture.shape[:2], 1))], axis=2).astype(np.float32)
     return float_texture(context, picture.shape[:2], rgba)
-
-
-def read(texture: moderngl.Texture) -> np.ndarray:
-    return np.frombuffer(texture.read(), np.float32).reshape(texture.height, texture.width, 4)[..., :3]
 
 
 @pytest.mark.parametrize("combine", ["", "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "CLAMP"])
@@ -177,7 +158,7 @@ def test_encoding_equals_its_twin(
         step.set(frame=77)
     resources = upload(gl_context, light), table_texture(gl_context, table)
     step.run(picture=resources[0], inverse_response=resources[1])
-    result = np.frombuffer(target.read(), np.uint8).reshape(17, 23, 4)[..., :3].astype(int)
+    result = read(target, np.uint8).astype(int)
     for resource in (step, *resources):
         resource.release()
     expected = reference.encode(light, table, 1.0, dither, 77)

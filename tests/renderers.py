@@ -1,0 +1,32 @@
+"""A room's renderers side by side, on the GPU and its CPU twin, and what their shaders leave in a texture."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import moderngl
+import numpy as np
+
+from player.cpu_renderer import CpuRenderer
+from player.gl.renderer import GlRenderer
+from player.renderer import Room
+from player.video import Frame
+
+
+@contextmanager
+def both(
+    context: moderngl.Context, room: Room, frame: Frame, path: str = "fragment"
+) -> Iterator[tuple[GlRenderer, CpuRenderer]]:
+    """Both with `frame` uploaded; released at the end."""
+    renderers = GlRenderer(context, room, path), CpuRenderer(room)
+    try:
+        for renderer in renderers:
+            renderer.open(frame.format)
+            renderer.upload(frame)
+        yield renderers
+    finally:
+        renderers[0].release()
+
+
+def read(texture: moderngl.Texture, dtype: type = np.float32) -> np.ndarray:
+    """Colours (height, width, 3) of a texture of four channels."""
+    return np.frombuffer(texture.read(), dtype).reshape(texture.height, texture.width, 4)[..., :3]
