@@ -20,6 +20,7 @@ from scipy.linalg import cho_factor, solve_triangular
 from scipy.linalg.lapack import dtrtri
 
 from player.calibration import Region
+from tools.inverse.jobs import run_jobs
 from tools.inverse.pieces import Piece, Truncation, truncated_piece
 from tools.transport.transport import Csr
 
@@ -177,8 +178,8 @@ def plan_windows(
     narrow = Windows(member, HALOS[0], side, tuple(regions) if len(regions) > 1 else ())
     corners = narrow.blocks()
     sample = {corners[i] for i in np.linspace(0, len(corners) - 1, SAMPLE_WINDOWS + 2).astype(int)[1:-1]}
-    grown = [_grow(channel, narrow, corner, tolerance)[1] for corner in sorted(sample)]
-    return replace(narrow, halo=int(np.median(grown)))
+    jobs = [partial(_grow, channel, narrow, corner, tolerance) for corner in sorted(sample)]
+    return replace(narrow, halo=int(np.median([halo for _, halo in run_jobs(jobs, "sampling windows")])))
 
 
 def _block_side(member: NDArray[np.bool_], camera_pixels: int) -> int:
