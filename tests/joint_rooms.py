@@ -7,8 +7,8 @@ from scipy import sparse
 
 from player.calibration import Calibration, Device, writing
 from player.response import Response
+from tests.programs import succeed
 from tests.rooms import blurred_transport
-from tests.test_player import succeed
 from tools.transport.storage import write_transport
 from tools.transport.transport import Transport
 

@@ -12,8 +12,8 @@ from player.errors import InputError
 from player.response import Response
 from player.show.options import monitors_of, read_options
 from tests.joint_rooms import CAMERA, LEFT, RIGHT, join, write_halves
+from tests.programs import fail, succeed
 from tests.scenes import SCENES
-from tests.test_player import fail, succeed
 from tools.inverse.inverse import InverseOptions, invert_near_light
 from tools.solve.quality import psnr
 from tools.transport.joining import join_transports

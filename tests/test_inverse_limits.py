@@ -18,8 +18,8 @@ from player.calibration import Calibration, Device
 from player.errors import InputError
 from player.files import describe_files
 from player.response import Response
+from tests.programs import command, fail
 from tests.rooms import blurred_transport, write_blurred_room
-from tests.test_player import command, fail
 from tools import build_correction_map
 from tools.inverse import memory
 from tools.inverse.inverse import InverseOptions, invert_near_light

@@ -1,19 +1,15 @@
 """Monitors: names are unique, the one that the user means is found, a missing screen is one line."""
 
 import json
-import os
-import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from player.errors import InputError
 from player.gl.monitors import Monitor, _unique, after_a_change, find_monitor
+from tests.programs import PATIENCE_S, ROOT, on, running
 
-ROOT = Path(__file__).resolve().parents[1]
-TIMEOUT_S = 60.0
 MONITORS = [
     Monitor(0, "eDP-1", 1920, 1080, 60, 0, 0, primary=True),
     Monitor(1, "HDMI-1", 1024, 768, 75, 1920, 0, primary=False),
@@ -23,18 +19,10 @@ MONITORS = [
 
 def seen_on(display: str) -> dict[str, Any]:
     """What GLFW sees, in a child: this process would keep the first screen that it was given."""
-    environment = {**os.environ, "DISPLAY": display, "WAYLAND_DISPLAY": ""}
-    child = subprocess.run(
-        [sys.executable, "-W", "error", "-m", "player.gl.probe", "screen"],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        env=environment,
-        timeout=TIMEOUT_S,
-        check=True,
-    )
-    assert child.stderr == ""
-    answer: dict[str, Any] = json.loads(child.stdout)
+    with running(sys.executable, "-W", "error", "-m", "player.gl.probe", "screen", folder=ROOT, **on(display)) as child:
+        told, errors = child.communicate(timeout=PATIENCE_S)
+    assert (child.returncode, errors) == (0, "")
+    answer: dict[str, Any] = json.loads(told)
     return answer
 
 

@@ -1,11 +1,8 @@
 """play-corrected and build-correction-map as a user runs them: whole commands, real files, EGL."""
 
 import json
-import os
 import re
 import shutil
-import subprocess
-import sys
 from fractions import Fraction
 from pathlib import Path
 
@@ -18,43 +15,14 @@ from scipy import sparse
 from player import app, calibration, exr, maps, output
 from player.reference import PreparedRows
 from player.renderer import Renderer
+from tests.programs import CLIP, fail, on, succeed
 from tests.rooms import write_blurred_room
 from tools import build_correction_map
 from tools.solve.registry import solve
 from tools.solve.system import channel_system
 from tools.transport.transport import Transport
 
-CLIP = Path(__file__).resolve().parents[1] / "calib_data" / "media" / "big_buck_bunny.mp4"
 ROOM_CAMERA, ROOM_PROJECTOR = (36, 50), (30, 40)
-
-
-def command(name: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run a console script of this environment; a hang is a failure."""
-    script = Path(sys.executable).with_name(name)
-    return subprocess.run(
-        [str(script), *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        env=os.environ | environment,
-        check=False,
-    )
-
-
-def succeed(name: str, *arguments: object) -> str:
-    done = command(name, *arguments)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-def fail(name: str, *arguments: object, code: int = 2, **environment: str) -> str:
-    """The one line that a refused command prints."""
-    done = command(name, *arguments, **environment)
-    assert done.returncode == code, done.stdout + done.stderr
-    lines = [line for line in done.stderr.splitlines() if line]
-    assert len(lines) == 1, done.stderr
-    assert lines[0].startswith("error: ")
-    return lines[0]
 
 
 @pytest.fixture(scope="module")
@@ -282,8 +250,8 @@ def test_wrong_use_is_one_line(room: Path, tmp_path: Path, arguments: list[str],
 
 
 def test_no_screen_and_no_egl(room: Path, tmp_path: Path) -> None:
-    assert "no screen" in fail("play-corrected", room, CLIP, DISPLAY="", WAYLAND_DISPLAY="")
-    assert "no screen" in fail("play-corrected", "--list-monitors", DISPLAY="", WAYLAND_DISPLAY="")
+    assert "no screen" in fail("play-corrected", room, CLIP, **on(""))
+    assert "no screen" in fail("play-corrected", "--list-monitors", **on(""))
     nothing = tmp_path / "empty"
     nothing.mkdir()
     line = fail("play-corrected", room, CLIP, "--output", tmp_path / "o.png", __EGL_VENDOR_LIBRARY_DIRS=str(nothing))

@@ -11,8 +11,8 @@ from player import calibration, exr, maps
 from player.calibration import Calibration, StoredCalibration
 from player.maps import FarMaps, RoomMaps
 from player.row_map import RowMap, unpack
+from tests.programs import fail, succeed
 from tests.rooms import CAMERA, CELLS, PROJECTOR, random_map, random_room, write_blurred_room
-from tests.test_player import fail, succeed
 from tools import build_correction_map
 from tools.relighting.pictures import white_level
 from tools.relighting.views import composition, dual, inverse_composition, inverse_dual

@@ -14,8 +14,8 @@ from player.calibration import Calibration, Device
 from player.maps import RoomMaps
 from player.response import Response
 from player.row_map import unpack
+from tests.programs import fail, succeed
 from tests.rooms import write_blurred_room
-from tests.test_player import fail, succeed
 from tools.packing.row_maps import pack_matrices
 from tools.report import report
 from tools.report.charts import bins_of

@@ -10,8 +10,8 @@ import pytest
 
 from player import calibration
 from player.errors import InputError
+from tests.programs import command, fail, succeed
 from tests.scenes import SCENES, flat, plane, rectangle, scene_file, small
-from tests.test_player import command, fail, succeed
 from tools.simulation.geometry import trace
 from tools.simulation.needs import needs_of
 from tools.simulation.scene import load_scene

@@ -14,8 +14,8 @@ from skimage.color import deltaE_ciede2000, rgb2lab
 from player import calibration, exr
 from player.calibration import Calibration, Device, StoredCalibration, writing
 from player.response import Response
+from tests.programs import fail, succeed
 from tests.rooms import blurred_transport, write_blurred_room
-from tests.test_player import fail, succeed
 from tests.test_relight import far_transport
 from tools import build_correction_map
 from tools.clusters.finite import NonFiniteError

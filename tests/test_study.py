@@ -17,8 +17,8 @@ import pytest
 from player import calibration
 from player.files import describe_files
 from player.renderer import Room
+from tests.programs import fail, succeed
 from tests.rooms import random_room, write_blurred_room
-from tests.test_player import fail, succeed
 from tools.inverse.inverse import InverseOptions
 from tools.inverse.presets import PRESETS
 from tools.solve.compensate import CompensateOptions, CompensationTask

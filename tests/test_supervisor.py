@@ -7,7 +7,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,8 +16,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from Xlib.display import Display
-from Xlib.error import BadDrawable
 
 from player.errors import InputError
 from player.unattended import heartbeat
@@ -34,11 +31,10 @@ from player.unattended.supervisor import (
     Place,
     with_options,
 )
+from tests.desktop import mapped_windows
+from tests.programs import CLIP, PATIENCE_S, descendants, fail, is_running, on, running, script, succeed, wait_until
 from tests.rooms import write_blurred_room
-from tests.test_player import CLIP, fail, succeed
 
-ROOT = Path(__file__).resolve().parents[1]
-PATIENCE_S = 30.0
 SOON_S = 5.0  # the issue's bound: from a player's death or silence to the next player
 
 
@@ -197,11 +193,7 @@ class Show:
         return int(self.beats()[-1]["pid"])
 
     def wait(self, condition: Callable[[], bool], what: str) -> None:
-        deadline = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert self.process.poll() is None, self.process.communicate()
-            assert time.monotonic() < deadline, what
-            time.sleep(0.05)
+        wait_until(condition, what, self.process)
 
     def ended(self) -> tuple[int, str]:
         _, errors = self.process.communicate(timeout=PATIENCE_S)
@@ -210,51 +202,16 @@ class Show:
 
 @contextmanager
 def supervised(display: str, folder: Path, *arguments: object) -> Iterator[Show]:
-    script = Path(sys.executable).with_name("play-corrected")
-    process = subprocess.Popen(
-        [str(script), *map(str, arguments), "--supervise", "--heartbeat", str(folder / "log")],
-        env=os.environ | {"DISPLAY": display, "WAYLAND_DISPLAY": "", "NOTIFY_SOCKET": str(folder / "notify")},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        yield Show(process, folder / "log")
-    finally:
-        left = descendants(process.pid)
-        process.kill()
-        for pid in left:  # they end by themselves, unless the test has found that they do not
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
-        process.communicate()
-
-
-def descendants(pid: int) -> set[int]:
-    found: set[int] = set()
-    for task in Path(f"/proc/{pid}/task").glob("*/children"):
-        with contextlib.suppress(OSError):
-            for child in map(int, task.read_text().split()):
-                found |= {child} | descendants(child)
-    return found
-
-
-def window_sizes(display: str) -> list[tuple[int, int]]:
-    """Widths and heights of the windows on a screen without a window manager."""
-    connection = Display(display)
-    sizes = []
-    for window in connection.screen().root.query_tree().children:
-        with contextlib.suppress(BadDrawable):  # closed meanwhile
-            geometry = window.get_geometry()
-            sizes.append((geometry.width, geometry.height))
-    connection.close()
-    return sizes
-
-
-def is_running(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
+    words = script("play-corrected"), *arguments, "--supervise", "--heartbeat", folder / "log"
+    with running(*words, NOTIFY_SOCKET=str(folder / "notify"), **on(display)) as process:
+        try:
+            yield Show(process, folder / "log")
+        finally:
+            left = descendants(process.pid)
+            process.kill()
+            for pid in left:  # they end by themselves, unless the test has found that they do not
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
 
 
 def test_a_player_that_dies_or_hangs_is_replaced_where_it_was(
@@ -304,7 +261,7 @@ def test_after_five_crashes_the_screen_is_black_until_told_to_try_again(
             return False
 
         show.wait(is_black, "the safe picture")
-        show.wait(lambda: (1280, 720) in window_sizes(xvfb), "it fills the screen")
+        show.wait(lambda: (0, 0, 1280, 720) in mapped_windows(xvfb), "it fills the screen")
         show.process.send_signal(signal.SIGHUP)
         show.player(other_than=pid)
         assert not is_black()
@@ -334,8 +291,7 @@ def test_a_show_that_ends_is_not_begun_again(xvfb: str, room: Path, tmp_path: Pa
 
 
 def test_wrong_use_ends_it_with_one_line(xvfb: str, room: Path, tmp_path: Path) -> None:
-    here = {"DISPLAY": xvfb, "WAYLAND_DISPLAY": ""}
-    assert "no such file" in fail("play-corrected", "--supervise", room, tmp_path / "none.mp4", **here)
+    assert "no such file" in fail("play-corrected", "--supervise", room, tmp_path / "none.mp4", **on(xvfb))
     assert "leave out --output" in fail("play-corrected", "--supervise", room, CLIP, "--output", tmp_path / "o.png")
 
 

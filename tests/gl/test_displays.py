@@ -1,7 +1,5 @@
 """Two projectors in two real windows: what the X server shows in each is its own part of the raster."""
 
-import os
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -9,12 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from Xlib import X
-from Xlib.display import Display
 
-from tests.gl.test_window import PATIENCE_S, ROOT, expected_picture, playing, press, screen, wait_until, xrandr
+from tests.desktop import Box, expected_picture, mapped_windows, playing, press, screen, xrandr
 from tests.joint_rooms import CAMERA, LEFT, RIGHT, join, write_halves, write_monitors
-from tests.test_player import fail, succeed
+from tests.programs import PATIENCE_S, ROOT, fail, on, running, succeed, wait_until
 
 MONITORS = {"DUMMY0": (0, 0, 1280, 720), "DUMMY1": (1280, 0, 1024, 768)}
 SIDE_BY_SIDE = (0, 0, LEFT[1], LEFT[0]), (LEFT[1], 0, RIGHT[1], RIGHT[0])
@@ -53,7 +49,7 @@ def parts(raster: np.ndarray, sizes: list[tuple[int, int]]) -> list[np.ndarray]:
     return [raster[:height, left : left + width] for (height, width), left in zip(sizes, lefts, strict=False)]
 
 
-def shows(display: str, boxes: tuple[tuple[int, int, int, int], ...], wanted: list) -> Callable[[], bool]:
+def shows(display: str, boxes: tuple[Box, ...], wanted: list) -> Callable[[], bool]:
     return lambda: all(np.all(screen(display, box) == part) for box, part in zip(boxes, wanted, strict=True))
 
 
@@ -116,15 +112,8 @@ def test_each_monitor_is_filled_with_its_own_picture(
 def test_the_safe_picture_covers_all_monitors(two_monitors: str) -> None:
     """Of the monitors that are named, those that are there."""
     names = ["DUMMY1", "HDMI-7", "DUMMY0"]
-    here = os.environ | {"DISPLAY": two_monitors, "WAYLAND_DISPLAY": ""}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "player.gl.black", *names], env=here, cwd=ROOT, stderr=subprocess.PIPE, text=True
-    )
-    try:
+    with running(sys.executable, "-m", "player.gl.black", *names, folder=ROOT, **on(two_monitors)) as process:
         wait_until(lambda: mapped_windows(two_monitors) == set(MONITORS.values()), "a window on each", process)
-    finally:
-        process.terminate()
-        process.communicate(timeout=PATIENCE_S)
 
 
 def test_windows_are_moved_by_the_names_of_their_monitors(
@@ -145,18 +134,6 @@ def test_windows_are_moved_by_the_names_of_their_monitors(
         assert process.wait(PATIENCE_S) == 0
 
 
-def mapped_windows(display: str) -> set[tuple[int, int, int, int]]:
-    """(left, top, width, height) of the visible windows of a desktop without a window manager."""
-    connection = Display(display)
-    try:
-        windows = connection.screen().root.query_tree().children
-        visible = [window for window in windows if window.get_attributes().map_state == X.IsViewable]
-        boxes = [window.get_geometry() for window in visible]
-        return {(box.x, box.y, box.width, box.height) for box in boxes}
-    finally:
-        connection.close()
-
-
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
@@ -169,13 +146,11 @@ def mapped_windows(display: str) -> set[tuple[int, int, int, int]]:
 def test_monitors_that_do_not_suit(
     two_monitors: str, joint: Path, picture: Path, arguments: list[str], complaint: str
 ) -> None:
-    here = {"DISPLAY": two_monitors, "WAYLAND_DISPLAY": ""}
-    assert complaint in fail("play-corrected", joint, picture, *arguments, **here)
+    assert complaint in fail("play-corrected", joint, picture, *arguments, **on(two_monitors))
 
 
 def test_more_projectors_than_monitors(xvfb: str, joint: Path, picture: Path) -> None:
-    here = {"DISPLAY": xvfb, "WAYLAND_DISPLAY": ""}
-    line = fail("play-corrected", joint, picture, "--fullscreen", "--any-size", **here)
+    line = fail("play-corrected", joint, picture, "--fullscreen", "--any-size", **on(xvfb))
     assert "2 projectors need as many monitors, found: 0 screen (1280x720" in line
     with playing(xvfb, joint, picture) as process:  # in windows, and they stay that when `f` is pressed
         wait_until(lambda: len(mapped_windows(xvfb)) == 2, "two windows", process)

@@ -1,16 +1,13 @@
 """Patterns in a real GLFW window under Xvfb: a simulated camera that looks at the desktop's own pixels."""
 
 import filecmp
-import os
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 
+from tests.programs import PATIENCE_S, fail, on, running, succeed
 from tests.rooms import write_blurred_room
-from tests.test_player import fail, succeed
 
 SHOW = """
 import numpy as np, sys
@@ -30,21 +27,17 @@ print(np.array_equal(seen, codes))
 
 
 def test_a_window_shows_a_picture_code_by_code(xvfb: str) -> None:
-    environment = os.environ | {"DISPLAY": xvfb, "WAYLAND_DISPLAY": ""}
-    done = subprocess.run([sys.executable, "-c", SHOW], env=environment, capture_output=True, text=True, check=False)
-    assert done.stdout.strip() == "True", done.stderr
+    with running(sys.executable, "-c", SHOW, **on(xvfb)) as process:
+        shown, errors = process.communicate(timeout=PATIENCE_S)
+    assert shown.strip() == "True", errors
 
 
-def test_an_acquisition_through_a_window_is_bit_identical_to_one_in_memory(
-    xvfb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_acquisition_through_a_window_is_bit_identical_to_one_in_memory(xvfb: str, tmp_path: Path) -> None:
     room = tmp_path / "room"
     write_blurred_room(room, np.random.default_rng(5), (18, 26), (21, 30))
     words = ["--camera", f"simulated:{room}", "--scheme", "graycode", "--name", "twin"]
     succeed("acquire-transport", *words, "-o", tmp_path / "memory")
-    monkeypatch.setenv("DISPLAY", xvfb)
-    monkeypatch.setenv("WAYLAND_DISPLAY", "")
-    printed = succeed("acquire-transport", *words, "--window", "-o", tmp_path / "window")
+    printed = succeed("acquire-transport", *words, "--window", "-o", tmp_path / "window", **on(xvfb))
     assert "own pattern good" in printed
     for folder in ("memory", "memory.captures/captures"):
         one, other = tmp_path / folder, tmp_path / folder.replace("memory", "window")
@@ -56,7 +49,7 @@ def test_an_acquisition_through_a_window_is_bit_identical_to_one_in_memory(
 def test_the_desktop_itself_is_no_projector(two_monitors: str, tmp_path: Path) -> None:
     room = tmp_path / "room"
     write_blurred_room(room, np.random.default_rng(5), (18, 26), (21, 30))
-    here = {"DISPLAY": two_monitors, "WAYLAND_DISPLAY": ""}
-    words = ["--camera", f"simulated:{room}", "-o", tmp_path / "out"]
-    assert "DUMMY0 is the desktop itself" in fail("acquire-transport", *words, "--monitor", "DUMMY0", **here)
-    assert "1024x768, the calibration is for" in fail("acquire-transport", *words, "--monitor", "DUMMY1", **here)
+    here = on(two_monitors)
+    words = ["acquire-transport", "--camera", f"simulated:{room}", "-o", tmp_path / "out", "--monitor"]
+    assert "DUMMY0 is the desktop itself" in fail(*words, "DUMMY0", **here)
+    assert "1024x768, the calibration is for" in fail(*words, "DUMMY1", **here)

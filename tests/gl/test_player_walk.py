@@ -1,13 +1,12 @@
 """docs/player.md, walked in a real window: every key is pressed, every command run, every property read and set."""
 
 import json
-import os
 import re
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -20,10 +19,10 @@ from player.picture import Picture
 from player.show.commands import Commands
 from player.show.keys import KEYS, PLACING
 from player.show.session_inputs import Setup
-from tests.gl.test_window import PATIENCE_S, ROOT, press
+from tests.desktop import press
+from tests.programs import PATIENCE_S, ROOT, on, running, succeed
 from tests.rooms import write_blurred_room
 from tests.stage import Stage
-from tests.test_player import succeed
 
 State = dict[str, Any]
 PAGE = (ROOT / "docs" / "player.md").read_text()
@@ -91,20 +90,9 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@contextmanager
-def walking(display: str, folder: Path, *arguments: object) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen(
-        [sys.executable, "-W", "error", "-m", "tests.walk_player", *map(str, arguments)],
-        env=os.environ | {"DISPLAY": display, "WAYLAND_DISPLAY": "", "PYTHONPATH": str(ROOT)},
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
+def walking(display: str, folder: Path, *arguments: object) -> AbstractContextManager[subprocess.Popen[str]]:
+    words = sys.executable, "-W", "error", "-m", "tests.walk_player", *arguments
+    return running(*words, folder=folder, errors=None, PYTHONPATH=str(ROOT), **on(display))
 
 
 def documented(commands: Commands) -> None:

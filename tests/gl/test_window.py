@@ -1,36 +1,27 @@
 """The player in real windows: GLFW under Xvfb, full screen on a monitor of Xorg's, keys pressed, the screen read."""
 
-import contextlib
 import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from PIL import ImageGrab
 from scipy import sparse
-from Xlib import XK, X
-from Xlib.display import Display
-from Xlib.ext import xtest
 
 from player.calibration import Calibration, Device, writing
 from player.response import Response
+from tests.desktop import expected_picture, playing, press, screen, xrandr
+from tests.programs import CLIP, PATIENCE_S, command, descendants, fail, on, succeed, wait_until
 from tests.rooms import write_blurred_room
-from tests.test_player import CLIP, command, fail, succeed
 from tools.transport.storage import write_transport
 from tools.transport.transport import Transport
 
-ROOT = Path(__file__).resolve().parents[2]
 SECOND_MONITOR = (1280, 0, 1024, 768)  # left, top, width, height
-PATIENCE_S = 60.0
 
 
 @pytest.fixture(scope="module")
@@ -65,78 +56,11 @@ def picture(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def screen(display: str, box: tuple[int, int, int, int]) -> np.ndarray:
-    """What the X server shows in (left, top, width, height), RGB."""
-    left, top, width, height = box
-    grabbed = np.array(ImageGrab.grab(xdisplay=display).convert("RGB"))
-    return grabbed[top : top + height, left : left + width].astype(int)
-
-
-def wait_until(condition: Callable[[], bool], what: str, process: subprocess.Popen[str]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline, what
-        time.sleep(0.1)
-
-
-def decoder_of(parent: int) -> int:
-    """The one child process of the player."""
-    children = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError):  # gone meanwhile
-            pid, _, rest = path.read_text().partition(" ")
-            if int(rest.rpartition(")")[2].split()[1]) == parent:
-                children.append(int(pid))
-    assert len(children) == 1
-    return children[0]
-
-
-def press(display: str, key: str, *held: str) -> None:
-    """A real key press and release through the X server, with shift if the key's symbol needs it."""
-    connection = Display(display)
-    symbol = XK.string_to_keysym(key)
-    code = connection.keysym_to_keycode(symbol)
-    shift = [] if connection.keycode_to_keysym(code, 0) == symbol else ["Shift_L"]
-    modifiers = [connection.keysym_to_keycode(XK.string_to_keysym(name)) for name in (*held, *shift)]
-    for pressed in (*modifiers, code):
-        xtest.fake_input(connection, X.KeyPress, pressed)
-    for released in (code, *reversed(modifiers)):
-        xtest.fake_input(connection, X.KeyRelease, released)
-    connection.sync()
-    connection.close()
-
-
-@contextmanager
-def playing(display: str, *arguments: object, folder: Path | None = None) -> Iterator[subprocess.Popen[str]]:
-    """A player in a window, on the path that files are rendered on, so that pixels can be compared one by one."""
-    script = Path(sys.executable).with_name("play-corrected")
-    process = subprocess.Popen(
-        [str(script), "--path", "fragment", *map(str, arguments)],
-        env=os.environ | {"DISPLAY": display, "WAYLAND_DISPLAY": ""},
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
-
-
-def expected_picture(room: Path, medium: Path, tmp_path: Path, *options: str) -> np.ndarray:
-    """The same view rendered headless, RGB."""
-    succeed("play-corrected", room, medium, "--output", tmp_path / "expected.png", *options)
-    return cv2.imread(str(tmp_path / "expected.png"))[..., ::-1].astype(int)
-
-
 def test_full_screen_on_the_chosen_monitor_shows_the_exact_pixels(
     two_monitors: str, large_room: Path, picture: Path, tmp_path: Path
 ) -> None:
     expected = expected_picture(large_room, picture, tmp_path)
-    listed = command("play-corrected", "--list-monitors", DISPLAY=two_monitors, WAYLAND_DISPLAY="")
+    listed = command("play-corrected", "--list-monitors", **on(two_monitors))
     assert listed.returncode == 0
     assert [line.split()[1] for line in listed.stdout.splitlines()] == ["DUMMY0", "DUMMY1"]
     for monitor in ("DUMMY1", "1"):
@@ -154,11 +78,10 @@ def test_full_screen_on_the_chosen_monitor_shows_the_exact_pixels(
 
 
 def test_a_monitor_that_is_not_there_or_of_another_size(two_monitors: str, room: Path, picture: Path) -> None:
-    here = {"DISPLAY": two_monitors, "WAYLAND_DISPLAY": ""}
-    line = fail("play-corrected", room, picture, "--monitor", "HDMI-7", **here)
+    line = fail("play-corrected", room, picture, "--monitor", "HDMI-7", **on(two_monitors))
     assert "HDMI-7" in line
     assert "DUMMY0" in line
-    line = fail("play-corrected", room, picture, "--fullscreen", "--monitor", "DUMMY1", **here)
+    line = fail("play-corrected", room, picture, "--fullscreen", "--monitor", "DUMMY1", **on(two_monitors))
     assert "1024x768, the calibration is for a projector of 100x75" in line
 
 
@@ -193,7 +116,7 @@ def test_keys_in_a_window(xvfb: str, room: Path, picture: Path, tmp_path: Path) 
 
 def test_a_clip_plays_to_its_end_in_a_window(xvfb: str, room: Path, tmp_path: Path) -> None:
     stats = tmp_path / "stats.json"
-    done = command("play-corrected", room, CLIP, "--stats", stats, "--start", "4", DISPLAY=xvfb, WAYLAND_DISPLAY="")
+    done = command("play-corrected", room, CLIP, "--stats", stats, "--start", "4", **on(xvfb))
     assert done.returncode == 0, done.stderr
     numbers = json.loads(stats.read_text())
     assert numbers["frames"] + numbers["dropped"] == pytest.approx(32, abs=1)  # 5.28 s at 25 per second, from 4 s
@@ -206,7 +129,8 @@ def test_a_decoder_that_dies_does_not_take_the_player_down(xvfb: str, room: Path
     with playing(xvfb, room, CLIP, "--loop") as process:
         for kill in (False, True, True):
             if kill:
-                os.kill(decoder_of(process.pid), signal.SIGSEGV)
+                (decoder,) = descendants(process.pid)
+                os.kill(decoder, signal.SIGSEGV)
             before = screen(xvfb, box)  # the first time, what the last test has left on the screen
             wait_until(lambda b=before: not np.array_equal(screen(xvfb, box), b), "the film goes on", process)
             time.sleep(0.5)  # what was decoded before the crash has been shown
@@ -214,10 +138,6 @@ def test_a_decoder_that_dies_does_not_take_the_player_down(xvfb: str, room: Path
         _, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
     assert errors.count("decoder stopped (signal 11, SIGSEGV)") == 2
-
-
-def xrandr(display: str, *arguments: str) -> None:
-    subprocess.run(["xrandr", "--display", display, *arguments], check=True, capture_output=True, timeout=PATIENCE_S)
 
 
 def test_a_monitor_that_comes_back_gets_its_window_back(
@@ -284,7 +204,7 @@ def test_pictures_of_a_list_follow_each_other(xvfb: str, room: Path, tmp_path: P
     listed, stats = tmp_path / "list.m3u", tmp_path / "stats.json"
     listed.write_text("0.png\ngone.png\n1.png\n2.png\n")
     options = "--image-display-duration", "0.5", "--stats", stats
-    done = command("play-corrected", room, listed, *options, DISPLAY=xvfb, WAYLAND_DISPLAY="")
+    done = command("play-corrected", room, listed, *options, **on(xvfb))
     assert done.returncode == 0, done.stderr
     numbers = json.loads(stats.read_text())
     assert numbers["frames"] == 3

@@ -1,0 +1,70 @@
+"""A player on an X server: its windows, what they show, keys pressed for real, monitors that come and go."""
+
+import contextlib
+import subprocess
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import ImageGrab
+from Xlib import XK, X
+from Xlib.display import Display
+from Xlib.error import BadDrawable, BadWindow
+from Xlib.ext import xtest
+
+from tests.programs import PATIENCE_S, on, running, script, succeed
+
+Box = tuple[int, int, int, int]  # left, top, width, height
+
+
+def playing(
+    display: str, *arguments: object, folder: Path | None = None
+) -> AbstractContextManager[subprocess.Popen[str]]:
+    """A player in a window, on the path that files are rendered on, so that pixels can be compared one by one."""
+    return running(script("play-corrected"), "--path", "fragment", *arguments, folder=folder, **on(display))
+
+
+def expected_picture(room: Path, medium: Path, tmp_path: Path, *options: str) -> np.ndarray:
+    """The same view rendered headless, RGB."""
+    succeed("play-corrected", room, medium, "--output", tmp_path / "expected.png", *options)
+    return cv2.imread(str(tmp_path / "expected.png"))[..., ::-1].astype(int)
+
+
+def screen(display: str, box: Box) -> np.ndarray:
+    """What the X server shows there, RGB."""
+    left, top, width, height = box
+    grabbed = np.array(ImageGrab.grab(xdisplay=display).convert("RGB"))
+    return grabbed[top : top + height, left : left + width].astype(int)
+
+
+def mapped_windows(display: str) -> set[Box]:
+    """Places of the visible windows of a desktop without a window manager."""
+    connection = Display(display)
+    boxes = set()
+    for window in connection.screen().root.query_tree().children:
+        with contextlib.suppress(BadDrawable, BadWindow):  # closed meanwhile
+            if window.get_attributes().map_state == X.IsViewable:
+                box = window.get_geometry()
+                boxes.add((box.x, box.y, box.width, box.height))
+    connection.close()
+    return boxes
+
+
+def press(display: str, key: str, *held: str) -> None:
+    """A real key press and release through the X server, with shift if the key's symbol needs it."""
+    connection = Display(display)
+    symbol = XK.string_to_keysym(key)
+    code = connection.keysym_to_keycode(symbol)
+    shift = [] if connection.keycode_to_keysym(code, 0) == symbol else ["Shift_L"]
+    modifiers = [connection.keysym_to_keycode(XK.string_to_keysym(name)) for name in (*held, *shift)]
+    for pressed in (*modifiers, code):
+        xtest.fake_input(connection, X.KeyPress, pressed)
+    for released in (code, *reversed(modifiers)):
+        xtest.fake_input(connection, X.KeyRelease, released)
+    connection.sync()
+    connection.close()
+
+
+def xrandr(display: str, *arguments: str) -> None:
+    subprocess.run(["xrandr", "--display", display, *arguments], check=True, capture_output=True, timeout=PATIENCE_S)

@@ -1,0 +1,99 @@
+"""Programs as a user runs them: whole commands, and processes that go on while a test looks at them."""
+
+import contextlib
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+CLIP = ROOT / "calib_data" / "media" / "big_buck_bunny.mp4"
+PATIENCE_S = 60.0
+
+
+def script(name: str) -> str:
+    """A console script of this environment."""
+    return str(Path(sys.executable).with_name(name))
+
+
+def command(name: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a console script to its end; a hang is a failure."""
+    return subprocess.run(
+        [script(name), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env=os.environ | environment,
+        check=False,
+    )
+
+
+def succeed(name: str, *arguments: object, **environment: str) -> str:
+    done = command(name, *arguments, **environment)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def fail(name: str, *arguments: object, code: int = 2, **environment: str) -> str:
+    """The one line that a refused command prints."""
+    done = command(name, *arguments, **environment)
+    assert done.returncode == code, done.stdout + done.stderr
+    lines = [line for line in done.stderr.splitlines() if line]
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("error: ")
+    return lines[0]
+
+
+def on(display: str) -> dict[str, str]:
+    """The variables by which a program's windows come to an X server."""
+    return {"DISPLAY": display, "WAYLAND_DISPLAY": ""}
+
+
+@contextmanager
+def running(
+    *words: object, folder: Path | None = None, errors: int | None = subprocess.PIPE, **environment: str
+) -> Iterator[subprocess.Popen[str]]:
+    """A program that is killed at the end, if it has not ended by then."""
+    process = subprocess.Popen(
+        [*map(str, words)],
+        env=os.environ | environment,
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=errors,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def wait_until(condition: Callable[[], bool], what: str, process: subprocess.Popen[str]) -> None:
+    """Fails if the process ends before, or after PATIENCE_S."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline, what
+        time.sleep(0.05)
+
+
+def descendants(pid: int) -> set[int]:
+    """The children of a process, their children, and so on."""
+    found: set[int] = set()
+    for task in Path(f"/proc/{pid}/task").glob("*/children"):
+        with contextlib.suppress(OSError):  # gone meanwhile
+            for child in map(int, task.read_text().split()):
+                found |= {child} | descendants(child)
+    return found
+
+
+def is_running(pid: int) -> bool:
+    """Neither gone nor a zombie: nobody reaps orphans in some containers."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
