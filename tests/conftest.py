@@ -4,6 +4,7 @@ A missing OpenGL or X server is a failure, never a skip: the product is nothing 
 """
 
 import gc
+import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +16,8 @@ import pytest
 from player.gl.context import headless_context
 from tests import screens
 from tests.gl_objects import live_objects
+from tests.media import ring_folders
+from tests.programs import descendants
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -69,3 +72,11 @@ def two_monitors(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 def shared_data() -> Path:
     """The folder of large test data beside the checkout; it may be absent."""
     return ROOT.parent / "shared" / "data"
+
+
+@pytest.fixture
+def nothing_is_left() -> Iterator[None]:
+    """No file of decoded frames and no decoder process of this process survives a test."""
+    yield
+    assert ring_folders(os.getpid()) == []
+    assert descendants(os.getpid()) == set()

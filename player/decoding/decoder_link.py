@@ -151,7 +151,7 @@ def _ring_file(size: int) -> tuple[str, Path]:
     for parent in ("/dev/shm", tempfile.gettempdir()):
         if not os.access(parent, os.W_OK):
             continue
-        folder = tempfile.mkdtemp(prefix="counterlight-", dir=parent)
+        folder = tempfile.mkdtemp(prefix=f"counterlight-{os.getpid()}-", dir=parent)
         path = Path(folder, "ring")
         try:
             with path.open("wb") as file:

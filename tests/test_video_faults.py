@@ -1,0 +1,187 @@
+"""What happens when media break or are none, and when their decoder dies: player/video.py says so and goes on."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+
+from player.errors import InputError
+from player.video import MediaReader
+from tests.media import (
+    RATE,
+    SHARED,
+    TIME_TOLERANCE_S,
+    TIMEOUT_S,
+    copies,
+    next_frame,
+    number,
+    numbered,
+    read,
+    ring_folders,
+    until_error,
+    write_h264,
+    write_jpeg,
+    write_picture,
+    write_video,
+)
+from tests.programs import ROOT, is_running
+
+pytestmark = pytest.mark.usefixtures("nothing_is_left")
+_NOTES = {".json", ".upstream", ".pillow"}
+HOSTILE = sorted(path for path in (SHARED / "hostile").glob("*/*") if path.suffix not in _NOTES)
+
+
+def test_size_change_is_named(tmp_path: Path) -> None:
+    first = write_video(tmp_path / "a.ts", [numbered(n) for n in range(6)], codec="mpeg2video")
+    second = write_video(tmp_path / "b.ts", [numbered(n, 48, 64) for n in range(6)], codec="mpeg2video", first_pts=6)
+    both = tmp_path / "both.ts"
+    both.write_bytes(first.read_bytes() + second.read_bytes())
+    with MediaReader.open(both) as reader:
+        numbers, error = until_error(reader)
+        assert re.search(r"frame \d+ is 64x48, expected 46x34", error)
+        with pytest.raises(InputError, match="re-encode"):  # the failure stays
+            reader.next_frame(TIMEOUT_S)
+    assert len(numbers) in (5, 6)  # FFmpeg's MPEG-2 decoder may drop the picture it holds back when the size changes
+
+
+@pytest.mark.parametrize("name", ["clip.mp4", "clip.mkv"])
+def test_truncated_video_gives_its_frames_then_an_error(name: str, tmp_path: Path) -> None:
+    path = write_h264(
+        tmp_path / name, 100, container_options={"movflags": "faststart"} if name.endswith("mp4") else None
+    )
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) * 6 // 10])
+    with MediaReader.open(path) as reader:
+        numbers, error = until_error(reader)
+    assert re.search(r"ends early|cannot be decoded", error)
+    assert numbers == [n % 25 for n in range(len(numbers))]
+    assert 20 < len(numbers) < 90
+
+
+@pytest.mark.parametrize("fraction", [0.3, 0.6, 0.95])
+@pytest.mark.parametrize("kind", ["jpg", "png", "gif"])
+def test_truncated_picture_is_refused(kind: str, fraction: float, tmp_path: Path, rng: np.random.Generator) -> None:
+    path = tmp_path / f"p.{kind}"
+    if kind == "jpg":
+        write_jpeg(path)
+    elif kind == "png":
+        write_picture(path, (rng.integers(0, 256, (31, 45, 3)).astype(np.uint8),), "rgb24", "png")
+    else:
+        write_video(path, [(rng.integers(0, 256, (31, 45)).astype(np.uint8),)], pixel_format="gray", codec="gif")
+    assert len(read(path)) == 1
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * fraction)])
+    with pytest.raises(InputError) as refusal:
+        read(path)
+    assert str(path) in str(refusal.value)
+
+
+@pytest.mark.parametrize("cause", [signal.SIGKILL, signal.SIGSEGV, signal.SIGSTOP])
+def test_killed_decoder_is_replaced_without_losing_a_frame(cause: signal.Signals, tmp_path: Path) -> None:
+    path = write_h264(tmp_path / "clip.mp4", 40)
+    with MediaReader.open(path) as reader:
+        before = copies(reader, 15)
+        held = next_frame(reader)
+        os.kill(reader.decoder_pid, cause)
+        found = [*before, (held.time_s, tuple(plane.copy() for plane in held.planes)), *copies(reader)]
+        reader.release(held)  # of a decoder that is gone
+        (notice,) = reader.notices()
+    assert [number(planes) for _, planes in found] == [n % 25 for n in range(40)]
+    np.testing.assert_allclose([t for t, _ in found], np.arange(40) / RATE, atol=TIME_TOLERANCE_S, rtol=0)
+    assert "decoder" in notice
+    assert "restarted" in notice
+
+
+def test_decoder_killed_in_a_later_lap_keeps_the_time(tmp_path: Path) -> None:
+    with MediaReader.open(write_h264(tmp_path / "clip.mp4", 12), loop=True) as reader:
+        found = copies(reader, 30)
+        os.kill(reader.decoder_pid, signal.SIGKILL)
+        found += copies(reader, 30)
+    assert [number(planes) for _, planes in found] == [n % 12 for n in range(60)]
+    np.testing.assert_allclose([t for t, _ in found], np.arange(60) / RATE, atol=TIME_TOLERANCE_S, rtol=0)
+
+
+def test_medium_that_always_kills_the_decoder_is_an_error(tmp_path: Path) -> None:
+    """The file vanishes, so that no new decoder can open it."""
+    path = write_h264(tmp_path / "clip.mp4", 40)
+    with MediaReader.open(path) as reader:
+        path.unlink()
+        os.kill(reader.decoder_pid, signal.SIGKILL)
+        with pytest.raises(InputError, match="no such file"):
+            copies(reader)
+        with pytest.raises(InputError, match="no such file"):
+            reader.poll()
+
+
+def test_decoder_ends_with_its_parent(tmp_path: Path) -> None:
+    path = write_h264(tmp_path / "clip.mp4", 40)
+    code = f"""
+import os
+from player.video import MediaReader
+reader = MediaReader.open({str(path)!r}, loop=True)
+print(os.getpid(), reader.decoder_pid, flush=True)
+os._exit(0)
+"""
+    ended = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    parent, decoder = map(int, ended.stdout.split())
+    deadline = time.monotonic() + TIMEOUT_S
+    while is_running(decoder) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert not is_running(decoder)
+    assert ring_folders(parent) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("absent.mp4", None, "no such file"),
+        ("empty.mp4", b"", "empty"),
+        ("text.mp4", b"Dear reader,\n" * 40, "cannot read it"),
+        ("text.txt", b"Dear reader,\n" * 40, "no video or picture|cannot read it"),
+        ("text.exr", b"Dear reader,\n" * 40, "not a readable OpenEXR"),
+        ("frames-%04d.png", None, "no file matches"),
+    ],
+)
+def test_what_is_no_medium_is_refused(name: str, content: bytes | None, message: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=message) as refusal:
+        MediaReader.open(path)
+    assert str(path) in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_folder_and_audio_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is a folder"):
+        MediaReader.open(tmp_path)
+    path = tmp_path / "sound.wav"
+    with av.open(str(path), "w") as container:
+        stream: Any = container.add_stream("pcm_s16le", rate=8000, layout="mono")
+        sound = av.AudioFrame.from_ndarray(np.zeros((1, 8000), np.int16), format="s16", layout="mono")
+        sound.sample_rate = 8000
+        container.mux(stream.encode(sound))
+        container.mux(stream.encode(None))
+    with pytest.raises(InputError, match="holds no video"):
+        MediaReader.open(path)
+
+
+if HOSTILE:
+
+    @pytest.mark.parametrize("path", HOSTILE, ids=lambda path: path.name)
+    def test_hostile_file_gives_frames_or_one_line(path: Path) -> None:
+        try:
+            assert read(path)
+        except InputError as error:
+            line = str(error)
+            assert str(path) in line
+            assert "\n" not in line
+            assert "decoder stopped" not in line  # refused, not crashed
