@@ -12,6 +12,8 @@ from pathlib import Path
 import moderngl
 import numpy as np
 import pytest
+import scipy.linalg  # noqa: F401 (its BLAS, beside numpy's, is there to be limited)
+from threadpoolctl import threadpool_limits
 
 from player.gl.context import headless_context
 from tests import screens
@@ -24,6 +26,16 @@ ROOT = Path(__file__).resolve().parents[1]
 # Run in the background of a script, pytest and all that it starts would ignore Ctrl-C, which tests send.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_blas_thread() -> Iterator[None]:
+    """In this process; programs that tests start have as many as a user's.
+
+    The threads of BLAS wait for each other by spinning, which takes a small matrix ten times as long on a busy core.
+    """
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
 
 
 @pytest.fixture
