@@ -19,9 +19,9 @@ from tests.bench_rooms import CAMERA, MAX_CLUSTER, PROJECTOR, wall, wall_decompo
 from tests.bench_rows import Timed, seconds
 from tools.clusters.blocks import ClusterBlocks
 from tools.clusters.components import find_clusters
+from tools.clusters.jobs import run_jobs
 from tools.inverse.clustered import BATCH_VALUES, clustered_jobs
 from tools.inverse.inverse import InverseOptions
-from tools.inverse.jobs import run_jobs
 from tools.inverse.pieces import Truncation
 from tools.inverse.room import build_room_maps
 from tools.inverse.windowed import BLOCKS, HALOS, Windows

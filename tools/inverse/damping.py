@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from tools.clusters.jobs import run_jobs
 from tools.inverse.bidiagonal import Products, bidiagonalise, largest_singular_value
-from tools.inverse.jobs import run_jobs
 from tools.inverse.pictures import typical_pictures
 from tools.transport.transport import Csr
 

@@ -15,12 +15,12 @@ from player.row_map import SparseRows
 from tools.clusters.components import Clusters, find_clusters
 from tools.clusters.decomposition import Parameters, Report
 from tools.clusters.finite import refuse_not_finite
+from tools.clusters.jobs import run_jobs
 from tools.clusters.search import decompose_to
 from tools.inverse import memory
 from tools.inverse.bidiagonal import largest_singular_value
 from tools.inverse.clustered import clustered_jobs
 from tools.inverse.damping import DampingChoice, choose_damping
-from tools.inverse.jobs import run_jobs
 from tools.inverse.method import METHODS, Method, choose_method
 from tools.inverse.noise import noise_of_matrix
 from tools.inverse.pieces import Piece, Truncation, join

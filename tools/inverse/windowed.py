@@ -20,7 +20,7 @@ from scipy.linalg import cho_factor, solve_triangular
 from scipy.linalg.lapack import dtrtri
 
 from player.calibration import Region
-from tools.inverse.jobs import run_jobs
+from tools.clusters.jobs import run_jobs
 from tools.inverse.pieces import Piece, Truncation, truncated_piece
 from tools.transport.transport import Csr
 

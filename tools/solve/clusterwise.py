@@ -1,16 +1,14 @@
 """Every cluster solved by itself (thesis 4.2.1): dense, batched by shape, on all cores; larger ones by Krylov steps."""
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
-from player.command import track
 from tools.clusters.blocks import Batch, ClusterBlocks
 from tools.clusters.finite import CAUSES, NonFiniteError, describe_cluster
+from tools.clusters.jobs import run_jobs
 from tools.solve.krylov import least_squares
 from tools.solve.solution import Solution
 from tools.solve.system import LinearSystem
@@ -49,15 +47,10 @@ def solve_clusters(
             return batch, *dense(blocks.dense(entries, batch), system.target[batch.camera])
 
     special = 0
-    batches = list(blocks.batches(BATCH_VALUES))
-    with threadpool_limits(limits=1), ThreadPoolExecutor(os.cpu_count()) as pool:
-        try:
-            for batch, p, treated in track(pool.map(work, batches), "solving clusters", len(batches)):
-                drive[batch.projector] = p
-                special += int(treated.sum())
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    jobs = [partial(work, batch) for batch in blocks.batches(BATCH_VALUES)]
+    for batch, p, treated in run_jobs(jobs, "solving clusters"):
+        drive[batch.projector] = p
+        special += int(treated.sum())
     if special:
         notes.append(f"{special} of {clusters.count} clusters {unusual}")
     if not fits.all():
