@@ -100,17 +100,16 @@ def _shadows(scene: Scene) -> tuple[bool, str]:
 def _inter_reflection(scene: Scene) -> tuple[bool, str]:
     pairs = facing_pairs(scene)
     if not pairs:
-        return False, "one plane" if len(scene.surfaces) == 1 and scene.surfaces[
-            0
-        ].shape.flat else "no surface sees another"
+        alone = len(scene.surfaces) == 1 and scene.surfaces[0].shape.flat
+        return False, "one plane" if alone else "no surface sees another"
     a, b = pairs[0]
     more = f" and {len(pairs) - 1} more pairs" if len(pairs) > 1 else ""
     if a is b:
         return True, f"parts of '{a.name}' face each other{more}"
+    angle = ""
     if isinstance(a.shape, Parallelogram) and isinstance(b.shape, Parallelogram):
-        angle = np.degrees(np.arccos(np.clip(-a.shape.normal @ b.shape.normal, -1, 1)))
-        return True, f"'{a.name}' and '{b.name}' face each other at {angle:.0f}°{more}"
-    return True, f"'{a.name}' and '{b.name}' face each other{more}"
+        angle = f" at {np.degrees(np.arccos(np.clip(-a.shape.normal @ b.shape.normal, -1, 1))):.0f}°"
+    return True, f"'{a.name}' and '{b.name}' face each other{angle}{more}"
 
 
 def _defocus(device: Device, scene: Scene) -> tuple[bool, str]:

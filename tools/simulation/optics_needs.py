@@ -38,9 +38,9 @@ def _gloss(scene: "Scene") -> tuple[bool, str]:
 def _caustics(scene: "Scene") -> tuple[bool, str]:
     from tools.simulation.needs import facing_pairs  # which imports this module
 
-    if _refraction(scene)[0]:
-        clear = next(surface.name for surface in scene.surfaces if surface.material.dielectric is not None)
-        return True, f"'{clear}' hands light on to other surfaces"
+    for surface in scene.surfaces:
+        if surface.material.dielectric is not None:
+            return True, f"'{surface.name}' hands light on to other surfaces"
     for a, b in facing_pairs(scene):
         for coated, other in ((a, b), (b, a)):
             if coated.material.gloss is not None:
