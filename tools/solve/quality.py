@@ -11,14 +11,12 @@ as linear light of sRGB's primaries (BT.709, D65), cut to 0..1:
 
 import warnings
 from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
-
-with warnings.catch_warnings(record=True):  # it says that matplotlib is not there, and resets filters that hush it
-    warnings.simplefilter("ignore")
-    import colour
 
 FloatArray = NDArray[np.float64]
 QUIETEST = 1e-30  # mean squared error that counts as none
@@ -44,7 +42,7 @@ def measure(desired: FloatArray, seen: FloatArray, mask: NDArray[np.bool_], whit
         rmse=float(np.sqrt(mean_square)),
         psnr=psnr(mean_square),
         ssim=_ssim(codes[0], codes[1], mask),
-        ciede2000=float(np.mean(colour.delta_E(_lab(wanted[mask]), _lab(found[mask]), method="CIE 2000"))),
+        ciede2000=float(np.mean(_colour().delta_E(_lab(wanted[mask]), _lab(found[mask]), method="CIE 2000"))),
     )
 
 
@@ -70,11 +68,20 @@ def _ssim(wanted: FloatArray, found: FloatArray, mask: NDArray[np.bool_]) -> flo
 
 
 def _srgb(linear: FloatArray) -> FloatArray:
-    return np.asarray(colour.cctf_encoding(np.clip(linear, 0, 1), function="sRGB"))
+    return np.asarray(_colour().cctf_encoding(np.clip(linear, 0, 1), function="sRGB"))
 
 
 def _lab(linear: FloatArray) -> FloatArray:
     """CIE Lab of linear sRGB (n, 3)."""
-    space = colour.RGB_COLOURSPACES["sRGB"]
+    space = _colour().RGB_COLOURSPACES["sRGB"]
     xyz = np.clip(linear, 0, 1) @ space.matrix_RGB_to_XYZ.T
-    return np.asarray(colour.XYZ_to_Lab(xyz, space.whitepoint))
+    return np.asarray(_colour().XYZ_to_Lab(xyz, space.whitepoint))
+
+
+@cache
+def _colour() -> ModuleType:
+    """colour-science, whose import takes a second: commands that measure nothing, or are refused, start without it."""
+    with warnings.catch_warnings(record=True):  # it says that matplotlib is not there, and resets filters that hush it
+        warnings.simplefilter("ignore")
+        import colour
+    return colour
