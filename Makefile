@@ -1,6 +1,8 @@
-# Each target does all of its own set-up. Overrides: PYTHON= (3.11 or newer), VENV= (where the environment goes).
+# Each target does all of its own set-up.
+# Overrides: PYTHON= (3.11 or newer), VENV= (where the environment goes), WORKERS= (test files run at a time, 0: none).
 PYTHON ?= python3
 VENV ?= .venv
+WORKERS ?= 2
 python := $(VENV)/bin/python
 ready := $(VENV)/.ready
 
@@ -16,7 +18,7 @@ play: $(ready) ## see what it does: the shipped example, before and after
 	$(python) -m tools.show_example
 
 test: system-test lint ## everything that must hold
-	$(python) -m pytest
+	$(python) -m pytest -n $(WORKERS) --dist loadfile
 
 lint: $(ready) ## style and types
 	$(python) -m ruff check .
