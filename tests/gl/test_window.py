@@ -21,13 +21,14 @@ from tests.rooms import write_blurred_room
 from tools.transport.storage import write_transport
 from tools.transport.transport import Transport
 
-SECOND_MONITOR = (1280, 0, 1024, 768)  # left, top, width, height
+WINDOW = (0, 0, 50, 37)  # left, top, width, height, of the room's projector on a bare X server
+SECOND_MONITOR = (1280, 0, 1024, 768)
 
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("window") / "wall"
-    write_blurred_room(folder, np.random.default_rng(7), (90, 120), (75, 100))
+    write_blurred_room(folder, np.random.default_rng(7), (44, 60), (37, 50))
     succeed("build-correction-map", folder, "--regularize", "0.1")
     return folder
 
@@ -82,18 +83,17 @@ def test_a_monitor_that_is_not_there_or_of_another_size(two_monitors: str, room:
     assert "HDMI-7" in line
     assert "DUMMY0" in line
     line = fail("play-corrected", room, picture, "--fullscreen", "--monitor", "DUMMY1", **on(two_monitors))
-    assert "1024x768, the calibration is for a projector of 100x75" in line
+    assert "1024x768, the calibration is for a projector of 50x37" in line
 
 
 def test_keys_in_a_window(xvfb: str, room: Path, picture: Path, tmp_path: Path) -> None:
     """c, v, b, i, s and q, pressed for real; the window stands at the upper left of a bare X server."""
-    box = (0, 0, 100, 75)
     corrected = expected_picture(room, picture, tmp_path)
     plain = expected_picture(room, picture, tmp_path, "--no-compensation")
     assert np.abs(corrected - plain).max() > 20
 
     def shows(wanted: np.ndarray | int) -> Callable[[], bool]:
-        return lambda: bool(np.all(screen(xvfb, box) == wanted))
+        return lambda: bool(np.all(screen(xvfb, WINDOW) == wanted))
 
     with playing(xvfb, room, picture, folder=tmp_path) as process:
         wait_until(shows(corrected), "the corrected picture", process)
@@ -125,14 +125,13 @@ def test_a_clip_plays_to_its_end_in_a_window(xvfb: str, room: Path, tmp_path: Pa
 
 
 def test_a_decoder_that_dies_does_not_take_the_player_down(xvfb: str, room: Path, tmp_path: Path) -> None:
-    box = (0, 0, 100, 75)
     with playing(xvfb, room, CLIP, "--loop") as process:
         for kill in (False, True, True):
             if kill:
                 (decoder,) = descendants(process.pid)
                 os.kill(decoder, signal.SIGSEGV)
-            before = screen(xvfb, box)  # the first time, what the last test has left on the screen
-            wait_until(lambda b=before: not np.array_equal(screen(xvfb, box), b), "the film goes on", process)
+            before = screen(xvfb, WINDOW)  # the first time, what the last test has left on the screen
+            wait_until(lambda b=before: not np.array_equal(screen(xvfb, WINDOW), b), "the film goes on", process)
             time.sleep(0.5)  # what was decoded before the crash has been shown
         press(xvfb, "q")
         _, errors = process.communicate(timeout=PATIENCE_S)
@@ -168,14 +167,13 @@ def test_a_monitor_that_comes_back_gets_its_window_back(
 def test_a_damaged_map_does_not_replace_the_one_that_plays(
     xvfb: str, room: Path, picture: Path, tmp_path: Path
 ) -> None:
-    box = (0, 0, 100, 75)
     folder, stats = tmp_path / "wall", tmp_path / "stats.json"
     shutil.copytree(room, folder)
     corrected = expected_picture(folder, picture, tmp_path)
     with playing(xvfb, folder, picture, "--no-osd", "--stats", stats) as process:
 
         def shows(wanted: np.ndarray) -> Callable[[], bool]:
-            return lambda: np.array_equal(screen(xvfb, box), wanted)
+            return lambda: np.array_equal(screen(xvfb, WINDOW), wanted)
 
         wait_until(shows(corrected), "the corrected picture", process)
         entries = folder / "correction" / "entries.exr"
