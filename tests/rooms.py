@@ -136,3 +136,13 @@ def write_blurred_room(
     with writing(folder, calibration) as stage:
         write_transport(transport, stage)
     return transport
+
+
+def write_one_to_one_room(folder: Path, shape: tuple[int, int]) -> None:
+    """A calibration folder of a textured wall that the camera sees as the projector does, pixel for pixel."""
+    pixels = shape[0] * shape[1]
+    albedo = np.random.default_rng(1).uniform(0.5, 1, pixels).astype(np.float32)
+    T, device = sparse.csr_array(sparse.diags_array(albedo)), Device(*shape, Response("linear"))
+    ambient, mask = np.zeros((*shape, 3), np.float32), np.ones(shape, bool)
+    with writing(folder, Calibration("one to one", "made by a test", (device,), device, ambient, mask)) as stage:
+        write_transport(Transport((T, T, T)), stage)

@@ -7,10 +7,8 @@ from pathlib import Path
 import moderngl
 import numpy as np
 import pytest
-from scipy import sparse
 
 from player import app, exr
-from player.calibration import Calibration, Device, writing
 from player.errors import InputError
 from player.gl import compute_pass, paths
 from player.gl.compute_pass import MapBuffers, supports_compute
@@ -20,16 +18,13 @@ from player.gl.row_map_pass import MapTextures
 from player.reference import PreparedRows
 from player.refinement import STARTS
 from player.renderer import Room
-from player.response import Response
 from player.row_map import RowMap, SparseRows, pack
 from player.short_map import half_scale, in_half, rounding_of
 from tests.refined_rooms import physical_room
 from tests.renderers import both, read
-from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_map, random_room, yuv_frame
+from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_map, random_room, write_one_to_one_room, yuv_frame
 from tools import build_correction_map
 from tools.inverse.inverse import InverseOptions
-from tools.transport.storage import write_transport
-from tools.transport.transport import Transport
 
 ATOL = 1e-5  # the issue's bound; float32 sums of at most 20 terms of size 3 are far below
 PATHS = ("fragment", "compute")
@@ -280,12 +275,8 @@ def test_without_opengl_4_3_there_are_fragments(gl_context: moderngl.Context, rn
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A room whose every row has one entry: nothing is left out of its map, so that halves fit --max-error."""
-    folder, pixels = tmp_path_factory.mktemp("paths") / "wall", PROJECTOR[0] * PROJECTOR[1]
-    albedo = np.random.default_rng(1).uniform(0.5, 1, pixels).astype(np.float32)
-    T, device = sparse.csr_array(sparse.diags_array(albedo)), Device(*PROJECTOR, Response("linear"))
-    ambient, mask = np.zeros((*PROJECTOR, 3), np.float32), np.ones(PROJECTOR, bool)
-    with writing(folder, Calibration("one to one", "", (device,), device, ambient, mask)) as stage:
-        write_transport(Transport((T, T, T)), stage)
+    folder = tmp_path_factory.mktemp("paths") / "wall"
+    write_one_to_one_room(folder, PROJECTOR)
     assert build_correction_map.main([str(folder), "--regularize", "none"]) in (None, 0)
     return folder
 

@@ -11,15 +11,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from scipy import sparse
 
-from player.calibration import Calibration, Device, writing
-from player.response import Response
 from tests.desktop import expected_picture, playing, press, screen, xrandr
 from tests.programs import CLIP, PATIENCE_S, command, descendants, fail, on, succeed, wait_until
-from tests.rooms import write_blurred_room
-from tools.transport.storage import write_transport
-from tools.transport.transport import Transport
+from tests.rooms import write_blurred_room, write_one_to_one_room
 
 WINDOW = (0, 0, 50, 37)  # left, top, width, height, of the room's projector on a bare X server
 SECOND_MONITOR = (1280, 0, 1024, 768)
@@ -37,14 +32,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def large_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A projector of the second monitor's size, pixel for pixel in front of the camera; nothing needs refinement."""
     folder = tmp_path_factory.mktemp("window") / "large"
-    shape = SECOND_MONITOR[3], SECOND_MONITOR[2]
-    pixels = shape[0] * shape[1]
-    albedo = np.random.default_rng(1).uniform(0.5, 1, pixels).astype(np.float32)
-    T = sparse.csr_array(sparse.diags_array(albedo))
-    device = Device(*shape, Response("linear"))
-    ambient = np.zeros((*shape, 3), np.float32)
-    with writing(folder, Calibration("large", "", (device,), device, ambient, np.ones(shape, bool))) as stage:
-        write_transport(Transport((T, T, T)), stage)
+    write_one_to_one_room(folder, (SECOND_MONITOR[3], SECOND_MONITOR[2]))
     succeed("build-correction-map", folder, "--regularize", "0.01", "--no-refine")
     return folder
 
