@@ -49,12 +49,15 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> StudyRoom:
 
 @pytest.fixture(scope="module")
 def studied(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, Path]:
-    """A report on a shipped scene and a calibration with maps of its own, what was printed, and the calibration."""
+    """A report on a scene with far light and a calibration with maps of its own, what was printed, the calibration."""
     folder = tmp_path_factory.mktemp("studied")
     write_blurred_room(folder / "blurred", np.random.default_rng(5), ROOM_CAMERA, ROOM_PROJECTOR)
     succeed("build-correction-map", folder / "blurred", "--regularize", "0.1")
+    scene = (SCENES / "corner.toml").read_text()
+    assert "cells = 700" in scene  # made for pictures a hundred times as large
+    (folder / "corner.toml").write_text(scene.replace("cells = 700", "cells = 100"))
     arguments = ["--size", "24x16", "--pictures", "text", "white"]
-    out = succeed("study-accuracy", folder / "blurred", "--scenes", "corner", "-o", folder / "out", *arguments)
+    out = succeed("study-accuracy", folder / "blurred", folder / "corner.toml", "-o", folder / "out", *arguments)
     return folder / "out", out, folder / "blurred"
 
 
