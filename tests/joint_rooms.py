@@ -14,6 +14,7 @@ from tools.transport.transport import Transport
 
 CAMERA = (33, 60)
 LEFT, RIGHT = (30, 44), (26, 36)
+SIDE_BY_SIDE = (0, 0, LEFT[1], LEFT[0]), (LEFT[1], 0, RIGHT[1], RIGHT[0])  # their windows without monitors
 OVERLAP = slice(24, 36)  # columns of the camera's view that both light
 STRIDE = 8
 

@@ -71,6 +71,18 @@ def write_h264(path: Path, count: int = 40, **more: Any) -> Path:
     return write_video(path, [numbered(n % 25) for n in range(count)], codec="libx264", options=options, **more)
 
 
+def damage(path: Path, first: int, last: int) -> None:
+    """Spoil the middle third of the packets of the pictures `first` to `last`, in the order of decoding."""
+    with av.open(str(path)) as container:
+        packets = [(packet.pos, packet.size) for packet in container.demux(video=0) if packet.size]
+    data = bytearray(path.read_bytes())
+    for position, size in packets[first : last + 1]:
+        assert position is not None
+        for index in range(position + size // 3, position + 2 * size // 3 + 1):
+            data[index] ^= 0x5A
+    path.write_bytes(data)
+
+
 def write_picture(path: Path, planes: Planes, pixel_format: str, codec: str) -> Path:
     """Encode one picture file."""
     context: Any = av.CodecContext.create(codec, "w")

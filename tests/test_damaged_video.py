@@ -3,28 +3,15 @@
 import re
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 import pytest
 
 from player.errors import InputError
 from player.video import MediaReader
-from tests.test_video import TIMEOUT_S, _h264, _number, _numbered, _until_error, _write
+from tests.media import TIMEOUT_S, damage, number, numbered, until_error, write_h264, write_video
 
 COUNT, KEY = 40, 10  # pictures, and how far apart key frames are
-
-
-def damage(path: Path, first: int, last: int) -> None:
-    """Spoil the middle third of the packets of the pictures `first` to `last`, in the order of decoding."""
-    with av.open(str(path)) as container:
-        packets = [(packet.pos, packet.size) for packet in container.demux(video=0) if packet.size]
-    data = bytearray(path.read_bytes())
-    for position, size in packets[first : last + 1]:
-        assert position is not None
-        for index in range(position + size // 3, position + 2 * size // 3 + 1):
-            data[index] ^= 0x5A
-    path.write_bytes(data)
 
 
 def shown(path: Path, limit: int = 1000, **options: bool) -> tuple[list[tuple[int, int]], list[str]]:
@@ -32,7 +19,7 @@ def shown(path: Path, limit: int = 1000, **options: bool) -> tuple[list[tuple[in
     found: list[tuple[int, int]] = []
     with MediaReader.open(path, tolerant=True, **options) as reader:
         while len(found) < limit and (frame := reader.next_frame(TIMEOUT_S)) is not None:
-            found.append((frame.index, _number(frame.planes)))
+            found.append((frame.index, number(frame.planes)))
             assert round(frame.time_s * 25) == frame.index  # what was left out leaves its time
             reader.release(frame)
         return found, reader.notices()
@@ -40,10 +27,10 @@ def shown(path: Path, limit: int = 1000, **options: bool) -> tuple[list[tuple[in
 
 @pytest.mark.parametrize("name", ["clip.mp4", "clip.mkv"])
 def test_the_frames_around_the_damage_are_shown_and_one_line_says_so(name: str, tmp_path: Path) -> None:
-    path = _h264(tmp_path / name, COUNT)
+    path = write_h264(tmp_path / name, COUNT)
     damage(path, 2 * KEY, 2 * KEY)
     with MediaReader.open(path) as reader:
-        numbers_before, error = _until_error(reader)
+        numbers_before, error = until_error(reader)
     assert len(numbers_before) < COUNT
     assert re.search(rf"{name}: frame .* cannot be decoded", error)
     found, notices = shown(path)
@@ -58,7 +45,7 @@ def test_the_frames_around_the_damage_are_shown_and_one_line_says_so(name: str, 
 
 
 def test_a_loop_goes_round_and_tells_of_it_once(tmp_path: Path) -> None:
-    path = _h264(tmp_path / "clip.mkv", COUNT)
+    path = write_h264(tmp_path / "clip.mkv", COUNT)
     damage(path, 2 * KEY, 2 * KEY)
     found, notices = shown(path, 3 * COUNT, loop=True)
     assert found[-1][0] > 2 * COUNT
@@ -66,7 +53,7 @@ def test_a_loop_goes_round_and_tells_of_it_once(tmp_path: Path) -> None:
 
 
 def test_a_truncated_video_ends_where_it_ends(tmp_path: Path) -> None:
-    path = _h264(tmp_path / "clip.mp4", COUNT, container_options={"movflags": "faststart"})
+    path = write_h264(tmp_path / "clip.mp4", COUNT, container_options={"movflags": "faststart"})
     path.write_bytes(path.read_bytes()[: path.stat().st_size * 6 // 10])
     found, notices = shown(path)
     assert [number for _, number in found] == [n % 25 for n in range(len(found))]
@@ -90,8 +77,8 @@ def test_a_damaged_picture_of_a_sequence_is_left_out(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("loop", [False, True])
 def test_a_medium_without_a_good_picture_is_an_error(tmp_path: Path, loop: bool) -> None:
-    pictures = [_numbered(n) for n in range(10)]
-    path = _write(tmp_path / "clip.mkv", pictures, codec="mpeg4", options={"g": "1"})
+    pictures = [numbered(n) for n in range(10)]
+    path = write_video(tmp_path / "clip.mkv", pictures, codec="mpeg4", options={"g": "1"})
     damage(path, 0, 9)
     with pytest.raises(InputError, match="its data is damaged; it is damaged"):
         shown(path, 10 * COUNT, loop=loop)

@@ -3,17 +3,17 @@
 import json
 from pathlib import Path
 
-from tests.gl.test_reload import room  # noqa: F401 (a fixture)
-from tests.test_damaged_video import COUNT, KEY, damage
-from tests.test_player import command, fail
-from tests.test_video import _h264
+from tests.media import damage, write_h264
+from tests.programs import command, fail, on
+
+COUNT, KEY = 40, 10  # pictures, and how far apart key frames are
 
 
-def test_a_show_goes_on_where_a_file_is_refused(xvfb: str, room: Path, tmp_path: Path) -> None:  # noqa: F811
-    clip, stats = _h264(tmp_path / "clip.mkv", COUNT), tmp_path / "stats.json"
+def test_a_show_goes_on_where_a_file_is_refused(xvfb: str, plain_room: Path, tmp_path: Path) -> None:
+    clip, stats = write_h264(tmp_path / "clip.mkv", COUNT), tmp_path / "stats.json"
     damage(clip, 2 * KEY, 2 * KEY)
     options = "--no-config", "--no-audio", "--stats", stats
-    done = command("play-corrected", room, clip, *options, DISPLAY=xvfb, WAYLAND_DISPLAY="")
+    done = command("play-corrected", plain_room, clip, *options, **on(xvfb))
     assert done.returncode == 0, done.stderr
     numbers = json.loads(stats.read_text())
     (notice,) = numbers["notices"]
@@ -21,5 +21,5 @@ def test_a_show_goes_on_where_a_file_is_refused(xvfb: str, room: Path, tmp_path:
     assert notice in done.stderr
     assert numbers["dropped"] >= 1
     assert numbers["frames"] + numbers["dropped"] == COUNT
-    assert "cannot be decoded" in fail("play-corrected", room, clip, "--output", tmp_path / "out.mkv")
+    assert "cannot be decoded" in fail("play-corrected", plain_room, clip, "--output", tmp_path / "out.mkv")
     assert not (tmp_path / "out.mkv").exists()

@@ -9,19 +9,10 @@ import numpy as np
 import pytest
 
 from tests.desktop import Box, expected_picture, mapped_windows, playing, press, screen, xrandr
-from tests.joint_rooms import CAMERA, LEFT, RIGHT, join, write_halves, write_monitors
+from tests.joint_rooms import CAMERA, LEFT, RIGHT, SIDE_BY_SIDE, join, write_monitors
 from tests.programs import PATIENCE_S, ROOT, fail, on, running, succeed, wait_until
 
 MONITORS = {"DUMMY0": (0, 0, 1280, 720), "DUMMY1": (1280, 0, 1024, 768)}
-SIDE_BY_SIDE = (0, 0, LEFT[1], LEFT[0]), (LEFT[1], 0, RIGHT[1], RIGHT[0])
-
-
-@pytest.fixture(scope="module")
-def joint(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("joint")
-    room = join(write_halves(folder), folder / "joint")
-    succeed("build-correction-map", room, "--regularize", "0.1")
-    return room
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from player.show.outline import SELECTED
-from tests.gl.test_control_of_a_show import show
-from tests.gl.test_displays import SIDE_BY_SIDE, joint  # noqa: F401 (a fixture)
-from tests.gl.test_reload import BOX, room  # noqa: F401 (a fixture)
-from tests.gl.test_window import PATIENCE_S, expected_picture, screen, wait_until
+from tests.desktop import expected_picture, screen
+from tests.joint_rooms import SIDE_BY_SIDE
+from tests.programs import PATIENCE_S, wait_until
+from tests.remote import show
+
+BOX = (0, 0, 100, 75)
 
 
 @pytest.fixture
@@ -20,8 +22,8 @@ def picture(tmp_path: Path, rng: np.random.Generator) -> Path:
     return path
 
 
-def test_the_outline_comes_and_goes(xvfb: str, room: Path, picture: Path, tmp_path: Path) -> None:  # noqa: F811
-    expected = expected_picture(room, picture, tmp_path)
+def test_the_outline_comes_and_goes(xvfb: str, plain_room: Path, picture: Path, tmp_path: Path) -> None:
+    expected = expected_picture(plain_room, picture, tmp_path)
 
     def handle() -> bool:
         return bool((screen(xvfb, BOX) == SELECTED[:3]).all(axis=2).any())
@@ -29,7 +31,7 @@ def test_the_outline_comes_and_goes(xvfb: str, room: Path, picture: Path, tmp_pa
     def plain() -> bool:
         return np.array_equal(screen(xvfb, BOX), expected)
 
-    with show(xvfb, tmp_path, room, picture) as (process, client):
+    with show(xvfb, tmp_path, plain_room, picture) as (process, client):
         wait_until(plain, "the picture", process)
         for view in ("projector", "camera"):
             assert client.ask("place")["error"] == "success"
@@ -48,7 +50,7 @@ def test_the_outline_comes_and_goes(xvfb: str, room: Path, picture: Path, tmp_pa
 
 def test_it_runs_through_the_windows_of_several_projectors(
     xvfb: str,
-    joint: Path,  # noqa: F811
+    joint: Path,
     picture: Path,
     tmp_path: Path,
 ) -> None:

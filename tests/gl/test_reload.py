@@ -1,6 +1,5 @@
 """ctrl+r with shaders that somebody has edited: of an installed copy, in a window, over the control socket."""
 
-import os
 import shutil
 import subprocess
 import sys
@@ -11,20 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.gl.test_control_of_a_show import Client
-from tests.gl.test_window import PATIENCE_S, ROOT, expected_picture, screen, wait_until
-from tests.rooms import write_blurred_room
-from tests.test_player import succeed
+from tests.desktop import expected_picture, screen
+from tests.programs import PATIENCE_S, ROOT, on, running, wait_until
+from tests.remote import Client
 
 BOX = (0, 0, 100, 75)
-
-
-@pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("reload") / "wall"
-    write_blurred_room(folder, np.random.default_rng(7), (90, 120), (75, 100))
-    succeed("build-correction-map", folder, "--regularize", "0.1", "--no-refine")
-    return folder
 
 
 @pytest.fixture
@@ -45,27 +35,18 @@ def installed(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def playing_copy(xvfb: str, installed: Path, room: Path, picture: Path) -> Iterator[subprocess.Popen[str]]:
+def playing_copy(xvfb: str, installed: Path, plain_room: Path, picture: Path) -> Iterator[subprocess.Popen[str]]:
     """The copy's player in a window, with a socket called `show.socket` beside it."""
-    options = "--no-config", "--no-osd", "--path", "fragment", "--control", str(installed / "show.socket")
-    process = subprocess.Popen(
-        [sys.executable, "-P", "-m", "player.app", str(room), str(picture), *options],
-        env=os.environ | {"DISPLAY": xvfb, "WAYLAND_DISPLAY": "", "PYTHONPATH": str(installed)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
+    options = "--no-config", "--no-osd", "--path", "fragment", "--control", installed / "show.socket"
+    program = sys.executable, "-P", "-m", "player.app"
+    with running(*program, plain_room, picture, *options, **on(xvfb), PYTHONPATH=str(installed)) as process:
         yield process
-    finally:
-        process.kill()
-        process.communicate()
 
 
 def test_shaders_are_compiled_anew_and_damaged_ones_leave_the_old(
-    xvfb: str, installed: Path, room: Path, picture: Path, tmp_path: Path, playing_copy: subprocess.Popen[str]
+    xvfb: str, installed: Path, plain_room: Path, picture: Path, tmp_path: Path, playing_copy: subprocess.Popen[str]
 ) -> None:
-    corrected = expected_picture(room, picture, tmp_path)
+    corrected = expected_picture(plain_room, picture, tmp_path)
     shaders = installed / "player" / "shaders"
     present, encode = ((shaders / name).read_text() for name in ("present.frag", "encode.frag"))
     result = "encoded = vec4(code, 1.0)"
@@ -102,10 +83,10 @@ def test_shaders_are_compiled_anew_and_damaged_ones_leave_the_old(
 
 
 def test_a_shader_that_fails_only_when_it_draws_leaves_the_old(
-    xvfb: str, installed: Path, room: Path, picture: Path, tmp_path: Path, playing_copy: subprocess.Popen[str]
+    xvfb: str, installed: Path, plain_room: Path, picture: Path, tmp_path: Path, playing_copy: subprocess.Popen[str]
 ) -> None:
     """encode.frag without its textures compiles and links; the pass fails when the first picture is drawn."""
-    corrected = expected_picture(room, picture, tmp_path)
+    corrected = expected_picture(plain_room, picture, tmp_path)
     shader = installed / "player" / "shaders" / "encode.frag"
     wait_until(lambda: np.array_equal(screen(xvfb, BOX), corrected), "the picture", playing_copy)
     client = Client(installed / "show.socket")
