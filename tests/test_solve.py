@@ -19,7 +19,7 @@ from tests.rooms import blurred_transport, write_blurred_room
 from tests.test_relight import far_transport
 from tools import build_correction_map
 from tools.clusters.finite import NonFiniteError
-from tools.solve.box import TOLERANCE, certificate, relative_gap
+from tools.solve.box import MOST_STEPS, TOLERANCE, certificate, relative_gap
 from tools.solve.clusterwise import solve_clusters
 from tools.solve.compensate import CompensateOptions, CompensationTask
 from tools.solve.krylov import least_squares
@@ -64,6 +64,14 @@ def test_box_is_scipys_bounded_optimum(seed: int) -> None:
     found = solve("box", system)
     cost = 0.5 * system.squared_error(found.drive)
     assert cost - lsq_linear(T, b, (0, 1), method="bvls", tol=1e-12).cost <= in_reach(system)
+    assert relative_gap(system, found.drive) <= TOLERANCE
+
+
+def test_a_small_system_may_take_thousands_of_steps() -> None:
+    T, b = random_problem(np.random.default_rng(2317))  # 20 unknowns, 13 equations: nearly met, so the gap must be tiny
+    system = linear_system(T, b)
+    found = solve("box", system)
+    assert int(found.notes[0].split()[-2]) > MOST_STEPS
     assert relative_gap(system, found.drive) <= TOLERANCE
 
 

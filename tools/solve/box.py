@@ -21,7 +21,7 @@ from tools.solve.system import LinearSystem
 
 FloatArray = NDArray[np.float64]
 TOLERANCE = 1e-4
-MOST_STEPS = 2000
+MOST_STEPS, MOST_CHEAP_STEPS = 2000, 20_000
 CHECK_EVERY = 20
 OVER_RELAXATION = 0.9
 FINEST = 1e-6  # of ½‖b‖²: an error 60 dB below the target needs no finer certificate
@@ -51,11 +51,12 @@ def solve_box(systems: Sequence[LinearSystem]) -> list[Solution]:
 
 
 def projected_gradient(
-    systems: Sequence[LinearSystem], upper: float, tolerance: float = TOLERANCE, most_steps: int = MOST_STEPS
+    systems: Sequence[LinearSystem], upper: float, tolerance: float = TOLERANCE, most_steps: int | None = None
 ) -> list[Solution]:
     """The optima for 0 ≤ p ≤ upper to a relative gap; an infinite `upper` is certified up to twice the largest p.
 
-    systems : up to three colour channels, of one shape.
+    systems : up to three colour channels, of one shape.  most_steps : None for thousands, more of them where one takes
+    microseconds.
     """
     products, count = ChannelProducts(systems), len(systems)
     target = np.zeros((systems[0].shape[0], CHANNELS))
@@ -66,6 +67,8 @@ def projected_gradient(
     y, momentum, steps = p, np.ones(CHANNELS), 0
     projected, extrapolated = _PROJECTED[p.size >= LARGE], _EXTRAPOLATED[p.size >= LARGE]
     found = _certificates(products, target, p, upper, count)
+    if most_steps is None:
+        most_steps = MOST_STEPS if p.size >= LARGE else MOST_CHEAP_STEPS
     for _ in track(range(-(-most_steps // CHECK_EVERY)), f"projected gradient, {CHECK_EVERY} steps each"):
         if all(one.relative <= tolerance for one in found):
             break
