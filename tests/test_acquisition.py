@@ -129,6 +129,28 @@ def test_a_full_disk_stops_in_one_line_and_resumes(tmp_path: Path, rng: np.rando
     np.testing.assert_array_equal(dense(resumed.measured.transport), dense(whole.measured.transport))
 
 
+def test_repeated_shots_are_kept_one_by_one_and_resumed_bit_identical(
+    tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+) -> None:
+    room = small_room(tmp_path / "room", rng)
+    arguments = ["--camera", f"simulated:{room}", "--scheme", "graycode", "--shots", "3", "--name", "twin"]
+    printed = succeed("acquire-transport", *arguments, "-o", tmp_path / "undisturbed")
+    pictures, exposures = map(int, re.search(r"(\d+) pictures, (\d+) exposures", printed).groups())  # type: ignore[union-attr]
+    assert exposures == 3 * pictures
+    captures = tmp_path / "undisturbed.captures" / "captures"
+    assert len(list(captures.iterdir())) == exposures
+    shutil.copytree(tmp_path / "undisturbed.captures", tmp_path / "torn.captures")
+    for path in (tmp_path / "torn.captures" / "captures").iterdir():
+        if path.stem == "00005_2" or int(path.stem[:5]) > 5:  # killed before the last shot of capture 5 was written
+            path.unlink()
+    printed = succeed("acquire-transport", *arguments, "-o", tmp_path / "torn")
+    assert "5 of them from before" in printed
+    same_files(tmp_path / "torn", tmp_path / "undisturbed")
+    same_files(tmp_path / "torn.captures" / "captures", captures)
+    once = [word if word != "3" else "1" for word in arguments]
+    assert "captures of another acquisition (camera: " in refusal(capsys, *once, "--force", "-o", tmp_path / "torn")
+
+
 def test_captures_of_other_options_are_not_mixed(
     tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -283,6 +305,7 @@ def test_a_capture_of_the_wrong_moment_is_noticed(tmp_path: Path, rng: np.random
         (["--camera", "simulated:ROOM", "--threshold", "-1"], "--threshold"),
         (["--camera", "simulated:ROOM", "--bits", "17"], "--bits 17: expected 1 to 16"),
         (["--camera", "simulated:ROOM", "--exposures", "1,0"], "expected one or more numbers above 0"),
+        (["--camera", "simulated:ROOM", "--shots", "0"], "--shots: expected a number of shots from 1 to 256"),
         (["--camera", "simulated:ROOM", "--scheme", "multiplexed", "--tile", "99"], "--tile 99: expected 4 to 14"),
         (["--camera", "simulated:ROOM", "--exposures", "40"], "saturation: .* are at the top: expose less"),
         (

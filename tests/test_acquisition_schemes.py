@@ -10,8 +10,22 @@ from hypothesis import given, settings
 from scipy import sparse
 
 from player.response import Response
-from tests.acquired_rooms import PROJECTOR, QUIET, SEEDS, SHAPE, error, mirror, room_of, run, sharp_wall, with_far_light
-from tools.acquisition.cameras.simulated import SimulatedCamera
+from tests.acquired_rooms import (
+    NOISY,
+    PROJECTOR,
+    QUIET,
+    SEEDS,
+    SHAPE,
+    error,
+    mirror,
+    room_of,
+    run,
+    sharp_wall,
+    with_far_light,
+)
+from tools.acquisition.cameras.camera import Exposures, Shot
+from tools.acquisition.cameras.live import LiveCamera
+from tools.acquisition.cameras.simulated import MemoryScreen, Sensor, SimulatedCamera, SimulatedEye, SimulatedRoom
 from tools.acquisition.plan import measure_noise
 from tools.acquisition.schemes import blocks
 from tools.acquisition.schemes.baselines import FixedBlocksScheme, GrayCodeScheme, PixelByPixelScheme
@@ -192,6 +206,47 @@ def test_a_bracket_reaches_where_one_exposure_saturates() -> None:
     np.testing.assert_allclose(light[bright], truth[bright], rtol=0.02)
     assert not camera.exposures.saturated(shots).any()
     assert camera.exposures.saturated(shots[:1] * 2).any()
+
+
+def test_shots_of_a_capture_are_averaged_and_the_threshold_follows_their_noise(rng: np.random.Generator) -> None:
+    truth = sharp_wall(rng)
+    one, nine = (
+        run(room_of(truth), HierarchicalScheme(), replace(NOISY, exposures=(1.0,) * shots)) for shots in (1, 9)
+    )
+    assert nine.exposures == 9 * nine.pictures
+    for level in (0.0, 0.5):
+        sigmas = [done.room.noise.sigma(np.full((1, 3), level)) for done in (one, nine)]
+        # A third; 1404 samples, and their median in the dark is one of few code values.
+        np.testing.assert_allclose(sigmas[1], sigmas[0] / 3, rtol=0.2)
+    assert error(nine.measured.transport, truth) < 0.5 * error(one.measured.transport, truth)
+
+
+class CountingEye(SimulatedEye):
+    """Counts the frames that are let pass, and remembers how each capture was exposed."""
+
+    def __init__(self, room: SimulatedRoom, sensor: Sensor) -> None:
+        super().__init__(room, sensor, MemoryScreen(room.projector))
+        self.passed, self.exposed = 0, list[float]()
+
+    def expose(self, time: float) -> None:
+        super().expose(time)
+        self.exposed.append(time)
+
+    def frame(self) -> Shot:
+        self.passed -= 1  # it skips to the frame that it takes
+        return super().frame()
+
+    def skip(self) -> None:
+        super().skip()
+        self.passed += 1
+
+
+def test_shots_of_one_exposure_follow_each_other_without_a_wait(rng: np.random.Generator) -> None:
+    sensor = replace(NOISY, exposures=(1.0, 1.0, 1.0, 0.5, 0.5), lag=2)
+    eye = CountingEye(room_of(sharp_wall(rng)), sensor)
+    camera = LiveCamera(MemoryScreen(PROJECTOR), eye, Exposures(sensor.exposures), lag=2)
+    shots = camera.capture_codes(0, np.full((*PROJECTOR, 3), 255, np.uint8))
+    assert (len(shots), eye.exposed, eye.passed) == (5, [1.0, 0.5], 4)
 
 
 # Schemes against the truth.

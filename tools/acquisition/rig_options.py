@@ -22,6 +22,7 @@ from tools.acquisition.cameras.simulated import (
 )
 from tools.acquisition.room_options import named_response
 
+MOST_SHOTS = 256
 CAMERAS = "simulated:SCENE.toml, simulated:CALIBRATION, folder:DIR, v4l2:NUMBER or gphoto2"
 
 
@@ -38,6 +39,9 @@ def add_rig_options(parser: argparse.ArgumentParser) -> None:
         type=_times,
         metavar="T,T…",
         help="of a bracket, seconds (simulated: factors; default 1)",
+    )
+    parser.add_argument(
+        "--shots", type=_shots, default=1, metavar="N", help="of each exposure, averaged: noise falls by √N (default 1)"
     )
     parser.add_argument("--camera-response", default="linear", metavar="linear|srgb|GAMMA|FILE.toml")
     parser.add_argument("--no-preflight", action="store_true", help="do not check projector and camera first")
@@ -65,7 +69,7 @@ def open_rig(options: argparse.Namespace, projector: Response) -> Iterator[tuple
             yield _simulated(options, room, response, screen), Device(*room.projector, room.response)
         elif kind == "folder" and source:
             size = _needed_size(options)
-            exposures = Exposures(options.exposures or (1.0,), response)
+            exposures = Exposures(_bracket(options), response)
             yield FolderCamera(Path(source), exposures, options.wait), Device(*size, projector)
         elif kind in ("v4l2", "gphoto2") and bool(source) == (kind == "v4l2"):
             if not (options.monitor or options.window):
@@ -74,7 +78,7 @@ def open_rig(options: argparse.Namespace, projector: Response) -> Iterator[tuple
                 raise InputError(f"--camera {kind}: needs exposure times in seconds; add --exposures, such as 0.033")
             eye = _eye(kind, source, opened)
             shown = _screen(options, options.projector, opened)
-            camera = LiveCamera(shown, eye, Exposures(options.exposures, response))
+            camera = LiveCamera(shown, eye, Exposures(_bracket(options), response))
             yield camera, Device(*shown.shape, projector)
         else:
             raise InputError(f"--camera {options.camera}: expected {CAMERAS}")
@@ -90,7 +94,7 @@ def _simulated(
         options.bits,
         options.full_well,
         options.read_noise,
-        options.exposures or (1.0,),
+        _bracket(options),
         response,
         options.seed,
         options.lag,
@@ -119,6 +123,17 @@ def _needed_size(options: argparse.Namespace) -> tuple[int, int]:
         raise InputError("--camera folder: needs the projector's size; add --projector WIDTHxHEIGHT")
     size: tuple[int, int] = options.projector
     return size
+
+
+def _bracket(options: argparse.Namespace) -> tuple[float, ...]:
+    """The time of every shot of a capture."""
+    return tuple(time for time in options.exposures or (1.0,) for _ in range(options.shots))
+
+
+def _shots(text: str) -> int:
+    if not (text.isdecimal() and 1 <= int(text) <= MOST_SHOTS):
+        raise argparse.ArgumentTypeError(f"expected a number of shots from 1 to {MOST_SHOTS}, found {text!r}")
+    return int(text)
 
 
 def _times(text: str) -> tuple[float, ...]:

@@ -60,12 +60,15 @@ class Exposures:
         With photon noise the best estimate of radiance is all light over all time. A pixel saturated everywhere has the
         value of the shortest exposure.
         """
-        light = np.stack([self._linear(shot) for shot in shots])
-        times = np.array(self.times).reshape(-1, 1, 1, 1)
-        usable = np.asarray(light < self._top)
-        usable[int(np.argmin(self.times))] |= ~usable.any(axis=0)
-        collected = np.sum(light * usable, axis=0)
-        return np.asarray(collected / np.sum(times * usable, axis=0), np.float32)
+        collected, exposed = np.zeros(1), np.zeros(1)
+        for shot, time in zip(shots, self.times, strict=True):
+            light = self._linear(shot)
+            usable = np.asarray(light < self._top)
+            collected, exposed = collected + light * usable, exposed + time * usable
+        shortest = int(np.argmin(self.times))
+        saturated = self.one(shots[shortest], self.times[shortest])
+        radiance = np.divide(collected, exposed, out=saturated, where=exposed > 0)
+        return np.asarray(radiance, np.float32)
 
     def saturated(self, shots: Sequence[Shot]) -> NDArray[np.bool_]:
         """(height, width), the shortest exposure is at the top of the camera's range."""

@@ -73,13 +73,15 @@ class LiveCamera:
         return self.capture_codes(number, codes_of(pattern))
 
     def capture_codes(self, number: int, codes: Codes) -> tuple[Shot, ...]:
-        """Show any picture and take a bracket of it."""
+        """Show any picture and take a bracket of it; shots of one exposure follow each other without a wait."""
         self.screen.show(codes)
         self.eye.begin(number)
-        shots = []
+        shots, exposed = list[Shot](), 0.0
         for time in self._exposures.times:
-            self.eye.expose(time)
-            self.wait(self.lag)
+            if time != exposed:
+                self.eye.expose(time)
+                self.wait(self.lag)
+                exposed = time
             shots.append(self.eye.frame())
         return tuple(shots)
 
