@@ -39,7 +39,7 @@ from tests.acquired_rooms import (
 from tests.rooms import write_blurred_room
 from tests.test_player import succeed
 from tools import acquire_transport, build_correction_map
-from tools.acquisition.acquire import acquire
+from tools.acquisition.acquire import REPEATS, acquire
 from tools.acquisition.cameras.camera import Exposures, Shot
 from tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom, simulated_room
 from tools.acquisition.plan import Pattern, Reference, measure_noise
@@ -197,11 +197,11 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
 
 
 def prepared_folder(tmp_path: Path, rng: np.random.Generator) -> tuple[list[str], Path]:
-    """A folder whose first eight captures are there."""
+    """A folder whose captures of black and floodlight are there."""
     eye = SimulatedCamera(room_of(sharp_wall(rng)), Sensor())
     captures = tmp_path / "x" / "captures"
     captures.mkdir(parents=True)
-    for number in range(8):
+    for number in range(2 * REPEATS):
         (shot,) = eye.capture(number, np.full(PROJECTOR, number % 2 == 1))
         cv2.imwrite(str(captures / f"{number:05}.png"), shot[..., ::-1])
     arguments = ["--camera", f"folder:{tmp_path / 'x'}", "--projector", "30x21", "-o", str(tmp_path / "out")]
@@ -230,15 +230,15 @@ def filled(value: int, *numbers: int) -> Any:
     [
         (lambda captures: (captures / "00001.png").unlink(), r"waiting for 1 captures, 00001\.png; show the patterns"),
         (
-            lambda captures: shutil.copy(captures / "00001.png", captures / "00008.png"),
-            "00008.png: belongs to no pattern",
+            lambda captures: shutil.copy(captures / "00001.png", captures / "00032.png"),
+            "00032.png: belongs to no pattern",
         ),
         (lambda captures: shutil.copy(captures / "00001.png", captures / "img.jpg"), "img.jpg: belongs to no pattern"),
         (lambda captures: shutil.copy(captures / "00001.png", captures / "00001.jpg"), "the same capture as 00001"),
         (other_size, r"00002\.png: 18x26, the captures before are 26x18"),
         (cut_off, r"00003\.png: .* ends after"),
-        (filled(65535, 1, 3, 5, 7), "saturates 100 % of the camera's pixels"),
-        (filled(0, *range(8)), "from black to floodlight 0 of 468 camera pixels rise"),
+        (filled(65535, *range(1, 2 * REPEATS, 2)), "saturates 100 % of the camera's pixels"),
+        (filled(0, *range(2 * REPEATS)), "from black to floodlight 0 of 468 camera pixels rise"),
     ],
 )
 def test_bad_captures_are_refused(
@@ -284,7 +284,8 @@ def test_a_moved_camera_is_noticed(tmp_path: Path, rng: np.random.Generator) -> 
 def test_a_capture_of_the_wrong_moment_is_noticed(tmp_path: Path, rng: np.random.Generator) -> None:
     room = room_of(sharp_wall(rng))
     for scheme in (HierarchicalScheme(), MultiplexedScheme()):
-        for number in (8, 22) if isinstance(scheme, HierarchicalScheme) else (20,):
+        for number in (0, 14) if isinstance(scheme, HierarchicalScheme) else (12, 17):
+            number += 2 * REPEATS
             black = Spoilt(room, number, np.zeros_like, number + 1)
             with pytest.raises(InputError, match=r"do not add up to the floodlit room in .* is black"):
                 run(room, scheme, camera=black)

@@ -23,15 +23,17 @@ from tests.acquired_rooms import (
     sharp_wall,
     with_far_light,
 )
+from tools.acquisition.acquire import REPEATS
 from tools.acquisition.cameras.camera import Exposures, Shot
 from tools.acquisition.cameras.live import LiveCamera
 from tools.acquisition.cameras.simulated import MemoryScreen, Sensor, SimulatedCamera, SimulatedEye, SimulatedRoom
 from tools.acquisition.plan import measure_noise
 from tools.acquisition.schemes import blocks
+from tools.acquisition.schemes.agreement import Reading, agree, keep_measurable
 from tools.acquisition.schemes.baselines import FixedBlocksScheme, GrayCodeScheme, PixelByPixelScheme
 from tools.acquisition.schemes.blocks import NO_CHILD, BlockGrid, BlockLight, as_transport, grids, sum_by_camera
 from tools.acquisition.schemes.codes import code_length, s_inverse, s_matrix
-from tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold, keep_measurable
+from tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from tools.acquisition.schemes.schedule import colour_graph, conflict_graph
 from tools.acquisition.schemes.stripes import locate, stripes
@@ -99,8 +101,33 @@ def test_energy_is_kept_once(seed: int) -> None:
     block = rng.integers(0, grid.count, 40)
     quarters = rng.uniform(size=(40, 4, 3)) * (grid.children[block] != NO_CHILD)[..., None]
     parents = BlockLight(grid, np.arange(40), block, quarters.sum(axis=1))
-    measured, rest = keep_measurable(parents, quarters, rng.random((40, 4)) < 0.5, np.zeros(3))
+    lit = (rng.random((40, 4)) < 0.5) & (grid.children[block] != NO_CHILD)
+    measured, rest = keep_measurable(parents, quarters, lit, np.ones(40, bool))
     np.testing.assert_allclose(sum_by_camera([measured, *rest], 40), parents.light, rtol=1e-12)  # float64, four terms
+
+
+def test_blocks_and_their_quarters_agree_as_least_squares_would_have_them(rng: np.random.Generator) -> None:
+    """Against the normal equations of all 21 measurements that a tree of 4×4 pixels has."""
+    levels = grids((4, 4))
+    blocks_of = [np.eye(grid.count)[grid.labels.ravel()].T for grid in levels]
+    design = np.concatenate(blocks_of)
+    true = rng.uniform(1, 2, (16, 3))
+    variance = rng.uniform(0.5, 2, (21, 3)) * 1e-4
+    seen = (design @ true + rng.normal(size=(21, 3)) * np.sqrt(variance)).astype(np.float32)
+    variance = variance.astype(np.float32)
+    weighed = zip(np.sqrt(variance.astype(float)).T, seen.T.astype(float), strict=True)
+    expected = np.stack([np.linalg.lstsq(design / s[:, None], y / s, rcond=None)[0] for s, y in weighed], axis=1)
+    readings = []
+    for coarse, of in ((levels[0], slice(1, 5)), (levels[1], slice(5, 21))):
+        lit = np.ones((coarse.count, 4), bool)
+        readings.append(Reading(seen[of][coarse.children], variance[of][coarse.children], lit, lit[:, 0]))
+    root = BlockLight(levels[0], np.zeros(1, int), np.zeros(1, int), seen[:1].astype(float))
+    parts = agree(root, variance[:1].astype(float), readings)
+    finest = parts[-1]
+    found = np.zeros((16, 3))
+    found[finest.block] = finest.light
+    np.testing.assert_allclose(found, expected, rtol=1e-9)  # float64 after float32 measurements that both share
+    np.testing.assert_allclose(sum(part.light.sum(axis=0) for part in parts), expected.sum(axis=0), rtol=1e-9)
 
 
 def test_light_of_blocks_acts_as_it_was_measured(rng: np.random.Generator) -> None:
@@ -286,7 +313,7 @@ def test_each_scheme_with_noise(rng: np.random.Generator, far: float) -> None:
     assert errors[1] < 0.05
     assert errors[2] < (0.05 if not far else 0.4)  # its far light is below the noise
     assert min(errors[3:]) > max(errors[:2])
-    assert pictures[2:4] == [10 + SHAPE[1], 10 + 12 + 64]
+    assert pictures[2:4] == [2 * REPEATS + SHAPE[1] + 2, 2 * REPEATS + 12 + 64 + 2]
     assert pictures[1] < pictures[0]
     for each in done[:2]:
         assert each.check_error < 3 * each.check_noise + 0.01

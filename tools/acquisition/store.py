@@ -18,7 +18,7 @@ from tools.acquisition.cameras.camera import Exposures, Shot
 from tools.acquisition.picture_files import read_picture
 
 SESSION = "session.toml"
-FORMAT = 1
+FORMAT = 2  # 1: black and floodlight four times each
 
 
 class CaptureStore:

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from player.errors import InputError
 from tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Pattern, Reference, Scheme
+from tools.acquisition.schemes.agreement import Reading, agree, keep_measurable
 from tools.acquisition.schemes.blocks import (
     NO_CHILD,
     BlockGrid,
     BlockLight,
     KnownLight,
     as_transport,
-    fit_to_floodlight,
     grids,
 )
 from tools.acquisition.schemes.schedule import colour_graph, conflict_graph
@@ -83,43 +83,49 @@ class HierarchicalScheme:
     def __call__(self, room: Reference, projector: tuple[int, int]) -> Scheme:
         levels = grids(projector)
         known = KnownLight(len(room.light))
-        active = floodlit_block(room, levels[0], self.threshold)
-        notes = []
+        root = active = floodlit_block(room, levels[0], self.threshold)
+        notes, readings = [], []
         for depth, grid in enumerate(levels[1:], 1):
             schedule = schedule_quarters(active)
             name = f"blocks of {grid.side} px"
             patterns = LazyPatterns(len(schedule.colour), schedule.paint)
             captures = yield Level(name, patterns, len(levels) - 1 - depth, cover=1)
-            active, settled = self._measure(room, active, schedule, captures, known)
+            reading = self._read(room, active, schedule, captures, known)
+            active, settled = keep_measurable(active, np.maximum(reading.light, 0), reading.lit, reading.rest)
             for part in settled:
                 known.add(part)
+            readings.append(reading)
             notes.append(f"{name}: {len(patterns)} pictures, {active.camera.size} connections measured")
-        known.add(active)
-        parts = fit_to_floodlight(known.parts, room.light)
+        variance = (room.noise.sigma(root.light) ** 2 + room.noise.dark**2) / room.repeats
+        parts = agree(root, variance, readings)
         return Measured(as_transport(parts, len(room.light)), tuple(notes))
 
-    def _measure(
+    def _read(
         self, room: Reference, parents: BlockLight, schedule: Quarters, captures: Captures, known: KnownLight
-    ) -> tuple[BlockLight, list[BlockLight]]:
-        """Read the quarters' light off the captures: what is measured, and what stays with coarser blocks."""
+    ) -> Reading:
+        """Read the quarters' light off the captures, and what of it is measurable."""
         colour_of = np.zeros(parents.grid.count, np.int64)
         for colour, blocks in enumerate(schedule.blocks):
             colour_of[blocks] = colour
         order = np.argsort(colour_of[parents.block], kind="stable")
         ends = np.searchsorted(colour_of[parents.block][order], np.arange(len(schedule.blocks) + 1))
-        quarters = np.zeros((parents.camera.size, QUARTERS, 3))
+        exists = parents.grid.children[parents.block] != NO_CHILD
+        quarters = np.zeros((parents.camera.size, QUARTERS, 3), np.float32)
+        variance = np.zeros((parents.camera.size, QUARTERS, 3), np.float32)
         lit = np.zeros((parents.camera.size, QUARTERS), np.bool_)
         for index, (colour, quarter) in enumerate(zip(schedule.colour, schedule.quarter, strict=True)):
             entries = order[ends[colour] : ends[colour + 1]]
+            entries = entries[exists[entries, quarter]]
+            camera = parents.camera[entries]
             background = known.seen(schedule.paint(index))
-            light = room.above_black(captures[index]) - background
-            quarters[entries, quarter] = light[parents.camera[entries]]
-            tau = self.threshold.of(room, background[parents.camera[entries]])
-            lit[entries, quarter] = np.any(quarters[entries, quarter] >= tau, axis=1)
-        tau = np.sqrt(2) * self.threshold.of(
-            room, parents.light
-        )  # a parent and the sum of its quarters both have noise
-        return keep_measurable(parents, np.maximum(quarters, 0), lit, tau)
+            light = (room.above_black(captures[index]) - background)[camera]
+            quarters[entries, quarter] = light
+            variance[entries, quarter] = room.noise.sigma(np.maximum(light, 0) + background[camera]) ** 2
+            lit[entries, quarter] = np.any(light >= self.threshold.of(room, background[camera]), axis=1)
+        # A parent and the sum of its quarters both have noise.
+        tau = np.sqrt(2) * self.threshold.of(room, parents.light)
+        rest = parents.light - np.sum(np.maximum(quarters, 0) * lit[..., None], axis=1)
+        return Reading(quarters, variance, lit, np.any(rest >= tau, axis=1))
 
 
 def floodlit_block(room: Reference, grid: BlockGrid, threshold: Threshold) -> BlockLight:
@@ -137,29 +143,3 @@ def schedule_quarters(parents: BlockLight) -> Quarters:
     shown = np.array([exists[members].any(axis=0) for members in blocks]).reshape(-1, QUARTERS)
     colour, quarter = np.nonzero(shown)
     return Quarters(parents.grid, blocks, colour, quarter)
-
-
-def keep_measurable(
-    parents: BlockLight, quarters: FloatArray, lit: NDArray[np.bool_], tau: FloatArray
-) -> tuple[BlockLight, list[BlockLight]]:
-    """Energy is kept once, at the last level at which it was measurable.
-
-    quarters : (entries, 4, 3) ≥ 0, light of each parent's quarters.  lit : (entries, 4), at least τ.
-    tau : of the rest, (entries, 3) or (3,).
-    Returns the lit quarters, and the rest: of a parent without lit quarters its own light; otherwise what its lit
-    quarters leave of it, if that is measurable, shared by its other quarters according to their size.
-    """
-    finer = BlockGrid(parents.grid.projector, parents.grid.side // 2)
-    children = parents.grid.children[parents.block]
-    lit = lit & (children != NO_CHILD)
-    whole = parents.select(np.asarray(~lit.any(axis=1)))
-    entry, quarter = np.nonzero(lit)
-    measured = BlockLight(finer, parents.camera[entry], children[entry, quarter], quarters[entry, quarter])
-    rest = np.maximum(parents.light - np.sum(quarters * lit[..., None], axis=1), 0)
-    left_over = lit.any(axis=1) & np.any(rest >= tau, axis=1)
-    dim = ~lit & (children != NO_CHILD) & left_over[:, None]
-    area = np.where(dim, finer.area[children], 0)
-    share = area / np.maximum(area.sum(axis=1, keepdims=True), 1)
-    entry, quarter = np.nonzero(dim)
-    light = rest[entry] * share[entry, quarter][:, None]
-    return measured, [whole, BlockLight(finer, parents.camera[entry], children[entry, quarter], light)]

@@ -166,7 +166,8 @@ def far_grid(projector: tuple[int, int]) -> BlockGrid:
 def choose_tile(
     shown: list[Stripe], shares: list[FloatArray], place: FloatArray, room: Reference, projector: tuple[int, int]
 ) -> int:
-    """The window that holds 19 of 20 neighbourhoods' spots, from how much of the finest stripes' contrast they lose.
+    """The window that holds 19 of 20 neighbourhoods' spots, wherever they lie between pixels, from the contrast that
+    the finest stripes lose.
 
     In the middle of a stripe of width s, a Gaussian spot of standard deviation σ has a contrast of 1 − 4 Φ(−s / 2σ).
     Far light lowers the contrast of wide and narrow stripes alike, so that it is their ratio that counts.
@@ -187,7 +188,8 @@ def choose_tile(
         sigma = np.where(lost < 0.7, -w / 2 / ndtri(lost / 4), sigma)
     if not seen.any():
         return LEAST_TILE
-    return int(np.clip(np.ceil(2 * REACH_SIGMAS * np.quantile(sigma[seen], MOST_BLURRED)), LEAST_TILE, MOST_TILE))
+    spot = 2 * REACH_SIGMAS * np.quantile(sigma[seen], MOST_BLURRED)
+    return int(np.clip(np.ceil(spot + 1), LEAST_TILE, MOST_TILE))  # windows begin at whole pixels
 
 
 def _lit_share(room: Reference, captures: Captures, index: int) -> FloatArray:

@@ -1,0 +1,105 @@
+"""Light that was measured at several levels, made to agree: the best estimate that all captures give together.
+
+A block's light is measured twice, in its own capture and as the sum of its quarters, which hold as much light and so
+as many photons. On a tree of such measurements the least-squares estimate takes two passes (Chou, Willsky and
+Benveniste 1994, Multiscale recursive estimation): upwards each block's two values are averaged, weighted by their
+variance; downwards what a block ends with above the sum of its quarters is shared among them by their variance.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.acquisition.schemes.blocks import NO_CHILD, BlockGrid, BlockLight
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+TINY = np.finfo(float).tiny
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a level measured of its parents' quarters.
+
+    light : (entries, 4, 3), radiance as it came, also below 0; 0 where the projector has no such quarter.
+    variance : likewise.  lit : (entries, 4), measurable.  rest : (entries,), what the lit quarters leave is measurable.
+    """
+
+    light: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    lit: BoolArray
+    rest: BoolArray
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value and its variance, of one shape, (…, 3)."""
+
+    light: FloatArray
+    variance: FloatArray
+
+    def averaged(self, other: "Estimate") -> "Estimate":
+        """With an independent estimate of the same, each weighted by the inverse of its variance."""
+        total = np.maximum(self.variance + other.variance, TINY)
+        light = (self.light * other.variance + other.light * self.variance) / total
+        return Estimate(light, self.variance * other.variance / total)
+
+    def summed(self) -> "Estimate":
+        """Over a parent's quarters."""
+        return Estimate(self.light.sum(axis=1), self.variance.sum(axis=1))
+
+
+def agree(root: BlockLight, variance: FloatArray, readings: Sequence[Reading]) -> list[BlockLight]:
+    """The estimate of all light, kept where `keep_measurable` keeps it.
+
+    root : blocks of level 0 as measured; the lit quarters of each level, in order, are the parents of the next.
+    variance : of root, (entries, 3).
+    """
+    if not readings:
+        return [root]
+    quarters: list[Estimate] = []
+    for reading in reversed(readings):
+        each = Estimate(reading.light.astype(np.float64), reading.variance.astype(np.float64))
+        if quarters:
+            lit = reading.lit
+            better = Estimate(each.light[lit], each.variance[lit]).averaged(quarters[-1].summed())
+            each.light[lit], each.variance[lit] = better.light, better.variance
+        quarters.append(each)
+    light = Estimate(root.light, variance).averaged(quarters[-1].summed()).light
+    parents = BlockLight(root.grid, root.camera, root.block, np.maximum(light, 0))
+    parts: list[BlockLight] = []
+    for reading, each in zip(readings, reversed(quarters), strict=True):
+        shared = (reading.lit | reading.rest[:, None])[..., None]
+        weight = each.variance * shared
+        weight /= np.maximum(weight.sum(axis=1, keepdims=True), TINY)
+        missing = parents.light - np.sum(each.light * shared, axis=1)
+        light = np.maximum(each.light + weight * missing[:, None], 0)
+        parents, settled = keep_measurable(parents, light, reading.lit, reading.rest)
+        parts += settled
+    return [*parts, parents]
+
+
+def keep_measurable(
+    parents: BlockLight, quarters: FloatArray, lit: BoolArray, rest: BoolArray
+) -> tuple[BlockLight, list[BlockLight]]:
+    """Energy is kept once, at the last level at which it was measurable.
+
+    quarters : (entries, 4, 3) ≥ 0, light of each parent's quarters.  lit : (entries, 4), measurable, existing.
+    rest : (entries,), what the lit quarters leave is measurable.
+    Returns the lit quarters, and the rest: of a parent without lit quarters its own light; otherwise what its lit
+    quarters leave of it, shared by its other quarters according to their size.
+    """
+    finer = BlockGrid(parents.grid.projector, parents.grid.side // 2)
+    children = parents.grid.children[parents.block]
+    whole = parents.select(np.asarray(~lit.any(axis=1)))
+    entry, quarter = np.nonzero(lit)
+    measured = BlockLight(finer, parents.camera[entry], children[entry, quarter], quarters[entry, quarter])
+    left = np.maximum(parents.light - np.sum(quarters * lit[..., None], axis=1), 0)
+    dim = ~lit & (children != NO_CHILD) & (lit.any(axis=1) & rest)[:, None]
+    area = np.where(dim, finer.area[children], 0)
+    share = area / np.maximum(area.sum(axis=1, keepdims=True), 1)
+    entry, quarter = np.nonzero(dim)
+    light = left[entry] * share[entry, quarter][:, None]
+    return measured, [whole, BlockLight(finer, parents.camera[entry], children[entry, quarter], light)]
