@@ -23,6 +23,7 @@ from tests.acquired_rooms import (
     sharp_wall,
     with_far_light,
 )
+from tests.study_acquisition import relative_error
 from tools.acquisition.acquire import REPEATS
 from tools.acquisition.cameras.camera import Exposures, Shot
 from tools.acquisition.cameras.live import LiveCamera
@@ -203,6 +204,13 @@ def test_stripes_find_every_pixel() -> None:
     lit = [stripe.paint().ravel().astype(float) for stripe in shown]
     row, column = np.mgrid[: PROJECTOR[0], : PROJECTOR[1]] + 0.5
     np.testing.assert_array_equal(locate(shown, lit, PROJECTOR), np.stack([row.ravel(), column.ravel()], 1))
+
+
+def test_the_error_of_t_is_that_of_dense_matrices(rng: np.random.Generator) -> None:
+    near = sharp_wall(rng)
+    truth, found = with_far_light(near, 0.3), run(room_of(with_far_light(near, 0.3)), HierarchicalScheme())
+    for one in (found.measured.transport, near):
+        np.testing.assert_allclose(relative_error(one, truth), error(one, truth), rtol=1e-9)  # float64, 1e5 terms
 
 
 # Cameras.
