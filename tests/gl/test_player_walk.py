@@ -214,7 +214,8 @@ def test_every_documented_command_and_property(xvfb: str, room: Path, folder: Pa
 
 
 def answers(display: str, folder: Path, room: Path) -> list[dict[str, Any]]:
-    with walking(display, folder, "run", folder / "calls.json", room, "clip.mkv", "clip.mkv", "--loop") as process:
+    options = "--loop", "--refine", "4"
+    with walking(display, folder, "run", folder / "calls.json", room, "clip.mkv", "clip.mkv", *options) as process:
         out, _ = process.communicate(timeout=3 * PATIENCE_S)
     assert process.returncode == 0
     return [json.loads(line) for line in out.splitlines() if line.startswith("{")]
