@@ -13,7 +13,6 @@ from tests import bench_acquisition, bench_frames, bench_hdr, bench_maps, bench_
 
 ROWS: dict[str, Callable[[], Iterable[object]]] = {
     "shader": bench_frames.shader,
-    "scaling": bench_frames.scaling,
     "refined": bench_frames.refined,
     "frames": bench_frames.frames,
     "show": bench_show.show,

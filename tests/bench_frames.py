@@ -35,7 +35,6 @@ CLIP = Path(__file__).resolve().parents[1] / "calib_data" / "media" / "big_buck_
 PROJECTOR, CAMERA = (384, 512), (480, 640)
 FULL_HD = (1080, 1920)
 REFINED_ENTRIES, STEPS = 25, 8
-SCALES, SIDES = (1, 2, 3, 4), (2, 4, 6, 8)  # halves of the room's sides; sides of a row's square of entries
 FRAME_TIMEOUT_S = 60.0
 SOFTWARE = ("llvmpipe", "softpipe", "swrast")
 COPY_BYTES = 1 << 28
@@ -84,22 +83,6 @@ def refined() -> Iterator[str]:
             yield "1920x1080: left out, no GPU here (OpenGL runs on the CPU)"
         else:
             yield refined_line(context, FULL_HD, FULL_HD, rng)
-
-
-def scaling() -> Iterator[str]:
-    """The fragment path at four sizes and four row lengths: milliseconds, and nanoseconds an entry."""
-    rng = np.random.default_rng(1)
-    with headless_context() as context:
-        yield context.info["GL_RENDERER"]
-        for scale in SCALES:
-            output, source = ((scale * size[0] // 2, scale * size[1] // 2) for size in (PROJECTOR, CAMERA))
-            picture = rng.uniform(size=(*source, 3)).astype(np.float32)
-            cells = []
-            for side in SIDES:
-                packed = local_map(output, source, side, rng)
-                milliseconds = product_ms(context, MapTextures(context, packed), picture)
-                cells.append(f"{side**2:3} entries {milliseconds:7.2f} ms {1e6 * milliseconds / packed.count:5.2f} ns")
-            yield f"  {output[1]:4}x{output[0]:<4} " + ",  ".join(cells)
 
 
 def frames() -> Iterator[str]:
