@@ -67,7 +67,7 @@ def check_windows(T: Csr, projector_pixels: int) -> None:
     """
     window = min((BLOCKS[0] + 2 * HALOS[-1]) ** 2, projector_pixels)
     needed = NORMAL_BYTES * normal_entries(T) + (os.cpu_count() or 1) * 2 * 8 * window**2
-    remedy = "use --max-cluster to cut the transport apart, or thin it out (drop its smallest entries)"
+    remedy = "use --preset fast, or --max-cluster, to cut the transport apart"
     check(needed, "inverting large clusters through windows", remedy)
 
 
