@@ -9,6 +9,7 @@ import signal
 from collections.abc import Iterator
 from pathlib import Path
 
+import av
 import moderngl
 import numpy as np
 import pytest
@@ -22,6 +23,10 @@ from tests.media import ring_folders
 from tests.programs import descendants
 
 ROOT = Path(__file__).resolve().parents[1]
+
+# PyAV's log, written in Python, is called by the threads of codecs, which can crash or lock up whoever encodes.
+av.logging.restore_default_callback()
+av.logging.set_libav_level(av.logging.ERROR)
 
 # Run in the background of a script, pytest and all that it starts would ignore Ctrl-C, which tests send.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
