@@ -6,20 +6,18 @@ would have to follow the picture's clock, and do: late ones are left out, early 
 
 import contextlib
 import json
-import os
 import subprocess
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from player.decoding.audio_decoder import CHANNELS, HEADER, NO_SOUND, RATE, Samples
+from player.decoding.decoder_link import start_child
 
 AHEAD = RATE  # samples that are kept ready: a second
 MISSING = "no sound: the package sounddevice is missing; install it with: pip install sounddevice"
@@ -72,7 +70,7 @@ class Track:
         self._plan: tuple[float, float] | None = None  # (clock, medium): what is to be heard when; None: silence
         self._heard: tuple[float, float] | None = None  # the same, of samples that really are
         self._heard_until_s = 0.0
-        self._child = _start_child(medium)
+        self._child = start_child("player.decoding.audio_decoder", medium, subprocess.DEVNULL)
         self._closed = False
         threading.Thread(target=self._listen, name="audio", daemon=True).start()
         self.seek(0.0, 1.0)
@@ -224,16 +222,3 @@ def open_audio(volume: float, *, mute: bool) -> tuple[AudioOutput | None, str | 
         return None, MISSING
     except Exception as error:  # PortAudio's; also OSError where its library is missing
         return None, f"no sound: {' '.join(str(error).split())}; pictures follow the system clock"
-
-
-def _start_child(medium: str) -> subprocess.Popen[bytes]:
-    package_folder = str(Path(__file__).resolve().parents[1])
-    search = os.pathsep.join(filter(None, [package_folder, os.environ.get("PYTHONPATH")]))
-    return subprocess.Popen(
-        [sys.executable, "-P", "-m", "player.decoding.audio_decoder", medium],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        env=os.environ | {"PYTHONPATH": search, "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "4"},
-        process_group=0 if os.name == "posix" else None,
-    )

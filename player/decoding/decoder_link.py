@@ -39,7 +39,7 @@ class DecoderLink:
         self._cause: str | None = None
         self.busy_s = 0.0
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the process)
-        self.process = _start_decoder(arguments, self._errors)
+        self.process = start_child("player.decoding.decoder", json.dumps(arguments), self._errors)
         self._looked = time.monotonic()
         self._heard: float | None = None
         self._listener = threading.Thread(target=self._listen, name=f"decoder {number}", daemon=True)
@@ -130,14 +130,14 @@ class DecoderLink:
         return f"decoder stopped ({': '.join([how, *last_words])})"
 
 
-def _start_decoder(arguments: dict[str, Any], errors: IO[bytes]) -> subprocess.Popen[bytes]:
-    """Run decoder.py with this interpreter, in a process group of its own: Ctrl-C is for the parent to handle."""
+def start_child(module: str, argument: str, errors: IO[bytes] | int) -> subprocess.Popen[bytes]:
+    """Run a module with this interpreter, in a process group of its own: Ctrl-C is for the parent to handle."""
     package_folder = str(Path(__file__).resolve().parents[2])
     search = os.pathsep.join(filter(None, [package_folder, os.environ.get("PYTHONPATH")]))
     # One BLAS thread and few arenas: each would reserve address space, which the decoder limits for itself.
     environment = os.environ | {"PYTHONPATH": search, "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "4"}
     return subprocess.Popen(
-        [sys.executable, "-P", "-m", "player.decoding.decoder", json.dumps(arguments)],
+        [sys.executable, "-P", "-m", module, argument],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=errors,
