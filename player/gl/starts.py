@@ -70,8 +70,8 @@ class PreviousStart:
 
     def advance(self, *, cut: bool) -> None:
         self._before, self._now = self._now, self._before
-        self._now.clear()
-        if cut:
+        self._now.steps = 0
+        if cut or not self._before.steps:
             self._before.clear()
 
     def run(self, b: moderngl.Texture) -> Iterate:
