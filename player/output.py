@@ -16,6 +16,7 @@ from av.video.reformatter import ColorRange, Colorspace
 from numpy.typing import NDArray
 
 from player import exr
+from player.decoding.ffmpeg_log import log_natively
 from player.errors import InputError
 from player.files import flush, refusals_named, replacing_file
 from player.renderer import Renderer
@@ -23,10 +24,9 @@ from player.renderer import Renderer
 PICTURES, VIDEOS = (".png", ".exr"), (".mp4", ".mov", ".mkv", ".webm")
 NUMBER = re.compile(r"%0?\d*d")
 CLOCK = Fraction(1, 90_000)  # ticks of a written video: each frame keeps the time that it had
-# PyAV's log callback takes the GIL and can deadlock with a codec's threads; FFmpeg's own needs none.
-av.logging.restore_default_callback()
-av.logging.set_libav_level(av.logging.ERROR)
 BT709 = 1  # FFmpeg's number for the primaries, the transfer and the matrix of ITU-R BT.709
+
+log_natively(av.logging.ERROR)
 
 
 class Output(Protocol):

@@ -16,6 +16,7 @@ import pytest
 import scipy.linalg  # noqa: F401 (its BLAS, beside numpy's, is there to be limited)
 from threadpoolctl import threadpool_limits
 
+from player.decoding.ffmpeg_log import log_natively
 from player.gl.context import headless_context
 from tests import screens
 from tests.gl_objects import live_objects
@@ -24,9 +25,7 @@ from tests.programs import descendants
 
 ROOT = Path(__file__).resolve().parents[1]
 
-# PyAV's log, written in Python, is called by the threads of codecs, which can crash or lock up whoever encodes.
-av.logging.restore_default_callback()
-av.logging.set_libav_level(av.logging.ERROR)
+log_natively(av.logging.ERROR)  # tests encode in their own process
 
 # Run in the background of a script, pytest and all that it starts would ignore Ctrl-C, which tests send.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

@@ -19,7 +19,8 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
-from player.decoding.decoder import limit_memory, private_stdout, quiet_ffmpeg
+from player.decoding.decoder import limit_memory, private_stdout
+from player.decoding.ffmpeg_log import log_natively
 
 RATE, CHANNELS = 48_000, 2
 HEADER = struct.Struct("<qI")
@@ -152,7 +153,7 @@ def main(path: str, orders: Orders, out: IO[bytes]) -> None:
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     limit_memory()
-    quiet_ffmpeg()
+    log_natively(av.logging.PANIC)
     try:
         main(sys.argv[1], Orders(sys.stdin.buffer), private_stdout())
     finally:

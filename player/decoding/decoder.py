@@ -22,6 +22,7 @@ from typing import IO, Any
 
 import av
 
+from player.decoding.ffmpeg_log import log_natively
 from player.decoding.media import open_source
 from player.decoding.pixels import store
 from player.decoding.source import Source
@@ -233,17 +234,10 @@ def limit_memory() -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
 
 
-def quiet_ffmpeg() -> None:
-    # PyAV's own log callback takes the GIL: a codec thread that logs while the main thread frees the codec hung the
-    # process in half of the runs on a damaged H.264 file. FFmpeg's callback needs no GIL.
-    av.logging.restore_default_callback()
-    av.logging.set_libav_level(av.logging.PANIC)
-
-
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     limit_memory()
-    quiet_ffmpeg()
+    log_natively(av.logging.PANIC)
     try:
         main(json.loads(sys.argv[1]))
     except BrokenPipeError:  # the parent has gone
