@@ -36,8 +36,8 @@ from tests.acquired_rooms import (
     run_on_disk,
     sharp_wall,
 )
+from tests.programs import succeed
 from tests.rooms import write_blurred_room
-from tests.test_player import succeed
 from tools import acquire_transport, build_correction_map
 from tools.acquisition.acquire import REPEATS, acquire
 from tools.acquisition.cameras.camera import Exposures, Shot
