@@ -1,13 +1,24 @@
-"""Rooms that several tests of windows play in, built once."""
+"""Rooms that several tests of windows play in, and what is played in them."""
 
 from pathlib import Path
 
+import av
+import cv2
 import numpy as np
 import pytest
 
 from tests.joint_rooms import join, write_halves
 from tests.programs import succeed
 from tests.rooms import write_blurred_room
+
+
+@pytest.fixture(scope="module")
+def small_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Projector 36x28, camera 40x30; each module has its own, as a placement is saved in it."""
+    folder = tmp_path_factory.mktemp("small") / "wall"
+    write_blurred_room(folder, np.random.default_rng(7), (30, 40), (28, 36))
+    succeed("build-correction-map", folder, "--regularize", "0.1")
+    return folder
 
 
 @pytest.fixture(scope="session")
@@ -26,3 +37,24 @@ def joint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     room = join(write_halves(folder), folder / "joint")
     succeed("build-correction-map", room, "--regularize", "0.1")
     return room
+
+
+@pytest.fixture
+def noise_picture(tmp_path: Path, rng: np.random.Generator) -> Path:
+    """Of the size of plain_room's projector."""
+    path = tmp_path / "picture.png"
+    cv2.imwrite(str(path), rng.integers(0, 255, (75, 100, 3), np.uint8))
+    return path
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Where the player runs: a small clip of five seconds."""
+    with av.open(str(tmp_path / "clip.mkv"), "w") as container:
+        stream = container.add_stream("mpeg4", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for index in range(125):
+            picture = np.full((48, 64, 3), index, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode(None))
+    return tmp_path

@@ -1,63 +1,22 @@
 """--control of a player that plays in a window: what docs/player.md lists, by the socket, and random lines."""
 
 import json
-import re
 from pathlib import Path
 
-import av
 import numpy as np
-import pytest
 
-from tests.programs import PATIENCE_S, ROOT, succeed, wait_until
+from tests.player_page import ARGUMENTS, table
+from tests.programs import PATIENCE_S, wait_until
 from tests.remote import show
-from tests.rooms import write_blurred_room
 
-PAGE = (ROOT / "docs" / "player.md").read_text()
-ARGUMENTS: dict[str, list[object]] = {
-    "seek": [1],
-    "loadfile": ["clip.mkv", "append"],
-    "show-text": ["hello", 200],
-    "place-move": [0.1, 0],
-    "place-scale": [0.9],
-    "set": ["view", "camera"],
-    "cycle": ["osd"],
-    "add": ["contrast", 2],
-    "multiply": ["refine", 2],
-}
 WITHOUT_SOUND = {"volume", "mute"}
 RANDOM_LINES, OUTSTANDING = 10_000, 100
 
 
-def listed(heading: str) -> dict[str, str]:
-    """Names in the first column of the table below a heading, and what the second says."""
-    section = PAGE.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
-    return dict(re.findall(r"^\| `([^`]+)` \| (.*?) (?<!\\)\|", section, re.MULTILINE))
-
-
-@pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("control") / "wall"
-    write_blurred_room(folder, np.random.default_rng(7), (30, 40), (28, 36))
-    succeed("build-correction-map", folder, "--regularize", "0.1")
-    return folder
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """Where the player runs: a small clip of five seconds."""
-    with av.open(str(tmp_path / "clip.mkv"), "w") as container:
-        stream = container.add_stream("mpeg4", rate=25)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-        for index in range(125):
-            picture = np.full((48, 64, 3), index, np.uint8)
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-        container.mux(stream.encode(None))
-    return tmp_path
-
-
-def test_every_documented_command_and_property_by_the_socket(xvfb: str, room: Path, folder: Path) -> None:
-    commands, properties = listed("Commands"), listed("Properties")
-    with show(xvfb, folder, room, "clip.mkv", "clip.mkv", "--loop", "--refine", "4") as (process, client):
+def test_every_documented_command_and_property_by_the_socket(xvfb: str, small_room: Path, folder: Path) -> None:
+    commands, properties = (dict(row[:2] for row in table(name)) for name in ("Commands", "Properties"))
+    arguments = ARGUMENTS | {"cycle": ["osd"]}
+    with show(xvfb, folder, small_room, "clip.mkv", "clip.mkv", "--loop", "--refine", "4") as (process, client):
         assert sorted(client.get("property-list")) == sorted(properties)
         assert {entry["name"] for entry in client.get("command-list")} == commands.keys()
         for number, name in enumerate(properties):
@@ -66,7 +25,7 @@ def test_every_documented_command_and_property_by_the_socket(xvfb: str, room: Pa
             if name.startswith("place-"):
                 client.ask("place")
             if name != "quit":
-                answer = client.ask(name, *ARGUMENTS.get(name, []))
+                answer = client.ask(name, *arguments.get(name, []))
                 assert answer["error"] == "success", answer
                 assert name != "screenshot" or Path(folder, answer["data"]).stat().st_size > 100
         found = {name: client.ask("get_property", name) for name in properties}
@@ -92,13 +51,13 @@ def test_every_documented_command_and_property_by_the_socket(xvfb: str, room: Pa
 
 
 def test_after_ten_thousand_random_lines_it_answers_and_plays(
-    xvfb: str, room: Path, folder: Path, rng: np.random.Generator
+    xvfb: str, small_room: Path, folder: Path, rng: np.random.Generator
 ) -> None:
     """Bytes, mutilated requests, and requests of known words in any order; none may end the show or find our fault."""
     words = ["get_property", "set_property", "observe_property", "cycle", "add", "multiply", "set", "place", "seek"]
     words += ["loadfile", "place-move", "place-scale", "place-save", "show-text", "ab-loop", "frame-step", "reload"]
     things = [
-        *listed("Properties"),
+        *(row[0] for row in table("Properties")),
         None,
         True,
         0,
@@ -113,7 +72,7 @@ def test_after_ten_thousand_random_lines_it_answers_and_plays(
         "nan",
         "yes",
     ]
-    with show(xvfb, folder, room, "clip.mkv", "--loop") as (process, client):
+    with show(xvfb, folder, small_room, "clip.mkv", "--loop") as (process, client):
         answered = 0
         for index in range(RANDOM_LINES):
             client.send(random_line(rng, index, words, things))

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 
 from player.show.outline import SELECTED
 from tests.desktop import expected_picture, screen
@@ -15,15 +14,8 @@ from tests.remote import show
 BOX = (0, 0, 100, 75)
 
 
-@pytest.fixture
-def picture(tmp_path: Path, rng: np.random.Generator) -> Path:
-    path = tmp_path / "picture.png"
-    cv2.imwrite(str(path), rng.integers(0, 255, (75, 100, 3), np.uint8))
-    return path
-
-
-def test_the_outline_comes_and_goes(xvfb: str, plain_room: Path, picture: Path, tmp_path: Path) -> None:
-    expected = expected_picture(plain_room, picture, tmp_path)
+def test_the_outline_comes_and_goes(xvfb: str, plain_room: Path, noise_picture: Path, tmp_path: Path) -> None:
+    expected = expected_picture(plain_room, noise_picture, tmp_path)
 
     def handle() -> bool:
         return bool((screen(xvfb, BOX) == SELECTED[:3]).all(axis=2).any())
@@ -31,7 +23,7 @@ def test_the_outline_comes_and_goes(xvfb: str, plain_room: Path, picture: Path, 
     def plain() -> bool:
         return np.array_equal(screen(xvfb, BOX), expected)
 
-    with show(xvfb, tmp_path, plain_room, picture) as (process, client):
+    with show(xvfb, tmp_path, plain_room, noise_picture) as (process, client):
         wait_until(plain, "the picture", process)
         for view in ("projector", "camera"):
             assert client.ask("place")["error"] == "success"
@@ -51,7 +43,7 @@ def test_the_outline_comes_and_goes(xvfb: str, plain_room: Path, picture: Path, 
 def test_it_runs_through_the_windows_of_several_projectors(
     xvfb: str,
     joint: Path,
-    picture: Path,
+    noise_picture: Path,
     tmp_path: Path,
 ) -> None:
     """The text is in the first window alone; the second one shows its part of the line."""
@@ -60,7 +52,7 @@ def test_it_runs_through_the_windows_of_several_projectors(
     def handles() -> bool:
         return bool((screen(xvfb, second) == SELECTED[:3]).all(axis=2).any())
 
-    with show(xvfb, tmp_path, joint, picture) as (process, client):
+    with show(xvfb, tmp_path, joint, noise_picture) as (process, client):
         client.ask("place")
         wait_until(handles, "handles in the second window", process)
         client.ask("set_property", "view", "camera")  # whole in the first window

@@ -11,7 +11,6 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
-import av
 import numpy as np
 import pytest
 
@@ -20,12 +19,11 @@ from player.show.commands import Commands
 from player.show.keys import KEYS, PLACING
 from player.show.session_inputs import Setup
 from tests.desktop import press
-from tests.programs import PATIENCE_S, ROOT, on, running, succeed
-from tests.rooms import write_blurred_room
+from tests.player_page import ARGUMENTS, table
+from tests.programs import PATIENCE_S, ROOT, on, running
 from tests.stage import Stage
 
 State = dict[str, Any]
-PAGE = (ROOT / "docs" / "player.md").read_text()
 SYMBOLS = {
     ".": "period",
     ",": "comma",
@@ -48,46 +46,6 @@ SYMBOLS = {
     "ctrl": "Control_L",
     "shift": "Shift_L",
 }
-ARGUMENTS: dict[str, list[object]] = {
-    "seek": [1],
-    "loadfile": ["clip.mkv", "append"],
-    "show-text": ["hello", 200],
-    "place-move": [0.1, 0],
-    "place-scale": [0.9],
-    "set": ["view", "camera"],
-    "cycle": ["pause"],
-    "add": ["contrast", 2],
-    "multiply": ["refine", 2],
-}
-
-
-def table(heading: str, number: int = 0) -> list[list[str]]:
-    """The rows of a table below a heading of the page, code marks taken off."""
-    section = PAGE.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
-    blocks = re.findall(r"(?:^\|.*\n)+", section, re.MULTILINE)
-    rows = [re.split(r"(?<!\\) ?\| ?", line.strip().strip("|").strip()) for line in blocks[number].splitlines()[2:]]
-    return [[cell.strip().strip("`").replace("\\|", "|") for cell in row] for row in rows]
-
-
-@pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("walk") / "wall"
-    write_blurred_room(folder, np.random.default_rng(7), (30, 40), (28, 36))
-    succeed("build-correction-map", folder, "--regularize", "0.1")
-    return folder
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """Where the player runs: a small clip of five seconds."""
-    with av.open(str(tmp_path / "clip.mkv"), "w") as container:
-        stream = container.add_stream("mpeg4", rate=25)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-        for index in range(125):
-            picture = np.full((48, 64, 3), index, np.uint8)
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-        container.mux(stream.encode(None))
-    return tmp_path
 
 
 def walking(display: str, folder: Path, *arguments: object) -> AbstractContextManager[subprocess.Popen[str]]:
@@ -109,9 +67,9 @@ def test_the_page_lists_what_there_is() -> None:
     assert {row[0]: row[1] for row in table("Keys", 1)} == PLACING
 
 
-def test_every_documented_key(xvfb: str, room: Path, folder: Path) -> None:
+def test_every_documented_key(xvfb: str, small_room: Path, folder: Path) -> None:
     """Each key, pressed for real, changes the property of its command, or says what it did, or leaves its file."""
-    with walking(xvfb, folder, "watch", room, "clip.mkv", "clip.mkv", "--loop") as process:
+    with walking(xvfb, folder, "watch", small_room, "clip.mkv", "clip.mkv", "--loop") as process:
         states: SimpleQueue[State] = SimpleQueue()
 
         def listen() -> None:
@@ -179,7 +137,7 @@ def arrival(words: str) -> Callable[[State, State], bool]:
     return lambda before, after: after["corners"] != before["corners"] or after["message"] == "nothing to take back"
 
 
-def test_every_documented_command_and_property(xvfb: str, room: Path, folder: Path) -> None:
+def test_every_documented_command_and_property(xvfb: str, small_room: Path, folder: Path) -> None:
     calls: list[list[object]] = []
     for name, *_ in table("Commands"):
         if name.startswith("place-"):
@@ -190,7 +148,7 @@ def test_every_documented_command_and_property(xvfb: str, room: Path, folder: Pa
     names = [(row[0], row[1]) for row in table("Properties")]
     calls += [["get", name] for name, _ in names]
     (folder / "calls.json").write_text(json.dumps(calls))
-    first = answers(xvfb, folder, room)
+    first = answers(xvfb, folder, small_room)
     found = {answer["call"][1]: answer.get("result") for answer in first if answer["call"][0] == "get"}
     for answer in first:
         assert answer.get("error") in (None, "no audio"), answer
@@ -202,10 +160,10 @@ def test_every_documented_command_and_property(xvfb: str, room: Path, folder: Pa
     assert 0 < found["gap"] < np.inf
     assert 10 < found["psnr"] < 80
     assert len(found["corners"]) == 4
-    assert (room / "placement.toml").exists()
+    assert (small_room / "placement.toml").exists()
     setting = [["set", name, found[name]] for name, _ in names]
     (folder / "calls.json").write_text(json.dumps([*setting, ["set", "fullscreen", True], ["get", "fullscreen"]]))
-    second = answers(xvfb, folder, room)
+    second = answers(xvfb, folder, small_room)
     read_only = {name for name, values in names if values == "read-only"}
     refused = {answer["call"][1]: answer["error"] for answer in second if "error" in answer}
     assert refused.keys() == read_only | {"volume", "mute"}

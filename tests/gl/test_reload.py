@@ -6,7 +6,6 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -15,13 +14,6 @@ from tests.programs import PATIENCE_S, ROOT, on, running, wait_until
 from tests.remote import Client
 
 BOX = (0, 0, 100, 75)
-
-
-@pytest.fixture
-def picture(tmp_path: Path, rng: np.random.Generator) -> Path:
-    path = tmp_path / "picture.png"
-    cv2.imwrite(str(path), rng.integers(0, 255, (75, 100, 3), np.uint8))
-    return path
 
 
 @pytest.fixture
@@ -35,18 +27,23 @@ def installed(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def playing_copy(xvfb: str, installed: Path, plain_room: Path, picture: Path) -> Iterator[subprocess.Popen[str]]:
+def playing_copy(xvfb: str, installed: Path, plain_room: Path, noise_picture: Path) -> Iterator[subprocess.Popen[str]]:
     """The copy's player in a window, with a socket called `show.socket` beside it."""
     options = "--no-config", "--no-osd", "--path", "fragment", "--control", installed / "show.socket"
     program = sys.executable, "-P", "-m", "player.app"
-    with running(*program, plain_room, picture, *options, **on(xvfb), PYTHONPATH=str(installed)) as process:
+    with running(*program, plain_room, noise_picture, *options, **on(xvfb), PYTHONPATH=str(installed)) as process:
         yield process
 
 
 def test_shaders_are_compiled_anew_and_damaged_ones_leave_the_old(
-    xvfb: str, installed: Path, plain_room: Path, picture: Path, tmp_path: Path, playing_copy: subprocess.Popen[str]
+    xvfb: str,
+    installed: Path,
+    plain_room: Path,
+    noise_picture: Path,
+    tmp_path: Path,
+    playing_copy: subprocess.Popen[str],
 ) -> None:
-    corrected = expected_picture(plain_room, picture, tmp_path)
+    corrected = expected_picture(plain_room, noise_picture, tmp_path)
     shaders = installed / "player" / "shaders"
     present, encode = ((shaders / name).read_text() for name in ("present.frag", "encode.frag"))
     result = "encoded = vec4(code, 1.0)"
@@ -83,10 +80,15 @@ def test_shaders_are_compiled_anew_and_damaged_ones_leave_the_old(
 
 
 def test_a_shader_that_fails_only_when_it_draws_leaves_the_old(
-    xvfb: str, installed: Path, plain_room: Path, picture: Path, tmp_path: Path, playing_copy: subprocess.Popen[str]
+    xvfb: str,
+    installed: Path,
+    plain_room: Path,
+    noise_picture: Path,
+    tmp_path: Path,
+    playing_copy: subprocess.Popen[str],
 ) -> None:
     """encode.frag without its textures compiles and links; the pass fails when the first picture is drawn."""
-    corrected = expected_picture(plain_room, picture, tmp_path)
+    corrected = expected_picture(plain_room, noise_picture, tmp_path)
     shader = installed / "player" / "shaders" / "encode.frag"
     wait_until(lambda: np.array_equal(screen(xvfb, BOX), corrected), "the picture", playing_copy)
     client = Client(installed / "show.socket")

@@ -1,0 +1,26 @@
+"""docs/player.md as tests read it: its tables, and arguments for the commands that it lists."""
+
+import re
+
+from tests.programs import ROOT
+
+PAGE = (ROOT / "docs" / "player.md").read_text()
+ARGUMENTS: dict[str, list[object]] = {
+    "seek": [1],
+    "loadfile": ["clip.mkv", "append"],
+    "show-text": ["hello", 200],
+    "place-move": [0.1, 0],
+    "place-scale": [0.9],
+    "set": ["view", "camera"],
+    "cycle": ["pause"],
+    "add": ["contrast", 2],
+    "multiply": ["refine", 2],
+}
+
+
+def table(heading: str, number: int = 0) -> list[list[str]]:
+    """The rows of a table below a heading of the page, code marks taken off."""
+    section = PAGE.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
+    blocks = re.findall(r"(?:^\|.*\n)+", section, re.MULTILINE)
+    rows = [re.split(r"(?<!\\) ?\| ?", line.strip().strip("|").strip()) for line in blocks[number].splitlines()[2:]]
+    return [[cell.strip().strip("`").replace("\\|", "|") for cell in row] for row in rows]
