@@ -229,6 +229,11 @@ def is_software(context: moderngl.Context) -> bool:
     return any(name in context.info["GL_RENDERER"].lower() for name in SOFTWARE)
 
 
+def clock_of(context: moderngl.Context) -> Callable[[], float]:
+    """Seconds that other work on the machine changes least: of processor time, all cores together, on the CPU."""
+    return time.process_time if is_software(context) else time.perf_counter
+
+
 def bench_room(maps: RoomMaps, projector: tuple[int, int], camera: tuple[int, int]) -> Room:
     black, mask = np.zeros((*camera, 3), np.float32), np.ones(camera, bool)
     device = Device(*projector, Response("srgb"))

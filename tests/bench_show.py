@@ -6,8 +6,6 @@ checkout, real captures of the same sizes follow.
 
 import json
 import os
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,6 +21,7 @@ from player.gl.context import headless_context
 from player.gl.renderer import GlRenderer
 from player.video import MediaReader
 from tests.bench_rows import WARM_UP
+from tests.programs import on, succeed
 from tests.screens import one_screen
 from tests.test_graycode import SHARED, opencv_code, write_capture
 
@@ -114,15 +113,15 @@ def stats_of(display: str, room: Path, clip: Path, *options: str) -> dict[str, A
     """What `--stats` says of the clip played from beginning to end."""
     path = room.with_suffix(".json")
     quiet = "--no-config", "--no-audio", "--no-osd"
-    run("player.app", room, clip, *quiet, *options, "--stats", path, DISPLAY=display, WAYLAND_DISPLAY="")
+    succeed("play-corrected", room, clip, *quiet, *options, "--stats", path, **on(display))
     return dict(json.loads(path.read_text()))
 
 
 def make_room(captures: Path, room: Path) -> str:
     """A calibration with its maps, by the commands; what they say of it."""
     size = f"{PROJECTOR[1]}x{PROJECTOR[0]}"
-    imported = run("tools.import_graycode", captures, "--projector", size, "-o", room)
-    run("tools.build_correction_map", room)
+    imported = succeed("import-graycode", captures, "--projector", size, "-o", room)
+    succeed("build-correction-map", room)
     return imported.partition(": ")[2].strip()
 
 
@@ -155,18 +154,3 @@ def write_captures(folder: Path) -> None:
         lit = cv2.warpPerspective(pattern, H, CAMERA[::-1], flags=cv2.INTER_NEAREST) / 255
         light = 10 + 190 * albedo * lit + rng.normal(0, 1, CAMERA)
         write_capture(folder / f"shot{number}.png", light.round().clip(0, 255).astype(np.uint8))
-
-
-def run(module: str, *arguments: object, **environment: str) -> str:
-    """What a command prints; its errors if it fails."""
-    done = subprocess.run(
-        [sys.executable, "-m", module, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        env=os.environ | environment,
-        check=False,
-    )
-    if done.returncode:
-        raise RuntimeError(f"{module}: {done.stderr.strip()}")
-    return done.stdout

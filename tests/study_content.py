@@ -28,6 +28,7 @@ from player.gl.renderer import GlRenderer
 from player.picture import Picture
 from player.renderer import Room
 from player.video import Frame, MediaReader
+from tests.bench_frames import clock_of
 from tools.show_example import CLIP, DATA, prepare
 
 PASSAGES_S, FRAMES = (2.0, 0.5), 12  # where passages begin, and frames of each
@@ -158,9 +159,9 @@ def changes(pictures: list[FloatArray], mask: NDArray[np.bool_], white: float) -
 
 def costs(renderer: GlRenderer) -> None:
     """Milliseconds of a frame, fastest of REPEATS in turns: of processor time where OpenGL is llvmpipe."""
-    software = "llvmpipe" in renderer._context.info["GL_RENDERER"]
-    clock = time.process_time if software else time.perf_counter
-    print(f"\nA frame in the projector's view, {STEPS} steps, {'processor ' if software else ''}milliseconds:\n")
+    clock = clock_of(renderer._context)
+    processor = "processor " if clock is time.process_time else ""
+    print(f"\nA frame in the projector's view, {STEPS} steps, {processor}milliseconds:\n")
     settings = {
         "neutral": Picture(),
         "controls and black level": Picture(10, 10, 10, 10, 0.05),

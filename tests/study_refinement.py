@@ -8,7 +8,6 @@ processor time, all cores together, which other load on the machine hardly chang
 
 import os
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -29,6 +28,7 @@ from player.refinement import OVER_RELAXATION, STARTS, momentum
 from player.renderer import Room
 from player.response import Response
 from player.video import MediaReader
+from tests.bench_frames import clock_of
 from tools.inverse.inverse import InverseOptions
 from tools.inverse.room import build_room_maps
 from tools.simulation.scene import load_scene
@@ -158,8 +158,7 @@ class Cost:
 
 def costs(made: dict[str, GlRenderer]) -> dict[str, Cost]:
     """Fastest of REPEATS runs, taken in turns."""
-    software = all("llvmpipe" in renderer._context.info["GL_RENDERER"] for renderer in made.values())
-    clock = time.process_time if software else time.perf_counter
+    clock = clock_of(next(iter(made.values()))._context)
     fastest = {(start, steps): np.inf for start in made for steps in (1, MANY)}
     for _ in range(REPEATS):
         for start, steps in fastest:

@@ -6,7 +6,6 @@ decides a test.
 """
 
 import os
-import time
 from pathlib import Path
 
 import moderngl
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from player.gl.context import headless_context
 from player.gl.passes import picture_texture
 from player.gl.row_map_pass import MapTextures
-from tests.bench_frames import CAMERA, PROJECTOR, is_software, local_map
+from tests.bench_frames import CAMERA, PROJECTOR, clock_of, local_map
 
 PLOT = Path(__file__).resolve().parents[1] / "docs" / "scaling.png"
 SCALES, SIDES = (1, 2, 3, 4), (2, 4, 6, 8)  # halves of the benchmark's sides; sides of a row's square of entries
@@ -32,7 +31,7 @@ def sizes() -> list[tuple[tuple[int, int], tuple[int, int]]]:
 def measured(context: moderngl.Context) -> NDArray[np.float64]:
     """Milliseconds, (size, row length): the fastest of REPEATS."""
     rng = np.random.default_rng(1)
-    clock = time.process_time if is_software(context) else time.perf_counter
+    clock = clock_of(context)
     found = np.empty((len(SCALES), len(SIDES)))
     for i, (output, source) in enumerate(sizes()):
         picture = picture_texture(context, rng.uniform(size=(*source, 3)).astype(np.float32))
