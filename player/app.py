@@ -15,18 +15,21 @@ import numpy as np
 from player import calibration as calibrations
 from player import maps
 from player.audio import open_audio
-from player.calibration import Region
+from player.calibration import Region, StoredCalibration
 from player.command import run
 from player.cpu_renderer import CpuRenderer
 from player.errors import InputError
+from player.generation import read_steadily
 from player.headless import render_to_file
+from player.maps import RoomMaps
+from player.output import check_output
 from player.picture import Picture
 from player.placement import Corners, corners_of, read_placement, write_placement
 from player.refinement import Certificate, default_start
 from player.renderer import Renderer, Room, place
 from player.show.options import Steps, image_display_duration, monitors_of, one_medium, picture_of, read_options
 from player.show.outline import lit_by
-from player.show.playlist import Playlist
+from player.show.playlist import Playlist, files_of
 from player.show.session import Session
 from player.show.session_inputs import Remote, Setup, Site
 from player.stats import Stats
@@ -34,6 +37,7 @@ from player.unattended.control import ControlServer
 from player.unattended.heartbeat import Heartbeat, Notifier
 from player.unattended.supervisor import supervise
 from player.video import MediaReader, PixelFormat
+from player.writing.outputs import check_apart, check_file, check_log
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -58,10 +62,9 @@ def _show(options: argparse.Namespace) -> None:
 
         print("\n".join(str(monitor) for monitor in list_monitors()))
         return
-    if options.stats is not None and not options.stats.parent.is_dir():
-        raise InputError(f"{options.stats.parent}: no such folder for --stats; make it first")
     if options.calibration is None or not options.media:
         raise InputError("play-corrected: needs a CALIBRATION and MEDIA; see play-corrected --help")
+    _check_outputs(options)
     room = room_of(options)
     picture = replace(picture_of(options), corners=read_placement(options.calibration))
     print(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white is None else ''}")
@@ -72,6 +75,19 @@ def _show(options: argparse.Namespace) -> None:
             stats = play_in_window(options, room, picture, remotes=remotes, heartbeat=heartbeat)
     if options.stats is not None:
         stats.write(options.stats)
+
+
+def _check_outputs(options: argparse.Namespace) -> None:
+    """InputError, before anything is read or shown, for outputs that cannot be written or would overwrite an input."""
+    heartbeat = None if options.heartbeat in (None, "-") else Path(options.heartbeat)
+    check_apart(options.output, options.stats, heartbeat, options.control)
+    inputs = [path for medium in (*options.lists, *options.media) for path in files_of(medium)]
+    if options.output is not None:
+        check_output(options.output, inputs=inputs)
+    if options.stats is not None:
+        check_file(options.stats, inputs=inputs)
+    if heartbeat is not None:
+        check_log(heartbeat, inputs=inputs)
 
 
 @contextmanager
@@ -102,8 +118,7 @@ def read_room(
         raise InputError(
             f"--refine-from {start}: --refine 0 makes no step that could start there; leave one of them out"
         )
-    stored = calibrations.read(folder)
-    room_maps = maps.read_maps(stored, refinement=refine != 0)
+    stored, room_maps = read_steadily(folder / calibrations.TOML, lambda: _read_stored(folder, refinement=refine != 0))
     if (refine or start) and room_maps.refinement is None:
         raise InputError(
             f"{folder}: its maps were built without what refinement needs; "
@@ -111,6 +126,11 @@ def read_room(
         )
     level = room_maps.white if white is None else white
     return Room(stored.calibration, room_maps, level, dither, start or default_start(room_maps.correction_in_steps))
+
+
+def _read_stored(folder: Path, *, refinement: bool) -> tuple[StoredCalibration, RoomMaps]:
+    stored = calibrations.read(folder)
+    return stored, maps.read_maps(stored, refinement=refinement)
 
 
 @contextmanager

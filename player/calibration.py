@@ -4,7 +4,7 @@ The folder's metadata, ambient picture and mask are read here; the transport mat
 listed in calibration.toml with its size and SHA-256 and is refused if it differs.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import accumulate
@@ -17,11 +17,16 @@ from numpy.typing import NDArray
 
 from player import exr
 from player.errors import InputError
-from player.files import check_file, describe_files, read_toml, replacing_folder, sha256_of, write_toml
+from player.files import check_file, describe_files, read_toml, sha256_of, write_toml
+from player.generation import read_steadily
+from player.png import write_png
 from player.response import Response, parse_response
+from player.writing.outputs import check_folder, is_vacant, refuse_strangers
+from player.writing.replacing import replacing_folder
 
 FORMAT = 1
 TOML, AMBIENT, MASK = "calibration.toml", "ambient.exr", "mask.png"
+PARTS = (TOML, AMBIENT, MASK, "transport_*.npz", "far_light.npz", "correction", "placement.toml")
 MAX_SIDE = 16384
 REBUILD = "make the calibration again (simulate-transport, import-transport or import-graycode)"
 
@@ -116,36 +121,66 @@ class StoredCalibration:
 
     def checked_path(self, name: str) -> Path:
         """The path of one of the folder's files, its checksum compared."""
-        return check_file(self.folder, name, self.files, REBUILD)
+        try:
+            return check_file(self.folder, name, self.files, REBUILD)
+        except InputError:
+            self.refuse_replaced()
+            raise
+
+    def refuse_replaced(self) -> None:
+        """InputError if the folder holds another calibration now: files read since would be of that."""
+        if sha256_of(self.folder / TOML) != self.fingerprint:
+            raise InputError(f"{self.folder}: was replaced while it was read; run the command again")
+
+
+@contextmanager
+def replacing(folder: Path, *, force: bool = False, inputs: Iterable[Path] = ()) -> Iterator[Path]:
+    """Hold the name `folder` for a calibration, before the long work; yields a stage for its files, `write`'s last.
+
+    When done, the whole folder appears at once. inputs : what the command reads.
+    Raises InputError if `folder` exists already, unless `force` is set and it is a calibration (or empty), if it holds
+    an input or what is no part of a calibration, and if another process is writing it.
+    """
+    check_folder(folder, inputs=inputs)
+    with replacing_folder(folder, lambda path: refuse_existing(path, force=force)) as stage:
+        yield stage
 
 
 @contextmanager
 def writing(folder: Path, calibration: Calibration, *, force: bool = False) -> Iterator[Path]:
-    """Yield a stage to put further files (the transport) into; when done, the whole folder appears at once.
-
-    Raises InputError if `folder` exists already, unless `force` is set and it is a calibration (or empty).
-    """
-    refuse_existing(folder, force=force)
-    with replacing_folder(folder) as stage:
+    """`replacing` where the calibration is at hand: yields a stage to put further files (the transport) into."""
+    with replacing(folder, force=force) as stage:
         yield stage
-        exr.write_rgb(stage / AMBIENT, calibration.ambient)
-        if not cv2.imwrite(str(stage / MASK), calibration.mask.astype(np.uint8) * 255):
-            raise OSError(f"{stage / MASK}: could not be written")
-        write_toml(stage / TOML, _to_toml(calibration, describe_files(stage)))
+        write(calibration, stage)
+
+
+def write(calibration: Calibration, stage: Path) -> None:
+    """Write a calibration beside its transport, which must be there already: calibration.toml lists all files."""
+    exr.write_rgb(stage / AMBIENT, calibration.ambient)
+    write_png(stage / MASK, calibration.mask.astype(np.uint8) * 255)
+    write_toml(stage / TOML, _to_toml(calibration, describe_files(stage)))
 
 
 def refuse_existing(folder: Path, *, force: bool) -> None:
     """InputError if writing a calibration to `folder` would lose something; commands ask before the long work."""
-    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+    if is_vacant(folder):
         return
     if not (folder / TOML).is_file():
         raise InputError(f"{folder}: exists and is no calibration folder; choose another name")
     if not force:
         raise InputError(f"{folder}: a calibration is there already; choose another name or replace it with --force")
+    refuse_strangers(folder, PARTS, "a calibration")
 
 
 def read(folder: Path) -> StoredCalibration:
-    """Open a calibration folder; InputError for anything missing, damaged, or of another format."""
+    """Open a calibration folder; InputError for anything missing, damaged, or of another format.
+
+    All of it is of one generation, even if another process replaces the folder meanwhile.
+    """
+    return read_steadily(folder / TOML, lambda: _read(folder))
+
+
+def _read(folder: Path) -> StoredCalibration:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; {REBUILD}")
     table = read_toml(folder / TOML, REBUILD)

@@ -1,6 +1,7 @@
 """What every command shares: one-line errors, exit codes, progress."""
 
 import argparse
+import errno
 import os
 import signal
 import sys
@@ -27,15 +28,20 @@ def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] 
     """Run a command's body and turn its outcome into an exit code (0 done, 1 fault, 2 bad input, 130 interrupted)."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # clean up on `kill` as on Ctrl-C
     try:
-        return body(argv) or DONE
+        code = body(argv) or DONE
+        sys.stdout.flush()
+        return code
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return BAD_INPUT
     except BrokenPipeError:
-        # The reader of our output has gone (`… | head`): nobody is left to tell, and flushing at exit would fail again.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _say_no_more()  # the reader of our output has gone (`… | head`): nobody is left to tell
         return DONE
     except OSError as error:
+        if error.errno == errno.ENOSPC and error.filename is None:
+            _say_no_more()
+            print(f"error: standard output: {error.strerror}; make room, or send it elsewhere", file=sys.stderr)
+            return BAD_INPUT
         if error.filename is None:
             raise
         print(f"error: {error.filename}: {error.strerror}; check the path and its rights", file=sys.stderr)
@@ -43,6 +49,11 @@ def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] 
     except KeyboardInterrupt:
         print("interrupted: nothing half-written remains", file=sys.stderr)
         return INTERRUPTED
+
+
+def _say_no_more() -> None:
+    """What was printed and cannot be written is given up: flushing at exit would fail again."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def parse_size(text: str) -> tuple[int, int]:

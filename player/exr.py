@@ -4,6 +4,7 @@ The library opens truncated files without a word, so the header is checked again
 and callers that need the pixels to be right compare a checksum first (player/files.py).
 """
 
+import errno
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,7 +40,8 @@ def write_channels(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
         try:
             file.write(str(path))
         except RuntimeError as error:
-            raise OSError(_one_line(error)) from None
+            reason = _one_line(error).rpartition('". ')[2].rstrip(".")  # after the name of the file
+            raise OSError(errno.EIO, reason, str(path)) from None
 
 
 def write_rgb(path: Path, linear_rgb: NDArray[np.float32]) -> None:

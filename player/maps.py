@@ -8,6 +8,8 @@ subtracted before T⁺: p = T⁺ (b − U M' D' b), the fixed point of p = T⁺ 
 refinement : what the player's projected gradient steps need beside T: Tᵀ, step sizes, and direct mapping to start from.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,8 +20,10 @@ from numpy.typing import NDArray
 from player import exr, row_map
 from player.calibration import StoredCalibration
 from player.errors import InputError
-from player.files import check_file, describe_files, read_toml, replacing_folder, write_toml
+from player.files import check_file, describe_files, read_toml, write_toml
+from player.generation import read_steadily
 from player.row_map import RowMap
+from player.writing.replacing import replacing_folder
 
 FORMAT = 1
 FOLDER, MANIFEST, STEP_SIZE = "correction", "manifest.toml", "step_size.exr"
@@ -95,30 +99,42 @@ class RoomMaps:
         return maps
 
 
-def write_maps(maps: RoomMaps, stored: StoredCalibration) -> Path:
-    """Replace the calibration's correction/ folder as a whole; returns its path."""
-    folder = stored.folder / FOLDER
-    with replacing_folder(folder) as stage:
-        sizes = {name: row_map.write(packed, stage / name) for name, packed in maps.named().items()}
-        if maps.refinement is not None:
-            exr.write_rgb(stage / STEP_SIZE, maps.refinement.step_size)
-        manifest = {
-            "format": FORMAT,
-            "calibration": stored.fingerprint,
-            "white": maps.white,
-            **maps.details,
-            "maps": sizes,
-            "files": describe_files(stage),
-        }
-        write_toml(stage / MANIFEST, manifest)
-    return folder
+@contextmanager
+def replacing(stored: StoredCalibration) -> Iterator[Path]:
+    """Hold the calibration's correction/ before the long work; yields a stage for `write_maps`, which replaces it.
+
+    Raises InputError if another process is building it, or has replaced the calibration meanwhile.
+    """
+    with replacing_folder(stored.folder / FOLDER, lambda _: stored.refuse_replaced()) as stage:
+        yield stage
+
+
+def write_maps(maps: RoomMaps, stored: StoredCalibration, stage: Path) -> None:
+    """Write every map, and the manifest last."""
+    sizes = {name: row_map.write(packed, stage / name) for name, packed in maps.named().items()}
+    if maps.refinement is not None:
+        exr.write_rgb(stage / STEP_SIZE, maps.refinement.step_size)
+    manifest = {
+        "format": FORMAT,
+        "calibration": stored.fingerprint,
+        "white": maps.white,
+        **maps.details,
+        "maps": sizes,
+        "files": describe_files(stage),
+    }
+    write_toml(stage / MANIFEST, manifest)
 
 
 def read_maps(stored: StoredCalibration, *, refinement: bool = True) -> RoomMaps:
     """Read and check correction/; InputError with the command that rebuilds it if anything is missing or damaged.
 
     refinement : read what refinement needs, too, if it is there.
+    All of it is of one generation, even if another process builds the maps meanwhile.
     """
+    return read_steadily(stored.folder / FOLDER / MANIFEST, lambda: _read_maps(stored, refinement))
+
+
+def _read_maps(stored: StoredCalibration, refinement: bool) -> RoomMaps:
     folder = stored.folder / FOLDER
     fix = f"rebuild it with: build-correction-map {stored.folder}"
     manifest = read_toml(folder / MANIFEST, fix)

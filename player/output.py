@@ -1,16 +1,13 @@
 """Rendered frames into files: a picture, a numbered sequence, or a video. What fails leaves nothing half-written."""
 
-import re
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol
 
 import av
-import cv2
 import numpy as np
 from av.video.reformatter import ColorRange, Colorspace
 from numpy.typing import NDArray
@@ -18,11 +15,13 @@ from numpy.typing import NDArray
 from player import exr
 from player.decoding.ffmpeg_log import log_natively
 from player.errors import InputError
-from player.files import flush, refusals_named, replacing_file
+from player.png import write_png
 from player.renderer import Renderer
+from player.writing.numbered import is_numbered, name_of
+from player.writing.outputs import check_file, check_sequence
+from player.writing.replacing import replacing_file, replacing_sequence
 
 PICTURES, VIDEOS = (".png", ".exr"), (".mp4", ".mov", ".mkv", ".webm")
-NUMBER = re.compile(r"%0?\d*d")
 CLOCK = Fraction(1, 90_000)  # ticks of a written video: each frame keeps the time that it had
 BT709 = 1  # FFmpeg's number for the primaries, the transfer and the matrix of ITU-R BT.709
 
@@ -42,37 +41,36 @@ def open_output(path: Path, frames_per_second: float) -> Iterator[Output]:
     """Open `path` for rendered frames; whatever was written is removed again if the block fails.
 
     `.png` holds the encoded view, `.exr` the linear one, `name%05d.png` numbers them, a video holds the encoded view.
-    Raises InputError for a folder that is not there or a suffix that is not written.
+    Raises InputError as `check_output` does, and where another process is writing it.
     """
-    suffix = path.suffix.lower()
-    if suffix not in PICTURES + VIDEOS:
-        raise InputError(
-            f"{path}: cannot write {suffix or 'a file without suffix'}; use {', '.join(PICTURES + VIDEOS)}"
-        )
-    if not path.parent.is_dir():
-        raise InputError(f"{path.parent}: no such folder; make it first")
-    numbered = NUMBER.search(path.name) is not None
-    if suffix in VIDEOS:
-        if numbered:
-            raise InputError(f"{path}: only .png and .exr are numbered; write name%05d.png or a plain {suffix}")
+    check_output(path)
+    if path.suffix.lower() in VIDEOS:
         with replacing_file(path) as temporary, _VideoOutput(temporary, frames_per_second) as video:
             yield video
-    elif numbered:
-        with refusals_named(path), tempfile.TemporaryDirectory(suffix=".partial", dir=path.parent) as stage:
-            sequence = _SequenceOutput(path, Path(stage))
-            yield sequence
-            sequence.move()
+    elif is_numbered(path):
+        with replacing_sequence(path) as stage:
+            yield _SequenceOutput(stage, path.name)
     else:
         with replacing_file(path) as temporary:
             yield _PictureOutput(temporary)
+
+
+def check_output(path: Path, *, inputs: Iterable[Path] = ()) -> None:
+    """InputError for a suffix that is not written, a place where nothing can be, and what would overwrite an input."""
+    check_file(path, suffixes=PICTURES + VIDEOS, inputs=inputs)
+    if is_numbered(path):
+        suffix = path.suffix.lower()
+        if suffix in VIDEOS:
+            raise InputError(f"{path}: only .png and .exr are numbered; write name%05d.png or a plain {suffix}")
+        check_sequence(path, inputs=inputs)
 
 
 def write_picture(path: Path, renderer: Renderer) -> None:
     """One rendered view: 8-bit PNG of the code values, or float32 EXR of the linear light."""
     if path.suffix.lower() == ".exr":
         exr.write_rgb(path, renderer.linear())
-    elif not cv2.imwrite(str(path), np.ascontiguousarray(renderer.encoded()[..., ::-1])):
-        raise OSError(f"OpenCV writes no {path.suffix} there")
+    else:
+        write_png(path, renderer.encoded())
 
 
 class _PictureOutput:
@@ -86,23 +84,17 @@ class _PictureOutput:
 
 
 class _SequenceOutput:
-    """Files numbered from 0, written beside their place and moved there together when all are whole."""
+    """Files numbered from 0 in a folder."""
 
     single = False
 
-    def __init__(self, pattern: Path, stage: Path) -> None:
-        self._pattern, self._stage = pattern, stage
-        self._names: list[str] = []
+    def __init__(self, folder: Path, pattern: str) -> None:
+        self._folder, self._pattern = folder, pattern
+        self._count = 0
 
     def write(self, renderer: Renderer, time_s: float) -> None:
-        name = NUMBER.sub(lambda match: match.group() % len(self._names), self._pattern.name)
-        write_picture(self._stage / name, renderer)
-        self._names.append(name)
-
-    def move(self) -> None:
-        for name in self._names:
-            flush(self._stage / name)
-            (self._stage / name).replace(self._pattern.with_name(name))
+        write_picture(self._folder / name_of(self._pattern, self._count), renderer)
+        self._count += 1
 
 
 class _VideoOutput:
@@ -157,6 +149,10 @@ class _VideoOutput:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is None and self._stream is not None:
+        if kind is not None:
+            with suppress(av.FFmpegError):  # of what the block failed of already
+                self._container.close()
+            return
+        if self._stream is not None:
             self._container.mux(self._stream.encode(None))
         self._container.close()

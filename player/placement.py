@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from player.errors import InputError
-from player.files import read_toml, replacing_file, write_toml
+from player.files import read_toml, write_toml
+from player.writing.replacing import replacing_file
 
 Corner: TypeAlias = tuple[float, float]
 Corners: TypeAlias = tuple[Corner, Corner, Corner, Corner]  # clockwise from the picture's upper left, in shares

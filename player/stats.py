@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from player.files import replacing_file
+from player.writing.replacing import replacing_file
 
 RECENT = 10_000  # frames whose times are kept: minutes of playback, a fixed amount of memory
 FEW = 120  # the frames that the rate is measured over

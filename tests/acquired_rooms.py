@@ -13,7 +13,7 @@ from tools.acquisition.acquire import Acquisition, acquire
 from tools.acquisition.cameras.camera import Camera, Exposures, Shot
 from tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom
 from tools.acquisition.plan import MakeScheme
-from tools.acquisition.store import CaptureStore
+from tools.acquisition.store import Wanted, open_store
 from tools.transport.transport import FarLight, Transport
 
 CAMERA, PROJECTOR = (18, 26), (21, 30)
@@ -88,5 +88,6 @@ def run(room: SimulatedRoom, scheme: MakeScheme, sensor: Sensor = NOISY, camera:
 
 def run_on_disk(folder: Path, room: SimulatedRoom, scheme: MakeScheme) -> Acquisition:
     camera = SimulatedCamera(room, NOISY)
-    store = CaptureStore(folder / "captures", {"camera": camera.name}, camera.exposures)
-    return acquire(camera, store, scheme, room.projector)
+    session, wanted = {"camera": camera.name}, Wanted(folder / "room")
+    with open_store(folder / "captures", session, camera.exposures, wanted) as store:
+        return acquire(camera, store, scheme, room.projector)

@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 from player.calibration import refuse_existing
 from player.command import Parser, run
 from player.errors import InputError
+from player.writing.outputs import check_apart, check_folder
 from tools.acquisition.acquired_room import Plan, acquire_room
 from tools.acquisition.cameras.camera import Camera
 from tools.acquisition.cameras.live import LiveCamera
@@ -24,6 +25,7 @@ from tools.acquisition.room_options import add_room_options, named_response
 from tools.acquisition.schemes.baselines import FixedBlocksScheme, GrayCodeScheme, PixelByPixelScheme
 from tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from tools.acquisition.schemes.multiplexed import MultiplexedScheme
+from tools.acquisition.store import Wanted, check_captures
 from tools.report.acquired import write_acquisition_report
 from tools.report.report import check_report_folder
 
@@ -50,18 +52,30 @@ def _main(argv: Sequence[str] | None) -> None:
     captures = options.captures or output.with_name(f"{output.name}.captures")
     report_folder = options.report or output.with_name(f"{output.name}.report")
     make_scheme = SCHEMES[options.scheme](options)
-    refuse_existing(output, force=options.force)
-    check_report_folder(report_folder)
+    wanted = Wanted(output, anew=options.force, reuse=options.reuse_captures)
+    _check_outputs(options, wanted, captures, report_folder)
     decides = {"threshold": str(_threshold(options)), "tile": options.tile or 0}
     # One BLAS thread: two made small products several times slower.
     with threadpool_limits(limits=1), open_rig(options, named_response(options.response)) as (camera, projector):
         findings = [] if options.no_preflight else _checked(camera)
         plan = Plan(options.scheme, make_scheme, projector, decides)
-        report = acquire_room(camera, plan, captures, output, name=options.name, force=options.force)
+        report = acquire_room(camera, plan, captures, wanted, name=options.name)
         print(f"{report}\n{output}: written; the captures stay in {captures}")
         if report.suspect:
             print(SUSPECT, file=sys.stderr)
         print(f"{write_acquisition_report(output, report, findings, report_folder)}: the report")
+
+
+def _check_outputs(options: argparse.Namespace, wanted: Wanted, captures: Path, report: Path) -> None:
+    """InputError, before anything is shown, for places where nothing can be written or something would be lost."""
+    output = wanted.room
+    check_apart(output, captures, report)
+    kind, _, source = options.camera.partition(":")
+    for folder in (output, captures, report):
+        check_folder(folder, inputs=[Path(source)] if kind in ("simulated", "folder") else [])
+    refuse_existing(output, force=wanted.anew)
+    check_captures(captures, wanted)
+    check_report_folder(report)
 
 
 def _checked(camera: Camera) -> list[Finding]:
@@ -93,6 +107,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--tile", type=int, metavar="PIXELS", help="multiplexed: window a side (default: measured)")
     parser.add_argument("--captures", type=Path, metavar="FOLDER", help="kept there (default OUTPUT.captures)")
+    parser.add_argument(
+        "--reuse-captures", action="store_true", help="make the room of a finished acquisition's captures again"
+    )
     parser.add_argument("--report", type=Path, metavar="FOLDER", help="the page (default OUTPUT.report)")
     add_rig_options(parser)
     add_room_options(parser)

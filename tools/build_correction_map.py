@@ -8,6 +8,7 @@ from pathlib import Path
 
 from player import calibration
 from player.command import Parser, run
+from player.writing.outputs import check_folder
 from tools.inverse.inverse import InverseOptions
 from tools.inverse.method import METHODS
 from tools.inverse.presets import PRESETS
@@ -31,6 +32,7 @@ def _main(argv: Sequence[str] | None) -> None:
         options.regularize, options.max_error, options.max_cluster, options.noise, options.method
     )
     if options.report is not None:
+        check_folder(options.report, inputs=[options.calibration])
         check_report_folder(options.report)
     built = build_room_maps(calibration.read(options.calibration), inverse_options, refine=not options.no_refine)
     print(f"{built.summary}, {time.monotonic() - start:.1f} s")

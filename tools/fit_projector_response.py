@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from player.command import Parser, run
+from player.writing.outputs import check_file
 from tools.acquisition.room_options import named_response
 from tools.hdr.grey_ramp import read_ramp
 from tools.hdr.projector_response import fit_projector_response
-from tools.hdr.response_table import write_response
+from tools.hdr.response_table import SUFFIXES, write_response
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -18,6 +19,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
+    check_file(options.output, suffixes=SUFFIXES, inputs=[options.source, Path(options.camera_response)])
     levels, light = read_ramp(options.source, named_response(options.camera_response))
     fitted = fit_projector_response(levels, light)
     write_response(options.output, fitted.response, {"black_level": list(fitted.black_level)})

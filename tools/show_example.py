@@ -5,7 +5,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from player import app, calibration
@@ -14,8 +13,10 @@ from player.content import camera_psnr
 from player.errors import InputError
 from player.headless import FRAME_TIMEOUT_S
 from player.output import write_picture
+from player.png import write_png
 from player.renderer import Room
 from player.video import MediaReader
+from player.writing.replacing import replacing_file
 from tools import build_correction_map, simulate_transport
 
 DATA = Path(__file__).resolve().parents[1] / "calib_data"
@@ -66,12 +67,14 @@ def compare(room: Room, folder: Path) -> tuple[float, float, float]:
         reader.release(frame)
         for name, compensate in (("before.png", False), ("after.png", True)):
             renderer.render("camera", compensate=compensate, steps=room.default_steps)
-            write_picture(folder / name, renderer)
-            views.append(renderer.encoded()[..., ::-1])
+            with replacing_file(folder / name) as temporary:
+                write_picture(temporary, renderer)
+            views.append(renderer.encoded())
             desired = renderer.desired()
             seen.append(renderer.linear())
             quality.append(camera_psnr(desired, seen[-1], mask, white))
-    cv2.imwrite(str(folder / "before_after.png"), np.hstack(views))
+    with replacing_file(folder / "before_after.png") as temporary:
+        write_png(temporary, np.hstack(views))
     factor = np.sum(seen[0] * desired) / np.sum(seen[0] ** 2)
     return quality[0], quality[1], camera_psnr(desired, factor * seen[0], mask, white)
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from player import calibration
 from player.command import Parser, parse_size, run
 from player.errors import InputError
-from tools.simulation.room import write_simulated_room
-from tools.simulation.scene import load_scene
-from tools.simulation.simulate import simulate
+from tools.simulation.room import fill_simulated_room
+from tools.simulation.scene import Scene, load_scene
+from tools.simulation.simulate import Simulated, simulate
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -22,8 +22,15 @@ def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     if options.output is None and not options.explain:
         raise InputError("simulate-transport: nothing to do; give -o FOLDER, --explain or both")
-    if options.output is not None:
-        calibration.refuse_existing(options.output, force=options.force)
+    if options.output is None:
+        _simulate(options)
+        return
+    with calibration.replacing(options.output, force=options.force, inputs=[options.scene]) as stage:
+        words = fill_simulated_room(*_simulate(options), stage)
+    print(f"{options.output}: {words}")
+
+
+def _simulate(options: argparse.Namespace) -> tuple[Scene, Simulated]:
     scene = load_scene(options.scene)
     if options.camera:
         scene = replace(scene, camera=scene.camera.resized(*options.camera))
@@ -31,8 +38,7 @@ def _main(argv: Sequence[str] | None) -> None:
         scene = replace(scene, projector=scene.projector.resized(*options.projector))
     result = simulate(scene, without=options.without, only=options.only)
     print(result.explained(all_effects=options.explain))
-    if options.output is not None:
-        print(write_simulated_room(scene, result, options.output, force=options.force))
+    return scene, result
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from player.command import Parser, parse_size, run
+from player.writing.outputs import check_folder
 from tools.study.pictures import BUILT_IN, DEFAULT, find_pictures
 from tools.study.rooms import find_places, shipped_scenes
 from tools.study.study import StudyOptions, check_output, run_study
@@ -17,6 +18,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
+    check_folder(options.output, inputs=[*options.rooms, *map(Path, options.pictures)])
     check_output(options.output)
     study = StudyOptions(
         find_places(options.rooms, options.scenes),

@@ -13,12 +13,14 @@ from threadpoolctl import threadpool_limits
 from player import calibration as calibrations
 from player.command import Parser, run
 from player.errors import InputError
-from player.files import replacing_folder
+from player.png import write_png
+from player.writing.outputs import check_folder
+from player.writing.replacing import replacing_folder
 from tools.acquisition.cameras.live import LiveCamera
 from tools.acquisition.preflight import preflight, refuse_bad
 from tools.acquisition.rig_options import add_rig_options, open_rig
 from tools.acquisition.verify import SOLVERS, Verification, Verified
-from tools.relighting.pictures import read_placed, write_png, write_view
+from tools.relighting.pictures import read_placed, write_view
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -27,8 +29,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
-    if options.output is not None and options.output.exists():
-        raise InputError(f"{options.output}: exists; name another folder")
+    if options.output is None:
+        _verify(options)
+        return
+    _refuse_existing(options.output)
+    with replacing_folder(options.output, _refuse_existing) as stage:
+        task, best = _verify(options)
+        _write(stage, task, best)
+    print(f"{options.output}: round {best.round}, written")
+
+
+def _verify(options: argparse.Namespace) -> tuple[Verification, Verified]:
+    """Print every round; returns what was verified and the best one."""
     stored = calibrations.read(options.calibration)
     room = stored.calibration
     picture = read_placed(options.picture, room.camera.shape)
@@ -49,17 +61,19 @@ def _main(argv: Sequence[str] | None) -> None:
         for result in task.run(options.rounds, options.repeats):
             print(result, flush=True)
             found.append(result)
-    best = max(found, key=lambda each: each.measured_psnr)
-    if options.output is not None:
-        _write(options.output, task, best)
-        print(f"{options.output}: round {best.round}, written")
+    return task, max(found, key=lambda each: each.measured_psnr)
 
 
-def _write(folder: Path, task: Verification, best: Verified) -> None:
-    with replacing_folder(folder) as stage:
-        write_png(stage / "projected.png", best.codes)
-        for name, view in (("desired", task.desired), ("predicted", best.predicted), ("captured", best.captured)):
-            write_view(stage / f"{name}.png", view, task.white)
+def _refuse_existing(folder: Path) -> None:
+    check_folder(folder)
+    if folder.exists():
+        raise InputError(f"{folder}: exists; name another folder")
+
+
+def _write(stage: Path, task: Verification, best: Verified) -> None:
+    write_png(stage / "projected.png", best.codes)
+    for name, view in (("desired", task.desired), ("predicted", best.predicted), ("captured", best.captured)):
+        write_view(stage / f"{name}.png", view, task.white)
 
 
 def _whole(text: str) -> int:

@@ -14,6 +14,7 @@ from player.decoding.pixels import MAX_PIXELS, UNTAGGED, Samples, Tags, check_fi
 from player.decoding.source import Decoded, Sequence, Source, is_wanted
 from player.errors import InputError
 from player.frames import MediaInfo
+from player.writing.stage import finish
 
 SEQUENCE_RATE = 25.0
 _PATTERN = re.compile(r"%0?(\d*)d")
@@ -72,7 +73,11 @@ class ExrSource:
 
 
 def _sequence(pattern: Path) -> tuple[int, list[Path]]:
-    """First number and files of a printf pattern; InputError when there is none or one is missing."""
+    """First number and files of a printf pattern; InputError when there is none or one is missing.
+
+    What a killed command had begun to put there is completed first.
+    """
+    finish(pattern)
     before, width, after = _PATTERN.split(pattern.name, maxsplit=1)
     digits = re.compile(re.escape(before) + rf"(\d{{{width or 1},}})" + re.escape(after.replace("%%", "%")))
     if not pattern.parent.is_dir():

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from player.files import replacing_file
 from player.output import write_picture
 from player.picture import CONTROL, MOST_BLACK, MOST_FLICKER
 from player.refinement import MOST_STEPS
@@ -17,6 +16,7 @@ from player.show.playback import Playback
 from player.show.playlist import expand
 from player.show.stats_page import position
 from player.test_cards import CARDS
+from player.writing.replacing import replacing_file
 
 if TYPE_CHECKING:
     from player.show.session import Session

@@ -23,7 +23,7 @@ LISTED_IMAGE_S = 5.0  # how long a picture in a list is shown if nobody says
 
 
 def read_options(argv: Sequence[str] | None, description: str) -> argparse.Namespace:
-    """Options over settings over defaults; `keys` holds the settings' key bindings, `media` has its lists expanded."""
+    """Options over settings over defaults; `keys` holds the settings' key bindings, `media` what `lists` expand to."""
     parser = _parser(description)
     config = parser.parse_known_intermixed_args(argv)[0]
     keys: dict[str, str] = {}
@@ -32,7 +32,7 @@ def read_options(argv: Sequence[str] | None, description: str) -> argparse.Names
         if config.config is not None or path.exists():
             keys = apply_settings(parser, path)
     options = parser.parse_intermixed_args(argv)
-    options.keys, options.media = keys, expand(options.media)
+    options.keys, options.lists, options.media = keys, options.media, expand(options.media)
     return options
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from player.decoding.live import live_address
 from player.errors import InputError
+from player.writing.numbered import is_numbered, number_of
 
 LISTS = (".m3u", ".m3u8", ".txt")
 MAX_LIST_BYTES = 4 << 20
@@ -44,6 +45,16 @@ def expand(media: Sequence[str]) -> list[str]:
     if media and not found:
         raise InputError(f"{', '.join(media)}: lists no medium; put one path in each line")
     return found
+
+
+def files_of(medium: str) -> list[Path]:
+    """The files that a medium is: itself, those that a numbered pattern matches, or none of a live source."""
+    if live_address(medium) is not None:
+        return []
+    path = Path(medium)
+    if is_numbered(path) and not path.exists() and path.parent.is_dir():
+        return [entry for entry in path.parent.iterdir() if number_of(path.name, entry.name) is not None]
+    return [path]
 
 
 def is_list(name: str) -> bool:

@@ -9,10 +9,12 @@ import numpy as np
 from player import calibration
 from player.calibration import Calibration, Device
 from player.errors import InputError
+from player.files import sha256_of
 from tools.acquisition.acquire import Acquisition, acquire
 from tools.acquisition.cameras.camera import LINEAR, Camera
+from tools.acquisition.cameras.folder import FolderCamera
 from tools.acquisition.plan import MakeScheme
-from tools.acquisition.store import CaptureStore
+from tools.acquisition.store import CaptureStore, Wanted, open_store
 from tools.clusters.components import Clusters, find_clusters
 from tools.transport.mask import lit_pixels
 from tools.transport.storage import write_transport
@@ -74,20 +76,36 @@ class Plan:
 
 
 def acquire_room(
-    camera: Camera, plan: Plan, captures: Path, folder: Path, *, name: str | None = None, force: bool = False
+    camera: Camera, plan: Plan, captures: Path, wanted: Wanted, *, name: str | None = None
 ) -> AcquisitionReport:
-    """Acquire and write the calibration `folder`; it appears whole or not at all, the captures stay.
+    """Acquire and write the calibration `wanted.room`; it appears whole or not at all, the captures stay.
 
     captures : where they are kept; a run that was interrupted goes on with what is there.
     """
-    calibration.refuse_existing(folder, force=force)
-    session = {
+    folder = wanted.room
+    with open_store(captures, _session(camera, plan), camera.exposures, wanted) as store:
+        if isinstance(camera, FolderCamera):
+            camera.bind(store.id, first=not store.replaces)
+        with calibration.replacing(folder, force=wanted.anew) as stage:
+            room, transport, done = _acquire(camera, plan, store, folder.name if name is None else name)
+            write_transport(transport, stage)
+            calibration.write(room, stage)
+            store.made(sha256_of(stage / calibration.TOML))
+        store.finish()
+    return _report(done, room.mask.ravel(), transport)
+
+
+def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
+    """What captures are of."""
+    return {
         "camera": camera.name,
         "scheme": plan.scheme,
         "projector": [plan.projector.width, plan.projector.height],
         **plan.options,
     }
-    store = CaptureStore(captures, session, camera.exposures)
+
+
+def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> tuple[Calibration, Transport, Acquisition]:
     done = acquire(camera, store, plan.make_scheme, plan.projector.shape)
     transport, ambient = done.measured.transport, np.maximum(done.room.black, 0).astype(np.float32)
     shape = ambient.shape
@@ -98,16 +116,14 @@ def acquire_room(
             "no camera pixel is clearly lit by single projector pixels; lower --threshold, or darken the room"
         )
     room = Calibration(
-        folder.name if name is None else name,
+        name,
         f"acquire-transport, scheme {plan.scheme}, {done.pictures} pictures, camera {camera.name}",
         (plan.projector,),
         Device(shape[0], shape[1], LINEAR),
         ambient,
         mask,
     )
-    with calibration.writing(folder, room, force=force) as stage:
-        write_transport(transport, stage)
-    return _report(done, mask.ravel(), transport)
+    return room, transport, done
 
 
 def _report(done: Acquisition, mask: np.ndarray[Any, np.dtype[np.bool_]], transport: Transport) -> AcquisitionReport:

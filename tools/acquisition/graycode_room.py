@@ -15,6 +15,7 @@ from tools.acquisition.direct_mapping import NOBODY, Mapping, direct_mapping, di
 from tools.acquisition.graycode import Decoded, decode
 from tools.transport.mask import lit_pixels
 from tools.transport.storage import write_transport
+from tools.transport.transport import Transport
 
 LINEAR = Response("linear")
 MAX_STEP, MAX_FILL_RADIUS = 64, 256
@@ -90,7 +91,16 @@ def import_graycode_room(
 
     Raises InputError for captures that are missing, superfluous, damaged, of different sizes, or that show no code.
     """
-    calibration.refuse_existing(folder, force=force)
+    with calibration.replacing(folder, force=force, inputs=[captures_folder]) as stage:
+        room, transport, summary = _decode_room(captures_folder, options, folder.name if name is None else name)
+        write_transport(transport, stage)
+        calibration.write(room, stage)
+    return summary
+
+
+def _decode_room(
+    captures_folder: Path, options: GraycodeOptions, name: str
+) -> tuple[Calibration, Transport, GraycodeSummary]:
     captures = find_captures(captures_folder, options.cells, options.order)
     decoded = decode(captures, options.camera_response)
     rise, darkened = _rise(decoded)
@@ -107,16 +117,15 @@ def import_graycode_room(
         fill_radius=options.fill_radius,
     )
     room = Calibration(
-        folder.name if name is None else name,
+        name,
         _provenance(captures_folder, captures, options),
         (options.projector,),
         Device(*decoded.shape, LINEAR),
         decoded.black,
         valid,
     )
-    with calibration.writing(folder, room, force=force) as stage:
-        write_transport(direct_transport(mapping, rise.reshape(-1, 3)), stage)
-    return _summary(captures, decoded, options, mapping, lit, valid, int(darkened[valid].sum()))
+    summary = _summary(captures, decoded, options, mapping, lit, valid, int(darkened[valid].sum()))
+    return room, direct_transport(mapping, rise.reshape(-1, 3)), summary
 
 
 def _rise(decoded: Decoded) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:

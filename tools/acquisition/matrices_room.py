@@ -1,7 +1,6 @@
 """Light transport that somebody else measured -> a calibration folder."""
 
 import zipfile
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +26,11 @@ class MatrixFiles:
     matrices: tuple[Path, Path, Path]
     ambient: Path | None = None
     mask: Path | None = None
+
+    @property
+    def all(self) -> tuple[Path, ...]:
+        """Those that are given."""
+        return tuple(path for path in (*self.matrices, self.ambient, self.mask) if path is not None)
 
 
 @dataclass(frozen=True)
@@ -59,15 +63,15 @@ def import_matrices_room(
 
     Raises InputError for damaged files, wrong shapes, NaN, infinity, a channel without entries, an unlit camera.
     """
-    calibration.refuse_existing(folder, force=force)
-    shape = camera.pixels, projector.pixels
-    read = [_read_channel(path, shape) for path in files.matrices]
-    transport = Transport(tuple(matrix for matrix, _ in read))
-    ambient = read_ambient(files.ambient, camera)
-    mask = _mask(files.mask, camera, transport, ambient)
-    room = Calibration(folder.name if name is None else name, _provenance(files), (projector,), camera, ambient, mask)
-    with calibration.writing(folder, room, force=force) as stage:
+    with calibration.replacing(folder, force=force, inputs=files.all) as stage:
+        shape = camera.pixels, projector.pixels
+        read = [_read_channel(path, shape) for path in files.matrices]
+        transport = Transport(tuple(matrix for matrix, _ in read))
+        ambient = read_ambient(files.ambient, camera)
+        mask = _mask(files.mask, camera, transport, ambient)
+        named = folder.name if name is None else name
         write_transport(transport, stage)
+        calibration.write(Calibration(named, _provenance(files), (projector,), camera, ambient, mask), stage)
     return MatricesSummary(
         entries=tuple(int(matrix.nnz) for matrix, _ in read),
         negative=tuple(negative for _, negative in read),
@@ -143,5 +147,4 @@ def _mask(path: Path | None, camera: Device, transport: Transport, ambient: NDAr
 
 
 def _provenance(files: MatrixFiles) -> str:
-    names: Sequence[Path | None] = (*files.matrices, files.ambient, files.mask)
-    return "import-transport of " + ", ".join(path.name for path in names if path is not None)
+    return "import-transport of " + ", ".join(path.name for path in files.all)

@@ -2,43 +2,72 @@
 
 FOLDER/session.toml            what these captures are of; a run with other options is refused
 FOLDER/captures/00012.png      capture 12 (00012_0.png, 00012_1.png … for a bracket), codes as the camera gave them
+FOLDER/next.toml  captures_2/  the same of an acquisition that will take the place of a finished one
+
+A session is of one acquisition: until its room is in place it goes on where it stopped, and from then on its captures
+are of the past. They are used again only by who asks for that; a new acquisition takes its own, and the old ones stay
+until its room, too, is in place.
 """
 
-from collections.abc import Sequence
+import shutil
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from player.calibration import TOML
 from player.errors import InputError
-from player.files import flush, read_toml, refusals_named, replacing_file, write_toml
+from player.files import read_toml, sha256_of, write_toml
+from player.png import encode_png
+from player.writing.outputs import check_folder, is_vacant
+from player.writing.replacing import filling_folder, holding, replacing_file
 from tools.acquisition.cameras.camera import Exposures, Shot
 from tools.acquisition.picture_files import read_picture
 
-SESSION = "session.toml"
-FORMAT = 2  # 1: black and floodlight four times each
+SESSION, NEXT = "session.toml", "next.toml"
+CAPTURES = ("captures", "captures_2")
+FORMAT = 3  # 1: black and floodlight four times each; 2: not known whether its room is in place
+OWN = ("id", "captures", "made", "finished")  # what a session says beside what it is of
+FIX = "name another folder with --captures, or remove this one"
+
+Put = Callable[[Path, bytes], None]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a run is to do with captures that are there.
+
+    room : the calibration folder that the acquisition is for.  anew : take new captures, if those are of a finished
+    acquisition.  reuse : take them nevertheless.
+    """
+
+    room: Path
+    anew: bool = False
+    reuse: bool = False
 
 
 class CaptureStore:
-    """The captures of one acquisition; InputError if `folder` holds those of another."""
+    """The captures of one acquisition.
 
-    def __init__(self, folder: Path, session: dict[str, Any], exposures: Exposures) -> None:
-        self._folder, self._captures, self._exposures = folder, folder / "captures", exposures
+    record : what its session says.  put : puts a file into the folder of the captures, for good.  replaces : whether it
+    will take the place of a finished acquisition, whose captures stay until `finish`.
+    """
+
+    def __init__(self, folder: Path, record: dict[str, Any], exposures: Exposures, put: Put, *, replaces: bool) -> None:
+        self._folder, self._record, self._exposures, self._put = folder, record, exposures, put
+        self._captures = folder / str(record["captures"])
+        self.replaces = replaces
         self._size: tuple[int, ...] | None = None
-        session = {"format": FORMAT, "exposures": list(exposures.times), **session}
-        if (folder / SESSION).exists():
-            _refuse_other(folder, session)
-        elif folder.exists() and any(folder.iterdir()):
-            raise InputError(f"{folder}: exists and holds no captures of an acquisition; name another with --captures")
-        with refusals_named(folder):
-            self._captures.mkdir(parents=True, exist_ok=True)
-            for left in self._captures.glob(".*.partial.png"):  # of a run that was killed
-                left.unlink()
-        if not (folder / SESSION).exists():
-            with replacing_file(folder / SESSION) as temporary:
-                write_toml(temporary, session)
+
+    @property
+    def id(self) -> str:
+        """What no other acquisition has."""
+        return str(self._record["id"])
 
     def has(self, number: int) -> bool:
         return all(path.is_file() for path in self._paths(number))
@@ -53,11 +82,7 @@ class CaptureStore:
             raise InputError(f"capture {number}: {len(shots)} shots, expected {len(paths)}, one for each exposure")
         for path, shot in zip(paths, shots, strict=True):
             self._check_size(path, shot)
-            _, content = cv2.imencode(".png", shot if shot.ndim == 2 else shot[..., ::-1])
-            with replacing_file(path) as temporary:
-                temporary.write_bytes(content.tobytes())
-        with refusals_named(self._captures):
-            flush(self._captures)
+            self._put(path, encode_png(shot))
 
     def shots(self, number: int) -> tuple[Shot, ...]:
         shots = tuple(read_picture(path) for path in self._paths(number))
@@ -68,6 +93,15 @@ class CaptureStore:
     def radiance(self, number: int) -> NDArray[np.float32]:
         """(camera height, camera width, 3)."""
         return self._exposures.radiance(self.shots(number))
+
+    def made(self, fingerprint: str) -> None:
+        """The room with that fingerprint is whole, and about to be put in place."""
+        self._record["made"] = fingerprint
+        _write(self._folder / (NEXT if self.replaces else SESSION), self._record)
+
+    def finish(self) -> None:
+        """The room is in place: these captures are of the past, and those that they replace are removed."""
+        _finish(self._folder, self._record)
 
     def _paths(self, number: int) -> list[Path]:
         count = len(self._exposures.times)
@@ -84,12 +118,98 @@ class CaptureStore:
             )
 
 
-def _refuse_other(folder: Path, session: dict[str, Any]) -> None:
-    fix = "name another folder with --captures, or remove this one"
-    stored = read_toml(folder / SESSION, fix)
-    for key in sorted({*stored, *session}):
+def check_captures(folder: Path, wanted: Wanted) -> None:
+    """InputError, before anything is photographed, if `folder` cannot hold the captures of a run."""
+    check_folder(folder)
+    kept, coming = _read(folder / SESSION), _read(folder / NEXT)
+    if kept is None and not is_vacant(folder):
+        raise InputError(f"{folder}: exists and holds no captures of an acquisition; name another with --captures")
+    current = coming or kept
+    if current is None and wanted.reuse:
+        raise InputError(f"{folder}: holds no captures to use again; leave out --reuse-captures")
+    if current is not None and _is_finished(current, wanted.room) and not (wanted.anew or wanted.reuse):
+        raise InputError(
+            f"{folder}: captures of an acquisition that is finished; take new ones with --force, make its room again "
+            "with --reuse-captures, or name another folder with --captures"
+        )
+
+
+@contextmanager
+def open_store(folder: Path, session: dict[str, Any], exposures: Exposures, wanted: Wanted) -> Iterator[CaptureStore]:
+    """The captures in `folder`, which is made if it is not there; no other process writes there meanwhile.
+
+    session : what they are of.
+    Raises InputError as `check_captures` does, for captures of something else, and where the system refuses.
+    """
+    session = {"format": FORMAT, "exposures": list(exposures.times), **session}
+    with holding(folder):
+        check_captures(folder, wanted)
+        folder.mkdir(exist_ok=True)
+        kept, coming = _settled(folder, wanted.room)
+        current = coming or kept
+        if current is None or (_is_finished(current, wanted.room) and not wanted.reuse):
+            name = CAPTURES[0] if kept is None or kept["captures"] == CAPTURES[1] else CAPTURES[1]
+            current = {**session, "id": uuid.uuid4().hex, "captures": name}
+            coming = None if kept is None else current
+            _write(folder / (NEXT if coming else SESSION), current)
+        else:
+            _refuse_other(folder, current, session)
+        captures = folder / str(current["captures"])
+        captures.mkdir(exist_ok=True)
+        with filling_folder(captures) as put:
+            yield CaptureStore(folder, current, exposures, put, replaces=coming is not None)
+
+
+def _settled(folder: Path, room: Path) -> tuple[dict[str, Any] | None, dict[str, Any] | None]:
+    """The session that is kept and the one that will take its place, after what a killed run had begun is completed."""
+    kept, coming = _read(folder / SESSION), _read(folder / NEXT)
+    if kept is not None and coming is not None and (kept["id"] == coming["id"] or _is_finished(coming, room)):
+        _finish(folder, coming)
+        kept, coming = coming, None
+    _remove_captures(folder, besides=[record for record in (kept, coming) if record is not None])
+    return kept, coming
+
+
+def _finish(folder: Path, record: dict[str, Any]) -> None:
+    record["finished"] = True
+    _write(folder / SESSION, record)
+    (folder / NEXT).unlink(missing_ok=True)
+    _remove_captures(folder, besides=[record])
+
+
+def _remove_captures(folder: Path, besides: Sequence[dict[str, Any]]) -> None:
+    for name in set(CAPTURES) - {record["captures"] for record in besides}:
+        shutil.rmtree(folder / name, ignore_errors=True)
+
+
+def _is_finished(record: dict[str, Any], room: Path) -> bool:
+    """Whether the acquisition's room is in place, or was."""
+    if record.get("finished") is True:
+        return True
+    return (room / TOML).is_file() and record.get("made") == sha256_of(room / TOML)
+
+
+def _refuse_other(folder: Path, stored: dict[str, Any], session: dict[str, Any]) -> None:
+    for key in sorted({*stored, *session}.difference(OWN)):
         if stored.get(key) != session.get(key):
             raise InputError(
                 f"{folder}: captures of another acquisition ({key}: {stored.get(key)!r} there, {session.get(key)!r} "
-                f"here); {fix}"
+                f"here); {FIX}"
             )
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    """A session; None where there is none. InputError for what no `open_store` wrote."""
+    if not path.exists():
+        return None
+    stored = read_toml(path, FIX)
+    if stored.get("format") != FORMAT:
+        raise InputError(f"{path}: format {stored.get('format')!r}, this version reads {FORMAT}; {FIX}")
+    if stored.get("captures") not in CAPTURES or not isinstance(stored.get("id"), str):
+        raise InputError(f"{path}: does not say which captures are of it; {FIX}")
+    return stored
+
+
+def _write(path: Path, record: dict[str, Any]) -> None:
+    with replacing_file(path) as temporary:
+        write_toml(temporary, record)

@@ -8,13 +8,15 @@ import numpy as np
 
 from player.errors import InputError
 from player.exr import write_rgb
-from player.files import replacing_file
 from player.response import Response
+from player.writing.outputs import check_file
+from player.writing.replacing import replacing_file
 from tools.acquisition.room_options import named_response
 from tools.hdr.bracket import Bracket, open_bracket
 from tools.hdr.radiance import MergeOptions, RadianceMap, merge
 from tools.hdr.recovery import METHODS as RECOVERIES
 from tools.hdr.recovery import NAME_IT, recover_response
+from tools.hdr.response_table import SUFFIXES as RESPONSES
 from tools.hdr.response_table import write_response
 
 
@@ -28,6 +30,11 @@ class ResponseSource:
         if self.name not in RECOVERIES:
             return named_response(self.name)
         return recover_response(bracket.samples(), bracket.times_s, self.name)
+
+    @property
+    def files(self) -> list[Path]:
+        """What is read for it."""
+        return [Path(self.name)] if self.name.endswith(RESPONSES) else []
 
     def __str__(self) -> str:
         return f"response recovered ({self.name})" if self.name in RECOVERIES else f"response {self.name}"
@@ -74,12 +81,15 @@ def merge_bracket(
     """
     if output.suffix.lower() != ".exr":
         raise InputError(f"{output}: a radiance map is written as OpenEXR; name it {output.stem}.exr")
+    check_file(output, inputs=paths)
+    if save_response is not None:
+        check_file(save_response, suffixes=RESPONSES, inputs=[*paths, *source.files])
     if options.method == "average" and source.name in RECOVERIES:
         raise InputError(f"--method average: shots of one exposure do not show the camera's response; {NAME_IT}")
-    bracket = open_bracket(paths, times_s, repeated=options.method == "average")
-    response = source.of(bracket)
-    merged = merge(bracket.shots(), response, options)
     with replacing_file(output) as temporary:
+        bracket = open_bracket(paths, times_s, repeated=options.method == "average")
+        response = source.of(bracket)
+        merged = merge(bracket.shots(), response, options)
         write_rgb(temporary, np.broadcast_to(merged.radiance, (*merged.radiance.shape[:2], 3)))
     if save_response is not None:
         write_response(save_response, response)

@@ -7,11 +7,12 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from player.files import replacing_file
 from player.response import Response
+from player.writing.replacing import replacing_file
 
 FloatArray = NDArray[np.float64]
 
+SUFFIXES = (".toml",)  # what --response takes for a file
 NODES = 256  # rows of a table; deeper cameras are interpolated between them
 STRICT = 1e-6  # of full scale: the least rise over the whole table
 

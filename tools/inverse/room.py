@@ -33,7 +33,17 @@ class BuiltRoom:
 
 
 def build_room_maps(stored: StoredCalibration, options: InverseOptions, *, refine: bool = True) -> BuiltRoom:
-    """Build and write every row map of a calibration; those that only refinement needs if `refine`."""
+    """Build and write every row map of a calibration; those that only refinement needs if `refine`.
+
+    Raises InputError at once if another process is building them.
+    """
+    with maps.replacing(stored) as stage:
+        built = _build(stored, options, refine=refine)
+        maps.write_maps(built.maps, stored, stage)
+    return built
+
+
+def _build(stored: StoredCalibration, options: InverseOptions, *, refine: bool) -> BuiltRoom:
     calibration = stored.calibration
     transport = read_transport(stored)
     camera, projector = calibration.camera.shape, calibration.projector.shape
@@ -47,7 +57,6 @@ def build_room_maps(stored: StoredCalibration, options: InverseOptions, *, refin
     further = refinement_maps(transport, calibration) if refine else None
     observe = pack_matrices(transport.near, camera, projector)
     packed = RoomMaps(correction, observe, far, undo, white, details, further)
-    maps.write_maps(packed, stored)
     return BuiltRoom(calibration, transport, inverse, packed, _summary(inverse, packed))
 
 

@@ -2,15 +2,14 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from player import exr, reference
 from player.colour import decoding_of
 from player.errors import InputError
-from player.files import replacing_file
 from player.headless import FRAME_TIMEOUT_S
+from player.png import write_png
 from player.renderer import place
 from player.response import Response, transfer_table
 from player.video import Frame, MediaReader
@@ -18,16 +17,6 @@ from player.video import Frame, MediaReader
 FloatArray = NDArray[np.float64]
 SUFFIXES = (".png", ".exr")
 WHITE_PERCENTILE = 99.0
-
-
-def check_output(path: Path) -> None:
-    """InputError unless `path` is a .png or .exr in a folder that exists; asked before the work."""
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path}: cannot write {path.suffix or 'a file without suffix'}; use {', '.join(SUFFIXES)}")
-    if not path.parent.is_dir():
-        raise InputError(f"{path.parent}: no such folder; make it first")
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; name a file")
 
 
 def read_placed(path: Path, target: tuple[int, int]) -> FloatArray:
@@ -66,19 +55,12 @@ def encoded(linear_rgb: FloatArray, white: float) -> NDArray[np.uint8]:
     return reference.encode(linear_rgb, Response("srgb").inverse_table(), white)
 
 
-def write_png(path: Path, srgb: NDArray[np.uint8]) -> None:
-    """Write an 8-bit picture (rows, columns, 3)."""
-    if not cv2.imwrite(str(path), np.ascontiguousarray(srgb[..., ::-1])):
-        raise InputError(f"{path}: could not be written; is the disk full?")
-
-
 def write_view(path: Path, linear_rgb: FloatArray, white: float) -> None:
-    """Write a picture whole or not at all: PNG sRGB with `white` as 255, OpenEXR the linear values as they are."""
-    with replacing_file(path) as temporary:
-        if path.suffix.lower() == ".exr":
-            exr.write_rgb(temporary, linear_rgb.astype(np.float32))
-        else:
-            write_png(temporary, encoded(linear_rgb, white))
+    """Write a picture: PNG sRGB with `white` as 255, OpenEXR the linear values as they are."""
+    if path.suffix.lower() == ".exr":
+        exr.write_rgb(path, linear_rgb.astype(np.float32))
+    else:
+        write_png(path, encoded(linear_rgb, white))
 
 
 def _linear(frame: Frame) -> FloatArray:

@@ -10,7 +10,9 @@ from player import calibration as calibrations
 from player.calibration import StoredCalibration
 from player.errors import InputError
 from player.maps import read_maps
-from tools.relighting.pictures import check_output, read_placed, white_level, write_view
+from player.writing.outputs import check_file
+from player.writing.replacing import replacing_file
+from tools.relighting.pictures import SUFFIXES, read_placed, white_level, write_view
 from tools.relighting.views import composition, dual, inverse_composition, inverse_dual
 from tools.transport.storage import read_transport
 
@@ -39,11 +41,12 @@ class RelightOptions:
 
 def relight(folder: Path, picture: Path | None, output: Path, options: RelightOptions) -> str:
     """Compute a view and write it; returns a one-line summary that states the scale."""
-    check_output(output)
-    stored = calibrations.read(folder)
-    view = make_view(stored, _picture(stored, picture, options.view), options)
-    white = white_level(view) if options.white is None else options.white
-    write_view(output, view, white)
+    check_file(output, suffixes=SUFFIXES, inputs=[] if picture is None else [picture])
+    with replacing_file(output) as temporary:
+        stored = calibrations.read(folder)
+        view = make_view(stored, _picture(stored, picture, options.view), options)
+        white = white_level(view) if options.white is None else options.white
+        write_view(temporary, view, white)
     height, width = view.shape[:2]
     scale = "linear values" if output.suffix.lower() == ".exr" else f"white is {white:.4g}{_cut(view, white)}"
     return f"{output}: {options.view}, {width}x{height}, {scale}"

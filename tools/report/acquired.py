@@ -1,6 +1,5 @@
 """The report on an acquisition: what was captured, what T became of it, and how well a picture could be compensated."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +10,15 @@ from numpy.typing import NDArray
 from player import calibration as calibrations
 from player.calibration import Calibration
 from player.content import reachable_white
-from player.files import replacing_folder
+from player.writing.replacing import replacing_folder
 from tools.acquisition.acquired_room import AcquisitionReport
 from tools.acquisition.preflight import Finding
 from tools.inverse.pictures import typical_pictures
-from tools.relighting.pictures import encoded, white_level, write_png
+from tools.relighting.pictures import encoded, white_level
 from tools.relighting.views import composition, dual
 from tools.report import charts, pictures
 from tools.report.page import Figure, Section, page, table
-from tools.report.report import FORMAT, JSON, PAGE, check_report_folder
+from tools.report.report import FORMAT, PAGE, check_report_folder, write_page
 from tools.solve.quality import psnr
 from tools.solve.registry import solve_channels
 from tools.solve.system import channel_system
@@ -35,16 +34,12 @@ SMOOTH = 6  # camera pixels a picture pixel: little detail, so that faults of T 
 
 def write_acquisition_report(room: Path, report: AcquisitionReport, findings: list[Finding], folder: Path) -> Path:
     """Measure the stored calibration `room`, draw and write the page; returns its path."""
-    check_report_folder(folder)
-    stored = calibrations.read(room)
-    transport, calibration = read_transport(stored), stored.calibration
-    drawn, whites = _pictures(transport, calibration, report)
-    figures = _figures(transport, calibration, report, findings) | {"picture_white": whites}
-    with replacing_folder(folder) as stage:
-        for name, picture in drawn.items():
-            write_png(stage / name, picture)
-        (stage / JSON).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
-        (stage / PAGE).write_text(acquisition_page(figures), encoding="utf-8")
+    with replacing_folder(folder, check_report_folder) as stage:
+        stored = calibrations.read(room)
+        transport, calibration = read_transport(stored), stored.calibration
+        drawn, whites = _pictures(transport, calibration, report)
+        figures = _figures(transport, calibration, report, findings) | {"picture_white": whites}
+        write_page(stage, figures, drawn, acquisition_page(figures))
     return folder / PAGE
 
 

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from player.errors import InputError
-from player.files import replacing_folder
+from player.png import write_png
+from player.writing.outputs import check_folder, is_vacant, refuse_strangers
+from player.writing.replacing import replacing_folder
 from tools.inverse.room import BuiltRoom
-from tools.relighting.pictures import encoded, white_level, write_png
+from tools.relighting.pictures import encoded, white_level
 from tools.relighting.views import composition, dual, inverse_composition, inverse_dual
 from tools.report import layout, pictures, spectra
 from tools.report.charts import bins_of
@@ -35,20 +37,27 @@ class Findings:
 
 def check_report_folder(folder: Path) -> None:
     """InputError if writing a report to `folder` would lose something else; asked before the long work."""
-    if not folder.exists() or (folder.is_dir() and (not any(folder.iterdir()) or (folder / JSON).is_file())):
+    check_folder(folder)
+    if is_vacant(folder):
         return
-    raise InputError(f"{folder}: exists and is no report; choose another name for --report")
+    if not (folder / JSON).is_file():
+        raise InputError(f"{folder}: exists and is no report; choose another name for --report")
+    refuse_strangers(folder, (JSON, PAGE, "*.png"), "a report")
+
+
+def write_page(stage: Path, figures: dict[str, Any], drawn: dict[str, NDArray[np.uint8]], page: str) -> None:
+    """Write what a report holds into an empty folder."""
+    for name, picture in drawn.items():
+        write_png(stage / name, picture)
+    (stage / JSON).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    (stage / PAGE).write_text(page, encoding="utf-8")
 
 
 def write_report(built: BuiltRoom, folder: Path) -> Path:
     """Measure, draw and write; returns the page's path. A report that was there stays until the new one is whole."""
-    check_report_folder(folder)
-    findings = find(built)
-    with replacing_folder(folder) as stage:
-        for name, picture in findings.pictures.items():
-            write_png(stage / name, picture)
-        (stage / JSON).write_text(json.dumps(findings.figures, indent=1) + "\n", encoding="utf-8")
-        (stage / PAGE).write_text(layout.report_page(findings.figures), encoding="utf-8")
+    with replacing_folder(folder, check_report_folder) as stage:
+        findings = find(built)
+        write_page(stage, findings.figures, findings.pictures, layout.report_page(findings.figures))
     return folder / PAGE
 
 

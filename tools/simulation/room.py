@@ -13,8 +13,14 @@ from tools.transport.storage import write_transport
 from tools.transport.transport import Transport
 
 
-def write_simulated_room(scene: Scene, result: Simulated, folder: Path, *, force: bool = False) -> str:
-    """Write a simulated scene as a calibration; returns a line on the whole.
+def write_simulated_room(scene: Scene, result: Simulated, folder: Path) -> None:
+    """Write a simulated scene as a calibration folder, which must not be there."""
+    with calibration.replacing(folder) as stage:
+        fill_simulated_room(scene, result, stage)
+
+
+def fill_simulated_room(scene: Scene, result: Simulated, stage: Path) -> str:
+    """Write a simulated scene into the stage of a calibration; returns some words on the whole.
 
     The mask holds the camera pixels that the projector lights directly.
     """
@@ -33,7 +39,7 @@ def write_simulated_room(scene: Scene, result: Simulated, folder: Path, *, force
         ambient=result.ambient,
         mask=mask,
     )
-    with calibration.writing(folder, room, force=force) as stage:
-        write_transport(result.transport, stage)
+    write_transport(result.transport, stage)
+    calibration.write(room, stage)
     entries = result.transport.near[0].nnz
-    return f"{folder}: {entries} near entries a channel, {mask.sum()} of {mask.size} camera pixels lit directly"
+    return f"{entries} near entries a channel, {mask.sum()} of {mask.size} camera pixels lit directly"

@@ -14,10 +14,12 @@ from player import exr, reference
 from player.calibration import StoredCalibration
 from player.content import reachable_white
 from player.errors import InputError
-from player.files import replacing_file
 from player.maps import read_maps
+from player.png import write_png
+from player.writing.outputs import check_file
+from player.writing.replacing import replacing_file
 from tools.clusters.search import decompose_to
-from tools.relighting.pictures import check_output, read_placed, write_png
+from tools.relighting.pictures import SUFFIXES, read_placed
 from tools.relighting.views import inverse_dual
 from tools.solve.quality import Quality, measure
 from tools.solve.registry import solve_channels
@@ -169,7 +171,7 @@ def compensate(folder: Path, picture: Path, output: Path | None, options: Compen
     """
     outputs = {} if output is None else _outputs(output, options.solvers)
     for path in outputs.values():
-        check_output(path)
+        check_file(path, suffixes=SUFFIXES, inputs=[picture])
     stored = calibrations.read(folder)
     calibration, radiance = stored.calibration, picture.suffix.lower() == ".exr"
     wanted = read_placed(picture, calibration.camera.shape)

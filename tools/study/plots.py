@@ -1,6 +1,7 @@
 """The plots of a study as PNG (matplotlib's Agg, no screen): error against time, map size and every knob."""
 
 from collections.abc import Callable, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -195,6 +196,8 @@ def subplots(rows: int, columns: int, shape: tuple[int, int]) -> tuple[Figure, N
 
 def save(path: Path, figure: Figure) -> str:
     """Write and close; returns the file's name."""
-    figure.savefig(path, dpi=DPI)
+    picture = BytesIO()  # matplotlib does not notice what the system refuses in the middle of a write
+    figure.savefig(picture, dpi=DPI, format="png")
     plt.close(figure)
+    path.write_bytes(picture.getvalue())
     return path.name

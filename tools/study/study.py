@@ -9,7 +9,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from player.errors import InputError
-from player.files import replacing_folder
+from player.writing.outputs import check_folder, is_vacant, refuse_strangers
+from player.writing.replacing import replacing_folder
 from tools.study import page, summary
 from tools.study.frames import graphics, in_software
 from tools.study.measure import NNLS_LABEL, OURS_LABEL, THESIS_LABEL, RoomFigures, study_room
@@ -41,8 +42,7 @@ class StudyOptions:
 
 def check_output(folder: Path) -> None:
     """InputError, before the long work, if something else than a study's report would be lost, or matplotlib lacks."""
-    if folder.exists() and not (folder.is_dir() and (not any(folder.iterdir()) or (folder / JSON).is_file())):
-        raise InputError(f"{folder}: exists and is no study's report; choose another name for -o")
+    _refuse_other(folder)
     try:
         import matplotlib  # noqa: F401
     except ImportError:
@@ -52,9 +52,24 @@ def check_output(folder: Path) -> None:
         ) from None
 
 
+def _refuse_other(folder: Path) -> None:
+    check_folder(folder)
+    if is_vacant(folder):
+        return
+    if not (folder / JSON).is_file():
+        raise InputError(f"{folder}: exists and is no study's report; choose another name for -o")
+    refuse_strangers(folder, (CSV, JSON, PAGE, SUMMARY, TABLE, "*.png"), "a study's report")
+
+
 def run_study(options: StudyOptions, folder: Path) -> Iterator[str]:
     """Study, write the report to `folder` and yield what to print, line by line."""
     check_output(folder)
+    with replacing_folder(folder, _refuse_other) as stage:
+        yield from _study(options, stage)
+    yield f"report: {folder / PAGE}"
+
+
+def _study(options: StudyOptions, stage: Path) -> Iterator[str]:
     yield f"OpenGL: {graphics()}"
     figures: list[RoomFigures] = []
     for place in options.places:
@@ -72,10 +87,7 @@ def run_study(options: StudyOptions, folder: Path) -> Iterator[str]:
             for row in measure_at_thesis_size(Path(here), options.pictures[0]):
                 table.append(row)
                 yield f"{row.scene} at {row.camera}, {row.projector}: measured for Table 6.1"
-    with replacing_folder(folder) as stage:
-        advice = write_study(stage, figures, table)
-    yield from advice
-    yield f"report: {folder / PAGE}"
+    yield from write_study(stage, figures, table)
 
 
 def write_study(stage: Path, figures: Sequence[RoomFigures], table: Sequence[OurRow]) -> list[str]:

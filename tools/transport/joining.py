@@ -32,7 +32,19 @@ def join_rooms(
     """
     if len(folders) < 2:
         raise InputError(f"{len(folders)} calibration to join: give at least two, of one projector each")
-    calibrations.refuse_existing(output, force=force)
+    with calibrations.replacing(output, force=force, inputs=folders) as stage:
+        joint, transport, difference = _join(folders, monitors, name or output.name)
+        write_transport(transport, stage)
+        calibrations.write(joint, stage)
+    raster = f"raster {joint.projector.width}x{joint.projector.height}"
+    return (
+        f"{output}: {len(joint.projectors)} projectors, {raster}, ambient light differs by {100 * difference:.2g} % of "
+        "white"
+    )
+
+
+def _join(folders: Sequence[Path], monitors: Sequence[str], name: str) -> tuple[Calibration, Transport, float]:
+    """The joint calibration, its transport, and how far ambient light differs, relative to white."""
     stored = [calibrations.read(folder) for folder in folders]
     rooms = [one.calibration for one in stored]
     _check_cameras(stored)
@@ -40,15 +52,9 @@ def join_rooms(
     provenance = "joined by join-projectors: " + "; ".join(f"{room.name} ({room.provenance})" for room in rooms)
     first = rooms[0]
     mask = np.any([room.mask for room in rooms], axis=0)
-    joint = Calibration(name or output.name, provenance, projectors, first.camera, first.ambient, mask)
+    joint = Calibration(name, provenance, projectors, first.camera, first.ambient, mask)
     transport = join_transports([read_transport(one) for one in stored], [room.projector.shape for room in rooms])
-    difference = _check_ambient(stored, transport.composition())
-    with calibrations.writing(output, joint, force=force) as stage:
-        write_transport(transport, stage)
-    raster = f"raster {joint.projector.width}x{joint.projector.height}"
-    return (
-        f"{output}: {len(projectors)} projectors, {raster}, ambient light differs by {100 * difference:.2g} % of white"
-    )
+    return joint, transport, _check_ambient(stored, transport.composition())
 
 
 def join_transports(transports: Sequence[Transport], shapes: Sequence[tuple[int, int]]) -> Transport:

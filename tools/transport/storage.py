@@ -41,6 +41,7 @@ def read_transport(stored: StoredCalibration) -> Transport:
     shape = calibration.camera.pixels, calibration.projector.pixels
     near = tuple(read_matrix(stored.checked_path(f"transport_{name}.npz"), shape) for name in CHANNELS)
     far = _read_far_light(stored.checked_path(FAR_LIGHT), shape) if FAR_LIGHT in stored.files else None
+    stored.refuse_replaced()
     return Transport(near, far)
 
 

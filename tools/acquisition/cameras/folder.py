@@ -2,6 +2,7 @@
 
 FOLDER/patterns/00012.png    what to show: 8-bit, white and black, the projector's size
 FOLDER/captures/00012.png    what was seen (or .jpg); with a bracket 00012_0.png, 00012_1.png …
+FOLDER/acquisition.toml      which acquisition they are of: none takes another one's captures for its own
 """
 
 import re
@@ -9,15 +10,17 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from player.errors import InputError
-from player.files import refusals_named, replacing_file
+from player.files import read_toml, write_toml
+from player.png import encode_png
+from player.writing.replacing import filling_folder, replacing_file
 from tools.acquisition.cameras.camera import Exposures, Shot
 from tools.acquisition.picture_files import SUFFIXES, read_picture
 from tools.acquisition.plan import Pattern
 
+ACQUISITION = "acquisition.toml"
 POLL_S = 0.2
 LISTED = 3  # names in a message
 _NUMBERED = re.compile(r"(?P<number>\d{5,})(_(?P<shot>\d+))?")
@@ -40,16 +43,31 @@ class FolderCamera:
     def exposures(self) -> Exposures:
         return self._exposures
 
+    def bind(self, acquisition: str, *, first: bool) -> None:
+        """Take the folder for an acquisition, by its id; InputError if it holds another one's captures.
+
+        first : captures of no known acquisition are this one's, since it takes the place of none.
+        """
+        path, seen = self._folder / ACQUISITION, self._folder / "captures"
+        bound = read_toml(path, f"remove {path}").get("id") if path.exists() else None
+        if bound == acquisition:
+            return
+        if (bound is not None or not first) and seen.is_dir() and any(_pictures(seen)):
+            raise InputError(f"{seen}: holds captures of another acquisition; move them away, or name another folder")
+        shown, _ = self._make_folders()
+        for pattern in shown.glob("*.png"):  # of the acquisition before: others at the same numbers
+            pattern.unlink()
+        with replacing_file(path) as temporary:
+            write_toml(temporary, {"id": acquisition})
+
     def prepare(self, first: int, patterns: Sequence[Pattern], missing: Sequence[int]) -> None:
         """Write the patterns; InputError naming the captures that are not there, or that belong to no pattern."""
-        shown, seen = self._folder / "patterns", self._folder / "captures"
-        with refusals_named(self._folder):
-            shown.mkdir(parents=True, exist_ok=True)
-            seen.mkdir(exist_ok=True)
-        for number in missing:
-            path = shown / f"{number:05}.png"
-            if not path.exists():
-                _write_pattern(path, patterns[number - first])
+        shown, seen = self._make_folders()
+        with filling_folder(shown) as put:
+            for number in missing:
+                path = shown / f"{number:05}.png"
+                if not path.exists():
+                    put(path, encode_png(patterns[number - first].astype(np.uint8) * 255))
         if missing:  # otherwise captures of later levels may be there, from an earlier run
             self._refuse_strangers(seen, first + len(patterns))
         deadline = time.monotonic() + self._wait_s
@@ -61,6 +79,16 @@ class FolderCamera:
     def capture(self, number: int, pattern: Pattern) -> tuple[Shot, ...]:
         paths = [(stem, self._find(stem)) for stem in self._stems(number)]
         return tuple(read_picture(path or self._folder / "captures" / f"{stem}.png") for stem, path in paths)
+
+    def _make_folders(self) -> tuple[Path, Path]:
+        """Of patterns and of captures."""
+        folders = self._folder / "patterns", self._folder / "captures"
+        for folder in folders:
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(f"{folder}: cannot be made ({error.strerror}); check path and rights") from None
+        return folders
 
     def _stems(self, number: int) -> list[str]:
         count = len(self._exposures.times)
@@ -86,12 +114,6 @@ class FolderCamera:
 
 def _pictures(folder: Path) -> Iterator[Path]:
     yield from (p for p in sorted(folder.iterdir()) if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
-
-
-def _write_pattern(path: Path, pattern: Pattern) -> None:
-    _, content = cv2.imencode(".png", pattern.astype(np.uint8) * 255)
-    with replacing_file(path) as temporary:
-        temporary.write_bytes(content.tobytes())
 
 
 def _waiting(folder: Path, absent: Sequence[str]) -> str:

@@ -1,0 +1,129 @@
+"""What may not be written where, said before any work: InputError, in one line."""
+
+import os
+import stat
+from collections.abc import Iterable, Iterator, Sequence
+from fnmatch import fnmatchcase
+from itertools import combinations
+from pathlib import Path
+
+from player.errors import InputError
+from player.writing.numbered import number_of, sequence_at
+
+# Folders that are replaced as a whole or not at all, by two files or folders that each of them has.
+STAGES = ".*.partial"
+KEPT = {
+    ("calibration.toml", "mask.png"): "calibration",
+    ("session.toml", "captures"): "capture",
+    ("session.toml", "captures_2"): "capture",
+}
+
+
+def check_file(path: Path, *, suffixes: Sequence[str] = (), inputs: Iterable[Path] = ()) -> None:
+    """`path` is or can become a file, of one of the suffixes, that the command does not read."""
+    if suffixes and path.suffix.lower() not in suffixes:
+        found = path.suffix or "a file without suffix"
+        raise InputError(f"{path}: cannot write {found}; use {', '.join(suffixes)}")
+    _check_parent(path)
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is {kind_of(path)}; name a file")
+    _refuse_inputs(path, [path], inputs)
+
+
+def check_sequence(pattern: Path, *, inputs: Iterable[Path] = ()) -> None:
+    """The files that `name%05d.png` numbers can be written, and no file that it numbers now is read."""
+    _check_parent(pattern)
+    sequence_at(pattern)
+    covered = [path for path in pattern.parent.iterdir() if number_of(pattern.name, path.name) is not None]
+    _refuse_inputs(pattern, covered, inputs)
+
+
+def check_log(path: Path, *, inputs: Iterable[Path] = ()) -> None:
+    """Lines of JSON can be added to `path`: nothing, an earlier log, a pipe or a device, and nothing that is read."""
+    if not path.exists():
+        _check_parent(path)
+    elif path.is_dir():
+        raise InputError(f"{path}: is a folder; name a file")
+    elif path.is_file():
+        with path.open("rb") as file:
+            if file.read(1) not in (b"", b"{"):
+                raise InputError(f"{path}: is no log that lines could be added to; name another file")
+    _refuse_inputs(path, [path], inputs)
+
+
+def check_folder(folder: Path, *, inputs: Iterable[Path] = ()) -> None:
+    """`folder` is or can become a folder which holds nothing that the command reads."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is {kind_of(folder)}; name a folder")
+    real = _real(folder)
+    above = next(parent for parent in real.parents if parent.exists())
+    _check_parent(above / real.name)
+    for given in inputs:
+        if real == _real(given) or real in _real(given).parents:
+            raise InputError(
+                f"{folder}: would be replaced, and holds {given}, which is read; choose another name for it"
+            )
+
+
+def check_apart(*outputs: Path | None) -> None:
+    """No output is another one, or inside it."""
+    for one, other in combinations([path for path in outputs if path is not None], 2):
+        a, b = _real(one), _real(other)
+        if a == b or a in b.parents or b in a.parents:
+            raise InputError(f"{one}: would be overwritten by {other}; give each output a place of its own")
+
+
+def is_vacant(folder: Path) -> bool:
+    """Nothing is there, or a folder that holds at most what writers leave that are killed."""
+    if not folder.exists():
+        return True
+    return folder.is_dir() and all(fnmatchcase(path.name, STAGES) for path in folder.iterdir())
+
+
+def refuse_strangers(folder: Path, parts: Sequence[str], kind: str) -> None:
+    """`folder`, which will be replaced as a whole, holds nothing but its parts (names, or patterns such as *.png)."""
+    for path in sorted(folder.iterdir()):
+        if not any(fnmatchcase(path.name, part) for part in (*parts, STAGES)):
+            raise InputError(f"{path}: is no part of {kind} and would be lost; move it out of {folder} first")
+
+
+def kind_of(path: Path) -> str:
+    """What something that exists is."""
+    mode = path.stat().st_mode
+    return "a folder" if stat.S_ISDIR(mode) else "a file" if stat.S_ISREG(mode) else "a device, a pipe or a socket"
+
+
+def _check_parent(path: Path) -> None:
+    parent = path.parent
+    if not parent.exists():
+        raise InputError(f"{parent}: no such folder; make it first")
+    if not parent.is_dir():
+        raise InputError(f"{parent}: is {kind_of(parent)}; choose a folder for {path.name}")
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise InputError(f"{parent}: cannot be written to; check its rights, or choose another folder for {path.name}")
+    for folder in _real(path).parents:
+        for marks, kind in KEPT.items():
+            if all((folder / mark).exists() for mark in marks):
+                raise InputError(f"{path}: is inside the {kind} folder {folder}; choose a place outside")
+
+
+def _refuse_inputs(output: Path, covered: Sequence[Path], inputs: Iterable[Path]) -> None:
+    """The files that `output` would replace are none of the inputs, under whatever name."""
+    identities = {(status.st_dev, status.st_ino) for path in covered if path.exists() for status in [path.stat()]}
+    for given in _files(inputs) if identities else ():
+        status = given.stat()
+        if (status.st_dev, status.st_ino) in identities:
+            raise InputError(f"{output}: would overwrite {given}, which is read; choose another name for it")
+
+
+def _files(inputs: Iterable[Path]) -> Iterator[Path]:
+    """The inputs that exist; of folders, what is directly in them."""
+    for path in inputs:
+        if path.is_dir():
+            yield from (entry for entry in path.iterdir() if entry.exists())
+        elif path.exists():
+            yield path
+
+
+def _real(path: Path) -> Path:
+    return Path(os.path.realpath(path))

@@ -1,0 +1,139 @@
+"""Files, folders and numbered sequences that are whole or absent: everything that a command writes is written by these.
+
+Each is opened before the work whose result it takes: then the name is held, and what cannot be written is refused, at
+once. Until the block ends well, what was there stays as it was.
+"""
+
+import errno
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from player.errors import InputError
+from player.writing import moves
+from player.writing.numbered import sequence_at
+from player.writing.outputs import kind_of
+from player.writing.stage import Stage, clean_up, staged
+
+# What only writing can meet; these errors often do not say where.
+_OF_WRITING = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+@contextmanager
+def replacing_file(path: Path) -> Iterator[Path]:
+    """Yield where to write a file of the same name; on success it replaces `path`, else it is removed.
+
+    Raises InputError, naming `path`, where the system refuses (no such folder, no right, no space), where something is
+    that is no file, and where another process is writing it.
+    """
+    target = _real(path)
+    with _refusals_named(path, target), staged(target) as stage:
+        if target.exists() and not target.is_file():
+            raise InputError(f"{path}: is {kind_of(target)}; name a file")
+        yield stage.new / target.name
+        moves.put_file(stage.folder, target)
+
+
+@contextmanager
+def replacing_folder(folder: Path, refuse: Callable[[Path], None] | None = None) -> Iterator[Path]:
+    """Yield an empty folder; on success it takes the place of `folder` as a whole, else it is removed.
+
+    refuse : raises InputError if `folder` must not be replaced; asked before the work and after it.
+    Raises InputError, naming `folder`, where the system refuses, and where another process is writing it or into it.
+    """
+    target = _real(folder)  # a link is kept, what it points to is replaced
+    made = [parent for parent in target.parents if not parent.exists()]
+    try:
+        with _refusals_named(folder, target):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with staged(target) as stage:
+                _refuse_folder(folder, refuse)
+                if living := clean_up(target) if target.is_dir() else []:
+                    busy = f"{living[0].writer()} is writing {living[0].target.name} in it"
+                    raise InputError(f"{folder}: {busy}; wait until it has ended")
+                yield stage.new
+                _refuse_folder(folder, refuse)
+                moves.put_folder(stage.folder, target)
+    except BaseException:
+        with suppress(OSError):
+            for parent in made:
+                parent.rmdir()
+        raise
+
+
+@contextmanager
+def replacing_sequence(pattern: Path) -> Iterator[Path]:
+    """Yield an empty folder for the files `name_of(pattern.name, 0)`, …; on success they replace a sequence as a set.
+
+    Raises InputError, naming `pattern`, where the system refuses, where another process is writing it, and for files
+    that match the pattern and are no sequence from 0.
+    """
+    target = _real(pattern)
+    with _refusals_named(pattern, target), staged(target) as stage:
+        sequence_at(target)
+        yield stage.new
+        moves.put_sequence(stage.folder, target, sequence_at(target))
+
+
+@contextmanager
+def holding(path: Path) -> Iterator[None]:
+    """Hold the name `path`: no other process writes it meanwhile. Makes the folder that it is in.
+
+    Raises InputError where another process does, and where the system refuses.
+    """
+    target = _real(path)
+    with _refusals_named(path, target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with staged(target):
+            yield
+
+
+@contextmanager
+def filling_folder(folder: Path) -> Iterator[Callable[[Path, bytes], None]]:
+    """Hold an existing folder, and yield what puts a file into it: there for good, whole, when the call returns."""
+    target = _real(folder)
+    with _refusals_named(folder, target), staged(target) as stage:
+
+        def put(path: Path, content: bytes) -> None:
+            with _refusals_named(path, target):
+                made = stage.new / path.name
+                made.write_bytes(content)
+                moves.put_file(stage.folder, target / path.name)
+
+        yield put
+
+
+@contextmanager
+def _refusals_named(path: Path, target: Path) -> Iterator[None]:
+    """Turn what the system refuses while `path` is written into an InputError that names it.
+
+    Work goes on in between, which may fail in other ways: those errors pass.
+    """
+    try:
+        yield
+    except OSError as error:
+        if not _is_about(error, target):
+            raise
+        reason = error.strerror or " ".join(str(error).split())
+        raise InputError(f"{path}: cannot be written ({reason}); check the folder, its rights and its space") from None
+
+
+def _is_about(error: OSError, target: Path) -> bool:
+    if error.errno in _OF_WRITING:
+        return True
+    names = (name for name in (error.filename, error.filename2) if isinstance(name, str | bytes))
+    places = [Path(os.fsdecode(name).removeprefix("file:")) for name in names]  # as FFmpeg is told
+    ours = (target, Stage(target).folder)
+    return any(place in (*target.parents, *ours) or any(up in ours for up in place.parents) for place in places)
+
+
+def _real(path: Path) -> Path:
+    return Path(os.path.realpath(path))
+
+
+def _refuse_folder(folder: Path, refuse: Callable[[Path], None] | None) -> None:
+    if refuse is not None:
+        refuse(folder)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is {kind_of(folder)}; name a folder")

@@ -1,0 +1,202 @@
+"""Faults at every step by which something gets onto the disk, for tests and campaigns: kills, refusals, full disks.
+
+A runner imports what is run once and forks for every run, so that hundreds of runs take seconds:
+
+    with Runner() as runner:
+        for run in runner.struck("tools.build_correction_map:main", [str(room)]):
+            ...                              # step run.at was the last one; the files are as they were left
+
+Steps are counted where Python calls the system (STEPS, files opened for writing, the exchange of folders): libraries
+write in between, which a small file system or a limit on the size of files makes fail (`most_bytes`, `small_disk`).
+"""
+
+import contextlib
+import errno
+import importlib
+import io
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from player.errors import InputError
+from player.writing import disk
+
+ROOT = Path(__file__).resolve().parents[1]
+STEPS = ("mkdir", "rename", "replace", "unlink", "remove", "rmdir", "fsync", "ftruncate", "pwrite")
+KILL, REFUSE = "kill", "refuse"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What happens to a run.
+
+    at : the step that is struck, from 1; 0 for none.  how : KILL before it, or REFUSE it (no space).
+    most_bytes : files cannot become larger.  exchange : whether the system can exchange folders.
+    """
+
+    at: int = 0
+    how: str = KILL
+    most_bytes: int | None = None
+    exchange: bool = True
+
+
+@dataclass(frozen=True)
+class Run:
+    """How a run ended.
+
+    steps : that it took.  code : what the function returned, 2 for an InputError; -9 when it was killed.  words : of
+    the InputError, or of what no function may raise.
+    """
+
+    at: int
+    steps: int
+    code: int
+    words: str
+
+    @property
+    def struck(self) -> bool:
+        return 0 < self.at <= self.steps
+
+
+class Runner:
+    """Runs functions (`module:name`, JSON-able arguments) in forks of one process."""
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "tests.faults"], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.close()
+        self._process.wait()
+        self._process.stdout.close()
+
+    def run(self, function: str, arguments: Sequence[Any], fault: Fault | None = None) -> Run:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        request = {"function": function, "arguments": list(arguments), "fault": asdict(fault or Fault())}
+        print(json.dumps(request), file=self._process.stdin, flush=True)
+        answer = self._process.stdout.readline()
+        assert answer, "the runner has ended"
+        return Run(**json.loads(answer))
+
+    def struck(
+        self, function: str, arguments: Sequence[Any], *, how: str = KILL, stride: int = 1, exchange: bool = True
+    ) -> Iterator[Run]:
+        """Run again and again, struck at every step in turn (or every `stride`-th); the caller restores the files."""
+        at = 1
+        while (run := self.run(function, arguments, Fault(at, how, exchange=exchange))).struck:
+            yield run
+            at += stride
+        assert run.code == 0, run.words
+
+
+@contextmanager
+def small_disk(folder: Path, size: int) -> Iterator[None]:
+    """A file system of `size` bytes at a folder; needs the right to mount."""
+    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)], check=True)
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+def can_mount() -> bool:
+    command = ["unshare", "--mount", "true"]
+    return os.geteuid() == 0 and subprocess.run(command, check=False, capture_output=True).returncode == 0
+
+
+class _Counter:
+    """Counts steps and strikes the one that is due."""
+
+    def __init__(self, fault: Fault, tell: Callable[[int], None]) -> None:
+        self.fault, self.steps, self._tell = fault, 0, tell
+
+    def wrapped(self, call: Callable[..., Any]) -> Callable[..., Any]:
+        def step(*arguments: Any, **named: Any) -> Any:
+            self.steps += 1
+            if self.steps == self.fault.at:
+                self._strike(*arguments[:1])
+            return call(*arguments, **named)
+
+        return step
+
+    def _strike(self, first: Any = None) -> None:
+        if self.fault.how == KILL:
+            self._tell(self.steps)
+            os.kill(os.getpid(), signal.SIGKILL)
+        place = [str(first)] if isinstance(first, str | Path) else []  # as the system says it, or does not
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), *place)
+
+    def install(self) -> None:
+        for name in STEPS:
+            setattr(os, name, self.wrapped(getattr(os, name)))
+        disk._exchange = self.wrapped(disk._exchange if self.fault.exchange else lambda *_: False)  # type: ignore[assignment]
+        opened, counted = io.open, self.wrapped(io.open)
+        io.open = lambda *a, **k: (counted if _writes(*a, **k) else opened)(*a, **k)  # type: ignore[assignment]
+
+
+def _writes(file: Any, mode: str = "r", *_: Any, **__: Any) -> bool:
+    return isinstance(file, str | os.PathLike) and bool(set(mode) & set("wax+"))
+
+
+def _serve() -> None:
+    """Fork for every request and tell how the fork ended."""
+    for line in sys.stdin:
+        request = json.loads(line)
+        module, _, name = request["function"].partition(":")
+        function = getattr(importlib.import_module(module), name)
+        fault = Fault(**request["fault"])
+        read, write = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.close(read)
+            _run(function, request["arguments"], fault, write)
+        os.close(write)
+        with os.fdopen(read) as stream:
+            told = stream.read().split("\n", 2)
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        steps, code, words = int(told[0] or 0), told[1] if len(told) > 1 else "", told[2] if len(told) > 2 else ""
+        print(json.dumps(asdict(Run(fault.at, steps, int(code) if code else status, words))), flush=True)
+
+
+def _run(function: Callable[..., Any], arguments: list[Any], fault: Fault, write: int) -> None:
+    """In the fork: run under a fault, tell steps, code and words, and end at once."""
+    counter = _Counter(fault, lambda steps: os.write(write, b"%d\n" % steps) and None)
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+    counter.install()
+    if fault.most_bytes is not None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (fault.most_bytes, resource.RLIM_INFINITY))
+    words = ""
+    errors = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(errors):
+            code = function(*arguments) or 0
+        words = errors.getvalue()
+    except InputError as error:
+        code, words = 2, str(error)
+    except BaseException as error:
+        code, words = 1, repr(error)
+    os.write(write, f"{counter.steps}\n{code}\n{words}".encode())
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    _serve()
