@@ -1,13 +1,21 @@
 """Written or not written: kills, refusals and full disks at every step, and several processes at once."""
 
+import os
+import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from player import calibration, maps
+from player.errors import InputError
 from tests import written
 from tests.faults import KILL, REFUSE, Fault, Runner
+from tests.programs import CLIP, ROOT, fail, running
 
+SCENE = ROOT / "calib_data" / "scenes" / "wall.toml"
 KINDS: dict[str, tuple[str, str]] = {  # what is written, and the name that it gets
     "file": ("file", "notes.txt"),
     "room": ("room", "room"),
@@ -81,3 +89,141 @@ def one_generation(folder: Path) -> bool:
         (generation,) = generations
         assert sorted(frames) == list(range(written.frames_of(generation)))
     return len(generations) <= 1
+
+
+@pytest.mark.parametrize("exchange", [True, False], ids=["exchange", "journal"])
+@pytest.mark.parametrize("kind", ["room", "sequence"])
+def test_killed_at_the_first_time_it_is_absent_or_whole(
+    kind: str, exchange: bool, tmp_path: Path, runner: Runner
+) -> None:
+    place = Place(kind, tmp_path, runner)
+    seen = set()
+    for at in range(1, 1000):
+        run = runner.run(place.function, [place.path, at], Fault(at, KILL, exchange=exchange))
+        found = place.look(place.path)
+        seen.add(found is not None)
+        assert found in (None, at)
+        if not run.struck:
+            break
+        if found is not None:
+            place.write(at)
+            remove(place)
+    assert seen == {False, True}
+
+
+def remove(place: Place) -> None:
+    for path in place.folder.iterdir():
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def test_a_missing_folder_is_restored_by_a_command_that_reads_it(tmp_path: Path, runner: Runner) -> None:
+    """Killed between the two renames of a system that cannot exchange folders."""
+    room = tmp_path / "room"
+    written.write_room(str(room), 1)
+    for at in range(1, 1000):
+        run = runner.run("tests.written:write_room", [str(room), 2], Fault(at, KILL, exchange=False))
+        assert run.struck
+        if not room.exists():
+            break
+    assert "correction/manifest.toml: missing" in fail("play-corrected", room, CLIP, "--output", tmp_path / "o.png")
+    assert written.room_generation(str(room)) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["room"]
+
+
+@pytest.fixture
+def writer(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """Another process that holds `held.png` in the test's folder, and has begun to write it."""
+    code = (
+        "import sys, time; from pathlib import Path; from player.writing.replacing import replacing_file\n"
+        "with replacing_file(Path(sys.argv[1])) as path:\n"
+        "    path.write_text('half')\n    print('begun', flush=True)\n    time.sleep(600)"
+    )
+    with running(sys.executable, "-c", code, tmp_path / "held.png", folder=ROOT) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "begun\n"
+        yield process
+
+
+def test_a_living_writers_things_stay_and_a_dead_ones_go(tmp_path: Path, writer: subprocess.Popen[str]) -> None:
+    stage = tmp_path / ".held.png.partial"
+    written.write_file(str(tmp_path / "other.txt"), 1)
+    assert (stage / "new" / "held.png").read_text() == "half"
+    with pytest.raises(InputError, match=rf"held\.png: process {writer.pid} is writing it; wait"):
+        written.write_file(str(tmp_path / "held.png"), 1)
+    writer.kill()
+    writer.wait()
+    assert stage.exists()
+    written.write_file(str(tmp_path / "other.txt"), 2)
+    assert [path.name for path in tmp_path.iterdir()] == ["other.txt"]
+
+
+def test_a_lock_is_not_a_number_that_another_process_may_have(tmp_path: Path) -> None:
+    """What a dead writer left says that this very process, which lives, is writing."""
+    stage = tmp_path / ".notes.txt.partial"
+    (stage / "new").mkdir(parents=True)
+    (stage / "pid").write_text(str(os.getpid()))
+    written.write_file(str(tmp_path / "other.txt"), 1)
+    assert [path.name for path in tmp_path.iterdir()] == ["other.txt"]
+
+
+@pytest.mark.parametrize("strange", ["file", "link", "folder"])
+def test_what_was_not_made_by_us_is_left_alone(strange: str, tmp_path: Path) -> None:
+    stage, treasure = tmp_path / ".notes.txt.partial", tmp_path / "treasure"
+    treasure.mkdir()
+    (treasure / "gold").write_text("mine")
+    if strange == "file":
+        stage.write_text("mine")
+    elif strange == "link":
+        stage.symlink_to(treasure)
+    else:
+        treasure.rename(stage)
+    with pytest.raises(InputError, match=r"\.notes\.txt\.partial: is in the way of writing notes\.txt; move it away"):
+        written.write_file(str(tmp_path / "notes.txt"), 1)
+    written.write_file(str(tmp_path / "other.txt"), 1)
+    assert (stage / "gold" if strange == "folder" else stage if strange == "file" else treasure / "gold").read_text()
+
+
+def test_a_second_build_is_refused_at_once_and_leaves_nothing(tmp_path: Path) -> None:
+    room = tmp_path / "room"
+    written.write_room(str(room), 1)
+    written.write_room_maps(str(room), 1)
+    with maps.replacing(calibration.read(room)) as stage:
+        line = fail("build-correction-map", room)
+        assert f"{room}/correction: process {os.getpid()} is writing it; wait until it has ended" in line
+        line = fail("simulate-transport", SCENE, "-o", room, "--force")
+        assert f"{room}: process {os.getpid()} is writing correction in it" in line
+        assert stage.is_dir()
+        (stage / "manifest.toml").write_text("mine")
+    assert (room / "correction" / "manifest.toml").read_text() == "mine"
+    assert sorted(path.name for path in room.glob("*")) == [
+        "ambient.exr", "calibration.toml", "correction", "mask.png",
+        "transport_blue.npz", "transport_green.npz", "transport_red.npz",
+    ]  # fmt: skip
+    assert list(room.glob(".*")) == []
+
+
+@pytest.mark.parametrize("kind", ["room", "maps"])
+def test_what_is_read_while_it_is_replaced_is_of_one_generation(kind: str, tmp_path: Path) -> None:
+    """Another process writes one generation after the other, without a pause.
+
+    A room is read in two steps, its transport after its calibration: in between it may be refused, never mixed.
+    """
+    write, name = KINDS[kind]
+    folder = str(tmp_path / name)
+    written.write_room(folder, 1)
+    if kind == "maps":
+        written.write_room_maps(folder, 1)
+    code = (
+        "import itertools, sys; from tests import written\n"
+        f"for generation in itertools.count(2): written.write_{write}(sys.argv[1], generation)"
+    )
+    found = [1]
+    with running(sys.executable, "-c", code, folder, folder=ROOT) as process:
+        while len(set(found)) < 20:
+            assert process.poll() is None
+            try:
+                found.append(getattr(written, f"{kind}_generation")(folder))
+            except InputError as error:
+                if "was replaced" not in str(error):
+                    raise
+            assert found == sorted(found)

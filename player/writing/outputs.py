@@ -60,9 +60,8 @@ def check_folder(folder: Path, *, inputs: Iterable[Path] = ()) -> None:
     _check_parent(above / real.name)
     for given in inputs:
         if real == _real(given) or real in _real(given).parents:
-            raise InputError(
-                f"{folder}: would be replaced, and holds {given}, which is read; choose another name for it"
-            )
+            held = "" if real == _real(given) else f"holds {given}, which "
+            raise InputError(f"{folder}: would be replaced, and {held}is read; choose another folder")
 
 
 def check_apart(*outputs: Path | None) -> None:
