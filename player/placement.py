@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from player.errors import InputError
 from player.files import read_toml, write_toml
-from player.writing.replacing import replacing_file
+from player.writing.replacing import remove_file, replacing_file
 
 Corner: TypeAlias = tuple[float, float]
 Corners: TypeAlias = tuple[Corner, Corner, Corner, Corner]  # clockwise from the picture's upper left, in shares
@@ -110,7 +110,7 @@ def write_placement(folder: Path, corners: Corners | None) -> Path:
     """Keep the corners beside a calibration; None, fitting, removes what was kept. Returns the file's path."""
     path = folder / FILE
     if corners is None:
-        path.unlink(missing_ok=True)
+        remove_file(path)
         return path
     check_corners(corners)
     with replacing_file(path) as temporary:

@@ -3,8 +3,8 @@
 A runner imports what is run once and forks for every run, so that hundreds of runs take seconds:
 
     with Runner() as runner:
-        for run in runner.struck("tools.build_correction_map:main", [str(room)]):
-            ...                              # step run.at was the last one; the files are as they were left
+        run = runner.run("tools.build_correction_map:main", [[str(room)]], Fault(at=17))
+        assert run.code == -9 or not run.struck     # killed before its 17th step, or done in fewer
 
 Steps are counted where Python calls the system (STEPS, files opened for writing, the exchange of folders): libraries
 write in between, which a small file system or a limit on the size of files makes fail (`most_bytes`, `small_disk`).
@@ -96,16 +96,6 @@ class Runner:
         assert answer, "the runner has ended"
         return Run(**json.loads(answer))
 
-    def struck(
-        self, function: str, arguments: Sequence[Any], *, how: str = KILL, stride: int = 1, exchange: bool = True
-    ) -> Iterator[Run]:
-        """Run again and again, struck at every step in turn (or every `stride`-th); the caller restores the files."""
-        at = 1
-        while (run := self.run(function, arguments, Fault(at, how, exchange=exchange))).struck:
-            yield run
-            at += stride
-        assert run.code == 0, run.words
-
 
 @contextmanager
 def small_disk(folder: Path, size: int) -> Iterator[None]:
@@ -115,6 +105,17 @@ def small_disk(folder: Path, size: int) -> Iterator[None]:
         yield
     finally:
         subprocess.run(["umount", str(folder)], check=True)
+
+
+@contextmanager
+def no_file_above(size: int) -> Iterator[None]:
+    """The system refuses to write larger files, as a full disk would; for this process."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def can_mount() -> bool:

@@ -9,8 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +35,7 @@ from tests.acquired_rooms import (
     run_on_disk,
     sharp_wall,
 )
+from tests.faults import no_file_above
 from tests.programs import succeed
 from tests.rooms import write_blurred_room
 from tools import acquire_transport, build_correction_map
@@ -97,17 +97,6 @@ def test_killed_and_resumed_it_ends_bit_identical(tmp_path: Path, rng: np.random
     assert f"{len(whole)} of them from before" in printed
     same_files(output, tmp_path / "undisturbed")
     same_files(captures / "captures", tmp_path / "undisturbed.captures" / "captures")
-
-
-@contextmanager
-def no_file_above(size: int) -> Iterator[None]:
-    """The system refuses to write larger files, as a full disk would."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 class FillingDisk(CaptureStore):

@@ -10,10 +10,13 @@ import pytest
 
 from player import calibration
 from player.files import read_toml
+from player.show.commands import CommandError
+from player.show.session_inputs import Setup
 from tests.brackets import CURVES, random_scene, write_bracket
-from tests.faults import Runner, can_mount, small_disk
+from tests.faults import Runner, can_mount, no_file_above, small_disk
 from tests.programs import CLIP, ROOT
 from tests.rooms import write_blurred_room
+from tests.stage import Stage
 from tools import build_correction_map
 from tools.acquisition.picture_files import read_picture
 
@@ -125,3 +128,15 @@ def is_whole(folder: Path, name: str) -> bool:
     if name.startswith("made/"):
         return bool(calibration.read(folder / "made").calibration.name)
     return name == "made.captures/session.toml" and read_toml(path, "") != {}
+
+
+def test_a_screenshot_that_finds_no_room_is_not_called_a_success(tmp_path: Path, rng: np.random.Generator) -> None:
+    stage = Stage(setup=Setup(screenshots=tmp_path))
+    picture = rng.integers(0, 256, (30, 40, 3), np.uint8)
+    stage.screen.encoded = lambda: picture  # type: ignore[attr-defined]
+    stage.advance(0.1)
+    with no_file_above(1000), pytest.raises(CommandError, match=r"\.png: cannot be written \(File too large\)"):
+        stage.commands.run("screenshot")
+    assert list(tmp_path.iterdir()) == []
+    saved = Path(str(stage.commands.run("screenshot")))
+    np.testing.assert_array_equal(read_picture(saved), picture)

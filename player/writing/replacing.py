@@ -6,12 +6,13 @@ once. Until the block ends well, what was there stays as it was.
 
 import errno
 import os
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from player.errors import InputError
-from player.writing import moves
+from player.writing import disk, moves
 from player.writing.numbered import sequence_at
 from player.writing.outputs import kind_of
 from player.writing.stage import Stage, clean_up, staged
@@ -74,6 +75,24 @@ def replacing_sequence(pattern: Path) -> Iterator[Path]:
         sequence_at(target)
         yield stage.new
         moves.put_sequence(stage.folder, target, sequence_at(target))
+
+
+def remove_file(path: Path) -> None:
+    """Remove a file, if it is there, for good; InputError, naming it, where the system refuses."""
+    with _refusals_named(path, _real(path)):
+        path.unlink(missing_ok=True)
+        disk.flush(path.parent)
+
+
+@contextmanager
+def scratch_folder(purpose: str) -> Iterator[Path]:
+    """An empty folder among the system's temporary ones, for what is needed meanwhile.
+
+    One whose process was killed is removed by the next that makes one.
+    """
+    target = _real(Path(tempfile.gettempdir())) / f"{purpose}-{os.getpid()}"
+    with _refusals_named(target, target), staged(target) as stage:
+        yield stage.new
 
 
 @contextmanager

@@ -5,12 +5,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from player.errors import InputError
 from player.writing.outputs import check_folder, is_vacant, refuse_strangers
-from player.writing.replacing import replacing_folder
+from player.writing.replacing import replacing_folder, scratch_folder
 from tools.study import page, summary
 from tools.study.frames import graphics, in_software
 from tools.study.measure import NNLS_LABEL, OURS_LABEL, THESIS_LABEL, RoomFigures, study_room
@@ -74,17 +73,17 @@ def _study(options: StudyOptions, stage: Path) -> Iterator[str]:
     figures: list[RoomFigures] = []
     for place in options.places:
         with (
-            TemporaryDirectory(prefix="counterlight-study-") as here,
-            closing(open_room(place, Path(here), options.size)) as room,
+            scratch_folder("counterlight-study") as here,
+            closing(open_room(place, here, options.size)) as room,
         ):
             found = study_room(room, options.pictures, catalogue(), uncut_knobs(), options.patience_s)
         figures.append(found)
         yield f"{found.name}: {len(found.rows)} figures, {len(found.skipped)} methods not for it"
     table = [table_row(found) for found in figures]
     if options.table_6_1:
-        with TemporaryDirectory(prefix="counterlight-study-") as here:
+        with scratch_folder("counterlight-study") as here:
             table = []
-            for row in measure_at_thesis_size(Path(here), options.pictures[0]):
+            for row in measure_at_thesis_size(here, options.pictures[0]):
                 table.append(row)
                 yield f"{row.scene} at {row.camera}, {row.projector}: measured for Table 6.1"
     yield from write_study(stage, figures, table)
