@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from player import calibration, maps
@@ -54,12 +55,15 @@ class Place:
 @pytest.mark.parametrize("how", [KILL, REFUSE])
 @pytest.mark.parametrize("kind", KINDS)
 def test_struck_at_any_step_the_old_or_the_new_is_whole(
-    kind: str, how: str, exchange: bool, tmp_path: Path, runner: Runner
+    kind: str, how: str, exchange: bool, tmp_path: Path, runner: Runner, rng: np.random.Generator
 ) -> None:
-    """Generation by generation, each written over the one before and struck at the next step."""
+    """Generation by generation, each written over the one before and struck at the next step.
+
+    Sometimes a reader comes next, which may complete what was begun, and sometimes another writer.
+    """
     place = Place(kind, tmp_path, runner)
     place.write(1)
-    kept, seen = 1, set()
+    seen = set()
     for generation in range(2, 1000):
         run = runner.run(place.function, [place.path, generation], Fault(generation - 1, how, exchange=exchange))
         if not run.struck:
@@ -67,12 +71,11 @@ def test_struck_at_any_step_the_old_or_the_new_is_whole(
         assert run.code in ((-9,) if how == KILL else (0, 2)), run.words
         assert len(run.words.splitlines()) <= 1
         assert kind != "sequence" or one_generation(tmp_path)
-        found = place.look(place.path)
-        assert found in (kept, generation), run
-        seen.add(found == generation)
-        kept = found
+        if rng.integers(3) != 0:
+            found = place.look(place.path)
+            assert found in (generation - 1, generation), run
+            seen.add(found == generation)
         place.write(generation)  # the next command
-        kept = generation
         assert place.look(place.path) == generation
         assert place.left_over() == []
     else:

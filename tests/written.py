@@ -16,6 +16,7 @@ from player.maps import RoomMaps, read_maps, write_maps
 from player.png import write_png
 from player.response import Response
 from player.writing.numbered import name_of
+from player.writing.outputs import check_sequence
 from player.writing.replacing import replacing_file, replacing_sequence
 from tests.rooms import random_map
 from tools.acquisition.picture_files import read_picture
@@ -94,6 +95,7 @@ def maps_generation(folder: str) -> int | None:
 
 def write_sequence(pattern: str, generation: int) -> None:
     """A sequence of 3 frames, or of 5 if the generation is odd."""
+    check_sequence(Path(pattern))
     with replacing_sequence(Path(pattern)) as stage:
         for number in range(frames_of(generation)):
             picture = np.full((4, 6), 10 * generation + number, np.uint8)

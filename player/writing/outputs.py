@@ -9,6 +9,7 @@ from pathlib import Path
 
 from player.errors import InputError
 from player.writing.numbered import number_of, sequence_at
+from player.writing.stage import finish
 
 # Folders that are replaced as a whole or not at all, by two files or folders that each of them has.
 STAGES = ".*.partial"
@@ -31,8 +32,12 @@ def check_file(path: Path, *, suffixes: Sequence[str] = (), inputs: Iterable[Pat
 
 
 def check_sequence(pattern: Path, *, inputs: Iterable[Path] = ()) -> None:
-    """The files that `name%05d.png` numbers can be written, and no file that it numbers now is read."""
+    """The files that `name%05d.png` numbers can be written, and no file that it numbers now is read.
+
+    A sequence that a killed command had begun to put there is completed first.
+    """
     _check_parent(pattern)
+    finish(pattern)
     sequence_at(pattern)
     covered = [path for path in pattern.parent.iterdir() if number_of(pattern.name, path.name) is not None]
     _refuse_inputs(pattern, covered, inputs)
