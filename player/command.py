@@ -40,7 +40,7 @@ def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] 
     except OSError as error:
         if error.errno == errno.ENOSPC and error.filename is None:
             _say_no_more()
-            print(f"error: standard output: {error.strerror}; make room, or send it elsewhere", file=sys.stderr)
+            print(f"error: what is printed, or kept meanwhile: {error.strerror}; make room for it", file=sys.stderr)
             return BAD_INPUT
         if error.filename is None:
             raise

@@ -148,7 +148,7 @@ def writer(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def test_a_living_writers_things_stay_and_a_dead_ones_go(tmp_path: Path, writer: subprocess.Popen[str]) -> None:
-    stage = tmp_path / ".held.png.partial"
+    stage = tmp_path / ".held.png.counterlight-partial"
     written.write_file(str(tmp_path / "other.txt"), 1)
     assert (stage / "new" / "held.png").read_text() == "half"
     with pytest.raises(InputError, match=rf"held\.png: process {writer.pid} is writing it; wait"):
@@ -162,7 +162,7 @@ def test_a_living_writers_things_stay_and_a_dead_ones_go(tmp_path: Path, writer:
 
 def test_a_lock_is_not_a_number_that_another_process_may_have(tmp_path: Path) -> None:
     """What a dead writer left says that this very process, which lives, is writing."""
-    stage = tmp_path / ".notes.txt.partial"
+    stage = tmp_path / ".notes.txt.counterlight-partial"
     (stage / "new").mkdir(parents=True)
     (stage / "pid").write_text(str(os.getpid()))
     written.write_file(str(tmp_path / "other.txt"), 1)
@@ -178,12 +178,12 @@ def test_a_dead_ones_scratch_folder_goes_with_the_next(tmp_path: Path) -> None:
     for _ in range(2):
         with running(sys.executable, "-c", code, folder=ROOT, TMPDIR=str(tmp_path)) as process:
             assert process.wait() == -9
-        assert len(list(tmp_path.glob(".study-*.partial"))) == 1
+        assert len(list(tmp_path.glob(".study-*.counterlight-partial"))) == 1
 
 
 @pytest.mark.parametrize("strange", ["file", "link", "folder"])
 def test_what_was_not_made_by_us_is_left_alone(strange: str, tmp_path: Path) -> None:
-    stage, treasure = tmp_path / ".notes.txt.partial", tmp_path / "treasure"
+    stage, treasure = tmp_path / ".notes.txt.counterlight-partial", tmp_path / "treasure"
     treasure.mkdir()
     (treasure / "gold").write_text("mine")
     if strange == "file":
@@ -192,7 +192,9 @@ def test_what_was_not_made_by_us_is_left_alone(strange: str, tmp_path: Path) -> 
         stage.symlink_to(treasure)
     else:
         treasure.rename(stage)
-    with pytest.raises(InputError, match=r"\.notes\.txt\.partial: is in the way of writing notes\.txt; move it away"):
+    with pytest.raises(
+        InputError, match=r"is in the way of writing notes\.txt; move it away"
+    ):
         written.write_file(str(tmp_path / "notes.txt"), 1)
     written.write_file(str(tmp_path / "other.txt"), 1)
     assert (stage / "gold" if strange == "folder" else stage if strange == "file" else treasure / "gold").read_text()

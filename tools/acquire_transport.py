@@ -57,7 +57,7 @@ def _main(argv: Sequence[str] | None) -> None:
     decides = {"threshold": str(_threshold(options)), "tile": options.tile or 0}
     # One BLAS thread: two made small products several times slower.
     with threadpool_limits(limits=1), open_rig(options, named_response(options.response)) as (camera, projector):
-        findings = [] if options.no_preflight else _checked(camera)
+        findings = [] if options.no_preflight or wanted.reuse else _checked(camera)
         plan = Plan(options.scheme, make_scheme, projector, decides)
         report = acquire_room(camera, plan, captures, wanted, name=options.name)
         print(f"{report}\n{output}: written; the captures stay in {captures}")

@@ -19,7 +19,8 @@ def flush(path: Path) -> None:
     try:
         os.fsync(handle)
     except OSError as error:  # says nothing of the file
-        raise OSError(error.errno, error.strerror, str(path)) from None
+        if error.errno != errno.EINVAL or not path.is_dir():  # some file systems have no fsync of folders
+            raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         os.close(handle)
 

@@ -64,17 +64,21 @@ def put_sequence(stage: Path, pattern: Path, there: list[str]) -> None:
 
 def is_interrupted(stage: Path, target: Path) -> bool:
     """Whether a move was begun and not completed."""
-    if (stage / _OUT).exists() or (stage / _IN).exists():
+    if _has_journal(stage):
         return True
-    return (stage / OLD).is_dir() and (stage / NEW).is_dir() and not os.path.lexists(target)
+    return os.path.isdir(stage / OLD) and os.path.isdir(stage / NEW) and not os.path.lexists(target)
 
 
 def complete(stage: Path, target: Path) -> None:
     """Go on with an interrupted move; OSError where the system refuses, and it stays interrupted."""
-    if (stage / _OUT).exists() or (stage / _IN).exists():
+    if _has_journal(stage):
         _move_frames(stage, target)
     else:
         disk.move(stage / NEW, target)
+
+
+def _has_journal(stage: Path) -> bool:
+    return os.path.exists(stage / _OUT) or os.path.exists(stage / _IN)  # no error for names that are too long
 
 
 def _move_frames(stage: Path, pattern: Path) -> None:

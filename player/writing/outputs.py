@@ -9,10 +9,9 @@ from pathlib import Path
 
 from player.errors import InputError
 from player.writing.numbered import number_of, sequence_at
-from player.writing.stage import finish
+from player.writing.stage import finish, is_stage
 
 # Folders that are replaced as a whole or not at all, by two files or folders that each of them has.
-STAGES = ".*.partial"
 KEPT = {
     ("calibration.toml", "mask.png"): "calibration",
     ("session.toml", "captures"): "capture",
@@ -61,7 +60,7 @@ def check_folder(folder: Path, *, inputs: Iterable[Path] = ()) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is {kind_of(folder)}; name a folder")
     real = _real(folder)
-    above = next(parent for parent in real.parents if parent.exists())
+    above = next((parent for parent in real.parents if parent.exists()), real)
     _check_parent(above / real.name)
     for given in inputs:
         if real == _real(given) or real in _real(given).parents:
@@ -81,13 +80,13 @@ def is_vacant(folder: Path) -> bool:
     """Nothing is there, or a folder that holds at most what writers leave that are killed."""
     if not folder.exists():
         return True
-    return folder.is_dir() and all(fnmatchcase(path.name, STAGES) for path in folder.iterdir())
+    return folder.is_dir() and all(is_stage(path.name) for path in folder.iterdir())
 
 
 def refuse_strangers(folder: Path, parts: Sequence[str], kind: str) -> None:
     """`folder`, which will be replaced as a whole, holds nothing but its parts (names, or patterns such as *.png)."""
     for path in sorted(folder.iterdir()):
-        if not any(fnmatchcase(path.name, part) for part in (*parts, STAGES)):
+        if not (is_stage(path.name) or any(fnmatchcase(path.name, part) for part in parts)):
             raise InputError(f"{path}: is no part of {kind} and would be lost; move it out of {folder} first")
 
 
@@ -113,11 +112,15 @@ def _check_parent(path: Path) -> None:
 
 def _refuse_inputs(output: Path, covered: Sequence[Path], inputs: Iterable[Path]) -> None:
     """The files that `output` would replace are none of the inputs, under whatever name."""
-    identities = {(status.st_dev, status.st_ino) for path in covered if path.exists() for status in [path.stat()]}
-    for given in _files(inputs) if identities else ():
-        status = given.stat()
-        if (status.st_dev, status.st_ino) in identities:
+    replaced = {_identity(path) for path in covered if path.exists()}
+    for given in _files(inputs) if replaced else ():
+        if _identity(given) in replaced:
             raise InputError(f"{output}: would overwrite {given}, which is read; choose another name for it")
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    status = path.stat()
+    return status.st_dev, status.st_ino
 
 
 def _files(inputs: Iterable[Path]) -> Iterator[Path]:

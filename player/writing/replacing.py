@@ -47,9 +47,10 @@ def replacing_folder(folder: Path, refuse: Callable[[Path], None] | None = None)
     made = [parent for parent in target.parents if not parent.exists()]
     try:
         with _refusals_named(folder, target):
+            _refuse_folder(folder, refuse)
             target.parent.mkdir(parents=True, exist_ok=True)
             with staged(target) as stage:
-                _refuse_folder(folder, refuse)
+                _refuse_folder(folder, refuse)  # again: it may have been completed just now
                 if living := clean_up(target) if target.is_dir() else []:
                     busy = f"{living[0].writer()} is writing {living[0].target.name} in it"
                     raise InputError(f"{folder}: {busy}; wait until it has ended")

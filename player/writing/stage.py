@@ -1,7 +1,7 @@
 """The hidden folder beside what is being written, in which everything is made and from which it is moved when whole.
 
-    .NAME.partial/pid     locked by the process that writes NAME, as long as it lives; holds its number
-    .NAME.partial/new     what it makes
+    .NAME.counterlight-partial/pid     locked by the process that writes NAME, as long as it lives; holds its number
+    .NAME.counterlight-partial/new     what it makes
 
 So a name has one writer at a time, and what a dead one left is known: nobody holds its lock. Whoever next writes
 anything into the same folder completes what was begun (moves.py) and removes the rest.
@@ -19,7 +19,7 @@ from player.errors import InputError
 from player.writing import disk, moves
 
 PID = "pid"
-SUFFIX = ".partial"
+SUFFIX = ".counterlight-partial"
 PATIENCE_S = 0.2  # for somebody who is just cleaning up
 MOVING_S = 5.0  # for somebody who is just putting things in place
 
@@ -32,7 +32,7 @@ class Stage:
 
     @property
     def folder(self) -> Path:
-        return self.target.with_name(f".{self.target.name}{SUFFIX}")
+        return self.target.parent / f".{self.target.name}{SUFFIX}"
 
     @property
     def new(self) -> Path:
@@ -71,7 +71,8 @@ def staged(target: Path) -> Iterator[Stage]:
         _settle(stage)
         os.ftruncate(handle, 0)
         os.pwrite(handle, b"%d\n" % os.getpid(), 0)
-        clean_up(target.parent)
+        with suppress(OSError):  # a folder that may be written to, but not be listed
+            clean_up(target.parent)
         stage.new.mkdir()
         yield stage
     finally:
@@ -87,12 +88,8 @@ def clean_up(folder: Path) -> list[Stage]:
             handle = _take(stage)
             if handle is None:
                 living.append(stage)
-                continue
-            try:
-                _settle(stage)
-                _remove(stage)
-            finally:
-                os.close(handle)
+            else:
+                _bury(stage, handle)
     return living
 
 
@@ -107,11 +104,7 @@ def finish(target: Path) -> None:
         while stage.is_interrupted:
             handle = _take(stage)
             if handle is not None:
-                try:
-                    _settle(stage)
-                    _remove(stage)
-                finally:
-                    os.close(handle)
+                _bury(stage, handle)
             elif time.monotonic() >= deadline:
                 raise InputError(f"{target}: {stage.writer()} is putting it in place; wait until it has ended")
             else:
@@ -123,32 +116,37 @@ def finish(target: Path) -> None:
         ) from None
 
 
+def is_stage(name: str) -> bool:
+    """Whether a file of this name is what writers make, and leave when they are killed."""
+    return name.startswith(".") and name.endswith(SUFFIX)
+
+
 def _stages(folder: Path) -> Iterator[Stage]:
     """Those in a folder, whether living or dead."""
-    with os.scandir(folder) as entries:
-        for entry in entries:
-            name = entry.name
-            if len(name) > len(SUFFIX) + 1 and name.startswith(".") and name.endswith(SUFFIX):
-                stage = Stage(folder / name[1 : -len(SUFFIX)])
-                if entry.is_dir(follow_symlinks=False) and stage.pid.is_file():
-                    yield stage
-                else:
-                    with suppress(OSError):  # what was killed between its first two steps is empty
-                        stage.folder.rmdir()
+    for name in filter(is_stage, os.listdir(folder)):
+        stage = Stage(folder / name[1 : -len(SUFFIX)])
+        if stage.folder.is_dir() and not stage.folder.is_symlink() and stage.pid.is_file():
+            yield stage
+        else:
+            with suppress(OSError):  # one whose maker was killed between its first two steps is empty
+                stage.folder.rmdir()
 
 
 def _hold(stage: Stage) -> int:
     """Make the stage, or take over a dead one's; returns the open lock."""
-    deadline = time.monotonic() + PATIENCE_S
+    deadline, ever_ours = time.monotonic() + PATIENCE_S, False
     while True:
         with suppress(FileExistsError):
             stage.folder.mkdir()
-        _refuse_strange(stage)
-        handle = _take(stage, os.O_CREAT)
-        if handle is not None:
-            return handle
+        if not _is_strange(stage):
+            ever_ours = True
+            handle = _take(stage, os.O_CREAT)
+            if handle is not None:
+                return handle
         if time.monotonic() >= deadline:
-            raise InputError(f"{stage.target}: {stage.writer()} is writing it; wait until it has ended")
+            if ever_ours:
+                raise InputError(f"{stage.target}: {stage.writer()} is writing it; wait until it has ended")
+            raise InputError(f"{stage.folder}: is in the way of writing {stage.target.name}; move it away")
         time.sleep(0.01)
 
 
@@ -169,10 +167,23 @@ def _take(stage: Stage, flags: int = 0) -> int | None:
     return handle if held else None
 
 
-def _refuse_strange(stage: Stage) -> None:
+def _is_strange(stage: Stage) -> bool:
+    """Whether something that no stage is has its name; it may also be just being removed."""
     folder = stage.folder
-    if folder.is_symlink() or not folder.is_dir() or (any(folder.iterdir()) and not stage.pid.is_file()):
-        raise InputError(f"{folder}: is in the way of writing {stage.target.name}; move it away")
+    if folder.is_symlink() or not folder.is_dir():
+        return True
+    with suppress(FileNotFoundError):
+        return any(folder.iterdir()) and not stage.pid.is_file()
+    return True
+
+
+def _bury(stage: Stage, handle: int) -> None:
+    """Complete and remove a dead process' stage, whose lock was taken."""
+    try:
+        _settle(stage)
+        _remove(stage)
+    finally:
+        os.close(handle)
 
 
 def _settle(stage: Stage) -> None:
