@@ -192,9 +192,7 @@ def test_what_was_not_made_by_us_is_left_alone(strange: str, tmp_path: Path) -> 
         stage.symlink_to(treasure)
     else:
         treasure.rename(stage)
-    with pytest.raises(
-        InputError, match=r"is in the way of writing notes\.txt; move it away"
-    ):
+    with pytest.raises(InputError, match=r"is in the way of writing notes\.txt; move it away"):
         written.write_file(str(tmp_path / "notes.txt"), 1)
     written.write_file(str(tmp_path / "other.txt"), 1)
     assert (stage / "gold" if strange == "folder" else stage if strange == "file" else treasure / "gold").read_text()
