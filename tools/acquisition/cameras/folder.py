@@ -14,8 +14,8 @@ import numpy as np
 
 from player.errors import InputError
 from player.files import refusals_named, replacing_file
+from player.picture_files import SUFFIXES, read_picture
 from tools.acquisition.cameras.camera import Exposures, Shot
-from tools.acquisition.picture_files import SUFFIXES, read_picture
 from tools.acquisition.plan import Pattern
 
 POLL_S = 0.2
