@@ -12,10 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from player.files import flush, read_toml, refusals_named, replacing_file, write_toml
+from player.errors import InputError, shown
+from player.files import flush, refusals_named, replacing_file, write_toml
+from player.picture_files import read_picture
+from player.reading import read_toml
 from tools.acquisition.cameras.camera import Exposures, Shot
-from tools.acquisition.picture_files import read_picture
 
 SESSION = "session.toml"
 FORMAT = 2  # 1: black and floodlight four times each
@@ -90,6 +91,6 @@ def _refuse_other(folder: Path, session: dict[str, Any]) -> None:
     for key in sorted({*stored, *session}):
         if stored.get(key) != session.get(key):
             raise InputError(
-                f"{folder}: captures of another acquisition ({key}: {stored.get(key)!r} there, {session.get(key)!r} "
-                f"here); {fix}"
+                f"{folder}: captures of another acquisition ({key}: {shown(stored.get(key))} there, "
+                f"{shown(session.get(key))} here); {fix}"
             )
