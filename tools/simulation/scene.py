@@ -32,7 +32,8 @@
     corner = [-1, -1, 0]               # a parallelogram: corner + u·edge_u + v·edge_v, u, v in 0..1
     edge_u = [2, 0, 0]
     edge_v = [0, 2, 0]
-    albedo = [0.8, 0.8, 0.8]           # or: texture = "picture.png" (sRGB, seen from the camera's side: v points up)
+    albedo = [0.8, 0.8, 0.8]           # or: texture = "picture.png" (sRGB, seen from the camera's side: v points up;
+                                       #     pictures are PNG or JPEG, files lie beside this one or below)
                                        # or: pattern = { kind = "bricks", colours = [[..], [..]], repeat = [8, 16],
                                        #                 variation = 0.3 }   (kinds: bricks, stripes, checker)
     gloss = { reflectance = 0.04, roughness = 0.1 }      # a coat: specular reflectance at normal incidence, 0..1, and
