@@ -77,7 +77,8 @@ def read_rgb(source: Source, accept: Acceptance = lambda header, name: None) -> 
         names = parts[0].channels
         wanted = ("R", "G", "B") if {"R", "G", "B"} <= set(names) else ("Y", "Y", "Y")
         if wanted[0] not in names:
-            raise InputError(f"{file.name}: channels {shown(names)}, expected R, G and B (or Y)")
+            expected = "expected R, G and B (or Y); export it as RGB"
+            raise InputError(f"{file.name}: channels {shown(names)}, {expected}")
         accept(_header(parts[0]), file.name)
         channels = _decoded(file, parts, wanted)
         return np.stack([channels[name].astype(np.float32) for name in wanted], axis=-1)
