@@ -4,30 +4,36 @@ The folder's metadata, ambient picture and mask are read here; the transport mat
 listed in calibration.toml with its size and SHA-256 and is refused if it differs.
 """
 
+import hashlib
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from io import BufferedReader
 from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from player import exr
 from player.errors import InputError
-from player.files import check_file, describe_files, read_toml, sha256_of, write_toml
+from player.files import describe_files, sha256_of, write_toml
 from player.generation import read_steadily
+from player.picture_files import MAX_SIDE, grey, read_picture
 from player.png import write_png
-from player.response import Response, parse_response
+from player.reading import MAX_TOML_BYTES, DescribedFiles, Source, opened, parse_toml, read_bytes
+from player.response import Response
+from player.tables import LONGEST_TEXT, Table
 from player.writing.outputs import check_folder, is_vacant, refuse_strangers
 from player.writing.replacing import replacing_folder
 
 FORMAT = 1
 TOML, AMBIENT, MASK = "calibration.toml", "ambient.exr", "mask.png"
 PARTS = (TOML, AMBIENT, MASK, "transport_*.npz", "far_light.npz", "correction", "placement.toml")
-MAX_SIDE = 16384
+MOST_PROJECTORS, LONGEST_PROVENANCE = 64, 1 << 16
+# White is no less, light no more, in any unit: of what lies between, squares and a frame's sums stay within float32.
+RADIANCE = (1e-12, 1e12)
 REBUILD = "make the calibration again (simulate-transport, import-transport or import-graycode)"
 
 
@@ -82,6 +88,11 @@ class Calibration:
     mask: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
+        if len(self.name) > LONGEST_TEXT or len(self.projectors) > MOST_PROJECTORS:
+            raise InputError(
+                f"{len(self.projectors)} projectors, a name of {len(self.name)} characters: expected at most "
+                f"{MOST_PROJECTORS} and {LONGEST_TEXT}"
+            )
         for number, device in enumerate(self.projectors[1:], 2):
             if device.response != self.projectors[0].response:
                 raise InputError(
@@ -90,6 +101,7 @@ class Calibration:
                     "or give each a calibration and a player of its own"
                 )
         _ = self.projector  # its size is checked
+        _check_ambient(self.ambient, "ambient light")
 
     @property
     def projector(self) -> Device:
@@ -117,12 +129,14 @@ class StoredCalibration:
     folder: Path
     calibration: Calibration
     fingerprint: str
-    files: dict[str, Any]
+    files: DescribedFiles
 
-    def checked_path(self, name: str) -> Path:
-        """The path of one of the folder's files, its checksum compared."""
+    @contextmanager
+    def opened(self, name: str) -> Iterator[BufferedReader]:
+        """One of the folder's files, its checksum compared."""
         try:
-            return check_file(self.folder, name, self.files, REBUILD)
+            with self.files.opened(self.folder / name) as file:
+                yield file
         except InputError:
             self.refuse_replaced()
             raise
@@ -181,29 +195,28 @@ def read(folder: Path) -> StoredCalibration:
 
 
 def _read(folder: Path) -> StoredCalibration:
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; {REBUILD}")
-    table = read_toml(folder / TOML, REBUILD)
-    if table.get("format") != FORMAT:
-        raise InputError(f"{folder / TOML}: format {table.get('format')!r}, this version reads {FORMAT}; {REBUILD}")
-    projectors, camera, files = table.get("projectors"), table.get("camera"), table.get("files")
-    if not (isinstance(projectors, list) and projectors and isinstance(camera, dict) and isinstance(files, dict)):
-        raise InputError(f"{folder / TOML}: needs [[projectors]], [camera] and [files]; {REBUILD}")
-    devices = tuple(_device(entry, folder) for entry in projectors)
-    eye = _device(camera, folder)
-    ambient = _read_ambient(check_file(folder, AMBIENT, files, REBUILD), eye)
-    mask = _read_mask(check_file(folder, MASK, files, REBUILD), eye)
-    name, provenance = str(table.get("name", folder.name)), str(table.get("provenance", ""))
+    with suppress(OSError):  # what may not be looked at is told of its file
+        if not folder.is_dir():
+            raise InputError(f"{folder}: no such folder; {REBUILD}")
+    path = folder / TOML
+    content = read_bytes(path, MAX_TOML_BYTES, REBUILD)
+    table = Table(parse_toml(content, path, REBUILD), f"{path}", REBUILD)
+    table.format(FORMAT)
+    projectors = tuple(_read_projector(entry) for entry in table.tables("projectors", MOST_PROJECTORS))
+    camera = _read_device(table.table("camera"))
+    files = DescribedFiles(folder, table.table("files").values, REBUILD)
+    name, provenance = table.text("name", folder.name), table.text("provenance", "", LONGEST_PROVENANCE)
+    ambient, mask = _read_ambient(files, camera), _read_mask(files, camera)
     try:
-        calibration = Calibration(name, provenance, devices, eye, ambient, mask)
+        calibration = Calibration(name, provenance, projectors, camera, ambient, mask)
     except InputError as error:
-        raise InputError(f"{folder / TOML}: {error}") from None
-    return StoredCalibration(folder, calibration, sha256_of(folder / TOML), files)
+        raise InputError(f"{path}: {error}") from None
+    return StoredCalibration(folder, calibration, hashlib.sha256(content).hexdigest(), files)
 
 
 def read_mask_picture(path: Path, camera: Device) -> NDArray[np.bool_]:
     """A grey picture of camera size, white where a camera pixel counts (value ≥ 128)."""
-    return _read_mask(path, camera)
+    return _mask_of(path, camera)
 
 
 def _to_toml(calibration: Calibration, files: dict[str, Any]) -> dict[str, Any]:
@@ -226,38 +239,49 @@ def _named(response: Response) -> str:
     return "of a table" if response.kind == "table" else str(response.to_toml())
 
 
-def _device(entry: Any, folder: Path) -> Device:
-    height, width = (entry.get(key) for key in ("height", "width")) if isinstance(entry, dict) else (None, None)
-    if not (isinstance(height, int) and isinstance(width, int)):
-        raise InputError(f"{folder / TOML}: a projector or camera lacks width and height; {REBUILD}")
-    monitor = entry.get("monitor")
-    if not (monitor is None or (isinstance(monitor, str) and monitor)):
+def _read_projector(table: Table) -> Device:
+    device = _read_device(table)
+    if "monitor" not in table:
+        return device
+    monitor = table.text("monitor")
+    if not monitor:
+        raise table.wrong("monitor", 'the name of a monitor, as in monitor = "HDMI-1"')
+    return replace(device, monitor=monitor)
+
+
+def _read_device(table: Table) -> Device:
+    height, width = (table.integer(key, None, 1, MAX_SIDE) for key in ("height", "width"))
+    return Device(height, width, table.response())
+
+
+def _read_ambient(files: DescribedFiles, camera: Device) -> NDArray[np.float32]:
+    with files.opened(files.folder / AMBIENT) as file:
+        ambient = exr.read_rgb(file, exr.sized(camera.shape, "the camera", REBUILD))
+        _check_ambient(ambient, file.name)
+        return ambient
+
+
+def _check_ambient(ambient: NDArray[np.float32], where: str) -> None:
+    """InputError for what is no light; what a subtracted dark frame leaves below 0 is no larger than what is above."""
+    low, high = float(ambient.min()), float(ambient.max())
+    if not (-high <= low and high <= RADIANCE[1]):  # NaN is no number's equal
         raise InputError(
-            f'{folder / TOML}: monitor {monitor!r}: expected the name of a monitor, as in monitor = "HDMI-1"'
+            f"{where}: radiance from {low:g} to {high:g}, expected numbers from 0 (a little noise below) to "
+            f"{RADIANCE[1]:g}; {REBUILD}"
         )
-    try:
-        return Device(height, width, parse_response(entry.get("response", "linear")), monitor)
-    except InputError as error:
-        raise InputError(f"{folder / TOML}: {error}; {REBUILD}") from None
 
 
-def _read_ambient(path: Path, camera: Device) -> NDArray[np.float32]:
-    header = exr.read_header(path)
-    if (header.height, header.width) != camera.shape:
-        raise InputError(
-            f"{path}: {header.width}x{header.height}, the camera is {camera.width}x{camera.height}; {REBUILD}"
-        )
-    ambient = exr.read_rgb(path)
-    if not np.isfinite(ambient).all():
-        raise InputError(f"{path}: holds NaN or infinity; {REBUILD}")
-    return ambient
+def _read_mask(files: DescribedFiles, camera: Device) -> NDArray[np.bool_]:
+    with files.opened(files.folder / MASK) as file:
+        return _mask_of(file, camera)
 
 
-def _read_mask(path: Path, camera: Device) -> NDArray[np.bool_]:
-    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if picture is None:
-        raise InputError(f"{path}: not a readable picture; save it as an 8-bit grey PNG")
-    if picture.shape != camera.shape:
-        found = f"{picture.shape[1]}x{picture.shape[0]}"
-        raise InputError(f"{path}: {found}, the camera is {camera.width}x{camera.height}; save it at the camera's size")
-    return np.asarray(picture >= 128)
+def _mask_of(source: Source, camera: Device) -> NDArray[np.bool_]:
+    with opened(source, "check the path") as file:
+        picture = grey(read_picture(file, camera.pixels))
+        if picture.shape != camera.shape:
+            found = f"{picture.shape[1]}x{picture.shape[0]}"
+            raise InputError(
+                f"{file.name}: {found}, the camera is {camera.width}x{camera.height}; save it at the camera's size"
+            )
+        return np.asarray(picture > np.iinfo(picture.dtype).max // 2)

@@ -1,8 +1,21 @@
 """The one exception that a user is meant to read."""
 
+LONGEST, LONGEST_REASON = 80, 200  # characters of what a file, or a library, says
+
 
 class InputError(Exception):
     """Wrong use or bad input: one line that says what, where, expected and found, and what to do.
 
     A command prints it as `error: …` and ends with exit code 2 (`player.command`).
     """
+
+
+def shown(value: object) -> str:
+    """A value as a message shows it, cut where it has no end."""
+    return one_line(repr(value), LONGEST)
+
+
+def one_line(text: object, longest: int = LONGEST_REASON) -> str:
+    """A text or an error in one line, cut where it has no end; the kind of error where it says nothing."""
+    line = " ".join(str(text).split()) or type(text).__name__
+    return line if len(line) <= longest else f"{line[:longest]}…"

@@ -1,22 +1,31 @@
 """OpenEXR files as named channels: the only importer of OpenEXR.
 
-The library opens truncated files without a word, so the header is checked against limits before pixels are decoded,
-and callers that need the pixels to be right compare a checksum first (player/files.py).
+The library opens truncated files without a word, so the header is checked against limits before pixels are decoded
+(player/exr_header.py), and callers that need the pixels to be right compare a checksum first (player/reading.py).
 """
 
 import errno
-from collections.abc import Mapping
+import io
+from collections.abc import Callable, Mapping
+from contextlib import redirect_stdout
 from dataclasses import dataclass
+from io import BufferedReader
+from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from player.errors import InputError
+from player import memory
+from player.errors import InputError, one_line, shown
+from player.exr_header import Part, read_parts
+from player.reading import Source, opened
+from player.silence import silence
 
-MAX_PIXELS = 1 << 28  # 16384², the largest 2D texture of common GPUs
+MAX_SURPLUS_BYTES = 1 << 30  # decoded for the sake of three channels among others
+FIX = "export it again"
 _HEADER = {
     "compression": OpenEXR.ZIP_COMPRESSION,
     "type": OpenEXR.scanlineimage,
@@ -32,6 +41,9 @@ class Header:
     channels: tuple[str, ...]
 
 
+Acceptance: TypeAlias = Callable[[Header, str], None]  # raises InputError, naming the file, for what is not wanted
+
+
 def write_channels(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
     """Write channels of equal shape (rows, columns), float32 or uint32, losslessly; OSError if the system refuses."""
     # `write` replaces the arrays of the dictionary it gets and misreads strided ones: hence a fresh one, contiguous.
@@ -40,8 +52,8 @@ def write_channels(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
         try:
             file.write(str(path))
         except RuntimeError as error:
-            reason = _one_line(error).rpartition('". ')[2].rstrip(".")  # after the name of the file
-            raise OSError(errno.EIO, reason, str(path)) from None
+            reason = str(error).rpartition('". ')[2].rstrip(".")  # after the name of the file
+            raise OSError(errno.EIO, one_line(reason), str(path)) from None
 
 
 def write_rgb(path: Path, linear_rgb: NDArray[np.float32]) -> None:
@@ -49,61 +61,91 @@ def write_rgb(path: Path, linear_rgb: NDArray[np.float32]) -> None:
     write_channels(path, {name: linear_rgb[..., i].astype(np.float32) for i, name in enumerate("RGB")})
 
 
-def read_header(path: Path) -> Header:
-    """Sizes and channels of a file; InputError if it is no EXR picture or larger than 2²⁸ pixels."""
+def read_channels(source: Source, accept: Acceptance = lambda header, name: None) -> dict[str, NDArray[Any]]:
+    """Decode every channel (rows, columns) as it is stored, placed in the display window (0 outside its data).
+
+    accept : looks at the header before pixels are decoded.
+    """
+    with opened(source, FIX) as file:
+        parts = _parts(file)
+        accept(_header(parts[0]), file.name)
+        return _decoded(file, parts, parts[0].channels)
+
+
+def read_rgb(source: Source, accept: Acceptance = lambda header, name: None) -> NDArray[np.float32]:
+    """Read the channels R, G and B, or Y alone, as a float32 picture (rows, columns, 3); see `read_channels`."""
+    with opened(source, FIX) as file:
+        parts = _parts(file)
+        names = parts[0].channels
+        wanted = ("R", "G", "B") if {"R", "G", "B"} <= set(names) else ("Y", "Y", "Y")
+        if wanted[0] not in names:
+            expected = "expected R, G and B (or Y); export it as RGB"
+            raise InputError(f"{file.name}: channels {shown(names)}, {expected}")
+        accept(_header(parts[0]), file.name)
+        channels = _decoded(file, parts, wanted)
+        return np.stack([channels[name].astype(np.float32) for name in wanted], axis=-1)
+
+
+def sized(shape: tuple[int, int], whose: str, fix: str) -> Acceptance:
+    """Accept pictures of that (height, width) alone, which is that of `whose`, such as the camera."""
+
+    def accept(header: Header, name: str) -> None:
+        if (header.height, header.width) != shape:
+            raise InputError(f"{name}: {header.width}x{header.height}, {whose} is {shape[1]}x{shape[0]}; {fix}")
+
+    return accept
+
+
+def _parts(file: BufferedReader) -> list[Part]:
     try:
-        with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
-            header = dict(file.header())  # the file's own is emptied when it closes
-            names = tuple(sorted(channel.name for channel in header["channels"]))
-            height, width = _window_size(header["displayWindow"])
-            data_height, data_width = _window_size(header["dataWindow"])
+        return read_parts(file)
+    except ValueError as error:
+        raise InputError(f"{file.name}: not a readable OpenEXR file ({error}); {FIX}") from None
+
+
+def _header(part: Part) -> Header:
+    return Header(*part.shape, part.channels)
+
+
+def _decoded(file: BufferedReader, parts: list[Part], wanted: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+    """The wanted channels of the first part; the library decodes all of every part."""
+    total = sum(part.nbytes for part in parts)
+    surplus = len(parts) > 1 or set(parts[0].channels) - set(wanted)
+    if surplus and total > MAX_SURPLUS_BYTES:
+        count = sum(len(part.channels) for part in parts)
+        raise InputError(
+            f"{file.name}: {count} channels of {total / 2**30:.1f} GiB in all, at most {MAX_SURPLUS_BYTES >> 30} GiB "
+            f"are decoded; export {', '.join(sorted(set(wanted)))} alone"
+        )
+    memory.check(total + 4 * len(wanted) * prod(parts[0].shape), f"{file.name}: decoding it", "scale it down")
+    stored = _library_channels(file)
+    data = parts[0].data
+    shape = data[3] - data[1] + 1, data[2] - data[0] + 1
+    if any(name not in stored or stored[name].shape != shape for name in wanted):
+        raise InputError(f"{file.name}: its channels are incomplete; {FIX}")
+    return {name: _in_display_window(stored[name], parts[0]) for name in wanted}
+
+
+def _library_channels(file: BufferedReader) -> dict[str, NDArray[Any]]:
+    """What the library decodes; it prints what is wrong with pixels, and goes on without them."""
+    file.seek(0)
+    said = io.StringIO()
+    try:
+        with silence(), redirect_stdout(said), OpenEXR.File(file, separate_channels=True) as picture:
+            return {name: np.asarray(channel.pixels) for name, channel in picture.channels().items()}
     except Exception as error:  # the binding raises bare RuntimeError, ValueError and others
-        raise InputError(f"{path}: not a readable OpenEXR file ({_one_line(error)}); export it again") from None
-    if min(height, width, data_height, data_width) < 1 or max(height * width, data_height * data_width) > MAX_PIXELS:
-        raise InputError(f"{path}: claims {width}x{height} pixels, at most {MAX_PIXELS} are read; is the file damaged?")
-    return Header(height, width, names)
+        reason = one_line(said.getvalue().rpartition(" - ")[2] or error)
+        raise InputError(f"{file.name}: its pixels cannot be decoded ({reason}); {FIX}") from None
 
 
-def read_channels(path: Path) -> dict[str, NDArray[Any]]:
-    """Decode every channel (rows, columns) as it is stored, placed in the display window (0 outside its data)."""
-    shape = read_header(path)
-    try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            header = dict(file.header())
-            stored = {name: np.asarray(channel.pixels) for name, channel in file.channels().items()}
-    except Exception as error:
-        raise InputError(f"{path}: its pixels cannot be decoded ({_one_line(error)}); export it again") from None
-    return {name: _in_display_window(pixels, header, shape, path) for name, pixels in stored.items()}
-
-
-def read_rgb(path: Path) -> NDArray[np.float32]:
-    """Read the channels R, G and B, or Y alone, as a float32 picture (rows, columns, 3)."""
-    names = read_header(path).channels
-    wanted = ("R", "G", "B") if {"R", "G", "B"} <= set(names) else ("Y", "Y", "Y")
-    if wanted[0] not in names:
-        raise InputError(f"{path}: channels {', '.join(names)}, expected R, G and B (or Y); export it as RGB")
-    channels = read_channels(path)
-    return np.stack([channels[name].astype(np.float32) for name in wanted], axis=-1)
-
-
-def _window_size(window: tuple[NDArray[np.int32], NDArray[np.int32]]) -> tuple[int, int]:
-    (x0, y0), (x1, y1) = ((int(corner[0]), int(corner[1])) for corner in window)
-    return y1 - y0 + 1, x1 - x0 + 1
-
-
-def _in_display_window(pixels: NDArray[Any], header: dict[str, Any], shape: Header, path: Path) -> NDArray[Any]:
-    if pixels.shape != _window_size(header["dataWindow"]):
-        raise InputError(f"{path}: its channels are subsampled or incomplete; export it with full-size channels")
-    left, top = (int(d - s) for d, s in zip(header["dataWindow"][0], header["displayWindow"][0], strict=True))
-    if (left, top) == (0, 0) and pixels.shape == (shape.height, shape.width):
+def _in_display_window(pixels: NDArray[Any], part: Part) -> NDArray[Any]:
+    height, width = part.shape
+    left, top = part.data[0] - part.display[0], part.data[1] - part.display[1]
+    if (left, top) == (0, 0) and pixels.shape == (height, width):
         return pixels
-    placed = np.zeros((shape.height, shape.width), pixels.dtype)
-    rows = slice(max(top, 0), min(top + pixels.shape[0], shape.height))
-    columns = slice(max(left, 0), min(left + pixels.shape[1], shape.width))
+    placed = np.zeros((height, width), pixels.dtype)
+    rows = slice(max(top, 0), min(top + pixels.shape[0], height))
+    columns = slice(max(left, 0), min(left + pixels.shape[1], width))
     if rows.start < rows.stop and columns.start < columns.stop:
         placed[rows, columns] = pixels[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
     return placed
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__

@@ -18,14 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from player import exr, row_map
-from player.calibration import StoredCalibration
+from player.calibration import RADIANCE, Device, StoredCalibration
 from player.errors import InputError
-from player.files import check_file, describe_files, read_toml, write_toml
+from player.files import describe_files, write_toml
 from player.generation import read_steadily
+from player.reading import DescribedFiles, read_toml
 from player.row_map import RowMap
+from player.tables import Table
 from player.writing.replacing import replacing_folder
 
 FORMAT = 1
+UNUSABLE = "give more --regularize, or look for what is extreme in the calibration"
 FOLDER, MANIFEST, STEP_SIZE = "correction", "manifest.toml", "step_size.exr"
 
 
@@ -110,7 +113,10 @@ def replacing(stored: StoredCalibration) -> Iterator[Path]:
 
 
 def write_maps(maps: RoomMaps, stored: StoredCalibration, stage: Path) -> None:
-    """Write every map, and the manifest last."""
+    """Write every map, and the manifest last; InputError for maps that `read_maps` would refuse."""
+    check_white(maps.white)
+    if maps.refinement is not None:
+        _check_step_size(maps.refinement.step_size, f"{stored.folder / FOLDER / STEP_SIZE}", UNUSABLE)
     sizes = {name: row_map.write(packed, stage / name) for name, packed in maps.named().items()}
     if maps.refinement is not None:
         exr.write_rgb(stage / STEP_SIZE, maps.refinement.step_size)
@@ -125,6 +131,15 @@ def write_maps(maps: RoomMaps, stored: StoredCalibration, stage: Path) -> None:
     write_toml(stage / MANIFEST, manifest)
 
 
+def check_white(white: float) -> None:
+    """InputError for a white level that no map is made for; asked before the work."""
+    if not RADIANCE[0] <= white <= RADIANCE[1]:
+        raise InputError(
+            f"white is a camera radiance of {white:g}, expected {RADIANCE[0]:g} to {RADIANCE[1]:g}; give T and the "
+            "ambient light in another unit"
+        )
+
+
 def read_maps(stored: StoredCalibration, *, refinement: bool = True) -> RoomMaps:
     """Read and check correction/; InputError with the command that rebuilds it if anything is missing or damaged.
 
@@ -137,87 +152,62 @@ def read_maps(stored: StoredCalibration, *, refinement: bool = True) -> RoomMaps
 def _read_maps(stored: StoredCalibration, refinement: bool) -> RoomMaps:
     folder = stored.folder / FOLDER
     fix = f"rebuild it with: build-correction-map {stored.folder}"
-    manifest = read_toml(folder / MANIFEST, fix)
-    _check_manifest(manifest, stored, folder / MANIFEST, fix)
-    sizes = manifest["maps"]
-    wanted = [name for name in sizes if refinement or not (name == "direct" or name.startswith("dual"))]
-    maps = {name: _read_map(folder, name, sizes[name], manifest["files"], fix) for name in wanted}
-    if not {".", "transport"} <= maps.keys():
-        raise InputError(f"{folder / MANIFEST}: does not list the correction and transport maps; {fix}")
-    far = undo = None
+    values = read_toml(folder / MANIFEST, fix)
+    manifest = Table(values, f"{folder / MANIFEST}", fix)
+    manifest.format(FORMAT)
+    if values.get("calibration") != stored.fingerprint:
+        raise manifest.refusal(f": made for another state of {stored.folder}/calibration.toml")
+    white = manifest.number("white", None, *RADIANCE)
+    files = DescribedFiles(folder, manifest.table("files").values, fix)
+    sizes = _sizes(manifest, stored, refinement=refinement)
+    maps = {name: row_map.read(folder / name, table, files.opened) for name, table in sizes.items()}
+    far = undo = further = None
     if "far_mix" in maps:
-        far, undo = _far_maps(maps, folder, fix)
-    details = {key: value for key, value in manifest.items() if key not in ("maps", "files")}
-    further = _refinement_maps(maps, stored, manifest["files"], fix) if "dual" in maps else None
-    result = RoomMaps(maps["."], maps["transport"], far, undo, float(manifest["white"]), details, further)
-    _check_shapes(result, stored, folder, fix)
-    return result
-
-
-def _check_manifest(manifest: dict[str, Any], stored: StoredCalibration, path: Path, fix: str) -> None:
-    if manifest.get("format") != FORMAT:
-        raise InputError(f"{path}: format {manifest.get('format')!r}, this version reads {FORMAT}; {fix}")
-    if manifest.get("calibration") != stored.fingerprint:
-        raise InputError(f"{path}: made for another state of {stored.folder}/calibration.toml; {fix}")
-    tables = all(isinstance(manifest.get(key), dict) for key in ("maps", "files"))
-    white = manifest.get("white")
-    if not (tables and isinstance(white, float) and 0 < white < float("inf")):
-        raise InputError(f"{path}: lacks its maps, its files or a positive white level; {fix}")
-
-
-def _read_map(folder: Path, name: str, sizes: Any, files: dict[str, Any], fix: str) -> RowMap:
-    if not isinstance(sizes, dict):
-        raise InputError(f"{folder / MANIFEST}: the map {name!r} has no sizes; {fix}")
-    for file in ("lookup.exr", "entries.exr", *(["index.exr"] if sizes.get("wide_index") else [])):
-        check_file(folder, (Path(name) / file).as_posix(), files, fix)
-    return row_map.read(folder / name, sizes, fix)
-
-
-def _far_maps(maps: dict[str, RowMap], folder: Path, fix: str) -> tuple[FarMaps, FarMaps]:
-    try:
         far = FarMaps(maps["far_gather"], maps["far_mix"], maps["far_scatter"])
-        return far, FarMaps(maps["undo_gather"], maps["undo_mix"], far.scatter)
-    except KeyError as error:
-        raise InputError(f"{folder / MANIFEST}: does not list the map {error}; {fix}") from None
+        undo = FarMaps(maps["undo_gather"], maps["undo_mix"], far.scatter)
+    if "dual" in maps:
+        dual = FarMaps(maps["dual_gather"], maps["dual_mix"], maps["dual_scatter"]) if far else None
+        step_size = _read_step_size(files, stored.calibration.projector)
+        further = RefinementMaps(maps["dual"], dual, maps["direct"], step_size)
+    details = {key: value for key, value in values.items() if key not in ("maps", "files")}
+    return RoomMaps(maps["."], maps["transport"], far, undo, white, details, further)
 
 
-def _refinement_maps(
-    maps: dict[str, RowMap], stored: StoredCalibration, files: dict[str, Any], fix: str
-) -> RefinementMaps:
-    folder, projector = stored.folder / FOLDER, stored.calibration.projector
-    path = check_file(folder, STEP_SIZE, files, fix)
-    header = exr.read_header(path)
-    if (header.height, header.width) != projector.shape:
-        found = f"{header.width}x{header.height}"
-        raise InputError(f"{path}: {found}, the projector is {projector.width}x{projector.height}; {fix}")
-    step_size = exr.read_rgb(path)
-    if not (np.isfinite(step_size).all() and step_size.min() >= 0):
-        raise InputError(f"{path}: holds NaN, infinity or a negative step; {fix}")
-    try:
-        far = None
-        if "far_mix" in maps:
-            far = FarMaps(maps["dual_gather"], maps["dual_mix"], maps["dual_scatter"])
-        return RefinementMaps(maps["dual"], far, maps["direct"], step_size)
-    except KeyError as error:
-        raise InputError(f"{folder / MANIFEST}: does not list the map {error}; {fix}") from None
+def _sizes(manifest: Table, stored: StoredCalibration, *, refinement: bool) -> dict[str, Table]:
+    """What the manifest says of each map that is to be read; InputError unless they are all there and fit together.
 
-
-def _check_shapes(maps: RoomMaps, stored: StoredCalibration, folder: Path, fix: str) -> None:
+    The names are ours: what else a manifest lists names no file.
+    """
+    listed = manifest.table("maps")
     camera, projector = stored.calibration.camera.shape, stored.calibration.projector.shape
-    chains = [(maps.correction, camera, projector), (maps.transport, projector, camera)]
-    if maps.far is not None and maps.undo is not None:
-        cells = maps.far.mix.output_shape
-        chains += [(maps.far.gather, projector, cells), (maps.far.mix, cells, cells)]
-        chains += [(maps.far.scatter, cells, camera)]
-        chains += [(maps.undo.gather, camera, cells), (maps.undo.mix, cells, cells)]
-        if maps.refinement is not None and maps.refinement.far_dual is not None:
-            back = maps.refinement.far_dual
-            chains += [(back.gather, camera, cells), (back.mix, cells, cells), (back.scatter, cells, projector)]
-    if maps.refinement is not None:
-        chains += [(maps.refinement.dual, camera, projector), (maps.refinement.direct, camera, projector)]
-    for packed, source, output in chains:
-        if (packed.source_shape, packed.output_shape) != (source, output):
-            raise InputError(
-                f"{folder}: a map goes from {packed.source_shape} to {packed.output_shape} (height, width), "
-                f"the calibration needs {source} to {output}; {fix}"
+    ends = {".": (camera, projector), "transport": (projector, camera)}
+    dual = refinement and "dual" in listed
+    if "far_mix" in listed:
+        cells = row_map.shapes(listed.table("far_mix"))[0]
+        ends |= {"far_gather": (projector, cells), "far_mix": (cells, cells), "far_scatter": (cells, camera)}
+        ends |= {"undo_gather": (camera, cells), "undo_mix": (cells, cells)}
+        if dual:
+            ends |= {"dual_gather": (camera, cells), "dual_mix": (cells, cells), "dual_scatter": (cells, projector)}
+    if dual:
+        ends |= {"dual": (camera, projector), "direct": (camera, projector)}
+    sizes = {name: listed.table(name) for name in ends}
+    for name, table in sizes.items():
+        output, source, _ = row_map.shapes(table)
+        if (source, output) != ends[name]:
+            raise table.refusal(
+                f": a map from {source} to {output} (height, width), the calibration needs {ends[name][0]} to "
+                f"{ends[name][1]}"
             )
+    return sizes
+
+
+def _read_step_size(files: DescribedFiles, projector: Device) -> NDArray[np.float32]:
+    with files.opened(files.folder / STEP_SIZE) as file:
+        step_size = exr.read_rgb(file, exr.sized(projector.shape, "the projector", files.fix))
+        _check_step_size(step_size, file.name, files.fix)
+        return step_size
+
+
+def _check_step_size(step_size: NDArray[np.float32], where: str, fix: str) -> None:
+    if not (np.isfinite(step_size).all() and step_size.min() >= 0):
+        raise InputError(f"{where}: holds NaN, infinity or a negative step; {fix}")

@@ -4,6 +4,7 @@ Pinned, a pixel centre (x, y) of the target shows the picture at H (x, y, 1), H 
 corners to those of the picture; see pinned() in player/reference.py for the filter.
 """
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -12,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from player.errors import InputError
-from player.files import read_toml, write_toml
+from player.files import write_toml
+from player.reading import read_toml
+from player.tables import Table
 from player.writing.replacing import remove_file, replacing_file
 
 Corner: TypeAlias = tuple[float, float]
@@ -91,16 +94,13 @@ def homography(corners: Corners, target: tuple[int, int], picture: tuple[int, in
 def read_placement(folder: Path) -> Corners | None:
     """The corners kept beside a calibration; None where none were kept."""
     path, fix = folder / FILE, "place the picture again, or remove the file"
-    if not path.exists():
+    if not os.path.exists(path):
         return None
-    table = read_toml(path, fix)
-    if table.get("format") != FORMAT:
-        raise InputError(f"{path}: format {table.get('format')!r}, this version reads {FORMAT}; {fix}")
+    table = Table(read_toml(path, fix), f"{path}", fix)
+    table.format(FORMAT)
+    a, b, c, d = ((x, y) for x, y in table.rows("corners", 4, 2, -FARTHEST, FARTHEST + 1).tolist())
     try:
-        a, b, c, d = ((float(x), float(y)) for x, y in table["corners"])
         check_corners((a, b, c, d))
-    except (KeyError, TypeError, ValueError):
-        raise InputError(f"{path}: needs corners = four pairs [x, y] in shares of the camera's view; {fix}") from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     return a, b, c, d

@@ -4,14 +4,17 @@ A *response* maps a code value (0..1, what goes over the cable) to linear drive 
 an analytic curve and a measured one take the same path; player/reference.py reads the same tables.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
+from player.errors import InputError, shown
 
 TABLE_SIZE = 1024
+MOST_ROWS = 1 << 16  # of a measured table: one for each code of a 16-bit camera
 _SRGB_KNEE = 0.04045
 
 
@@ -68,15 +71,20 @@ def parse_response(value: object) -> Response:
     if isinstance(value, str) and value in ("linear", "srgb"):
         return Response(value)
     if isinstance(value, list):
-        try:
-            rows = tuple(tuple(float(v) for v in (row if isinstance(row, list) else [row])) for row in value)
-        except (TypeError, ValueError):
-            raise InputError("response: a table holds numbers, or rows of three numbers") from None
-        return Response("table", table=rows)
-    try:
-        return Response("gamma", gamma=float(value))  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        raise InputError(f"response {value!r}: expected linear, srgb, a gamma such as 2.2, or a table") from None
+        rows = [row if isinstance(row, list) else [row] for row in value]
+        if len(rows) > MOST_ROWS or not all(_is_number(v) for row in rows for v in row):
+            raise InputError(f"response: a table holds numbers, or rows of three numbers, at most {MOST_ROWS} of them")
+        return Response("table", table=tuple(tuple(float(v) for v in row) for row in rows))
+    if isinstance(value, str):
+        with suppress(ValueError):
+            value = float(value)
+    if not _is_number(value):
+        raise InputError(f"response {shown(value)}: expected linear, srgb, a gamma such as 2.2, or a table")
+    return Response("gamma", gamma=float(value))
+
+
+def _is_number(value: object) -> TypeGuard[int | float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def transfer_table(transfer: str) -> NDArray[np.float32]:

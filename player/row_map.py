@@ -6,15 +6,21 @@ The *lookup texture* (output resolution) says where a row starts and how long it
 texture rows. The format is written and read here; shaders/row_map.frag applies it, player/reference.py is its twin.
 """
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
+from io import BufferedReader
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from player import exr
+from player import exr, reading
 from player.errors import InputError
+from player.exr_header import MAX_PIXELS
+from player.tables import Table
 
 MAX_TEXTURE_WIDTH = 16384  # OpenGL implementations of the last fifteen years, llvmpipe included
 SHORTEN = "shorten the rows with --max-cluster, or a larger --max-error or --regularize"
@@ -24,6 +30,7 @@ LOOKUP_CHANNELS, ENTRIES_CHANNELS = ("X", "Y", "LENGTH"), ("R", "G", "B", "A")
 
 UintArray = NDArray[np.uint32]
 FloatArray = NDArray[np.float32]
+OpenFile: TypeAlias = Callable[[Path], AbstractContextManager[BufferedReader]]
 
 
 @dataclass(frozen=True)
@@ -85,13 +92,15 @@ def pack(
     """Pack a matrix: its rows are the output's pixels, its columns the source's, both row by row from the top.
 
     Entries whose three weights are all zero are left out.
-    Raises InputError if a row is longer than the widest texture or the texture would be too high.
+    Raises InputError for weights that are not finite, if a row is longer than the widest texture, and if the texture
+    would be too high.
     """
     rows = _without_zeros(rows)
     height, width = output_shape
     lengths = rows.lengths
     if lengths.size != height * width:
         raise ValueError(f"{lengths.size} rows for an output of {width}x{height} pixels")
+    _refuse_not_finite(rows, width)
     longest = int(lengths.argmax())
     if lengths[longest] > max_texture_width:
         raise InputError(
@@ -138,20 +147,32 @@ def write(packed: RowMap, folder: Path) -> dict[str, Any]:
     }
 
 
-def read(folder: Path, sizes: dict[str, Any], fix: str) -> RowMap:
+def read(folder: Path, sizes: Table, opened: OpenFile | None = None) -> RowMap:
     """Read what `write` wrote and check it against the manifest's `sizes` and against itself.
 
-    Raises InputError, ending in `fix`, for anything that would let a shader read a wrong or missing texel.
+    opened : how a file is opened, such as by its checksum.
+    Raises InputError for anything that would let a shader read a wrong or missing texel.
     """
-    output, source, texture = (_shape(sizes, key, folder, fix) for key in ("output", "source", "texture"))
-    lookup = _read(folder / "lookup.exr", LOOKUP_CHANNELS, output, np.uint32, fix)
-    entries = _read(folder / "entries.exr", ENTRIES_CHANNELS, texture, np.float32, fix)
-    index = (
-        _read(folder / "index.exr", ("INDEX",), texture, np.uint32, fix)[..., 0] if sizes.get("wide_index") else None
-    )
+    output, source, texture = shapes(sizes)
+    opened = opened or partial(reading.opened, fix=sizes.fix)
+
+    def channels(name: str, names: tuple[str, ...], shape: tuple[int, int], dtype: type) -> NDArray[Any]:
+        with opened(folder / name) as file:
+            return _read(file, names, shape, dtype, sizes.fix)
+
+    lookup = channels("lookup.exr", LOOKUP_CHANNELS, output, np.uint32)
+    entries = channels("entries.exr", ENTRIES_CHANNELS, texture, np.float32)
+    wide = sizes.truth("wide_index", False)
+    index = channels("index.exr", ("INDEX",), texture, np.uint32)[..., 0] if wide else None
     packed = RowMap(lookup, entries, source, index)
-    _check(packed, folder, fix)
+    _check(packed, folder, sizes.fix)
     return packed
+
+
+def shapes(sizes: Table) -> tuple[tuple[int, int], tuple[int, int], tuple[int, int]]:
+    """(height, width) of a map's output, source and entries texture, as its manifest promises them."""
+    output, source, texture = (sizes.size(key, MAX_PIXELS) for key in ("output", "source", "texture"))
+    return output, source, texture
 
 
 def _check(packed: RowMap, where: Path, fix: str) -> None:
@@ -161,6 +182,8 @@ def _check(packed: RowMap, where: Path, fix: str) -> None:
     used = length > 0
     if np.any(used & ((x + length > width) | (y >= height))):
         raise InputError(f"{where}: a lookup entry points outside the {width}x{height} entries texture; {fix}")
+    if packed.count > height * width:
+        raise InputError(f"{where}: rows of {packed.count} entries in {width}x{height} texels, so they overlap; {fix}")
     if not np.isfinite(packed.entries).all():
         raise InputError(f"{where}: the entries hold NaN or infinity; {fix}")
     source_pixels = packed.source_shape[0] * packed.source_shape[1]
@@ -177,6 +200,16 @@ def _without_zeros(rows: SparseRows) -> SparseRows:
         return rows
     kept_before = np.concatenate([[0], np.cumsum(keep)])
     return SparseRows(kept_before[rows.indptr], rows.indices[keep], rows.weights[keep])
+
+
+def _refuse_not_finite(rows: SparseRows, width: int) -> None:
+    finite = np.isfinite(rows.weights).all(axis=1)
+    if not finite.all():
+        pixel = int(np.searchsorted(rows.indptr, int(finite.argmin()), side="right")) - 1
+        raise InputError(
+            f"row map: the row of output pixel ({pixel % width}, {pixel // width}) holds NaN or infinity, or a weight "
+            "beyond float32; give more --regularize, or look for what is extreme in the calibration"
+        )
 
 
 def _place_rows(
@@ -262,28 +295,19 @@ def _coordinates(lengths: NDArray[np.int64], shelves: list[_Shelf]) -> tuple[NDA
     return x, y
 
 
-def _read(path: Path, names: tuple[str, ...], shape: tuple[int, int], dtype: type, fix: str) -> NDArray[Any]:
-    header = exr.read_header(path)
-    if (header.height, header.width) != shape or set(header.channels) != set(names):
-        raise InputError(
-            f"{path}: {header.width}x{header.height} texels of {'/'.join(header.channels)}, "
-            f"the manifest promises {shape[1]}x{shape[0]} of {'/'.join(names)}; {fix}"
-        )
-    channels = exr.read_channels(path)
+def _read(file: BufferedReader, names: tuple[str, ...], shape: tuple[int, int], dtype: type, fix: str) -> NDArray[Any]:
+    def accept(header: exr.Header, name: str) -> None:
+        if (header.height, header.width) != shape or set(header.channels) != set(names):
+            raise InputError(
+                f"{name}: {header.width}x{header.height} texels of {'/'.join(header.channels)}, "
+                f"the manifest promises {shape[1]}x{shape[0]} of {'/'.join(names)}; {fix}"
+            )
+
+    channels = exr.read_channels(file, accept)
     if any(channels[name].dtype != dtype for name in names):
-        raise InputError(f"{path}: its channels are not {np.dtype(dtype).name}; {fix}")
+        raise InputError(f"{file.name}: its channels are not {np.dtype(dtype).name}; {fix}")
     return np.stack([channels[name] for name in names], axis=-1)
 
 
 def _size(shape: tuple[int, int]) -> list[int]:
     return [shape[1], shape[0]]
-
-
-def _shape(sizes: dict[str, Any], key: str, where: Path, fix: str) -> tuple[int, int]:
-    value = sizes.get(key)
-    if not (isinstance(value, list) and len(value) == 2 and all(isinstance(n, int) and n > 0 for n in value)):
-        raise InputError(f"{where}: the manifest's {key} is {value!r}, expected [width, height]; {fix}")
-    width, height = value
-    if width * height > exr.MAX_PIXELS:
-        raise InputError(f"{where}: the manifest's {key} of {width}x{height} exceeds {exr.MAX_PIXELS} pixels; {fix}")
-    return height, width

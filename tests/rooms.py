@@ -13,7 +13,7 @@ from player.response import Response
 from player.row_map import RowMap, SparseRows, pack
 from player.video import Frame, PixelFormat, PlaneShape
 from tools.transport.storage import write_transport
-from tools.transport.transport import Transport
+from tools.transport.transport import FarLight, Transport
 
 CAMERA, PROJECTOR = (11, 17), (7, 13)
 CELLS = (1, 6)
@@ -119,12 +119,20 @@ def blurred_transport(
 
 
 def write_blurred_room(
-    folder: Path, rng: np.random.Generator, camera: tuple[int, int] = (36, 50), projector: tuple[int, int] = (30, 40)
+    folder: Path,
+    rng: np.random.Generator,
+    camera: tuple[int, int] = (36, 50),
+    projector: tuple[int, int] = (30, 40),
+    cells: int = 0,
 ) -> Transport:
-    """A calibration folder of a textured, slightly blurred wall whose colours differ; returns its transport."""
+    """A calibration folder of a textured, slightly blurred wall whose colours differ; returns its transport.
+
+    cells : of far light, a tenth of all light; 0 for none.
+    """
     blur = blurred_transport(rng, camera, projector, 0.5)
     tints = rng.uniform(0.5, 1, (3, blur.shape[0], 1))
-    transport = Transport(tuple(sparse.csr_array(blur.multiply(tint), dtype=np.float32) for tint in tints))
+    near = tuple(sparse.csr_array(blur.multiply(tint), dtype=np.float32) for tint in tints)
+    transport = Transport(near, _far_light(rng, blur.shape, cells) if cells else None)
     calibration = Calibration(
         "blurred wall",
         "made by a test",
@@ -136,6 +144,15 @@ def write_blurred_room(
     with writing(folder, calibration) as stage:
         write_transport(transport, stage)
     return transport
+
+
+def _far_light(rng: np.random.Generator, shape: tuple[int, int], cells: int) -> FarLight:
+    """Each cell takes the mean of its share of the projector, gives to all, and is seen by its share of the camera."""
+    seen, lit = (np.arange(pixels) * cells // pixels == np.arange(cells)[:, None] for pixels in shape)
+    gather = sparse.csr_array((lit / lit.sum(axis=1, keepdims=True)).astype(np.float32))
+    scatter = sparse.csr_array(seen.T.astype(np.float32))
+    mix = rng.uniform(0.05, 0.15, (3, cells, cells)) / cells
+    return FarLight((gather,) * 3, mix, (scatter,) * 3)
 
 
 def write_one_to_one_room(folder: Path, shape: tuple[int, int]) -> None:

@@ -299,7 +299,7 @@ def test_a_capture_of_the_wrong_moment_is_noticed(tmp_path: Path, rng: np.random
         (["--camera", "v4l2:99", "--exposures", "0.03", "--window"], "/dev/video99: no such camera, found: "),
         (["--camera", "simulated:ROOM", "--lag", "21"], "--lag 21: expected 0 to 20 frames"),
         (["--camera", "folder:x"], "needs the projector's size"),
-        (["--camera", "simulated:absent.toml"], "no such scene file"),
+        (["--camera", "simulated:absent.toml"], "absent.toml: missing"),
         (["--camera", "simulated:ROOM", "--projector", "9x9"], "has 30x21 pixels; leave it out"),
         (["--camera", "simulated:ROOM", "--threshold", "much"], "--threshold much: expected a multiple"),
         (["--camera", "simulated:ROOM", "--threshold", "-1"], "--threshold"),

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from player import calibration, exr
+from player import calibration
 from player.calibration import Calibration, Device
 from player.errors import InputError
 from player.response import Response, parse_response
@@ -36,7 +36,8 @@ def test_round_trip(folder: Path, room: Calibration) -> None:
     assert stored.calibration.camera == room.camera
     np.testing.assert_array_equal(stored.calibration.ambient, room.ambient)
     np.testing.assert_array_equal(stored.calibration.mask, room.mask)
-    assert stored.checked_path("transport_red.npz").read_bytes() == b"matrix"
+    with stored.opened("transport_red.npz") as file:
+        assert file.read() == b"matrix"
 
 
 def test_nothing_is_left_when_writing_fails(tmp_path: Path, room: Calibration) -> None:
@@ -86,10 +87,10 @@ def test_damaged_files_are_refused(folder: Path, name: str, damage: str) -> None
     [
         ("format = 1", "format = 2", "format 2, this version reads 1"),
         ("format = 1", "format = 1 oops", "not valid TOML"),
-        ("[camera]", "[kamera]", r"needs \[\[projectors\]\]"),
+        ("[camera]", "[kamera]", r"needs camera; is 'kamera' meant to be it"),
         ("width = 13", "width = 14", "the camera is 14x9"),
-        ("width = 13", 'width = "13"', "lacks width and height"),
-        ("width = 13", "width = 99999", "expected 1 to 16384"),
+        ("width = 13", 'width = "13"', "expected a whole number from 1 to 16384"),
+        ("width = 13", "width = 99999", "expected a whole number from 1 to 16384"),
         ("response = 2.2", 'response = "rec2100"', "expected linear, srgb"),
     ],
 )
@@ -117,27 +118,7 @@ def test_a_mask_picture_is_black_and_white_at_the_middle(tmp_path: Path) -> None
         calibration.read_mask_picture(tmp_path / "m.png", Device(1, 5, LINEAR))
 
 
-def test_exr_pictures_are_exact_and_their_window_is_honoured(tmp_path: Path, rng: np.random.Generator) -> None:
-    picture = rng.normal(size=(5, 9, 3)).astype(np.float32)
-    exr.write_rgb(tmp_path / "p.exr", picture[:, ::-1][:, ::-1])
-    assert exr.read_rgb(tmp_path / "p.exr").tobytes() == picture.tobytes()
-    exr.write_channels(tmp_path / "z.exr", {"Z": picture[..., 0]})
-    with pytest.raises(InputError, match="channels Z, expected R, G and B"):
-        exr.read_rgb(tmp_path / "z.exr")
-
-
 HOSTILE = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "hostile"
-
-
-@pytest.mark.parametrize("path", sorted(HOSTILE.rglob("*.exr")) or [HOSTILE], ids=lambda path: path.name)
-def test_hostile_exr_files_are_read_or_refused_in_one_line(path: Path) -> None:
-    """Where the shared files are; without them the folder's own name, which is no EXR file either, is refused."""
-    complaint = ""
-    try:
-        assert exr.read_rgb(path).ndim == 3
-    except InputError as error:
-        complaint = str(error)
-    assert complaint == "" or (path.name in complaint and "\n" not in complaint)
 
 
 @pytest.mark.parametrize("name", ["ambient.exr", "mask.png", "calibration.toml"])

@@ -114,7 +114,7 @@ def test_monitors_are_written_and_read(tmp_path: Path) -> None:
     assert calibration.read(joint).calibration.projectors[1] == Device(*RIGHT, Response("srgb"), "B")
     text = (joint / "calibration.toml").read_text()
     (joint / "calibration.toml").write_text(text.replace('monitor = "B"', "monitor = 2"))
-    with pytest.raises(InputError, match=r"calibration\.toml: monitor 2: expected the name"):
+    with pytest.raises(InputError, match=r"projectors 2, monitor: found 2, expected a text"):
         calibration.read(joint)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from player import calibration
-from player.files import read_toml
+from player.picture_files import read_picture
+from player.reading import read_toml
 from player.show.commands import CommandError
 from player.show.session_inputs import Setup
 from tests.brackets import CURVES, random_scene, write_bracket
@@ -18,7 +19,6 @@ from tests.programs import CLIP, ROOT
 from tests.rooms import write_blurred_room
 from tests.stage import Stage
 from tools import build_correction_map
-from tools.acquisition.picture_files import read_picture
 
 SCENE = ROOT / "calib_data" / "scenes" / "wall.toml"
 PAGE = 4096  # what a tmpfs gives room in

@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from player.errors import InputError
 from player.response import Response
 from tools.acquisition.captures import code_bits, find_captures
 from tools.acquisition.direct_mapping import NOBODY, cell_owners, direct_mapping, direct_transport
 from tools.acquisition.graycode import Decoded, decode
-from tools.acquisition.picture_files import read_picture
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 LINEAR = Response("linear")
@@ -312,72 +310,3 @@ def test_clusters_stay_one_decoded_cell_each(rng: np.random.Generator) -> None:
         cameras = T[:, [cell]].nonzero()[0]
         reached = np.unique(T[cameras].indices)
         np.testing.assert_array_equal(reached, np.flatnonzero(mapping.owner == cell))
-
-
-@pytest.mark.parametrize("suffix", [".png", ".jpg"])
-def test_any_truncated_picture_is_refused(rng: np.random.Generator, tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"whole{suffix}"
-    cv2.imwrite(str(path), rng.integers(0, 256, (23, 31, 3), np.uint8))
-    assert read_picture(path).shape == (23, 31, 3)
-    content = path.read_bytes()
-    for length in (*range(0, 200, 13), *range(200, len(content), 97), len(content) - 1):
-        cut = tmp_path / f"cut{suffix}"
-        cut.write_bytes(content[:length])
-        with pytest.raises(InputError):
-            read_picture(cut)
-
-
-def test_a_flipped_bit_in_a_png_is_refused(rng: np.random.Generator, tmp_path: Path) -> None:
-    path = tmp_path / "picture.png"
-    cv2.imwrite(str(path), rng.integers(0, 256, (23, 31), np.uint8))
-    content = bytearray(path.read_bytes())
-    for at in range(0, len(content), 41):
-        damaged = content.copy()
-        damaged[at] ^= 4
-        path.write_bytes(damaged)
-        with pytest.raises(InputError):
-            read_picture(path)
-    damaged = content.copy()
-    damaged[content.index(b"IDAT") + 40] ^= 4
-    path.write_bytes(damaged)
-    with pytest.raises(InputError, match=r"damaged PNG \(checksum"):  # by our own check, whatever the decoder does
-        read_picture(path)
-
-
-def test_a_thumbnail_does_not_pass_for_the_end_of_a_jpeg(rng: np.random.Generator, tmp_path: Path) -> None:
-    """A camera's JPEG carries a whole JPEG in its EXIF segment, with an end marker of its own."""
-    _, encoded = cv2.imencode(".jpg", rng.integers(0, 256, (40, 56, 3), np.uint8))
-    content = encoded.tobytes()
-    _, small = cv2.imencode(".jpg", rng.integers(0, 256, (8, 8, 3), np.uint8))
-    segment = b"Exif\0\0" + small.tobytes()
-    with_thumbnail = content[:2] + b"\xff\xe1" + (len(segment) + 2).to_bytes(2, "big") + segment + content[2:]
-    path = tmp_path / "camera.jpg"
-    path.write_bytes(with_thumbnail + b"\0\0\0\0")
-    assert read_picture(path).shape == (40, 56, 3)
-    path.write_bytes(with_thumbnail[: len(with_thumbnail) // 2 + len(segment) // 2])
-    with pytest.raises(InputError, match="truncated"):
-        read_picture(path)
-
-
-def test_pictures_keep_depth_and_channel_order(tmp_path: Path) -> None:
-    deep = np.arange(35, dtype=np.uint16).reshape(5, 7) * 1801
-    cv2.imwrite(str(tmp_path / "deep.png"), deep)
-    np.testing.assert_array_equal(read_picture(tmp_path / "deep.png"), deep)
-    rgba = np.zeros((5, 7, 4), np.uint8)
-    rgba[..., 2], rgba[..., 3] = 200, 9  # OpenCV's order is blue, green, red, alpha
-    cv2.imwrite(str(tmp_path / "red.png"), rgba)
-    np.testing.assert_array_equal(read_picture(tmp_path / "red.png")[2, 3], [200, 0, 0])
-
-
-def test_hostile_pictures_are_read_or_refused() -> None:
-    for path in sorted((SHARED / "hostile").rglob("*")) if SHARED.is_dir() else []:
-        if path.is_file():
-            assert "\n" not in refusal_of(path)
-
-
-def refusal_of(path: Path) -> str:
-    try:
-        read_picture(path)
-    except InputError as error:
-        return str(error)
-    return ""

@@ -145,11 +145,11 @@ def broken_index(matrix: sparse.csr_array, path: Path) -> None:
         (lambda m, path: save(-m, path), r"green\.npz: no positive entry \(\d+ negative\)"),
         (lambda m, path: save(m.astype(np.complex64), path), r"green\.npz: .*expected real numbers"),
         (pickled, r"green\.npz: no sparse matrix"),
-        (truncated, r"green\.npz: no \.npz archive"),
-        (bomb, r"green\.npz: unpacks to 20480 MiB, at most 16384"),
+        (truncated, r"green\.npz: no sparse matrix \(File is not a zip file\)"),
+        (bomb, r"green\.npz: no sparse matrix \('part0' claims 2684354560 bytes, more than the file can hold\)"),
         (broken_index, r"green\.npz: no sparse matrix"),
-        (lambda m, path: path.unlink(), r"green\.npz: no such file"),
-        (lambda m, path: path.write_bytes(b""), r"green\.npz: no \.npz archive"),
+        (lambda m, path: path.unlink(), r"green\.npz: missing"),
+        (lambda m, path: path.write_bytes(b""), r"green\.npz: no sparse matrix \(File is not a zip file\)"),
     ],
 )
 def test_bad_matrices_are_refused(
@@ -194,12 +194,12 @@ def ambient_with(value: float) -> np.ndarray:
         (ambient_with(np.nan), "1 of 351 values are NaN or infinite"),
         (ambient_with(1e300), "1 of 351 values are NaN or infinite"),
         (ambient_with(-0.1), "1 of 351 values are negative"),
-        (np.zeros((13, 9, 3)), "9x13, the camera is 13x9"),
-        (np.zeros((351,)), "shape (351,), expected (height, width, 3)"),
-        (np.zeros((*CAMERA, 3), complex), "holds no plain real numbers"),
-        (np.full((*CAMERA, 3), None), "no NumPy array"),
-        (npy_that_claims_too_much(), "no NumPy array"),
-        (b"", "no NumPy array"),
+        (np.zeros((13, 9, 3)), "of shape (13, 9, 3), expected real numbers, 9x13x3"),
+        (np.zeros((351,)), "of shape (351,), expected real numbers, 9x13x3"),
+        (np.zeros((*CAMERA, 3), complex), "complex128 of shape (9, 13, 3), expected real numbers"),
+        (np.full((*CAMERA, 3), None), "Python objects, which are never unpickled"),
+        (npy_that_claims_too_much(), "claims 13194139533312 bytes, which are not what follows its header"),
+        (b"", "a header that is not numpy's"),
     ],
 )
 def test_bad_ambient_arrays_are_refused(
@@ -221,7 +221,7 @@ def test_bad_ambient_arrays_are_refused(
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("absent.npy", "No such file"), ("absent.exr", "absent.exr"), ("ambient.png", "read from .exr or .npy")],
+    [("absent.npy", "missing"), ("absent.exr", "absent.exr"), ("ambient.png", "read from .exr or .npy")],
 )
 def test_other_ambient_files_are_refused(
     tmp_path: Path, matrices: list[sparse.csr_array], capsys: pytest.CaptureFixture[str], name: str, message: str
@@ -250,7 +250,7 @@ def test_a_given_mask_is_kept(tmp_path: Path, matrices: list[sparse.csr_array], 
     [
         (np.zeros(CAMERA, np.uint8), "no camera pixel counts"),
         (np.full((13, 9), 255, np.uint8), "9x13, the camera is 13x9"),
-        (None, "no such file"),
+        (None, "missing"),
     ],
 )
 def test_bad_masks_are_refused(

@@ -17,6 +17,7 @@ from player import calibration
 from player.calibration import Calibration, Device
 from player.errors import InputError
 from player.files import describe_files
+from player.memory import available_bytes
 from player.response import Response
 from tests.programs import command, fail
 from tests.rooms import blurred_transport, write_blurred_room
@@ -108,7 +109,7 @@ def test_an_inverse_that_cannot_fit_is_refused_before_the_work(tmp_path: Path) -
 def test_every_need_is_compared_with_what_there_is(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, kib: int, options: InverseOptions, complaint: str | None
 ) -> None:
-    monkeypatch.setattr(memory, "available_bytes", lambda: kib << 10)
+    monkeypatch.setattr("player.memory.available_bytes", lambda: kib << 10)
     near = (blurred_transport(rng, CAMERA, PROJECTOR, 0.6),) * 3
     arguments = near, np.ones(CAMERA, bool), PROJECTOR, np.full((CAMERA[0] * CAMERA[1], 3), 0.5), 0.5, options
     if complaint is None:
@@ -125,7 +126,7 @@ def test_a_map_that_cannot_fit_is_refused_from_its_first_rows(
     arguments = near, np.ones(CAMERA, bool), PROJECTOR, np.full((CAMERA[0] * CAMERA[1], 3), 0.5), 0.5
     short, long = (InverseOptions(0.4, max_error, method="windowed") for max_error in (4.0, 0.0))
     needs = [invert_near_light(*arguments, each).rows.indices.size * memory.ENTRY_BYTES for each in (short, long)]
-    monkeypatch.setattr(memory, "available_bytes", lambda: sum(needs) // 2)
+    monkeypatch.setattr("player.memory.available_bytes", lambda: sum(needs) // 2)
     monkeypatch.setattr(memory, "check_windows", lambda *_: None)  # room for the work itself
     invert_near_light(*arguments, short)
     with pytest.raises(InputError, match=r"correction map, of about 0 million entries, needs .* --max-error"):
@@ -134,7 +135,7 @@ def test_a_map_that_cannot_fit_is_refused_from_its_first_rows(
 
 def test_available_memory_is_that_of_this_machine() -> None:
     installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    assert 0 < memory.available_bytes() <= installed
+    assert 0 < available_bytes() <= installed
 
 
 def test_the_size_of_the_normal_matrix_is_foretold(rng: np.random.Generator) -> None:

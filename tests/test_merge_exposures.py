@@ -191,7 +191,7 @@ GOOD = np.full((8, 8, 3), 100, np.uint8)
         (pictures(GOOD, GOOD.astype(np.uint16)), r"1\.png: 8x8 colour 16-bit, expected 8x8 colour 8-bit"),
         (pictures(GOOD // 200, GOOD // 200), r"100\.0% of the values are black even in the longest exposure"),
         (pictures(GOOD | 255, GOOD | 255), r"100\.0% of the values are saturated even in the shortest exposure"),
-        (lambda folder: [str(folder / "none.png")] * 2, r"none\.png: No such file"),
+        (lambda folder: [str(folder / "none.png")] * 2, r"none\.png: missing"),
     ],
 )
 def test_useless_pictures_are_refused(

@@ -79,9 +79,9 @@ def test_a_placement_is_kept_beside_the_calibration(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("format = 2", "format 2, this version reads 1"),
-        ("format = 1", "four pairs"),
-        ("format = 1\ncorners = [[0, 0], [1, 0], [1, 1]]", "four pairs"),
-        ('format = 1\ncorners = [[0, 0], [1, 0], [1, 1], ["a", 1]]', "four pairs"),
+        ("format = 1", "needs corners"),
+        ("format = 1\ncorners = [[0, 0], [1, 0], [1, 1]]", "a list of 4 lists of 2 numbers"),
+        ('format = 1\ncorners = [[0, 0], [1, 0], [1, 1], ["a", 1]]', "2 numbers from -2 to 3"),
         ("format = 1\ncorners = [[0, 0], [1, 1], [1, 0], [0, 1]]", "they cross"),
         ("corners = [", "not valid TOML"),
     ],

@@ -14,7 +14,7 @@ from player import calibration
 from player.calibration import Device
 from player.errors import InputError
 from player.exr import write_rgb
-from player.files import read_toml
+from player.reading import read_toml
 from player.reference import encode
 from player.response import Response
 from tests.brackets import CURVES, write_picture
@@ -127,7 +127,7 @@ def test_the_command_fits_pictures(tmp_path: Path, suffix: str) -> None:
     [
         ("", r"columns none; expected columns level,red,green,blue"),
         ("level,grey\n", r"no readings"),
-        ("code,grey\n0,1\n", r"columns code,grey; expected"),
+        ("code,grey\n0,1\n", r"columns 'code,grey'; expected"),
         ("level,grey\n0,1\n5,x\n", r"ramp\.csv:3: '5,x', expected 2 numbers"),
         ("level,grey\n0,1\n5,1,2\n", r"ramp\.csv:3: '5,1,2', expected 2 numbers"),
         ("level,grey\n0,1\n256,2\n", r"ramp\.csv:3: '256,2'"),

@@ -12,6 +12,7 @@ from player.errors import InputError
 from tests.scenes import plane, scene_file
 from tools.simulation.geometry import blocked, trace
 from tools.simulation.scene import inside_of, load_scene
+from tools.simulation.shapes import mesh
 from tools.simulation.shapes.lathe import turned
 from tools.simulation.shapes.mesh import read_obj
 from tools.simulation.shapes.parallelogram import Parallelogram
@@ -22,6 +23,7 @@ from tools.simulation.shapes.triangles import Triangles
 
 FloatArray = NDArray[np.float64]
 X, Y, Z = np.eye(3)
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 CUBE = """
 v 0 0 0
 v 1 0 0
@@ -148,7 +150,7 @@ def test_heights_from_a_picture(tmp_path: Path) -> None:
     heights = read_heights(tmp_path / "ramp.png", "here", 16, 21)
     assert heights.shape == (21, 16)
     assert heights[0, 0] < 0.03 < 0.97 < heights[-1, 0]  # row 0 is at v = 0, the bottom
-    with pytest.raises(InputError, match=r"here: .*none.png is no readable picture"):
+    with pytest.raises(InputError, match=r"here: .*none.png: missing"):
         read_heights(tmp_path / "none.png", "here", 4, 4)
 
 
@@ -167,15 +169,27 @@ def test_a_mesh_is_read_and_met(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
-        ("v 0 0 0\n", "has no faces"),
+        ("v 0 0 0\n", "no faces"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "whose v is not there"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1 2/1 3/1\n", "whose vt is not there"),
         ("v 0 0 zero\n", "line 1: could not convert"),
         ("v 0 0\n", "line 1: 3 finite numbers expected"),
         ("v 0 0 nan\n", "line 1: 3 finite numbers expected"),
+        (TRIANGLE + "f 1 2 -4\n", "whose v is not there"),
+        (TRIANGLE + f"f 1 2 {10**30}\n", "line 4: int too big"),
+        (TRIANGLE + f"f 1 2 {'9' * 5000}\n", "line 4: Exceeds the limit"),
+        (TRIANGLE + "f 1 2" + " 3" * 40000, "line 4: 80005 bytes, at most 65536 are read"),
+        (TRIANGLE + "f 1 2 3 1 2 3 1\n", "line 4: more than 4 triangles"),
+        ("v 0 0 0\nv 1e300 0 0\nv 0 1e300 0\nf 1 2 3\n", "a vertex beyond 1e.06 metres"),
+        ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "no face with an area"),
+        (TRIANGLE + "vn 0 0 0\nf 1//1 2//1 3//1\n", "a normal without a direction"),
+        (TRIANGLE + "vn 1e200 1e200 0\nf 1//1 2//1 3//1\n", "a normal without a direction"),
+        ("\0" * 5000 + "v 1\n", "no faces"),
+        ("v " + "x" * 5000 + " 0 0\n", r"line 1: could not convert .{0,200}$"),
     ],
 )
-def test_broken_meshes(tmp_path: Path, content: str, complaint: str) -> None:
+def test_broken_meshes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str, complaint: str) -> None:
+    monkeypatch.setattr(mesh, "MAX_TRIANGLES", 4)
     (tmp_path / "broken.obj").write_text(content)
     with pytest.raises(InputError, match=rf"here: .*broken.obj.*{complaint}"):
         read_obj(tmp_path / "broken.obj", "here", np.zeros(3), 1.0)

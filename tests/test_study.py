@@ -282,7 +282,7 @@ def test_an_unknown_preset_is_one_line_that_names_the_known(tmp_path: Path) -> N
         (["--pictures", "nothing.png"], "--pictures nothing.png: no such file"),
         (["--size", "96"], "a size is WIDTHxHEIGHT"),
         (["--patience", "soon"], "--patience"),
-        (["no_such.toml"], "no such scene file"),
+        (["no_such.toml"], "no_such.toml: missing"),
     ],
 )
 def test_bad_input_is_one_line(tmp_path: Path, arguments: list[str], words: str) -> None:

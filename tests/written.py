@@ -13,13 +13,13 @@ from player.calibration import Calibration, Device
 from player.decoding.media import _sequence
 from player.errors import InputError
 from player.maps import RoomMaps, read_maps, write_maps
+from player.picture_files import read_picture
 from player.png import write_png
 from player.response import Response
 from player.writing.numbered import name_of
 from player.writing.outputs import check_sequence
 from player.writing.replacing import replacing_file, replacing_sequence
 from tests.rooms import random_map
-from tools.acquisition.picture_files import read_picture
 from tools.transport.storage import read_transport, write_transport
 from tools.transport.transport import Transport
 

@@ -106,13 +106,15 @@ def _check_file(path: Path) -> None:
         raise InputError(f"{path}: empty (0 bytes); copy or export it again")
 
 
-def _read_exr(path: Path) -> Samples:
-    header = exr.read_header(path)
+def _check_shown(header: exr.Header, name: str) -> None:
     if header.width * header.height > MAX_PIXELS:
         raise InputError(
-            f"{path}: claims {header.width}x{header.height} pixels, at most {MAX_PIXELS} are shown; scale it down"
+            f"{name}: claims {header.width}x{header.height} pixels, at most {MAX_PIXELS} are shown; scale it down"
         )
-    linear_rgb = exr.read_rgb(path)
+
+
+def _read_exr(path: Path) -> Samples:
+    linear_rgb = exr.read_rgb(path, _check_shown)
     r, g, b = (np.ascontiguousarray(linear_rgb[..., i]) for i in range(3))
     try:
         check_finite((r, g, b))

@@ -7,6 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Literal, TypeAlias
 
+from player.calibration import RADIANCE
 from player.command import Parser
 from player.errors import InputError
 from player.picture import CONTROL, MOST_BLACK, MOST_FLICKER, Picture
@@ -218,7 +219,7 @@ def _keys() -> str:
 
 
 def _white(text: str) -> float | None:
-    return None if text == "auto" else _number(text, 1e-30, 1e30, "auto or a radiance above 0")
+    return None if text == "auto" else _number(text, *RADIANCE, "auto or a radiance, {:g} to {:g}".format(*RADIANCE))
 
 
 def _steps(text: str) -> Steps:

@@ -5,10 +5,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from player.errors import InputError
-from player.files import read_toml
+from player.errors import InputError, shown
+from player.reading import read_toml
 from player.show.commands import CommandError, nearest
 from player.show.keys import check_bindings
+from player.tables import LONGEST_TEXT
 
 NOT_SETTINGS = ("help", "config", "list-monitors", "output")
 KEYS_TABLE = "keys"
@@ -44,7 +45,7 @@ def apply_settings(parser: argparse.ArgumentParser, path: Path) -> dict[str, str
     known = {name: action for name, action in options.items() if name not in NOT_SETTINGS}
     for name, value in table.items():
         if name not in known:
-            raise InputError(f"{path}: no setting {name!r}{nearest(name, [*known, KEYS_TABLE])}")
+            raise InputError(f"{path}: no setting {shown(name)}{nearest(name, [*known, KEYS_TABLE])}")
         action = known[name]
         parser.set_defaults(**{action.dest: _value(action, value, f"{path}: {name}")})
     return bindings
@@ -64,17 +65,22 @@ def _value(action: argparse.Action, value: Any, where: str) -> Any:
 def _single(action: argparse.Action, value: Any, where: str) -> Any:
     if action.nargs == 0:  # a flag
         if not isinstance(value, bool):
-            raise InputError(f"{where}: expected true or false, found {value!r}")
+            raise InputError(f"{where}: expected true or false, found {shown(value)}")
         return value
-    if isinstance(value, bool) or not isinstance(value, str | int | float):
-        raise InputError(f"{where}: expected text or a number, found {value!r}")
+    text = str(value)
+    if isinstance(value, bool) or not isinstance(value, str | int | float) or not _is_one_line(text):
+        raise InputError(f"{where}: expected text or a number, found {shown(value)}")
     try:
-        read: Any = action.type(str(value)) if callable(action.type) else str(value)
+        read: Any = action.type(text) if callable(action.type) else text
     except argparse.ArgumentTypeError as error:
         raise InputError(f"{where}: {error}") from None
     if action.choices is not None and read not in action.choices:
-        raise InputError(f"{where}: expected {', '.join(map(str, action.choices))}, found {value!r}")
+        raise InputError(f"{where}: expected {', '.join(map(str, action.choices))}, found {shown(value)}")
     return read
+
+
+def _is_one_line(text: str) -> bool:
+    return len(text) <= LONGEST_TEXT and not any(ord(character) < 32 for character in text)
 
 
 def _bindings(table: Any, path: Path) -> dict[str, str]:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from player.errors import InputError
-from tools.acquisition.picture_files import SUFFIXES
+from player.picture_files import SUFFIXES
 
 ORDERS = ("opencv", "sltk")
 _NAMED = re.compile(r"(?:.*_)?(?P<axis>[xy])_bit(?P<bit>\d{1,2})_(?P<sign>pos|inv)", re.IGNORECASE)

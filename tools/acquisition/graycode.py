@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from player.command import track
 from player.errors import InputError
+from player.picture_files import read_picture
 from player.response import Response
 from tools.acquisition.captures import Captures, Pair
-from tools.acquisition.picture_files import read_picture
 
 WIDE_STRIPES = 8  # cells; defocus and the eye of the camera blur stripes that are narrower
 EIGHT_BIT = 255.0

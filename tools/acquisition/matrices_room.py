@@ -1,6 +1,5 @@
 """Light transport that somebody else measured -> a calibration folder."""
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from player import calibration, exr
 from player.calibration import Calibration, Device
 from player.errors import InputError
+from tools.transport.arrays import opened_array
 from tools.transport.mask import lit_pixels
 from tools.transport.storage import read_matrix, write_transport
 from tools.transport.transport import CHANNELS, Csr, Transport
@@ -91,31 +91,23 @@ def read_ambient(path: Path | None, camera: Device) -> NDArray[np.float32]:
         return np.zeros((*camera.shape, 3), np.float32)
     if path.suffix.lower() not in (".exr", ".npy"):
         raise InputError(f"{path}: ambient light is read from .exr or .npy; save it as one of these")
-    picture = exr.read_rgb(path) if path.suffix.lower() == ".exr" else _read_npy(path)
-    if picture.shape != (*camera.shape, 3):
-        found = f"{picture.shape[1]}x{picture.shape[0]}"
-        raise InputError(f"{path}: {found}, the camera is {camera.width}x{camera.height}; check --camera")
+    if path.suffix.lower() == ".exr":
+        picture = exr.read_rgb(path, exr.sized(camera.shape, "the camera", "check --camera"))
+    else:
+        picture = _read_npy(path, camera)
     for fault, bad in (("NaN or infinite", ~np.isfinite(picture)), ("negative", picture < 0)):
         if bad.any():
             raise InputError(f"{path}: {int(bad.sum())} of {bad.size} values are {fault}; repair the measurement")
     return picture
 
 
-def _read_npy(path: Path) -> NDArray[np.float32]:
-    try:
-        # Mapped, not read: a header that claims more than the file holds is refused before memory is asked for.
-        stored = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError, EOFError, OverflowError, zipfile.BadZipFile) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else " ".join(str(error).split())
-        raise InputError(f"{path}: no NumPy array ({reason}); save it with numpy.save") from None
-    if not isinstance(stored, np.ndarray) or stored.dtype.kind not in "fiu":
-        raise InputError(f"{path}: holds no plain real numbers; save one float32 picture with numpy.save")
-    if stored.ndim == 2:
-        stored = np.broadcast_to(stored[..., None], (*stored.shape, 3))
-    if stored.ndim != 3 or stored.shape[2] != 3:
-        raise InputError(f"{path}: shape {stored.shape}, expected (height, width, 3) or (height, width)")
+def _read_npy(path: Path, camera: Device) -> NDArray[np.float32]:
+    with opened_array(path, "no picture of this camera", "save it as float32 with numpy.save") as stored:
+        grey = len(stored.shape) == 2
+        picture = stored.expect("fiu", *camera.shape, *(() if grey else (3,))).read()
     with np.errstate(over="ignore"):  # beyond float32 becomes infinity, which is refused by name
-        return np.array(stored, np.float32)
+        rgb = np.stack([picture] * 3, axis=-1) if grey else picture
+        return rgb.astype(np.float32)
 
 
 def _read_channel(path: Path, shape: tuple[int, int]) -> tuple[Csr, int]:
@@ -134,8 +126,6 @@ def _read_channel(path: Path, shape: tuple[int, int]) -> tuple[Csr, int]:
 
 def _mask(path: Path | None, camera: Device, transport: Transport, ambient: NDArray[np.float32]) -> NDArray[np.bool_]:
     if path is not None:
-        if not path.is_file():
-            raise InputError(f"{path}: no such file; check --mask")
         mask = calibration.read_mask_picture(path, camera)
         fix = "make the pixels that count white"
     else:

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from player.errors import InputError
-from player.files import read_toml
+from player.reading import read_toml
 from player.response import Response, parse_response
 
 FIX = "a response file holds: response = [[0, 0, 0], …, [1, 1, 1]], as in a calibration.toml"

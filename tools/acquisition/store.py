@@ -21,13 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from player.calibration import TOML
-from player.errors import InputError
-from player.files import read_toml, sha256_of, write_toml
+from player.errors import InputError, shown
+from player.files import sha256_of, write_toml
+from player.picture_files import read_picture
 from player.png import encode_png
+from player.reading import read_toml
 from player.writing.outputs import check_folder, is_vacant
 from player.writing.replacing import filling_folder, holding, replacing_file
 from tools.acquisition.cameras.camera import Exposures, Shot
-from tools.acquisition.picture_files import read_picture
 
 SESSION, NEXT = "session.toml", "next.toml"
 CAPTURES = ("captures", "captures_2")
@@ -193,8 +194,8 @@ def _refuse_other(folder: Path, stored: dict[str, Any], session: dict[str, Any])
     for key in sorted({*stored, *session}.difference(OWN)):
         if stored.get(key) != session.get(key):
             raise InputError(
-                f"{folder}: captures of another acquisition ({key}: {stored.get(key)!r} there, {session.get(key)!r} "
-                f"here); {FIX}"
+                f"{folder}: captures of another acquisition ({key}: {shown(stored.get(key))} there, "
+                f"{shown(session.get(key))} here); {FIX}"
             )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from player.errors import InputError
-from tools.acquisition.picture_files import read_picture
+from player.picture_files import read_picture
 from tools.hdr.exif import exposure_times
 
 FloatArray = NDArray[np.float64]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
 from player.errors import InputError
+from player.reading import opened
 
 GIVE_TIMES = "give --times, one for each picture, in seconds"
 
@@ -32,7 +33,7 @@ def read_exposure(path: Path) -> Exposure:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # damaged EXIF and large pictures: what matters is checked below
-            with Image.open(path) as picture:
+            with opened(path, "check the path") as file, Image.open(file, formats=("PNG", "JPEG")) as picture:
                 tags = dict(picture.getexif().get_ifd(ExifTags.IFD.Exif))
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or 'neither PNG nor JPEG'}; check the path") from None

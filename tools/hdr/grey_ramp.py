@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
+from player.errors import InputError, shown
 from player.exr import read_rgb
+from player.picture_files import SUFFIXES, read_picture
+from player.reading import read_bytes
 from player.response import Response
-from tools.acquisition.picture_files import SUFFIXES, read_picture
 from tools.hdr.camera_response import exposure_table
 
 FloatArray = NDArray[np.float64]
@@ -34,16 +35,13 @@ def read_ramp(source: Path, camera_response: Response) -> tuple[FloatArray, Floa
 
 def _from_table(path: Path) -> tuple[FloatArray, FloatArray]:
     try:
-        if path.stat().st_size > MAX_TABLE_BYTES:
-            raise InputError(f"{path}: {path.stat().st_size} bytes, at most {MAX_TABLE_BYTES} are read")
-        rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}; check the path") from None
+        text = read_bytes(path, MAX_TABLE_BYTES, "check the path").decode("utf-8")
+        rows = list(csv.reader(text.splitlines()))
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: not a table of text ({error}); expected {COLUMNS}") from None
     names = [name.strip().lower() for name in rows[0]] if rows else []
     if names not in (["level", "red", "green", "blue"], ["level", "grey"]):
-        raise InputError(f"{path}: columns {','.join(names) or 'none'}; expected {COLUMNS}")
+        raise InputError(f"{path}: columns {shown(','.join(names)) if names else 'none'}; expected {COLUMNS}")
     numbers = np.array([_numbers(path, i, row, len(names)) for i, row in enumerate(rows[1:], 2) if row])
     if not len(numbers):
         raise InputError(f"{path}: no readings; expected {COLUMNS}")
@@ -56,7 +54,7 @@ def _numbers(path: Path, line: int, row: list[str], count: int) -> list[float]:
     except ValueError:
         values = []
     if len(values) != count or not np.isfinite(values).all() or not 0 <= values[0] <= FULL_LEVEL:
-        raise InputError(f"{path}:{line}: {','.join(row)!r}, expected {count} numbers; {COLUMNS}")
+        raise InputError(f"{path}:{line}: {shown(','.join(row))}, expected {count} numbers; {COLUMNS}")
     return values
 
 

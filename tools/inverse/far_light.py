@@ -11,8 +11,11 @@ with M', and subtract what U scatters (the Woodbury identity, if S⁺ = S⁻¹).
 import numpy as np
 from scipy import sparse
 
-from tools.transport.transport import Csr, FarLight
+from player.errors import InputError
+from tools.transport.transport import Csr, FarLight, FloatArray
 
+LARGEST = 1e30  # of a factor's entry: times light and summed up, it stays within float32
+ADVICE = "give more --regularize, or look for what is extreme in far_light.npz"
 RELATIVE_THRESHOLD = 1e-4  # of a row's largest entry: gathers average hundreds of pixels, their tails only cost time
 
 
@@ -20,14 +23,27 @@ def undo_far_light(far: FarLight, near_inverse: tuple[Csr, ...]) -> FarLight:
     """D', M' and U, so that U M' D' b is the far light that the camera sees when b is compensated.
 
     near_inverse : S⁺ per channel, (projector pixels, camera pixels).
+    Raises InputError where there is no such light, or only beyond float32.
     """
     gather, mix = [], []
     for D, M, U, S_inverse in zip(far.gather, far.mix, far.scatter, near_inverse, strict=True):
         D_inverse = _without_tails(sparse.csr_array(D @ S_inverse))
         gather.append(D_inverse)
         loop = M @ (D_inverse @ U).toarray()
-        mix.append(np.linalg.solve(np.eye(M.shape[0]) + loop, M))
+        mix.append(_solved(np.eye(M.shape[0]) + loop, M))
+        largest = max(np.abs(mix[-1]).max(), np.abs(D_inverse.data).max(initial=0.0))
+        if not largest <= LARGEST:
+            raise InputError(f"the far light of a compensated picture is {largest:g} times it; {ADVICE}")
     return FarLight(tuple(gather), np.stack(mix), far.scatter)
+
+
+def _solved(loop: FloatArray, M: FloatArray) -> FloatArray:
+    try:
+        return np.asarray(np.linalg.solve(loop, M))
+    except np.linalg.LinAlgError:
+        raise InputError(
+            f"no far light belongs to a compensated picture (I + M D S⁺ U is singular); {ADVICE}"
+        ) from None
 
 
 def _without_tails(matrix: Csr) -> Csr:

@@ -1,16 +1,15 @@
-"""Whether an inverse fits into memory, asked before the work starts: a refusal is kinder than a swapping machine.
+"""What an inverse needs of memory, asked before the work starts.
 
 Every need is an estimate from above; peaks were measured with tracemalloc.
 """
 
 import os
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
+from player.memory import check
 from tools.clusters.components import Clusters
 from tools.inverse.bidiagonal import bytes_of_basis
 from tools.inverse.damping import MOST_STEPS
@@ -24,25 +23,6 @@ ENTRY_BYTES = 70  # of T⁺, per entry: pieces, joined rows, the packed texture 
 NORMAL_BYTES = 3 * 40  # of TᵀT, per entry: three channels, while they are added up
 FORETELLING_SHARE = 0.02  # of the rows, after which the entries of all are foretold
 SAMPLE_COLUMNS = 64
-
-
-def available_bytes() -> int:
-    """Memory that can be had without swapping; what Linux estimates, else all that is installed."""
-    try:
-        lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
-        return int(lines["MemAvailable"].split()[0]) << 10
-    except (OSError, KeyError, ValueError):
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-
-
-def check(needed: float, what: str, remedy: str) -> None:
-    """InputError if `needed` bytes are not available."""
-    available = available_bytes()
-    if needed > available:
-        raise InputError(
-            f"{what} needs about {needed / 2**30:.1f} GiB of memory, {available / 2**30:.1f} GiB are available; "
-            f"{remedy}"
-        )
 
 
 def check_choice(projector_pixels: int) -> None:

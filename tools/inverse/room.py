@@ -49,6 +49,7 @@ def _build(stored: StoredCalibration, options: InverseOptions, *, refine: bool) 
     camera, projector = calibration.camera.shape, calibration.projector.shape
     floodlight = transport.composition().reshape(*camera, 3) + calibration.ambient
     white = reachable_white(floodlight, calibration.mask)
+    maps.check_white(white)
     reach = np.maximum(white, calibration.ambient.reshape(-1, 3)).astype(np.float64)
     inverse = invert_near_light(transport.near, calibration.mask, projector, reach, white, options, calibration.regions)
     correction = pack(inverse.rows, projector, camera)

@@ -14,7 +14,7 @@ from tools.transport.mask import LUMINANCE
 from tools.transport.transport import Csr, Transport, shared_pattern
 
 FloatArray = NDArray[np.float64]
-FAINTEST = 1e-12  # of the largest TᵀT·1: a projector pixel below lights nothing, and its step would overflow
+FAINTEST = 1e-12  # of the largest: a projector pixel whose TᵀT·1 is below lights nothing, and its step would overflow
 
 
 def refinement_maps(transport: Transport, calibration: Calibration) -> RefinementMaps:
@@ -63,7 +63,7 @@ def _direct_mapping(dual: Sequence[Csr], floodlight: FloatArray) -> SparseRows:
     strongest = order[np.append(np.diff(rows[order]) != 0, True)[: order.size]]
     chosen = indices[strongest]
     light = floodlight[chosen]
-    inverse = np.divide(1.0, light, out=np.zeros_like(light), where=light > 0)
+    inverse = np.divide(1.0, light, out=np.zeros_like(light), where=light > FAINTEST * floodlight.max(initial=0.0))
     starts = np.searchsorted(rows[strongest], np.arange(indptr.size))
     return SparseRows(starts.astype(np.int64), chosen, inverse.astype(np.float32))
 

@@ -45,6 +45,10 @@ def relight(folder: Path, picture: Path | None, output: Path, options: RelightOp
     with replacing_file(output) as temporary:
         stored = calibrations.read(folder)
         view = make_view(stored, _picture(stored, picture, options.view), options)
+        if not np.abs(view).max() <= np.finfo(np.float32).max:
+            raise InputError(
+                f"{folder}: the view {options.view} holds NaN or light beyond float32; check the calibration"
+            )
         white = white_level(view) if options.white is None else options.white
         write_view(temporary, view, white)
     height, width = view.shape[:2]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from player.errors import InputError
 from player.response import Response
-from tools.simulation.tables import Table, Vector
+from player.tables import Table, Vector
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -4,18 +4,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from player import memory
 from player.errors import InputError
+from player.picture_files import read_picture
 from player.response import Response
-from tools.simulation.tables import Table
+from player.tables import Table
 
 FloatArray = NDArray[np.float64]
 PATTERNS = ("bricks", "stripes", "checker")
 MORTAR = 0.08  # of a brick's height
-MAX_TEXTURE_PIXELS = 1 << 26
+MAX_TEXTURE_PIXELS, TEXEL_BYTES = 1 << 26, 4 * 3 * 8  # at work, in float64
 
 
 class Paint(Protocol):
@@ -137,7 +138,7 @@ def _paint(table: Table, folder: Path, kind: str) -> Paint:
     if kind == "albedo":
         return PlainColour(table.colour("albedo"))
     if kind == "texture":
-        return Texture(read_texture(folder / table.text("texture"), f"{table.where}, texture"))
+        return Texture(read_texture(table.path("texture", folder), f"{table.where}, texture"))
     pattern = table.table("pattern")
     chosen = pattern.choice("kind", PATTERNS)
     colours = pattern.rows("colours", 2, 3, 0.0, 1.0)
@@ -170,13 +171,14 @@ def _translucency(table: Table) -> Translucency:
 
 
 def read_texture(path: Path, where: str) -> FloatArray:
-    """An sRGB picture file as albedo (rows, columns, 3); InputError starting with `where`."""
-    picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if picture is None:
-        raise InputError(f"{where}: {path} is no readable picture; check the path, or save it as PNG")
-    if picture.shape[0] * picture.shape[1] > MAX_TEXTURE_PIXELS:
-        raise InputError(f"{where}: {path} has more than {MAX_TEXTURE_PIXELS} pixels; make it smaller")
-    return Response("srgb").to_linear(picture[..., ::-1].astype(np.float64) / 255)
+    """An sRGB picture file (PNG or JPEG) as albedo (rows, columns, 3); InputError starting with `where`."""
+    try:
+        picture = read_picture(path, MAX_TEXTURE_PIXELS, upright=True)
+        memory.check(TEXEL_BYTES * picture.shape[0] * picture.shape[1], f"{path}: its light", "make it smaller")
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    srgb = picture.astype(np.float64) / np.iinfo(picture.dtype).max
+    return Response("srgb").to_linear(srgb if srgb.ndim == 3 else np.repeat(srgb[..., None], 3, axis=2))
 
 
 def _hash(i: FloatArray, j: FloatArray) -> FloatArray:

@@ -32,7 +32,8 @@
     corner = [-1, -1, 0]               # a parallelogram: corner + u·edge_u + v·edge_v, u, v in 0..1
     edge_u = [2, 0, 0]
     edge_v = [0, 2, 0]
-    albedo = [0.8, 0.8, 0.8]           # or: texture = "picture.png" (sRGB, seen from the camera's side: v points up)
+    albedo = [0.8, 0.8, 0.8]           # or: texture = "picture.png" (sRGB, seen from the camera's side: v points up;
+                                       #     pictures are PNG or JPEG, files lie beside this one or below)
                                        # or: pattern = { kind = "bricks", colours = [[..], [..]], repeat = [8, 16],
                                        #                 variation = 0.3 }   (kinds: bricks, stripes, checker)
     gloss = { reflectance = 0.04, roughness = 0.1 }      # a coat: specular reflectance at normal incidence, 0..1, and
@@ -56,18 +57,18 @@ Closed shapes (sphere, cylinder, lathe, mesh) can be clear solids, without a col
 Anything else in the file is an error that names the nearest known key.
 """
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from player.errors import InputError
+from player.reading import read_toml
+from player.tables import Table, Vector
 from tools.simulation.devices import Camera, Projector, read_camera, read_projector
 from tools.simulation.materials import read_material
 from tools.simulation.shapes.read import read_shapes
 from tools.simulation.surfaces import Surface
-from tools.simulation.tables import Table, Vector
 
 MAX_SAMPLES, MAX_CELLS = 16, 4000
 
@@ -88,13 +89,7 @@ class Scene:
 
 def load_scene(path: Path) -> Scene:
     """Read and check a scene file; InputError naming file, table and key for anything wrong."""
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such scene file; the shipped ones are in calib_data/scenes") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: not a readable TOML file ({error})") from None
-    top = Table(table, f"{path}")
+    top = Table(read_toml(path, "the shipped scenes are in calib_data/scenes"), f"{path}")
     projector, camera = read_projector(top.table("projector")), read_camera(top.table("camera"))
     ambient = top.table("ambient", optional=True)
     scene = Scene(

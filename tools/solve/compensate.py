@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from player import calibration as calibrations
 from player import exr, reference
-from player.calibration import StoredCalibration
+from player.calibration import RADIANCE, StoredCalibration
 from player.content import reachable_white
 from player.errors import InputError
 from player.maps import read_maps
@@ -49,8 +49,8 @@ class CompensateOptions:
     white: float | None = None
 
     def __post_init__(self) -> None:
-        if self.white is not None and not 0 < self.white < float("inf"):
-            raise InputError(f"--white {self.white:g}: expected a camera radiance above 0")
+        if self.white is not None and not RADIANCE[0] <= self.white <= RADIANCE[1]:
+            raise InputError(f"--white {self.white:g}: expected a radiance from {RADIANCE[0]:g} to {RADIANCE[1]:g}")
         for name in self.solvers:
             if name not in METHODS:
                 raise InputError(f"--solver {name}: expected all or some of {', '.join(METHODS)}, joined by commas")

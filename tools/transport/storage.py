@@ -1,37 +1,33 @@
 """The transport's files in a calibration folder: transport_*.npz (scipy's layout, no pickle) and far_light.npz."""
 
-import zipfile
-import zlib
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
-from player.calibration import StoredCalibration
+from player.calibration import RADIANCE, REBUILD, StoredCalibration
 from player.errors import InputError
+from player.reading import Source
+from tools.transport.arrays import ArrayError, opened_archive
+from tools.transport.sparse_files import Shape, read_compressed, read_sparse
 from tools.transport.transport import CHANNELS, Csr, FarLight, Transport
 
 FAR_LIGHT = "far_light.npz"
-MAX_BYTES = 16 << 30
-# What numpy raises for archives that are damaged, or that claim arrays larger than memory.
-UNREADABLE = (
-    OSError,
-    RuntimeError,
-    zlib.error,
-    ValueError,
-    KeyError,
-    EOFError,
-    TypeError,
-    MemoryError,
-    zipfile.BadZipFile,
-)
+MOST_CELLS = 1 << 15
+EXPORT = "save it with scipy.sparse.save_npz"
 
 
 def write_transport(transport: Transport, folder: Path) -> None:
-    """Write the three near matrices (float32 CSR) and, if there is far light, its factors."""
+    """Write the three near matrices (float32 CSR) and, if there is far light, its factors.
+
+    Raises InputError for numbers that `read_transport` would refuse.
+    """
     for name, matrix in zip(CHANNELS, transport.near, strict=True):
+        check_entries(matrix.data, f"transport of the {name} channel")
         sparse.save_npz(folder / f"transport_{name}.npz", matrix.astype(np.float32))
     if transport.far is not None:
+        _check_far_light(transport.far, "far light")
         _write_far_light(transport.far, folder / FAR_LIGHT)
 
 
@@ -39,51 +35,47 @@ def read_transport(stored: StoredCalibration) -> Transport:
     """Read a calibration's transport; InputError when a file is damaged or does not fit the calibration's sizes."""
     calibration = stored.calibration
     shape = calibration.camera.pixels, calibration.projector.pixels
-    near = tuple(read_matrix(stored.checked_path(f"transport_{name}.npz"), shape) for name in CHANNELS)
-    far = _read_far_light(stored.checked_path(FAR_LIGHT), shape) if FAR_LIGHT in stored.files else None
+    near = []
+    for name in CHANNELS:
+        with stored.opened(f"transport_{name}.npz") as file:
+            near.append(read_matrix(file, shape, REBUILD))
+    far = None
+    if FAR_LIGHT in stored.files:
+        with stored.opened(FAR_LIGHT) as file:
+            far = _read_far_light(file, shape)
     stored.refuse_replaced()
-    return Transport(near, far)
+    return Transport(tuple(near), far)
 
 
-def read_matrix(path: Path, shape: tuple[int, int]) -> Csr:
+def read_matrix(source: Source, shape: Shape, fix: str = EXPORT) -> Csr:
     """Read a scipy.sparse .npz as float32 CSR of `shape`, duplicates summed; never unpickles.
 
-    Raises InputError for no such file, another layout, another shape, NaN or infinity, or indices out of range.
+    Raises InputError for no such file, another layout, another shape, numbers that are no light (NaN, infinity), or
+    indices out of range.
     """
-    refuse_large_archive(path)
-    try:
-        matrix = sparse.csr_array(sparse.load_npz(path))
-        matrix.check_format(full_check=True)
-    except UNREADABLE as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else " ".join(str(error).split())
-        raise InputError(f"{path}: no sparse matrix ({reason}); save it with scipy.sparse.save_npz") from None
-    if matrix.shape != shape:
-        raise InputError(
-            f"{path}: {matrix.shape[0]}x{matrix.shape[1]} entries, expected {shape[0]} camera pixels (rows) x "
-            f"{shape[1]} projector pixels (columns); check --camera and --projector, or transpose it"
-        )
-    if matrix.dtype.kind not in "fiu":
-        raise InputError(f"{path}: holds {matrix.dtype} values, expected real numbers; save it as float32")
-    with np.errstate(over="ignore"):  # what overflows is infinite, and counted below
-        matrix = matrix.astype(np.float32)
-    matrix.sum_duplicates()
-    bad = int(np.count_nonzero(~np.isfinite(matrix.data)))
+    with opened_archive(source, "no sparse matrix", fix) as arrays:
+        claimed = tuple(int(n) for n in arrays["shape"].expect("iu", 2).read())
+        if claimed != shape:
+            raise InputError(
+                f"{arrays.file}: {claimed[0]}x{claimed[1]} entries, expected {shape[0]} camera pixels (rows) x "
+                f"{shape[1]} projector pixels (columns); check --camera and --projector, or transpose it"
+            )
+        matrix = read_sparse(arrays, shape)
+        matrix.sum_duplicates()
+        check_entries(matrix.data, arrays.file)
+        return matrix
+
+
+def check_entries(values: NDArray[np.floating], where: str) -> None:
+    """InputError for entries of T, or of its factors, that are no light in any unit."""
+    low, high = float(values.min(initial=0.0)), float(values.max(initial=0.0))
+    bad = 0 if np.isfinite([low, high]).all() else int(np.count_nonzero(~np.isfinite(values)))
     if bad:
-        raise InputError(f"{path}: {bad} of {matrix.nnz} entries are NaN or infinite; repair the measurement")
-    return matrix
-
-
-def refuse_large_archive(path: Path) -> None:
-    """InputError if an .npz claims to unpack to more than 16 GiB; its directory tells, nothing is unpacked."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            claimed = sum(member.file_size for member in archive.infolist())
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; check the path") from None
-    except (OSError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: no .npz archive ({error}); save it with scipy.sparse.save_npz") from None
-    if claimed > MAX_BYTES:
-        raise InputError(f"{path}: unpacks to {claimed >> 20} MiB, at most {MAX_BYTES >> 20} are read; thin it out")
+        raise InputError(f"{where}: {bad} of {values.size} entries are NaN or infinite; repair the measurement")
+    if max(-low, high) > RADIANCE[1]:
+        raise InputError(
+            f"{where}: an entry of {max(-low, high):g}, expected at most {RADIANCE[1]:g}; give light in another unit"
+        )
 
 
 def _write_far_light(far: FarLight, path: Path) -> None:
@@ -98,26 +90,26 @@ def _write_far_light(far: FarLight, path: Path) -> None:
     np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
 
-def _read_far_light(path: Path, shape: tuple[int, int]) -> FarLight:
-    refuse_large_archive(path)
+def _read_far_light(source: Source, shape: Shape) -> FarLight:
     camera_pixels, projector_pixels = shape
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            cells = int(arrays["cells"])
-            mix = arrays["mix"].astype(np.float64)
-            gather = tuple(_factor(arrays, "gather", name, (cells, projector_pixels)) for name in CHANNELS)
-            scatter = tuple(_factor(arrays, "scatter", name, (camera_pixels, cells)) for name in CHANNELS)
-    except UNREADABLE as error:
-        raise InputError(
-            f"{path}: not the far light of this calibration ({error}); make the calibration again"
-        ) from None
-    if mix.shape != (3, cells, cells) or not np.isfinite(mix).all():
-        raise InputError(f"{path}: its mix is not a finite 3x{cells}x{cells} array; make the calibration again")
-    return FarLight(gather, mix, scatter)
+    with opened_archive(source, "not the far light of this calibration", REBUILD) as arrays:
+        cells = int(arrays["cells"].expect("iu").read())
+        if not 1 <= cells <= MOST_CELLS:
+            raise ArrayError(f"{cells} cells, expected 1 to {MOST_CELLS}")
+        mix = arrays["mix"].expect("fiu", 3, cells, cells).read().astype(np.float64)
+        gather, scatter = (
+            tuple(read_compressed(arrays, size, prefix=f"{part}_{name}_") for name in CHANNELS)
+            for part, size in (("gather", (cells, projector_pixels)), ("scatter", (camera_pixels, cells)))
+        )
+        far = FarLight(gather, mix, scatter)
+        _check_far_light(far, arrays.file)
+        return far
 
 
-def _factor(arrays: np.lib.npyio.NpzFile, part: str, channel: str, shape: tuple[int, int]) -> Csr:
-    data, indices, indptr = (arrays[f"{part}_{channel}_{field}"] for field in ("data", "indices", "indptr"))
-    matrix = sparse.csr_array((data, indices, indptr), shape=shape)
-    matrix.check_format(full_check=True)
-    return matrix
+def _check_far_light(far: FarLight, where: str) -> None:
+    """InputError for factors, or products of them, that are no light in any unit."""
+    for values in (far.mix, *(matrix.data for matrix in (*far.gather, *far.scatter))):
+        check_entries(values, where)
+    for D, M, U in zip(far.gather, far.mix, far.scatter, strict=True):
+        lit = abs(U) @ (np.abs(M) @ (abs(D).astype(np.float64) @ np.ones(D.shape[1])))
+        check_entries(lit, f"{where}: its factors' product")

@@ -87,5 +87,6 @@ def shared_pattern(
     for i, matrix in enumerate(matrices):
         matrix_rows = np.repeat(np.arange(matrix.shape[0], dtype=np.int64), np.diff(matrix.indptr))
         at = np.searchsorted(places, matrix_rows * columns + matrix.indices)
-        weights[at, i] = matrix.data
+        with np.errstate(over="ignore"):  # beyond float32 becomes infinity, which no map is packed with
+            weights[at, i] = matrix.data
     return union.indptr.astype(np.int64), union.indices.astype(np.int64), weights

@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from player.errors import InputError
-from player.files import read_toml, write_toml
+from player.files import write_toml
+from player.picture_files import SUFFIXES, read_picture
 from player.png import encode_png
+from player.reading import read_toml
 from player.writing.replacing import filling_folder, replacing_file
 from tools.acquisition.cameras.camera import Exposures, Shot
-from tools.acquisition.picture_files import SUFFIXES, read_picture
 from tools.acquisition.plan import Pattern
 
 ACQUISITION = "acquisition.toml"

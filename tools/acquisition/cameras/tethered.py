@@ -5,10 +5,10 @@ from contextlib import contextmanager
 from fractions import Fraction
 from typing import Any
 
-import cv2
 import numpy as np
 
 from player.errors import InputError
+from player.picture_files import decode
 from tools.acquisition.cameras.camera import Shot
 
 SHUTTERS = ("shutterspeed", "shutterspeed2")
@@ -50,12 +50,12 @@ class TetheredEye:
     def frame(self) -> Shot:
         place = self._camera.capture(self._gphoto2.GP_CAPTURE_IMAGE)
         file = self._camera.file_get(place.folder, place.name, self._gphoto2.GP_FILE_TYPE_NORMAL)
-        content = np.frombuffer(memoryview(file.get_data_and_size()), np.uint8)
-        picture = cv2.imdecode(content, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        content = bytes(memoryview(file.get_data_and_size()))
         self._camera.file_delete(place.folder, place.name)
-        if picture is None:
-            raise InputError(f"{self._model}: {place.name} is no picture that OpenCV reads; set the camera to JPEG")
-        return np.ascontiguousarray(picture[..., ::-1])
+        try:
+            return np.ascontiguousarray(decode(content, place.name))
+        except InputError as error:
+            raise InputError(f"{self._model}: {error}; set the camera to JPEG") from None
 
     def _shutter(self, config: Any) -> Any:
         for name in SHUTTERS:

@@ -1,14 +1,21 @@
 """Meshes from Wavefront OBJ files: v, vt, vn and f lines; polygons become fans of triangles."""
 
+from array import array
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
-from player.errors import InputError
+from player.errors import InputError, one_line
+from player.reading import read_bytes
 from tools.simulation.shapes.shape import FloatArray, IntArray
 from tools.simulation.shapes.triangles import Triangles
 
 MAX_BYTES = 256 << 20
+MAX_TRIANGLES, LONGEST_LINE = 1 << 22, 1 << 16
+FARTHEST = 1e6  # metres
+LISTS = {"v": 3, "vt": 2, "vn": 3}  # numbers of an entry
+NONE = -1  # in place of an index
 
 
 def read_obj(path: Path, where: str, at: FloatArray, scale: float) -> Triangles:
@@ -16,70 +23,92 @@ def read_obj(path: Path, where: str, at: FloatArray, scale: float) -> Triangles:
 
     Without texture coordinates every place is (0, 0); without normals the facets are flat.
     """
-    corners, lists = _parsed(path, where)
-    if not corners:
-        raise InputError(f"{where}: {path} has no faces; export it with faces (f lines)")
-    used, index = np.unique(np.array(corners), axis=0, return_inverse=True)  # one vertex per (v, vt, vn)
-    for column, name in enumerate(("v", "vt", "vn")):
-        if used[:, column].max() >= len(lists[name]) or (column == 0 and used[:, 0].min() < 0):
-            raise InputError(f"{where}: {path} has a face whose {name} is not there; export the mesh again")
-    points = at + scale * np.array(lists["v"], np.float64)[used[:, 0]]
+    try:
+        lists, corners = _parsed(read_bytes(path, MAX_BYTES, "check the path, or simplify the mesh"))
+        with np.errstate(over="ignore"):  # what overflows is infinite, and refused
+            return _mesh(lists, corners, at, scale)
+    except ValueError as error:
+        raise InputError(f"{where}: {path}: {one_line(error)}") from None
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def _mesh(lists: dict[str, FloatArray], corners: IntArray, at: FloatArray, scale: float) -> Triangles:
+    if not len(corners):
+        raise ValueError("no faces; export it with faces (f lines)")
+    used, index = np.unique(corners, axis=0, return_inverse=True)  # one vertex per (v, vt, vn)
+    for column, name in enumerate(LISTS):
+        if used[:, column].max() >= len(lists[name]) or used[:, column].min() < (0 if name == "v" else NONE):
+            raise ValueError(f"a face whose {name} is not there; export the mesh again")
+    points = at + scale * lists["v"][used[:, 0]]
+    if not np.abs(points).max() <= FARTHEST:
+        raise ValueError(f"a vertex beyond {FARTHEST:g} metres; scale the mesh")
     faces = index.reshape(-1, 3).astype(np.int64)
     a, b, c = (points[faces[:, k]] for k in range(3))
     faces = faces[np.linalg.norm(np.cross(b - a, c - a), axis=1) > 0]
-    places = _chosen(lists["vt"], used[:, 1], 2)
-    normals = None
-    if used[:, 2].min() >= 0:
-        normals = _chosen(lists["vn"], used[:, 2], 3)
-        normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    return Triangles(points, faces, places, normals, _is_closed(np.array(corners)[:, 0].reshape(-1, 3)))
+    if not len(faces):
+        raise ValueError("no face with an area; export the mesh again")
+    normals = _unit(_chosen(lists["vn"], used[:, 2])) if used[:, 2].min() >= 0 else None
+    closed = _is_closed(corners[:, 0].reshape(-1, 3))
+    return Triangles(points, faces, _chosen(lists["vt"], used[:, 1]), normals, closed)
 
 
-def _parsed(path: Path, where: str) -> tuple[list[tuple[int, int, int]], dict[str, list[list[float]]]]:
-    """Corners (v, vt, vn), three a triangle, −1 for none, and the lists that they point into."""
-    lists: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
-    corners: list[tuple[int, int, int]] = []
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{where}: {path} has more than {MAX_BYTES >> 20} MiB; simplify the mesh")
-        for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
-            key, *fields = line.split("#")[0].split() or [""]
-            try:
-                if key in lists:
-                    count = 2 if key == "vt" else 3
-                    lists[key].append([float(field) for field in fields[:count]])
-                    if len(lists[key][-1]) != count or not np.all(np.isfinite(lists[key][-1])):
-                        raise ValueError(f"{count} finite numbers expected")
-                elif key == "f":
-                    polygon = [_corner(field, lists) for field in fields]
-                    corners += [
-                        corner for k in range(1, len(polygon) - 1) for corner in (polygon[0], *polygon[k : k + 2])
-                    ]
-            except ValueError as error:
-                raise InputError(f"{where}: {path}, line {number}: {error}; export the mesh again") from None
-    except OSError as error:
-        raise InputError(f"{where}: {path}: {error.strerror}; check the path") from None
-    return corners, lists
+def _unit(normals: FloatArray) -> FloatArray:
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    if not np.all((lengths > 0) & (lengths < np.inf)):
+        raise ValueError("a normal without a direction; export the mesh again")
+    return np.asarray(normals / lengths)
 
 
-def _corner(field: str, lists: dict[str, list[list[float]]]) -> tuple[int, int, int]:
+def _parsed(content: bytes) -> tuple[dict[str, FloatArray], IntArray]:
+    """What v, vt and vn list, and the corners (v, vt, vn), three a triangle; ValueError naming the line."""
+    lists = {name: array("d") for name in LISTS}
+    corners = array("q")
+    for number, line in enumerate(BytesIO(content), 1):
+        try:
+            if len(line) > LONGEST_LINE:
+                raise ValueError(f"{len(line)} bytes, at most {LONGEST_LINE} are read")
+            key, *fields = line.split(b"#")[0].split() or [b""]
+            if (name := key.decode("ascii", "replace")) in LISTS:
+                lists[name].extend(_numbers(fields, LISTS[name]))
+            elif key == b"f":
+                counts = {name: len(values) // LISTS[name] for name, values in lists.items()}
+                polygon = [_corner(field, counts) for field in fields]
+                for k in range(1, len(polygon) - 1):
+                    for corner in (polygon[0], *polygon[k : k + 2]):
+                        corners.extend(corner)
+                if len(corners) > 9 * MAX_TRIANGLES:
+                    raise ValueError(f"more than {MAX_TRIANGLES} triangles; simplify the mesh")
+        except (ValueError, OverflowError) as error:
+            raise ValueError(f"line {number}: {error}; export the mesh again") from None
+    arrays = {name: np.array(values).reshape(-1, LISTS[name]) for name, values in lists.items()}
+    return arrays, np.array(corners, np.int64).reshape(-1, 3)
+
+
+def _numbers(fields: list[bytes], count: int) -> list[float]:
+    numbers = [float(field) for field in fields[:count]]
+    if len(numbers) != count or not np.all(np.isfinite(numbers)):
+        raise ValueError(f"{count} finite numbers expected")
+    return numbers
+
+
+def _corner(field: bytes, counts: dict[str, int]) -> tuple[int, ...]:
     """`7/3/2`, `7//2` or `7`, counted from 1, or from the end if negative -> indices from 0."""
-    parts = [*field.split("/"), "", ""][:3]
-    v, vt, vn = (
-        (int(part) - 1 if int(part) > 0 else len(lists[name]) + int(part)) if part else -1
-        for part, name in zip(parts, ("v", "vt", "vn"), strict=True)
+    parts = [*field.split(b"/"), b"", b""][:3]
+    return tuple(
+        (int(part) - 1 if int(part) > 0 else max(counts[name] + int(part), NONE - 1)) if part else NONE
+        for part, name in zip(parts, LISTS, strict=True)
     )
-    return v, vt, vn
 
 
-def _chosen(values: list[list[float]], index: IntArray, width: int) -> FloatArray:
-    if not values or index.min() < 0:
-        return np.zeros((len(index), width))
-    return np.asarray(np.array(values, np.float64)[index])
+def _chosen(values: FloatArray, index: IntArray) -> FloatArray:
+    if not len(values) or index.min() < 0:
+        return np.zeros((len(index), values.shape[1]))
+    return np.asarray(values[index])
 
 
 def _is_closed(faces: IntArray) -> bool:
     """Does every edge have exactly two faces, one in each direction?"""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    forward = {tuple(edge) for edge in edges.tolist()}
-    return len(forward) == len(edges) and all((b, a) in forward for a, b in forward)
+    forward = np.unique(edges, axis=0)
+    return len(forward) == len(edges) and np.array_equal(forward, np.unique(edges[:, ::-1], axis=0))

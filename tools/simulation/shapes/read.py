@@ -7,14 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from player.errors import InputError
+from player.tables import Table, Vector
 from tools.simulation.shapes.parallelogram import Parallelogram
 from tools.simulation.shapes.quadrics import Cylinder, Sphere
 from tools.simulation.shapes.shape import FloatArray, Shape
-from tools.simulation.tables import Table, Vector
 
 KINDS = ("plane", "card", "sphere", "cylinder", "relief", "lathe", "mesh")
 FIGURES = ("statuette", "skull", "waves")
 SIZE = (1e-4, 1e4)  # metres
+MOST_POINTS = 1 << 22
 
 
 def read_shapes(table: Table, folder: Path, eye: Vector) -> list[tuple[str, Shape]]:
@@ -89,7 +90,7 @@ def _relief(table: Table, folder: Path, eye: Vector) -> Shape:
         figure = importlib.import_module(f"tools.simulation.shapes.figures.{name}")
         heights = figure.heights(*np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows)))
     else:
-        heights = read_heights(folder / table.text("heights"), f"{table.where}, heights", columns, rows)
+        heights = read_heights(table.path("heights", folder), f"{table.where}, heights", columns, rows)
     cut = table.truth("cut", False)
     if cut and not np.any(heights > 0):
         raise InputError(f"{table.where}, cut: the relief has no part above its base; leave cut out")
@@ -112,6 +113,8 @@ def _lathe(table: Table, folder: Path, eye: Vector) -> Shape:
     if profile[:, 0].min() < 0:
         raise InputError(f"{table.where}, profile: a radius is {profile[:, 0].min():g}, expected 0 or more metres")
     detail = table.integer("detail", 96, 3, 2000)
+    if len(profile) * detail > MOST_POINTS:
+        raise table.wrong("detail", f"at most {MOST_POINTS} points in all, here {len(profile)} times that")
     return turned(table.vector("base"), axis / np.linalg.norm(axis), _frame(table, axis), profile, detail)
 
 
@@ -119,4 +122,4 @@ def _mesh(table: Table, folder: Path, eye: Vector) -> Shape:
     from tools.simulation.shapes.mesh import read_obj
 
     place = table.vector("at", (0.0, 0.0, 0.0)), table.number("scale", 1.0, 1e-6, 1e6)
-    return read_obj(folder / table.text("file"), f"{table.where}, file", *place)
+    return read_obj(table.path("file", folder), f"{table.where}, file", *place)

@@ -6,9 +6,12 @@ import cv2
 import numpy as np
 
 from player.errors import InputError
+from player.picture_files import grey, read_picture
 from tools.simulation.shapes.parallelogram import Parallelogram
 from tools.simulation.shapes.shape import FloatArray
 from tools.simulation.shapes.triangles import Triangles, over_grid
+
+MAX_HEIGHTS = 1 << 26
 
 
 def relief(base: Parallelogram, heights: FloatArray, *, cut: bool) -> Triangles:
@@ -27,11 +30,9 @@ def relief(base: Parallelogram, heights: FloatArray, *, cut: bool) -> Triangles:
 
 def read_heights(path: Path, where: str, columns: int, rows: int) -> FloatArray:
     """A grey picture (8 or 16 bit; white 1, black 0; its bottom row at v = 0) as heights (rows, columns)."""
-    picture = cv2.imread(str(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE)
-    if picture is None:
-        raise InputError(f"{where}: {path} is no readable picture; check the path, or save it as a grey PNG")
-    whites = {"uint8": 255.0, "uint16": 65535.0}
-    if picture.dtype.name not in whites:
-        raise InputError(f"{where}: {path} holds {picture.dtype} values; save it as a PNG of 8 or 16 bits")
-    grey = picture.astype(np.float64) / whites[picture.dtype.name]
-    return np.asarray(cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA)[::-1], np.float64)
+    try:
+        picture = grey(read_picture(path, MAX_HEIGHTS, upright=True))
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    heights = picture.astype(np.float64) / np.iinfo(picture.dtype).max
+    return np.asarray(cv2.resize(heights, (columns, rows), interpolation=cv2.INTER_AREA)[::-1], np.float64)

@@ -1,0 +1,164 @@
+"""What an OpenEXR file claims, read from its header before the library sees it (openexr.com, "OpenEXR File Layout").
+
+The library takes memory for what a header says: a table with an entry a chunk, a buffer a chunk, every channel of every
+part. A file of 400 bytes can so ask for gigabytes; here it is refused, as is what we never show (deep pixels).
+"""
+
+import os
+import struct
+from dataclasses import dataclass
+from math import ceil
+from typing import BinaryIO
+
+MAX_PIXELS = 1 << 28  # 16384², the largest 2D texture of common GPUs
+MAGIC, TILED, DEEP, MULTIPART = 20000630, 0x200, 0x800, 0x1000
+LONGEST_NAME, MOST_PARTS, MOST_ATTRIBUTES, MOST_CHANNELS = 255, 64, 1024, 1024
+MAX_ATTRIBUTE_BYTES = 64 << 20  # of all: previews and lists of what is in the picture are long
+MAX_CHUNK_BYTES = 1 << 30
+FARTHEST = 1 << 24  # pixels that a window may lie off the origin
+LINES = {0: 1, 1: 1, 2: 1, 3: 16, 4: 32, 5: 16, 6: 32, 7: 32, 8: 32}  # of a chunk, by compression; of others at most:
+MOST_LINES = 256
+BYTES = {0: 4, 1: 2, 2: 4}  # of a channel's value: UINT, HALF, FLOAT
+
+Window = tuple[int, int, int, int]
+
+
+@dataclass(frozen=True)
+class Part:
+    """One picture of a file.
+
+    display, data : windows (x0, y0, x1, y1), both ends inside.  channels : names, sorted.  pixel_bytes : of one pixel
+    in all channels.
+    """
+
+    display: Window
+    data: Window
+    channels: tuple[str, ...]
+    pixel_bytes: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width) of the display window."""
+        return _shape(self.display)
+
+    @property
+    def nbytes(self) -> int:
+        """What it decodes to."""
+        height, width = _shape(self.data)
+        return height * width * self.pixel_bytes
+
+
+def read_parts(file: BinaryIO) -> list[Part]:
+    """The parts of a file that is open at its beginning; ValueError for what is no picture, or claims too much."""
+    size = os.fstat(file.fileno()).st_size
+    magic, version = struct.unpack("<II", _take(file, 8))
+    if magic != MAGIC or version & 0xFF != 2:
+        raise ValueError("not an OpenEXR file of version 2")
+    if version & DEEP:
+        raise ValueError("it holds deep pixels; flatten them")
+    parts: list[Part] = []
+    left = MAX_ATTRIBUTE_BYTES
+    while attributes := _attributes(file, min(left, size)):
+        left -= sum(map(len, attributes.values()))
+        parts.append(_part(attributes, tiled=bool(version & TILED), size=size))
+        if not version & MULTIPART:
+            return parts
+        if len(parts) > MOST_PARTS:
+            raise ValueError(f"more than {MOST_PARTS} parts")
+    if not parts:
+        raise ValueError("it holds no picture")
+    return parts
+
+
+def _attributes(file: BinaryIO, most: int) -> dict[str, bytes]:
+    """Name -> value of one header; empty at the end of the headers."""
+    found: dict[str, bytes] = {}
+    while name := _name(file):
+        _name(file)  # its type, which the library compares
+        (length,) = struct.unpack("<i", _take(file, 4))
+        if not 0 <= length <= most or name in found or len(found) >= MOST_ATTRIBUTES:
+            raise ValueError("its header is damaged or too long")
+        most -= length
+        found[name] = _take(file, length)
+    return found
+
+
+def _part(attributes: dict[str, bytes], *, tiled: bool, size: int) -> Part:
+    kind = attributes.get("type", b"tiledimage" if tiled else b"scanlineimage")
+    if kind not in (b"scanlineimage", b"tiledimage"):
+        raise ValueError("it holds deep or unknown pixels; flatten them")
+    try:
+        display, data = (_window(attributes[name]) for name in ("displayWindow", "dataWindow"))
+        channels = _channels(attributes["channels"])
+        compression = attributes["compression"][0]
+        chunk = _tile(attributes["tiles"]) if kind == b"tiledimage" else None
+    except (KeyError, IndexError, struct.error):
+        raise ValueError("its header lacks windows, channels, compression or tiles") from None
+    part = Part(display, data, tuple(sorted(channels)), sum(channels.values()))
+    height, width = _shape(data)
+    rows, columns = chunk or (min(LINES.get(compression, MOST_LINES), height), width)
+    if rows * columns * part.pixel_bytes > MAX_CHUNK_BYTES:
+        raise ValueError(f"chunks of {columns}x{rows} pixels of {len(channels)} channels")
+    if ceil(height / rows) * ceil(width / columns) * 8 > size:  # one offset a chunk
+        raise ValueError("shorter than the table of its chunks")
+    return part
+
+
+def _window(value: bytes) -> Window:
+    x0, y0, x1, y1 = struct.unpack("<4i", value)
+    height, width = _shape((x0, y0, x1, y1))
+    if min(height, width) < 1 or height * width > MAX_PIXELS:
+        raise ValueError(f"claims {width}x{height} pixels, at most {MAX_PIXELS} are read")
+    if max(map(abs, (x0, y0, x1, y1))) > FARTHEST:
+        raise ValueError(f"a window from ({x0}, {y0}) to ({x1}, {y1}), too far off")
+    return x0, y0, x1, y1
+
+
+def _channels(value: bytes) -> dict[str, int]:
+    """Name -> bytes of a value."""
+    found: dict[str, int] = {}
+    at = 0
+    while value[at] != 0:
+        end = value.find(0, at)
+        if not 0 < end - at <= LONGEST_NAME or len(found) >= MOST_CHANNELS:
+            raise ValueError("its channels are damaged or too many")
+        kind, x_sampling, y_sampling = struct.unpack("<i4xii", value[end + 1 : end + 17])
+        name = value[at:end].decode("utf-8", "replace")
+        if (x_sampling, y_sampling) != (1, 1):
+            raise ValueError("its channels are subsampled; export it with full-size channels")
+        if kind not in BYTES or name in found:
+            raise ValueError("its channels are damaged")
+        found[name] = BYTES[kind]
+        at = end + 17
+    if not found:
+        raise ValueError("it has no channels")
+    return found
+
+
+def _tile(value: bytes) -> tuple[int, int]:
+    """(height, width)."""
+    width, height = struct.unpack("<II", value[:8])
+    if not (width and height):
+        raise ValueError("tiles without pixels")
+    return height, width
+
+
+def _shape(window: Window) -> tuple[int, int]:
+    x0, y0, x1, y1 = window
+    return y1 - y0 + 1, x1 - x0 + 1
+
+
+def _name(file: BinaryIO) -> str:
+    text = bytearray()
+    while (character := _take(file, 1)) != b"\0":
+        text += character
+        if len(text) > LONGEST_NAME:
+            raise ValueError("its header is damaged")
+    return text.decode("utf-8", "replace")
+
+
+def _take(file: BinaryIO, count: int) -> bytes:
+    content = file.read(count)
+    if len(content) < count:
+        raise ValueError("it ends inside its header")
+    return content

@@ -1,0 +1,25 @@
+"""Whether what is to be done fits into memory, asked before it starts: a refusal is kinder than a swapping machine."""
+
+import os
+from pathlib import Path
+
+from player.errors import InputError
+
+
+def available_bytes() -> int:
+    """Memory that can be had without swapping; what Linux estimates, else all that is installed."""
+    try:
+        lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
+        return int(lines["MemAvailable"].split()[0]) << 10
+    except (OSError, KeyError, ValueError):
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def check(needed: float, what: str, remedy: str) -> None:
+    """InputError if `needed` bytes are not available."""
+    available = available_bytes()
+    if needed > available:
+        raise InputError(
+            f"{what} needs about {needed / 2**30:.1f} GiB of memory, {available / 2**30:.1f} GiB are available; "
+            f"{remedy}"
+        )

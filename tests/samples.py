@@ -1,0 +1,140 @@
+"""A small file of each kind beside a room's own, and what reads it: what campaigns of damage start from."""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy import sparse
+
+from player import exr
+from player.calibration import Device, read_mask_picture
+from player.decoding.media import open_source
+from player.picture_files import read_picture
+from player.response import Response
+from player.show.options import read_options
+from tests.mutants import outcome
+from tests.scenes import SCENES
+from tests.test_simulation_shapes import CUBE
+from tools.acquisition.cameras.camera import Exposures
+from tools.acquisition.matrices_room import read_ambient
+from tools.acquisition.room_options import named_response
+from tools.acquisition.store import SESSION, Wanted, open_store
+from tools.hdr.exif import read_exposure
+from tools.hdr.grey_ramp import read_ramp
+from tools.simulation.materials import read_texture
+from tools.simulation.scene import load_scene
+from tools.simulation.shapes.mesh import read_obj
+from tools.simulation.shapes.relief import read_heights
+from tools.transport.storage import read_matrix
+
+CAMERA = Device(9, 13, Response("linear"))
+SHAPE = (48, 30)
+SETTINGS = """
+refine = 7
+compensation = false
+loop = true
+view = "camera"
+white = 0.5
+image-display-duration = "inf"
+brightness = -5
+monitor = ["HDMI-1", 2]
+screenshot-directory = "shots"
+[keys]
+"ctrl+x" = "quit"
+"""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What is in a file, and who reads it."""
+
+    content: bytes
+    read: Callable[[Path], object]
+
+    def outcome(self, path: Path, content: bytes) -> str:
+        """What reading another content makes of it."""
+        path.write_bytes(content)
+        return outcome(lambda: self.read(path))
+
+
+def samples(folder: Path) -> dict[str, Sample]:
+    """By file name. folder : an empty one to make them in."""
+    rng = np.random.default_rng(1)
+    rgb = rng.uniform(size=(*CAMERA.shape, 3)).astype(np.float32)
+    exr.write_rgb(folder / "rgb.exr", rgb)
+    picture = (folder / "rgb.exr").read_bytes()
+    smooth = cv2.GaussianBlur(rng.integers(0, 255, (64, 80, 3)).astype(np.uint8), (9, 9), 3)
+    scenes = {
+        f"{name}.toml": Sample((SCENES / f"{name}.toml").read_bytes(), load_scene) for name in ("glass", "statuette")
+    }
+    return {
+        **scenes,
+        **_matrices(folder, rng),
+        "settings.toml": Sample(SETTINGS.encode(), lambda p: read_options(["room", "a.mp4", "--config", str(p)], "")),
+        "response.toml": Sample(b"response = [[0, 0, 0], [0.2, 0.3, 0.4], [1, 1, 1]]", _read_response),
+        "session.toml": Sample(_session(folder / "captures"), _read_session),
+        "ramp.csv": Sample(
+            b"level,red,green,blue\n0,0,0,0\n64,0.1,0.1,0.1\n255,1,1,0.9\n", lambda p: read_ramp(p, Response("linear"))
+        ),
+        "cube.obj": Sample(CUBE.encode(), lambda p: read_obj(p, "here", np.zeros(3), 1.0)),
+        "ambient.npy": Sample(_saved(rgb), lambda p: read_ambient(p, CAMERA)),
+        "ambient.exr": Sample(picture, lambda p: read_ambient(p, CAMERA)),
+        "medium.exr": Sample(picture, lambda p: open_source(str(p), None)),
+        "mask.png": Sample(_encoded(".png", rgb[..., 0] > 0.5), lambda p: read_mask_picture(p, CAMERA)),
+        "deep.png": Sample(_encoded(".png", (65535 * rgb).astype(np.uint16)), read_picture),
+        "heights.png": Sample(_encoded(".png", smooth[..., 0]), lambda p: read_heights(p, "here", 9, 9)),
+        "capture.jpg": Sample(_encoded(".jpg", smooth), lambda p: (read_picture(p), read_exposure(p))),
+        "texture.jpg": Sample(
+            _encoded(".jpg", smooth, cv2.IMWRITE_JPEG_PROGRESSIVE, 1), lambda p: read_texture(p, "here")
+        ),
+    }
+
+
+def _matrices(folder: Path, rng: np.random.Generator) -> dict[str, Sample]:
+    """One for each of scipy's formats."""
+    matrix = sparse.csr_array(sparse.random_array(SHAPE, density=0.1, rng=rng, dtype=np.float32))
+    diagonals = sparse.dia_array((np.ones((3, SHAPE[1]), np.float32), [0, 1, -4]), shape=SHAPE)
+    forms = matrix, matrix.tocsc(), matrix.tocoo(), matrix.tobsr((4, 5)), diagonals
+    for form in forms:
+        sparse.save_npz(folder / f"{form.format}.npz", form)
+    names = [f"{form.format}.npz" for form in forms]
+    return {name: Sample((folder / name).read_bytes(), lambda p: read_matrix(p, SHAPE)) for name in names}
+
+
+def _saved(values: np.ndarray) -> bytes:
+    stream = BytesIO()
+    np.save(stream, values)
+    return stream.getvalue()
+
+
+def _encoded(suffix: str, picture: np.ndarray, *options: int) -> bytes:
+    codes = 255 * picture.astype(np.uint8) if picture.dtype == bool else picture
+    return bytes(cv2.imencode(suffix, codes, options)[1].tobytes())
+
+
+def _read_response(path: Path) -> None:
+    response = named_response(str(path))
+    assert np.isfinite(response.inverse_table()).all()
+    assert np.isfinite(response.to_linear(np.linspace(0, 1, 7)[:, None] * np.ones(3))).all()
+
+
+def _session(folder: Path) -> bytes:
+    _begin(folder)
+    return (folder / SESSION).read_bytes()
+
+
+def _read_session(path: Path) -> None:
+    """As a run that goes on: the file is in a folder of captures."""
+    folder = path.with_suffix(".captures")
+    folder.mkdir(exist_ok=True)
+    shutil.copy(path, folder / SESSION)
+    _begin(folder)
+
+
+def _begin(folder: Path) -> None:
+    with open_store(folder, {"camera": "a test"}, Exposures((0.1,)), Wanted(folder.with_name("room"))):
+        pass
