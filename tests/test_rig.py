@@ -12,7 +12,7 @@ from scipy.optimize import lsq_linear
 
 from tests.rig import product
 from tests.rig.asked import reachable
-from tests.rig.conditions import CONDITIONS
+from tests.rig.faults import FAULTS
 from tests.rig.judge import Figures, Judge, Outside
 from tests.rig.lattice import FINE, Lattice
 from tests.rig.optimum import Problem, box_optimum
@@ -221,9 +221,9 @@ def test_the_table_has_a_row_of_means_for_each_room_and_condition() -> None:
 
 
 def test_conditions_share_a_calibration_only_if_they_may() -> None:
-    assert CONDITIONS["drift"].acquisition == CONDITIONS["known"].acquisition
-    assert CONDITIONS["response"].acquisition != CONDITIONS["known"].acquisition
-    assert CONDITIONS["drift"].now.shift == (0.8, 0.6)
+    assert FAULTS["drift"].acquisition == FAULTS["known"].acquisition
+    assert FAULTS["response"].acquisition != FAULTS["known"].acquisition
+    assert FAULTS["drift"].now.shift == (0.8, 0.6)
 
 
 def test_the_product_is_photographed_built_and_shown(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from tests.rig.conditions import CONDITIONS, DEFAULT, QUICK, Condition
+from tests.rig.faults import DEFAULT, FAULTS, QUICK, Fault
 from tests.rig.rooms import ROOMS, Room
 from tests.rig.table import markdown, text_of_csv
 from tests.rig.trial import Verdict, trial
@@ -27,8 +27,8 @@ QUICK_SCALE = 0.6
 def main() -> None:
     options = _parser().parse_args()
     scale = options.scale or (QUICK_SCALE if options.quick else 1.0)
-    names = options.condition or (QUICK if options.quick else DEFAULT)
-    conditions = [CONDITIONS[name] for name in names]
+    names = options.fault or (QUICK if options.quick else DEFAULT)
+    faults = [FAULTS[name] for name in names]
     start = time.monotonic()
     with ExitStack() as opened, ThreadPoolExecutor(os.cpu_count()) as pool:
         opened.enter_context(threadpool_limits(limits=1))  # the trials go side by side
@@ -36,9 +36,9 @@ def main() -> None:
         if options.pictures:
             options.pictures.mkdir(parents=True, exist_ok=True)
         rooms = dict(zip(options.room, pool.map(lambda name: ROOMS[name](scale), options.room), strict=True))
-        jobs = [(room, group) for room in rooms.values() for group in _sharing(conditions)]
+        jobs = [(room, group) for room in rooms.values() for group in _sharing(faults)]
 
-        def judged(job: tuple[Room, list[Condition]]) -> list[Verdict]:
+        def judged(job: tuple[Room, list[Fault]]) -> list[Verdict]:
             room, group = job
             place = folder / f"{room.name}-{group[0].name}"
             place.mkdir(parents=True)
@@ -47,32 +47,30 @@ def main() -> None:
             return found
 
         verdicts = [verdict for found in pool.map(judged, jobs) for verdict in found]
-    verdicts.sort(key=lambda each: (options.room.index(each.room), list(names).index(each.condition)))
+    verdicts.sort(key=lambda each: (options.room.index(each.room), list(names).index(each.fault)))
     if options.out:
         options.out.write_text(text_of_csv(verdicts))
     print(markdown(verdicts))
     print(f"\nsimulated, scale {scale:g}, {time.monotonic() - start:.0f} s")
 
 
-def _sharing(conditions: Sequence[Condition]) -> list[list[Condition]]:
-    """Conditions by the calibration that they need."""
-    groups: dict[Condition, list[Condition]] = {}
-    for condition in conditions:
-        groups.setdefault(condition.acquisition, []).append(condition)
+def _sharing(faults: Sequence[Fault]) -> list[list[Fault]]:
+    """Faults by the calibration that they need."""
+    groups: dict[Fault, list[Fault]] = {}
+    for fault in faults:
+        groups.setdefault(fault.acquisition, []).append(fault)
     return list(groups.values())
 
 
 def _parser() -> argparse.ArgumentParser:
-    described = "\n".join(f"  {each.name:10} {each.says}" for each in CONDITIONS.values())
+    described = "\n".join(f"  {each.name:10} {each.says}" for each in FAULTS.values())
     parser = argparse.ArgumentParser(
         "python -m tests.rig",
         description=f"{__doc__}\nconditions:\n{described}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--room", nargs="+", choices=ROOMS, default=list(ROOMS), help="default all")
-    parser.add_argument(
-        "--condition", nargs="+", choices=CONDITIONS, metavar="NAME", help=f"default {' '.join(DEFAULT)}"
-    )
+    parser.add_argument("--fault", nargs="+", choices=FAULTS, metavar="NAME", help=f"default {' '.join(DEFAULT)}")
     parser.add_argument("--quick", action="store_true", help=f"{' '.join(QUICK)}, at scale {QUICK_SCALE:g}")
     parser.add_argument("--scale", type=float, help="of camera and projector, 160x120 and 96x72 at 1")
     parser.add_argument(

@@ -1,4 +1,4 @@
-"""Rooms × conditions as a table, and every picture's figures as CSV."""
+"""Rooms × faults as a table, and every picture's figures as CSV."""
 
 import csv
 import io
@@ -23,15 +23,15 @@ BY_STEPS = {"dB": "psnr_{}", "everywhere": "everywhere_{}", "flare, %": "flare_{
 
 
 def rows(verdicts: Sequence[Verdict]) -> list[dict[str, str]]:
-    """A row for each room and condition: means over its pictures."""
-    keys = dict.fromkeys((verdict.room, verdict.condition) for verdict in verdicts)
-    return [_row([each for each in verdicts if (each.room, each.condition) == key]) for key in keys]
+    """A row for each room and fault: means over its pictures."""
+    keys = dict.fromkeys((verdict.room, verdict.fault) for verdict in verdicts)
+    return [_row([each for each in verdicts if (each.room, each.fault) == key]) for key in keys]
 
 
 def _row(verdicts: Sequence[Verdict]) -> dict[str, str]:
     every = [_figures(verdict) for verdict in verdicts]
     means = {name: float(np.mean([figures[name] for figures in every if name in figures])) for name in every[0]}
-    row = {"room": verdicts[0].room, "condition": verdicts[0].condition}
+    row = {"room": verdicts[0].room, "fault": verdicts[0].fault}
     row |= {heading: form.format_map(means) for heading, form in COLUMNS.items()}
     for verdict, figures in zip(verdicts, every, strict=True):
         if verdict.by_steps:
@@ -56,9 +56,9 @@ def markdown(verdicts: Sequence[Verdict]) -> str:
 
 
 def text_of_csv(verdicts: Sequence[Verdict]) -> str:
-    """One line a room, condition and picture; decibels, ΔE2000, and shares of white."""
+    """One line a room, fault and picture; decibels, ΔE2000, and shares of white."""
     fields = [
-        {"room": verdict.room, "condition": verdict.condition, "picture": verdict.picture}
+        {"room": verdict.room, "fault": verdict.fault, "picture": verdict.picture}
         | {name: f"{value:.4f}" for name, value in _figures(verdict).items()}
         for verdict in verdicts
     ]

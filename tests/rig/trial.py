@@ -1,4 +1,4 @@
-"""One trial: the product acquires a room, builds, shows pictures under each condition, and is judged."""
+"""One trial: the product acquires a room, builds, shows pictures under each fault, and is judged."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tests.rig import product
 from tests.rig.asked import Asked
-from tests.rig.conditions import Condition
+from tests.rig.faults import Fault
 from tests.rig.judge import Figures, Judge, Outside
 from tests.rig.optimum import Problem, box_optimum
 from tests.rig.pictures import PICTURES, Picture
@@ -32,7 +32,7 @@ class Verdict:
     """
 
     room: str
-    condition: str
+    fault: str
     picture: str
     product: Figures
     optimum: Figures
@@ -48,29 +48,29 @@ class Verdict:
 
 
 def trial(
-    room: Room, conditions: Sequence[Condition], folder: Path, steps: Sequence[int], sheets: Path | None
+    room: Room, faults: Sequence[Fault], folder: Path, steps: Sequence[int], sheets: Path | None
 ) -> Iterator[Verdict]:
-    """Conditions that share a calibration, and all pictures; `folder` is filled. sheets : where pictures are drawn."""
-    first = conditions[0]
+    """Faults that share a calibration, and all pictures; `folder` is filled. sheets : where pictures are drawn."""
+    first = faults[0]
     rig = Rig(room, first.devices)
     product.acquire(rig, folder, *_given(first, folder))
     product.build(folder)
-    for condition in conditions:
-        judge = Judge(rig if condition.now == condition.devices else rig.after(condition.now))
+    for fault in faults:
+        judge = Judge(rig if fault.now == fault.devices else rig.after(fault.now))
         for make in PICTURES.values():
             picture = make(rig.camera)
             picture.write(folder / f"{picture.name}.png")
             seen = _Seen(judge, picture, folder)
-            yield seen.verdict(condition.name, steps if picture.name == SWEPT else ())
+            yield seen.verdict(fault.name, steps if picture.name == SWEPT else ())
             if sheets is not None:
-                seen.draw(sheets / f"{room.name}-{condition.name}-{picture.name}.png")
+                seen.draw(sheets / f"{room.name}-{fault.name}-{picture.name}.png")
 
 
-def _given(condition: Condition, folder: Path) -> tuple[str, ...]:
-    if condition.given == "table":
-        table = condition.devices.projector.response_table()
+def _given(fault: Fault, folder: Path) -> tuple[str, ...]:
+    if fault.given == "table":
+        table = fault.devices.projector.response_table()
         return "--response", str(product.write_response(folder / "response.toml", table))
-    return ("--response", condition.given) if condition.given else ()
+    return ("--response", fault.given) if fault.given else ()
 
 
 class _Seen:
@@ -84,11 +84,11 @@ class _Seen:
         self._question = judge.asks(picture, self._shown.white, self._plain)
         self._best = _best(judge.rig, self._question.near)
 
-    def verdict(self, condition: str, steps: Sequence[int]) -> Verdict:
+    def verdict(self, fault: str, steps: Sequence[int]) -> Verdict:
         tried = {count: product.show(self._folder, self._path, *product.refining(count)).codes for count in steps}
         return Verdict(
             self._rig.room.name,
-            condition,
+            fault,
             self._picture.name,
             self._judge.figures(self._question, self._shown.codes),
             self._judge.figures(self._question, self._best),

@@ -22,6 +22,19 @@ Shift = tuple[float, float]
 
 
 @dataclass(frozen=True)
+class Indirect:
+    """Light that has bounced between patches: S G D.
+
+    gather : D, (patches, projector pixels).  scatter : S, (samples, patches).  mix : G, (pigments, camera channel,
+    primary, patches, patches), Σ_λ C ρ P (I − F R_λ)⁻¹ F R_λ: it has taken on the walls' colours, and mixes otherwise.
+    """
+
+    gather: sparse.csr_array
+    mix: NDArray[np.float32]
+    scatter: sparse.csr_array
+
+
+@dataclass(frozen=True)
 class Truth:
     """A room under a light, with the projector's picture shifted by some pixels over it."""
 
@@ -46,12 +59,7 @@ class Truth:
         return self.light.mixing(pigments())
 
     @cached_property
-    def far(self) -> tuple[NDArray[np.float32], sparse.csr_array] | None:
-        """(G, D) with the irradiance of patches by bounced light, (pigments · 3, patches) each, from D's direct light.
-
-        G : (pigments, camera channel, primary, patches, patches), Σ_λ C ρ P (I − F R_λ)⁻¹ F R_λ: bounced light has
-        taken on the walls' colours, so that it mixes otherwise.
-        """
+    def indirect(self) -> Indirect | None:
         bounces = self.room.bounces
         if bounces is None:
             return None
@@ -63,7 +71,7 @@ class Truth:
             weights = self.light.mixing(spectra * (np.arange(spectra.shape[1]) == band))
             for index in np.argwhere(weights > 1e-6 * self.mixing.max()):
                 mix[tuple(index)] += np.float32(weights[tuple(index)]) * path
-        return mix, sparse.csr_array(bounces.gather @ hits, dtype=np.float32)
+        return Indirect(sparse.csr_array(bounces.gather @ hits, dtype=np.float32), mix, bounces.scatter)
 
 
 @lru_cache(maxsize=8)  # the rooms of a table under its lights
@@ -80,18 +88,12 @@ class View:
 
     def rise(self, drive: FloatArray) -> FloatArray:
         """T p: (projector pixels, 3) -> (camera pixels, 3)."""
-        drive = np.asarray(drive, np.float32)
-        seen = np.einsum(
-            "sq,qkl,sl->sk",
-            self._paint,
-            self._truth.mixing.astype(np.float32),
-            self._truth.direct @ drive,
-            optimize=True,
-        )
-        if self._truth.far is not None and self._truth.room.bounces is not None:
-            mix, gather = self._truth.far
-            bounced_light = np.einsum("qklnm,ml->nqk", mix, gather @ drive, optimize=True)
-            scattered = self._truth.room.bounces.scatter @ bounced_light.reshape(len(bounced_light), -1)
+        drive, mixing = np.asarray(drive, np.float32), self._truth.mixing.astype(np.float32)
+        seen = np.einsum("sq,qkl,sl->sk", self._paint, mixing, self._truth.direct @ drive, optimize=True)
+        far = self._truth.indirect
+        if far is not None:
+            arriving = np.einsum("qklnm,ml->nqk", far.mix, far.gather @ drive, optimize=True)
+            scattered = far.scatter @ arriving.reshape(len(arriving), -1)
             seen += np.einsum("sq,sqk->sk", self._paint, scattered.reshape(len(seen), -1, 3))
         return np.asarray(self._pixels @ seen, np.float64)
 
@@ -117,33 +119,30 @@ class View:
         """T as matrices, for many products."""
         mixing = self._truth.mixing
         channels = mixing.transpose(1, 2, 0).astype(np.float32)  # each (primary, pigments)
-        blocks = [[self._block(self._paint @ primary) for primary in channel] for channel in channels]
-        near = sparse.csr_array(sparse.block_array(blocks, format="csr"))
-        near.eliminate_zeros()
-        return Transport(near, self._far_parts())
+        direct = self._truth.direct
+        blocks = [[self._weighted(self._paint @ primary) @ direct for primary in channel] for channel in channels]
+        return Transport(sparse.csr_array(sparse.block_array(blocks, format="csr")), self._far_parts())
 
-    def _block(self, colour: NDArray[np.float32]) -> sparse.csr_array:
-        if not colour.any():
-            return sparse.csr_array((self._pixels.shape[0], self._truth.direct.shape[1]), dtype=np.float32)
+    def _weighted(self, colour: NDArray[np.float32]) -> sparse.csr_array:
+        """A · diag(colour), without what is 0."""
         weighted = self._pixels.copy()
         weighted.data = weighted.data * colour[weighted.indices]
-        return sparse.csr_array(weighted @ self._truth.direct)
+        weighted.eliminate_zeros()
+        return weighted
 
     def _far_parts(self) -> "tuple[sparse.csr_array, NDArray[np.float32], sparse.csr_array] | None":
-        bounces, far = self._truth.room.bounces, self._truth.far
-        if bounces is None or far is None:
+        far = self._truth.indirect
+        if far is None:
             return None
-        mix, gather = far
-        used = [q for q in range(mix.shape[0]) if self._paint[:, q].any()]
-        count = mix.shape[-1]
-        spread = []
-        for q in used:
-            weighted = self._pixels.copy()
-            weighted.data = weighted.data * self._paint[:, q][weighted.indices]
-            spread.append(sparse.csr_array(weighted @ bounces.scatter))
-        scatter = sparse.block_diag([sparse.hstack(spread)] * 3, format="csr")  # rows: channel by channel
-        matrix = mix[used].transpose(1, 0, 3, 2, 4).reshape(3 * len(used) * count, 3 * count)
-        return sparse.csr_array(scatter), np.ascontiguousarray(matrix), sparse.block_diag([gather] * 3, format="csr")
+        used = np.flatnonzero(self._paint.any(axis=0))  # pigments
+        spread = [self._weighted(self._paint[:, pigment]) @ far.scatter for pigment in used]
+        patches = far.mix.shape[-1]
+        mix = far.mix[used].transpose(1, 0, 3, 2, 4).reshape(3 * len(used) * patches, 3 * patches)
+        scatter, gather = (
+            sparse.csr_array(sparse.block_diag([each] * 3, format="csr"))
+            for each in (sparse.hstack(spread), far.gather)
+        )
+        return scatter, np.ascontiguousarray(mix), gather
 
 
 @dataclass(frozen=True)
