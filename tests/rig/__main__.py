@@ -21,7 +21,7 @@ from tests.rig.rooms import ROOMS, Room
 from tests.rig.table import markdown, text_of_csv
 from tests.rig.trial import Verdict, trial
 
-QUICK_SCALE = 0.6
+QUICK_SCALE = 0.5
 
 
 def main() -> None:
@@ -33,8 +33,9 @@ def main() -> None:
     with ExitStack() as opened, ThreadPoolExecutor(os.cpu_count()) as pool:
         opened.enter_context(threadpool_limits(limits=1))  # the trials go side by side
         folder = options.keep or Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="rig-")))
-        if options.pictures:
-            options.pictures.mkdir(parents=True, exist_ok=True)
+        for needed in (options.pictures, options.out and options.out.parent):
+            if needed:
+                needed.mkdir(parents=True, exist_ok=True)
         rooms = dict(zip(options.room, pool.map(lambda name: ROOMS[name](scale), options.room), strict=True))
         jobs = [(room, group) for room in rooms.values() for group in _sharing(faults)]
 
@@ -66,7 +67,7 @@ def _parser() -> argparse.ArgumentParser:
     described = "\n".join(f"  {each.name:10} {each.says}" for each in FAULTS.values())
     parser = argparse.ArgumentParser(
         "python -m tests.rig",
-        description=f"{__doc__}\nconditions:\n{described}",
+        description=f"{__doc__}\nfaults:\n{described}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--room", nargs="+", choices=ROOMS, default=list(ROOMS), help="default all")

@@ -51,5 +51,5 @@ _NAMED = (
     Fault("daylight", "as known, then there is three times the room light", later=(("room_light", 0.03),)),
 )
 FAULTS = {fault.name: fault for fault in _NAMED}
-DEFAULT = "known", "response", "crosstalk", "home", "led", "wheel", "drift"
+DEFAULT = "known", "crosstalk", "home", "wheel", "drift"
 QUICK = "known", "home"

@@ -15,7 +15,7 @@ from tests.rig.lattice import SAMPLES, Lattice
 from tests.rig.pane import Pane, light_behind
 from tests.rig.radiosity import Patches, form_factors
 from tests.rig.rays import FloatArray, Pinhole, Rectangle, looking, nearest
-from tests.rig.texture import Paint, Painter, lined, painted_red, plaster, sampled, wallpaper
+from tests.rig.texture import Paint, Painter, lined, painted_grey, painted_red, plaster, sampled, wallpaper
 
 CAMERA, PROJECTOR = (120, 160), (72, 96)
 CAMERA_FOCAL, PROJECTOR_FOCAL = 1.374, 1.40  # in widths of the picture: 40° and 39°
@@ -70,15 +70,15 @@ def wall(scale: float = 1.0) -> Room:
 
 
 def corner(scale: float = 1.0) -> Room:
-    """A red and a white wall that meet at a right angle and light each other."""
+    """A red and a grey wall that meet at 112° and light each other."""
     build = _Build("corner", scale, (-0.35, -0.25, 0.0), (0.05, 0.03, 2.4))
-    edge = 0.1, 2.75
-    left = _upright((edge[0] - 1.1, -0.85, edge[1] - 1.1), (edge[0], -0.85, edge[1]), 1.7)
-    right = _upright((edge[0], -0.85, edge[1]), (edge[0] + 0.95, -0.85, edge[1] - 0.95), 1.7)
+    edge = 0.1, 2.6
+    left = _upright((edge[0] - 1.1, -0.85, edge[1] - 0.75), (edge[0], -0.85, edge[1]), 1.7)
+    right = _upright((edge[0], -0.85, edge[1]), (edge[0] + 0.95, -0.85, edge[1] - 0.65), 1.7)
     return build.room(
         [
             build.surface(left, painted_red, 2.3, grid=(18, 16)),
-            build.surface(right, plaster, 2.3, grid=(18, 14)),
+            build.surface(right, painted_grey, 2.3, grid=(18, 14)),
         ]
     )
 

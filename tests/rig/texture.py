@@ -53,6 +53,13 @@ def painted_red(size: tuple[int, int], rng: np.random.Generator) -> Paint:
     return paint
 
 
+def painted_grey(size: tuple[int, int], rng: np.random.Generator) -> Paint:
+    """Plaster, a third of it grey paint."""
+    paint = plaster(size, rng)
+    _cover(paint, GREY, np.full(size, 0.35))
+    return paint
+
+
 def lined(size: tuple[int, int], rng: np.random.Generator) -> Paint:
     """Paper with grain, blue clouds and pencil lines."""
     paint = _paper(size, rng)
