@@ -1,0 +1,88 @@
+"""python -m tests.rig: how the product does in rooms that are not its own model of them.
+
+Each room is acquired, built and shown by the documented commands; a simulated eye of another making judges. All of it
+is simulated: see docs/rig.md for what the columns mean.
+"""
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from tests.rig.faults import DEFAULT, FAULTS, QUICK, Fault
+from tests.rig.rooms import ROOMS, Room
+from tests.rig.table import markdown, text_of_csv
+from tests.rig.trial import Verdict, trial
+
+QUICK_SCALE = 0.5
+
+
+def main() -> None:
+    options = _parser().parse_args()
+    scale = options.scale or (QUICK_SCALE if options.quick else 1.0)
+    names = options.fault or (QUICK if options.quick else DEFAULT)
+    faults = [FAULTS[name] for name in names]
+    start = time.monotonic()
+    with ExitStack() as opened, ThreadPoolExecutor(os.cpu_count()) as pool:
+        opened.enter_context(threadpool_limits(limits=1))  # the trials go side by side
+        folder = options.keep or Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="rig-")))
+        for needed in (options.pictures, options.out and options.out.parent):
+            if needed:
+                needed.mkdir(parents=True, exist_ok=True)
+        rooms = dict(zip(options.room, pool.map(lambda name: ROOMS[name](scale), options.room), strict=True))
+        jobs = [(room, group) for room in rooms.values() for group in _sharing(faults)]
+
+        def judged(job: tuple[Room, list[Fault]]) -> list[Verdict]:
+            room, group = job
+            place = folder / f"{room.name}-{group[0].name}"
+            place.mkdir(parents=True)
+            found = list(trial(room, group, place, options.steps, options.pictures))
+            print(f"{room.name}: {', '.join(each.name for each in group)}", file=sys.stderr, flush=True)
+            return found
+
+        verdicts = [verdict for found in pool.map(judged, jobs) for verdict in found]
+    verdicts.sort(key=lambda each: (options.room.index(each.room), list(names).index(each.fault)))
+    if options.out:
+        options.out.write_text(text_of_csv(verdicts))
+    print(markdown(verdicts))
+    print(f"\nsimulated, scale {scale:g}, {time.monotonic() - start:.0f} s")
+
+
+def _sharing(faults: Sequence[Fault]) -> list[list[Fault]]:
+    """Faults by the calibration that they need."""
+    groups: dict[Fault, list[Fault]] = {}
+    for fault in faults:
+        groups.setdefault(fault.acquisition, []).append(fault)
+    return list(groups.values())
+
+
+def _parser() -> argparse.ArgumentParser:
+    described = "\n".join(f"  {each.name:10} {each.says}" for each in FAULTS.values())
+    parser = argparse.ArgumentParser(
+        "python -m tests.rig",
+        description=f"{__doc__}\nfaults:\n{described}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--room", nargs="+", choices=ROOMS, default=list(ROOMS), help="default all")
+    parser.add_argument("--fault", nargs="+", choices=FAULTS, metavar="NAME", help=f"default {' '.join(DEFAULT)}")
+    parser.add_argument("--quick", action="store_true", help=f"{' '.join(QUICK)}, at scale {QUICK_SCALE:g}")
+    parser.add_argument("--scale", type=float, help="of camera and projector, 160x120 and 96x72 at 1")
+    parser.add_argument(
+        "--steps", type=lambda text: [int(word) for word in text.split(",")], default=[0, 4, 16, 64], metavar="N,N…",
+        help="of refinement to try beside the default (0,4,16,64)",
+    )  # fmt: skip
+    parser.add_argument("--out", type=Path, metavar="FILE.csv", help="every picture's figures")
+    parser.add_argument("--pictures", type=Path, metavar="DIR", help="sheets of what the audience sees")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="the rooms, patterns and captures (default: removed)")
+    return parser
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,149 @@
+"""What a picture asks of a room, pixel by pixel.
+
+A picture x is stated in the projector's primaries, as on a white screen: it asks a camera pixel for white · M₀ x, with
+M₀ what the camera sees of the primaries there, and darkness beside itself. Asked is as much of it as the pixel can show
+by itself, by some drive of the three floodlights. At the raster's border, where a share a of its footprint is lit,
+anything from a share a of the picture to all of it will do; beyond the calibrated view, anything from darkness to what
+the picture throws there without compensation. What no drive can give is so no one's fault, and what is spoiled next to
+it is. Nothing here knows a mask.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from tests.rig.lattice import FINE
+from tests.rig.pictures import Picture
+from tests.rig.rays import FloatArray
+from tests.rig.rig import Rig
+from tests.rig.view import View
+
+BoolArray = NDArray[np.bool_]
+Codes = NDArray[np.uint8]
+
+LIT = 0.01  # of the 99th percentile of direct light
+GLIMMER = 0.001  # likewise, of all light: where light outside is looked for
+BRIGHT = 99.0
+WHOLE = 0.99  # coverage
+NEARBY = 8  # audience's pixels a side: the light of plain projection may stand so far from where it is
+PIXEL_STEPS = 100  # of three unknowns each
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What will do: from least to most, (pixels, 3), radiance.
+
+    counted : (pixels,), what the projector lights directly in the calibrated view.  white : that of a white picture.
+    """
+
+    least: FloatArray
+    most: FloatArray
+    counted: BoolArray
+    white: float
+
+    def error(self, seen: FloatArray) -> FloatArray:
+        """How far what is seen is from what will do: (pixels, 3)."""
+        return np.asarray(seen - np.clip(seen, self.least, self.most))
+
+
+@dataclass(frozen=True)
+class Question:
+    """A picture in a room, asked of the calibrated camera's pixels and of the audience's.
+
+    beyond : (audience pixels,), lit at all and beyond the calibrated view.  beside : (audience height, audience width),
+    lit at all, and no picture stands there.
+    """
+
+    near: Asked
+    wide: Asked
+    beyond: BoolArray
+    beside: BoolArray
+
+
+class Limits:
+    """What each pixel of one camera can show.
+
+    dark : (pixels, 3), under the projector's black.  flood : (pixels, camera channel, primary).  coverage, lit :
+    (pixels,).
+    """
+
+    def __init__(self, rig: Rig, view: View, dark: FloatArray) -> None:
+        projector = rig.devices.projector
+        span = projector.brightest - projector.lamp * projector.black
+        primaries = [np.tile(row, (rig.raster[0] * rig.raster[1], 1)) for row in span * np.eye(3)]
+        self.dark, self.coverage = dark, view.coverage()
+        self.flood = rig.exposure * np.stack([view.rise(each) for each in primaries], axis=2)
+        self.lit = _above(view.direct_rise(), LIT)
+        self._of_white = rig.light.of_white()
+
+    def of(self, wanted: FloatArray, white: float) -> tuple[FloatArray, FloatArray]:
+        """Least and most that will do of a linear picture (height, width, 3) over the whole view."""
+        light = white * wanted.reshape(-1, 3) @ self._of_white.T
+        whole = reachable(light, self.dark, self.flood)
+        cut = np.where(self.coverage > WHOLE, 1, self.coverage)[:, None]
+        share = reachable(self.dark + cut * (light - self.dark), self.dark, self.flood)
+        return np.minimum(share, whole), np.maximum(share, whole)
+
+    @property
+    def glimmer(self) -> BoolArray:
+        return _above(self.flood.sum(axis=2), GLIMMER)
+
+
+class Questions:
+    """What pictures ask of one rig as it stands now."""
+
+    def __init__(self, rig: Rig) -> None:
+        black = np.zeros((*rig.raster, 3), np.uint8)
+        self._rig = rig
+        self.near = Limits(rig, rig.calibrated, rig.seen(black))
+        self.wide = Limits(rig, rig.audience, rig.seen_by_audience(black))
+        self._glimmer = self.wide.glimmer
+
+    def of(self, picture: Picture, white: float, plain: Codes) -> Question:
+        """white : radiance of a white picture.  plain : the picture as it is projected without compensation."""
+        wanted, inside = picture.placed(self._rig.camera)
+        audience = self._rig.room.lattice.audience
+        stands, view = (_framed(each, audience).ravel() > 0 for each in (inside, np.ones_like(inside)))
+        beyond = self._glimmer & ~view
+        thrown = self._rig.seen_by_audience(plain).reshape(*audience, 3)
+        nearby = ndimage.maximum_filter(thrown, (NEARBY, NEARBY, 1)).reshape(-1, 3)
+        least, most = self.wide.of(_framed(wanted, audience), white)
+        least = np.where(beyond[:, None], self.wide.dark, least)
+        most = np.where(beyond[:, None], np.maximum(nearby, least), most)
+        counted = self.wide.lit & view
+        beside = self._glimmer & ~(counted & stands)
+        near = Asked(*self.near.of(wanted, white), self.near.lit, white)
+        return Question(near, Asked(least, most, counted, white), beyond, beside.reshape(audience))
+
+
+def reachable(wanted: FloatArray, dark: FloatArray, flood: FloatArray) -> FloatArray:
+    """What each pixel can show by itself of what is wanted: dark + F q, 0 ≤ q ≤ 1, nearest to it.
+
+    wanted, dark : (pixels, 3).  flood : F, (pixels, camera channel, primary).
+    """
+    light = wanted - dark
+    squares = np.einsum("nki,nkj->nij", flood, flood)
+    step = 1 / np.maximum(np.trace(squares, axis1=1, axis2=2), 1e-30)[:, None]
+    asked = np.einsum("nki,nk->ni", flood, light)
+    q = np.zeros_like(light)
+    y, momentum = q, 1.0
+    for _ in range(PIXEL_STEPS):
+        following = np.clip(y + step * (asked - np.einsum("nij,nj->ni", squares, y)), 0, 1)
+        grown = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
+        y = following + (momentum - 1) / grown * (following - q)
+        q, momentum = following, grown
+    return np.asarray(dark + np.einsum("nki,ni->nk", flood, q))
+
+
+def _above(rise: FloatArray, share: float) -> BoolArray:
+    light = rise.mean(axis=1)
+    return np.asarray(light > share * np.percentile(light, BRIGHT))
+
+
+def _framed(picture: FloatArray | BoolArray, size: tuple[int, int]) -> FloatArray:
+    """The calibrated view's picture at the audience's sampling, each pixel a block, in the middle of its wider view."""
+    finer = np.asarray(picture, np.float64).repeat(FINE, axis=0).repeat(FINE, axis=1)
+    margins = [((whole - part) // 2, (whole - part) // 2) for whole, part in zip(size, finer.shape, strict=False)]
+    return np.pad(finer, margins + [(0, 0)] * (finer.ndim - 2))

@@ -1,0 +1,55 @@
+"""What the product is tried with: one fault alone, or what a home has all at once."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from tests.rig.projector import Projector
+from tests.rig.rig import Devices
+from tests.rig.sensor import Sensor
+
+SRGB = Projector(gammas=None)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """devices : during the acquisition.  given : what of the projector's response the acquisition is told.
+
+    given : "table" (measured by hand), "srgb", or "" (nothing: the documented defaults).  later : what has changed when
+    the picture is shown.
+    """
+
+    name: str
+    says: str
+    devices: Devices = field(default_factory=Devices)
+    given: str = "table"
+    later: tuple[tuple[str, Any], ...] = ()
+
+    @property
+    def now(self) -> Devices:
+        """The devices when the picture is shown."""
+        return replace(self.devices, **dict(self.later))
+
+    @property
+    def acquisition(self) -> "Fault":
+        """The same for faults that can share a calibration."""
+        return replace(self, name="", says="", later=())
+
+
+_NAMED = (
+    Fault("quiet", "as known, without noise", Devices(sensor=Sensor(full_well=0.0))),
+    Fault("known", "nothing but 20 000 electrons: no crosstalk, response given"),
+    Fault("srgb", "as known, a projector of sRGB's curve", Devices(projector=SRGB), given="srgb"),
+    Fault("believed", "no crosstalk, gamma 2.1/2.2/2.35, but sRGB given", given="srgb"),
+    Fault("response", "no crosstalk, gamma 2.1/2.2/2.35, nothing given", given=""),
+    Fault("crosstalk", "12 % crosstalk, response given", Devices("12 %")),
+    Fault("home", "12 % crosstalk, gamma 2.1/2.2/2.35, nothing given", Devices("12 %"), given=""),
+    Fault("led", "LED primaries, a camera's sensitivities, response given", Devices("led")),
+    Fault("wheel", "a colour wheel's primaries, response given", Devices("wheel")),
+    Fault("segment", "as known, a white segment of 0.4", Devices(projector=Projector(white_segment=0.4))),
+    Fault("drift", "as known, then the projector's picture has moved by a pixel", later=(("shift", (0.8, 0.6)),)),
+    Fault("lamp", "as known, then the lamp gives nine tenths", later=(("projector", Projector(lamp=0.9)),)),
+    Fault("daylight", "as known, then there is three times the room light", later=(("room_light", 0.03),)),
+)
+FAULTS = {fault.name: fault for fault in _NAMED}
+DEFAULT = "known", "crosstalk", "home", "wheel", "drift"
+QUICK = "known", "home"

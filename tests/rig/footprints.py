@@ -1,0 +1,139 @@
+"""From where light meets a surface back to the projector's raster: the footprint of each pixel, sharp or out of focus.
+
+A sample of a surface at raster position (u, v) is lit by pixel j along an axis with the share of j's unit box that lies
+under a Gaussian around u (the lens when in focus), cut at three σ and made to sum to 1. A lens out of focus is a disc
+of points, each throwing a picture of its own, so that shadows get penumbras. A projector that has moved is (u, v)
+shifted: nothing is resampled.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.special import ndtr
+
+from tests.rig.rays import FloatArray, Pinhole, Rectangle
+
+LENS = 0.3  # σ of a focused lens, projector pixels
+CUT = 3.0
+CHUNK = 1 << 18  # hits at a time
+VIGNETTING = 0.15  # of the flux, at half the raster's width from the axis
+
+
+@dataclass(frozen=True)
+class Hits:
+    """Light that arrives at samples of surfaces.
+
+    sample : (n,), which one; several hits of a sample add up.  uv : (n, 2), raster position, in pixels.
+    irradiance : (n,), of a raster without borders at full drive.
+    """
+
+    sample: NDArray[np.int64]
+    uv: FloatArray
+    irradiance: FloatArray
+
+
+def joined(hits: Sequence[Hits]) -> Hits:
+    return Hits(
+        np.concatenate([each.sample for each in hits]),
+        np.concatenate([each.uv for each in hits]),
+        np.concatenate([each.irradiance for each in hits]),
+    )
+
+
+def flux(projector: Pinhole, uv: FloatArray) -> FloatArray:
+    """Of a pixel there at full drive, relative to the middle of the raster."""
+    height, width = projector.size
+    squared = np.sum((uv - (width / 2, height / 2)) ** 2, axis=-1) / (width / 2) ** 2
+    return np.asarray(1 - VIGNETTING * np.minimum(squared, 2))
+
+
+@dataclass(frozen=True)
+class Aperture:
+    """A round lens.
+
+    radius : metres; 0 is a pinhole.  focus : depth of the sharp plane, metres.  points : that stand for the lens.
+    """
+
+    radius: float = 0.0
+    focus: float = 1.0
+    points: int = 1
+
+    def offsets(self) -> FloatArray:
+        """(points, 2), right and down, in a sunflower's order: of equal areas."""
+        index = np.arange(self.points)
+        distance = self.radius * np.sqrt((index + 0.5) / self.points)
+        angle = index * np.pi * (3 - np.sqrt(5))
+        return np.stack([distance * np.cos(angle), distance * np.sin(angle)], axis=1)
+
+
+def direct_hits(
+    projector: Pinhole,
+    aperture: Aperture,
+    points: FloatArray,
+    normals: FloatArray,
+    numbers: NDArray[np.int64],
+    occluders: Sequence[Rectangle],
+) -> Hits:
+    """Light on points of surfaces straight from the projector's lens.
+
+    points, normals : (n, 3).  numbers : (n,), of the samples.  E = flux · cosθ / (r² · solid angle of a pixel), behind
+    an occluder 0. The focal plane is across the projector's axis, so that a pixel's solid angle from any point of the
+    lens goes with the cube of the cosine of the ray's angle to the axis.
+    """
+    found = []
+    for right, down in aperture.offsets():
+        start = projector.position + right * projector.axes[0] + down * projector.axes[1]
+        local = projector.local(points)
+        ahead = local[:, 2] > 0
+        local, at, normal, number = local[ahead], points[ahead], normals[ahead], numbers[ahead]
+        shares = aperture.focus / local[:, 2:]
+        focal = np.array([right, down]) * (1 - shares) + local[:, :2] * shares
+        uv = projector.pixels(np.concatenate([focal, np.full((len(focal), 1), aperture.focus)], axis=1))
+        ray = start - at
+        squared = np.sum(ray**2, axis=1)
+        cosine = np.abs(np.sum(ray * normal, axis=1)) / np.sqrt(squared)
+        leaving = projector.pixels(local - (right, down, 0))  # as if through the middle: the way of the ray alone
+        irradiance = flux(projector, uv) * cosine / (squared * projector.solid_angle(leaving)) / aperture.points
+        dark = np.zeros(len(at), np.bool_)
+        for occluder in occluders:
+            dark |= occluder.blocks(start, at)
+        found.append(Hits(number[~dark], uv[~dark], irradiance[~dark]))
+    return joined(found)
+
+
+def footprints(
+    hits: Hits, samples: int, raster: tuple[int, int], shift: tuple[float, float] = (0, 0), sigma: float = LENS
+) -> sparse.csr_array:
+    """W, (samples, projector pixels): irradiance of each sample for each pixel at full drive.
+
+    shift : how far the projected picture has moved over the room, pixels right and down.
+    """
+    total = sparse.csr_array((samples, raster[0] * raster[1]), dtype=np.float32)
+    order = np.argsort(hits.sample, kind="stable")
+    parts = []
+    for start in range(0, order.size, CHUNK):
+        some = order[start : start + CHUNK]
+        uv = hits.uv[some] - shift
+        (columns, across), (rows, down) = (_spread(uv[:, axis], raster[1 - axis], sigma) for axis in (0, 1))
+        weights = (hits.irradiance[some, None] * down)[:, :, None] * across[:, None, :]
+        pixels = rows[:, :, None] * raster[1] + columns[:, None, :]
+        lit = weights > 0
+        sample = np.broadcast_to(hits.sample[some, None, None], lit.shape)[lit]
+        entries = weights[lit].astype(np.float32), (sample, pixels[lit])
+        parts.append(sparse.csr_array(sparse.coo_array(entries, shape=total.shape)))
+    return sum(parts, total)
+
+
+def _spread(u: FloatArray, pixels: int, sigma: float) -> tuple[NDArray[np.int64], FloatArray]:
+    """The pixels along an axis under a Gaussian around u, and their shares: (n, taps) twice; beyond the raster 0."""
+    reach = CUT * sigma
+    first = np.floor(u - reach).astype(np.int64)
+    edges = first[:, None] + np.arange(int(np.ceil(2 * reach)) + 2)
+    inside = np.clip((edges - u[:, None]) / sigma, -CUT, CUT)
+    below = (ndtr(inside) - ndtr(-CUT)) / (ndtr(CUT) - ndtr(-CUT))
+    indices = edges[:, :-1]
+    shares = np.diff(below, axis=1) * ((indices >= 0) & (indices < pixels))
+    return np.clip(indices, 0, pixels - 1), shares

@@ -1,0 +1,79 @@
+"""The best that the rig's projector can show, from the true T: the least ½ Σ r² over what counts, darkest ≤ p ≤ 1.
+
+The error r of a pixel is how far its light T p is from what will do there, least ≤ b ≤ most.
+Accelerated projected gradient (Beck and Teboulle 2009) with restarts (O'Donoghue and Candès 2015). With g the gradient
+at p, no picture is better by more than G = Σ max(g (p − low), g (p − high)): the certificate that ends it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.rig.rays import FloatArray
+from tests.rig.view import Transport
+
+MOST_STEPS, LOOK_EVERY = 3000, 20
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """drive : (projector pixels, 3).  half_squares : ½ Σ r².  gap : no drive's is smaller by more."""
+
+    drive: FloatArray
+    half_squares: float
+    gap: float
+    steps: int
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is solved.
+
+    least, most : (camera pixels, 3), light of the projector.  counted : (camera pixels,).  darkest, brightest : drive.
+    """
+
+    transport: Transport
+    least: FloatArray
+    most: FloatArray
+    counted: NDArray[np.bool_]
+    darkest: float
+    brightest: float
+
+    def error(self, drive: FloatArray) -> FloatArray:
+        """r, (camera pixels, 3)."""
+        light = self.transport.apply(drive)
+        return np.where(self.counted[:, None], light - np.clip(light, self.least, self.most), 0)
+
+    def clamped(self, drive: FloatArray) -> FloatArray:
+        return np.clip(drive, self.darkest, self.brightest)
+
+    def looked_at(self, drive: FloatArray, steps: int) -> Optimum:
+        error = self.error(drive)
+        slope = self.transport.adjoint(error)
+        gap = np.maximum(slope * (drive - self.darkest), slope * (drive - self.brightest)).sum()
+        return Optimum(drive, float(np.sum(error**2) / 2), float(gap), steps)
+
+
+def box_optimum(problem: Problem, tolerance: float) -> Optimum:
+    """Until G is less than `tolerance` of ½ Σ r²."""
+    transport = problem.transport
+    ones = np.ones((transport.near.shape[1] // 3, 3))
+    # T ≥ 0, so that TᵀT is below the diagonal of its row sums: steps of 1/d never overshoot.
+    d = transport.adjoint(problem.counted[:, None] * transport.apply(ones))
+    step = np.divide(1, d, out=np.zeros_like(d), where=d > 1e-9 * d.max())
+    p = problem.clamped(np.zeros_like(ones))
+    y, momentum = p, 1.0
+    found = problem.looked_at(p, 0)
+    for count in range(1, MOST_STEPS + 1):
+        following = problem.clamped(y - step * transport.adjoint(problem.error(y)))
+        if np.sum((y - following) * (following - p)) > 0:
+            momentum = 1.0
+        grown = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
+        y = following + (momentum - 1) / grown * (following - p)
+        p, momentum = following, grown
+        if count % LOOK_EVERY == 0:
+            found = problem.looked_at(p, count)
+            if found.gap <= tolerance * found.half_squares:
+                break
+    return found

@@ -1,0 +1,106 @@
+"""The product as its user meets it: documented commands in processes of their own, folders and pictures between them.
+
+Every call of a command is here.
+"""
+
+import json
+import re
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.programs import running, script, succeed
+from tests.rig.rig import Rig
+
+WAIT_S, POLL_S = 300, 0.05
+WHITE = re.compile(r"white is a camera radiance of ([\d.e+-]+)")
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A picture as the product would show it.
+
+    codes : (height, width, 3), what goes over the cable.  white : radiance of a white picture.
+    """
+
+    codes: NDArray[np.uint8]
+    white: float
+
+
+def acquire(rig: Rig, folder: Path, *options: str, seed: int = 0) -> str:
+    """Make the calibration `folder`/room with the rig's camera; returns what the command says.
+
+    While the command waits for the captures of a level, the rig photographs the patterns that it has written.
+    """
+    exchange, room = folder / "exchange", folder / "room"
+    height, width = rig.raster
+    words = [
+        "--camera",
+        f"folder:{exchange}",
+        "--projector",
+        f"{width}x{height}",
+        "--wait",
+        WAIT_S,
+        "-o",
+        room,
+        *options,
+    ]
+    log = folder / "acquire.log"
+    with log.open("w") as errors, running(script("acquire-transport"), *words, errors=errors.fileno()) as process:
+        while process.poll() is None:
+            _photograph_new(rig, exchange, seed)
+            time.sleep(POLL_S)
+        assert process.stdout
+        said = process.stdout.read()
+    assert process.returncode == 0, log.read_text()
+    return said
+
+
+def write_response(path: Path, table: list[list[float]]) -> Path:
+    """A projector's measured curve, for --response."""
+    path.write_text(f"response = {json.dumps(table)}\n")
+    return path
+
+
+def build(folder: Path) -> str:
+    return succeed("build-correction-map", folder / "room")
+
+
+def show(folder: Path, picture: Path, *options: str) -> Shown:
+    """`picture` through the room's correction, as eight bits."""
+    drive = folder / "drive.png"
+    said = succeed("play-corrected", folder / "room", picture, "--no-config", "--output", drive, *options)
+    found = WHITE.search(said)
+    assert found, said
+    codes = cv2.imread(str(drive), cv2.IMREAD_COLOR)
+    assert codes is not None, drive
+    return Shown(codes[..., ::-1].copy(), float(found[1]))
+
+
+def show_plain(folder: Path, picture: Path) -> Shown:
+    """As any player would show it."""
+    return show(folder, picture, "--no-compensation")
+
+
+def refining(steps: int) -> tuple[str, ...]:
+    """The options for so many steps of refinement."""
+    return "--refine", str(steps)
+
+
+def _photograph_new(rig: Rig, exchange: Path, seed: int) -> None:
+    """Photograph the patterns that have no capture yet. Captures appear whole: nobody reads half of one."""
+    for path in sorted((exchange / "patterns").glob("[0-9]*.png")):
+        target = exchange / "captures" / path.name
+        if target.exists():
+            continue
+        shown = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        assert shown is not None, path
+        capture = rig.photograph(shown[..., ::-1], seed, int(path.stem))
+        begun = target.with_name(f".{target.name}")
+        fast = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+        assert cv2.imwrite(str(begun), np.ascontiguousarray(capture[..., ::-1]), fast), begun
+        begun.rename(target)

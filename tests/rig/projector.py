@@ -1,0 +1,52 @@
+"""What a projector makes of code values: a curve for each channel, a black that shines, perhaps a white segment."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.rig.rays import FloatArray
+
+FINE_CODES = np.arange(256) / 255
+
+
+@dataclass(frozen=True)
+class Projector:
+    """gammas : of red, green and blue; none: sRGB's curve.  black : light at code 0, a share of full drive.
+
+    white_segment : w; codes of which the darkest gives m show w m² of white beside what they say (0: no segment). Full
+    white is then 1 + w.  lamp : what age and warmth leave of the light.
+    """
+
+    gammas: tuple[float, float, float] | None = (2.1, 2.2, 2.35)
+    black: float = 0.002
+    white_segment: float = 0.0
+    lamp: float = 1.0
+
+    def curve(self, codes: FloatArray) -> FloatArray:
+        """Light above black of codes 0..1, white being 1: the last axis is the channel."""
+        if self.gammas is None:
+            return np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)  # IEC 61966-2-1
+        return np.asarray(codes ** np.asarray(self.gammas))
+
+    def light(self, codes: NDArray[np.uint8]) -> FloatArray:
+        """Drive of each primary: (height, width, 3) codes -> (projector pixels, 3)."""
+        shown = self.curve(codes.reshape(-1, 3) / 255.0)
+        shown = shown + self.white_segment * shown.min(axis=1, keepdims=True) ** 2
+        return np.asarray(self.lamp * (self.black + (1 - self.black) * shown))
+
+    @property
+    def brightest(self) -> float:
+        """Light of full white."""
+        return self.lamp * (self.black + (1 - self.black) * (1 + self.white_segment))
+
+    def nearest_codes(self, light: FloatArray, raster: tuple[int, int]) -> NDArray[np.uint8]:
+        """The codes whose light is nearest, without the white segment: (projector pixels, 3) -> (height, width, 3)."""
+        table = self.black + (1 - self.black) * self.curve(np.repeat(FINE_CODES[:, None], 3, axis=1))
+        middles = (table[1:] + table[:-1]) / 2
+        codes = [np.searchsorted(middles[:, i], light[:, i] / self.lamp) for i in range(3)]
+        return np.stack(codes, axis=1).astype(np.uint8).reshape(*raster, 3)
+
+    def response_table(self) -> list[list[float]]:
+        """The curve at every code, as a measurement would give it: 256 rows of red, green and blue."""
+        return [[float(value) for value in row] for row in self.curve(np.repeat(FINE_CODES[:, None], 3, axis=1))]

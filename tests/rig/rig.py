@@ -1,0 +1,113 @@
+"""A rig: a projector in a room, the camera that calibrates, and the audience."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.rig.light import LIGHTS
+from tests.rig.projector import Projector
+from tests.rig.rays import FloatArray
+from tests.rig.rooms import Room
+from tests.rig.sensor import Sensor
+from tests.rig.view import Shift, Transport, Truth, View
+
+EXPOSED = 0.9  # of full scale, by the brightest pixel of the floodlit room
+PAPER = 0.9  # reflectance of the paper whose floodlit light the room's light is a share of
+
+
+@dataclass(frozen=True)
+class Devices:
+    """What stands in a room, and how it stands there now.
+
+    light : of LIGHTS.  room_light : a share of a floodlit white's.  shift : of the projector's picture, in its pixels.
+    camera_moved : by samples, quarters of a pixel, right and down.
+    """
+
+    light: str = "separate"
+    projector: Projector = field(default_factory=Projector)
+    sensor: Sensor = field(default_factory=Sensor)
+    room_light: float = 0.01
+    shift: Shift = (0.0, 0.0)
+    camera_moved: tuple[int, int] = (0, 0)
+
+
+class Rig:
+    """A room with devices.
+
+    Radiance is in the calibrated camera's full scale throughout. exposure : full scale of light; None: so that the
+    floodlit room just fits, as a person would set it. A rig that has changed keeps what was set before.
+    """
+
+    def __init__(self, room: Room, devices: Devices, exposure: float | None = None) -> None:
+        self.room, self.devices = room, devices
+        self.light = LIGHTS[devices.light]()
+        self._truth = Truth(room, self.light, devices.shift)
+        self.exposure = exposure if exposure is not None else self._set_exposure()
+
+    def after(self, devices: Devices) -> "Rig":
+        """The same rig with devices that have changed meanwhile."""
+        return Rig(self.room, devices, self.exposure)
+
+    @property
+    def camera(self) -> tuple[int, int]:
+        return self.room.lattice.camera
+
+    @property
+    def raster(self) -> tuple[int, int]:
+        return self.room.raster
+
+    @cached_property
+    def calibrated(self) -> View:
+        return View(self._truth, self.room.lattice.calibrated())
+
+    @cached_property
+    def audience(self) -> View:
+        return View(self._truth, self.room.lattice.wide())
+
+    @cached_property
+    def transport(self) -> Transport:
+        """T of the calibrated camera in full scales."""
+        return self.calibrated.transport().scaled(self.exposure)
+
+    @cached_property
+    def ambient(self) -> FloatArray:
+        """The room's light as the calibrated camera sees it, without the projector: (camera pixels, 3)."""
+        return self.calibrated.ambient() * self._ambient_scale
+
+    def seen(self, codes: NDArray[np.uint8]) -> FloatArray:
+        """What the calibrated camera gets, without noise: (height, width, 3) codes -> (camera pixels, 3)."""
+        return self.transport.apply(self.devices.projector.light(codes)) + self.ambient
+
+    def seen_by_audience(self, codes: NDArray[np.uint8]) -> FloatArray:
+        """(audience pixels, 3)."""
+        light = self.devices.projector.light(codes)
+        return self.exposure * self.audience.rise(light) + self._ambient_scale * self.audience.ambient()
+
+    def photograph(self, codes: NDArray[np.uint8], *seed: int) -> NDArray[np.uint16]:
+        """A capture of the calibrated camera as it is stored: (camera height, camera width, 3), 16 bits."""
+        moved = self.devices.camera_moved
+        seen = self.seen(codes) if moved == (0, 0) else self._seen_from_elsewhere(codes)
+        rng = np.random.default_rng(seed)
+        return self.devices.sensor.codes(seen.reshape(*self.camera, 3), self.light.weakness, rng)
+
+    def _seen_from_elsewhere(self, codes: NDArray[np.uint8]) -> FloatArray:
+        view = View(self._truth, self.room.lattice.calibrated(self.devices.camera_moved))
+        light = self.devices.projector.light(codes)
+        return self.exposure * view.rise(light) + self._ambient_scale * view.ambient()
+
+    @property
+    def _ambient_scale(self) -> float:
+        """The room's light relative to paper under the projector's floodlight."""
+        return self.devices.room_light * self.exposure * self._bright / PAPER
+
+    @cached_property
+    def _bright(self) -> float:
+        return float(np.percentile(self.calibrated.direct_rise().mean(axis=1), 90))
+
+    def _set_exposure(self) -> float:
+        white = self.devices.projector.light(np.full((*self.raster, 3), 255, np.uint8))
+        self.exposure = 1.0
+        brightest = np.max(self.calibrated.rise(white) + self._ambient_scale * self.calibrated.ambient())
+        return float(EXPOSED / brightest)

@@ -1,0 +1,33 @@
+"""A camera's sensor: electrons, their noise, and code values."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.rig.rays import FloatArray
+
+STORED_BITS = 16
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Linear. full_well : electrons at full scale; 0 is a sensor without noise.  read_noise : electrons."""
+
+    bits: int = 14
+    full_well: float = 20000.0
+    read_noise: float = 5.0
+
+    def codes(self, radiance: FloatArray, weakness: FloatArray, rng: np.random.Generator) -> NDArray[np.uint16]:
+        """What is stored of radiance, full scale being 1: (…, 3), in the upper bits of 16.
+
+        weakness : (3,), by how much each channel is amplified: so many times fewer electrons for the same code.
+        """
+        seen = np.asarray(radiance, np.float64)
+        if self.full_well:
+            electrons = seen * self.full_well / weakness
+            noisy = rng.poisson(np.maximum(electrons, 0)) + rng.normal(0, self.read_noise, seen.shape)
+            seen = noisy * weakness / self.full_well
+        top = (1 << self.bits) - 1
+        levels = np.clip(np.rint(seen * top), 0, top).astype(np.uint32)
+        return np.asarray(levels * ((1 << STORED_BITS) - 1) // top, np.uint16)

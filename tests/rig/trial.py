@@ -1,0 +1,123 @@
+"""One trial: the product acquires a room, builds, shows pictures under each fault, and is judged."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.rig import product
+from tests.rig.asked import Asked
+from tests.rig.faults import Fault
+from tests.rig.judge import Figures, Judge, Outside
+from tests.rig.optimum import Problem, box_optimum
+from tests.rig.pictures import PICTURES, Picture
+from tests.rig.rig import Rig
+from tests.rig.rooms import Room
+
+TOLERANCE = 0.01  # of the optimum's squared error: 0.04 dB
+AMPLIFIED = 8  # errors in a sheet
+SWEPT = "astronaut"  # the picture that is shown after various steps: bright to the raster's border
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Of one picture.
+
+    product, optimum : of what is shown, 8-bit codes both.  beside, plain_beside : light outside the picture, the
+    product's and that of the picture as any player would show it.  by_steps, beside_by_steps : the same
+    after so many steps of refinement, of one picture.
+    """
+
+    room: str
+    fault: str
+    picture: str
+    product: Figures
+    optimum: Figures
+    beside: Outside
+    plain_beside: Outside
+    by_steps: dict[int, Figures]
+    beside_by_steps: dict[int, Outside]
+
+    @property
+    def distance(self) -> float:
+        """dB below the rig's own optimum."""
+        return self.optimum.psnr - self.product.psnr
+
+
+def trial(
+    room: Room, faults: Sequence[Fault], folder: Path, steps: Sequence[int], sheets: Path | None
+) -> Iterator[Verdict]:
+    """Faults that share a calibration, and all pictures; `folder` is filled. sheets : where pictures are drawn."""
+    first = faults[0]
+    rig = Rig(room, first.devices)
+    product.acquire(rig, folder, *_given(first, folder))
+    product.build(folder)
+    for fault in faults:
+        judge = Judge(rig if fault.now == fault.devices else rig.after(fault.now))
+        for make in PICTURES.values():
+            picture = make(rig.camera)
+            picture.write(folder / f"{picture.name}.png")
+            seen = _Seen(judge, picture, folder)
+            yield seen.verdict(fault.name, steps if picture.name == SWEPT else ())
+            if sheets is not None:
+                seen.draw(sheets / f"{room.name}-{fault.name}-{picture.name}.png")
+
+
+def _given(fault: Fault, folder: Path) -> tuple[str, ...]:
+    if fault.given == "table":
+        table = fault.devices.projector.response_table()
+        return "--response", str(product.write_response(folder / "response.toml", table))
+    return ("--response", fault.given) if fault.given else ()
+
+
+class _Seen:
+    """A picture in a room: as the product shows it by default, as any player would, and as it could be at best."""
+
+    def __init__(self, judge: Judge, picture: Picture, folder: Path) -> None:
+        self._judge, self._rig, self._picture = judge, judge.rig, picture
+        self._folder, self._path = folder, folder / f"{picture.name}.png"
+        self._shown = product.show(folder, self._path)
+        self._plain = product.show_plain(folder, self._path).codes
+        self._question = judge.asks(picture, self._shown.white, self._plain)
+        self._best = _best(judge.rig, self._question.near)
+
+    def verdict(self, fault: str, steps: Sequence[int]) -> Verdict:
+        tried = {count: product.show(self._folder, self._path, *product.refining(count)).codes for count in steps}
+        return Verdict(
+            self._rig.room.name,
+            fault,
+            self._picture.name,
+            self._judge.figures(self._question, self._shown.codes),
+            self._judge.figures(self._question, self._best),
+            self._judge.outside(self._question, self._shown.codes),
+            self._judge.outside(self._question, self._plain),
+            {count: self._judge.figures(self._question, codes) for count, codes in tried.items()},
+            {count: self._judge.outside(self._question, codes) for count, codes in tried.items()},
+        )
+
+    def draw(self, path: Path) -> None:
+        """A sheet of what the audience sees: asked, plain, product; optimum, the product's error × 8, its drive."""
+        wide = self._question.wide
+        plain, product_, best = (
+            self._rig.seen_by_audience(codes) for codes in (self._plain, self._shown.codes, self._best)
+        )
+        error = np.abs(wide.error(product_)) / wide.white * AMPLIFIED
+        drawn = [self._drawn(light, wide.white) for light in (wide.most, plain, product_, best)]
+        size = drawn[0].shape[1::-1]
+        drawn.append(np.rint(255 * np.clip(error, 0, 1)).astype(np.uint8).reshape(drawn[0].shape))
+        drawn.append(np.asarray(cv2.resize(self._shown.codes, size, interpolation=cv2.INTER_NEAREST), np.uint8))
+        sheet = np.concatenate([np.concatenate(drawn[:3], axis=1), np.concatenate(drawn[3:], axis=1)])
+        assert cv2.imwrite(str(path), np.ascontiguousarray(sheet[..., ::-1])), path
+
+    def _drawn(self, light: NDArray[np.float64], white: float) -> NDArray[np.uint8]:
+        return self._judge.srgb(light, white).reshape(*self._rig.room.lattice.audience, 3)
+
+
+def _best(rig: Rig, asked: Asked) -> NDArray[np.uint8]:
+    projector = rig.devices.projector
+    limits = projector.lamp * projector.black, projector.lamp
+    problem = Problem(rig.transport, asked.least - rig.ambient, asked.most - rig.ambient, asked.counted, *limits)
+    return projector.nearest_codes(box_optimum(problem, TOLERANCE).drive, rig.raster)

@@ -1,0 +1,179 @@
+"""The truth: what a camera sees of a projector's light in a room, c_k = Σ_l T_kl p_l + e_k.
+
+T = A · diag(M(s)) · (W + S G D): W the footprints on the samples, D on the patches, G all bounces between them, S where
+samples see patches, M(s) the mixing of a sample's paint, A the camera's pixels as means of samples. Light is
+(pixels, 3) throughout: (projector pixels, primary) or (camera pixels, channel).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from tests.rig.footprints import footprints
+from tests.rig.light import Light, pigments, room_light
+from tests.rig.radiosity import bounced
+from tests.rig.rays import FloatArray
+from tests.rig.rooms import Room
+
+Shift = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Indirect:
+    """Light that has bounced between patches: S G D.
+
+    gather : D, (patches, projector pixels).  scatter : S, (samples, patches).  mix : G, (pigments, camera channel,
+    primary, patches, patches), Σ_λ C ρ P (I − F R_λ)⁻¹ F R_λ: it has taken on the walls' colours, and mixes otherwise.
+    """
+
+    gather: sparse.csr_array
+    mix: NDArray[np.float32]
+    scatter: sparse.csr_array
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A room under a light, with the projector's picture shifted by some pixels over it."""
+
+    room: Room
+    light: Light
+    shift: Shift = (0.0, 0.0)
+
+    @property
+    def direct(self) -> sparse.csr_array:
+        """W, (samples, projector pixels)."""
+        return _direct(self.room, self.shift)
+
+    @cached_property
+    def unbounded(self) -> FloatArray:
+        """(samples,): direct irradiance under a raster without borders."""
+        hits = self.room.hits
+        return np.bincount(hits.sample, hits.irradiance, minlength=len(self.room.paint))
+
+    @cached_property
+    def mixing(self) -> FloatArray:
+        """(pigments, camera channel, primary)."""
+        return self.light.mixing(pigments())
+
+    @cached_property
+    def indirect(self) -> Indirect | None:
+        bounces = self.room.bounces
+        if bounces is None:
+            return None
+        hits = footprints(bounces.hits, bounces.gather.shape[1], self.room.raster, self.shift)
+        spectra, count = pigments(), len(bounces.factors)
+        mix = np.zeros((len(spectra), 3, 3, count, count), np.float32)
+        for band in np.flatnonzero(self.light.primaries.any(axis=0) & self.light.sensitivities.any(axis=0)):
+            path = bounced(bounces.factors, bounces.paint @ spectra[:, band]).astype(np.float32)
+            weights = self.light.mixing(spectra * (np.arange(spectra.shape[1]) == band))
+            for index in np.argwhere(weights > 1e-6 * self.mixing.max()):
+                mix[tuple(index)] += np.float32(weights[tuple(index)]) * path
+        return Indirect(sparse.csr_array(bounces.gather @ hits, dtype=np.float32), mix, bounces.scatter)
+
+
+@lru_cache(maxsize=8)  # the rooms of a table under its lights
+def _direct(room: Room, shift: Shift) -> sparse.csr_array:
+    return footprints(room.hits, len(room.paint), room.raster, shift)
+
+
+class View:
+    """What one camera sees of a truth. pixels : A, (camera pixels, samples)."""
+
+    def __init__(self, truth: Truth, pixels: sparse.csr_array) -> None:
+        self._truth, self._pixels = truth, pixels
+        self._paint = truth.room.paint
+
+    def rise(self, drive: FloatArray) -> FloatArray:
+        """T p: (projector pixels, 3) -> (camera pixels, 3)."""
+        drive, mixing = np.asarray(drive, np.float32), self._truth.mixing.astype(np.float32)
+        seen = np.einsum("sq,qkl,sl->sk", self._paint, mixing, self._truth.direct @ drive, optimize=True)
+        far = self._truth.indirect
+        if far is not None:
+            arriving = np.einsum("qklnm,ml->nqk", far.mix, far.gather @ drive, optimize=True)
+            scattered = far.scatter @ arriving.reshape(len(arriving), -1)
+            seen += np.einsum("sq,sqk->sk", self._paint, scattered.reshape(len(seen), -1, 3))
+        return np.asarray(self._pixels @ seen, np.float64)
+
+    def ambient(self) -> FloatArray:
+        """The room's own light, white being 1: (camera pixels, 3)."""
+        return np.asarray(self._pixels @ (self._paint @ self._truth.light.seen(room_light(), pigments())), np.float64)
+
+    def coverage(self) -> FloatArray:
+        """(camera pixels,), 0..1: of the direct light of a raster without borders, what the raster gives."""
+        white = self._paint.sum(axis=1)
+        given, all_ = (
+            self._pixels @ (white * light) for light in (self._truth.direct.sum(axis=1), self._truth.unbounded)
+        )
+        return np.asarray(np.divide(given, all_, out=np.zeros(len(given)), where=all_ > 0), np.float64)
+
+    def direct_rise(self) -> FloatArray:
+        """Under full drive, without what has bounced: (camera pixels, 3)."""
+        light = self._truth.direct.sum(axis=1)[:, None]
+        white = self._paint @ self._truth.mixing.sum(axis=2)
+        return np.asarray(self._pixels @ (white * light), np.float64)
+
+    def transport(self) -> "Transport":
+        """T as matrices, for many products."""
+        mixing = self._truth.mixing
+        channels = mixing.transpose(1, 2, 0).astype(np.float32)  # each (primary, pigments)
+        direct = self._truth.direct
+        blocks = [[self._weighted(self._paint @ primary) @ direct for primary in channel] for channel in channels]
+        return Transport(sparse.csr_array(sparse.block_array(blocks, format="csr")), self._far_parts())
+
+    def _weighted(self, colour: NDArray[np.float32]) -> sparse.csr_array:
+        """A · diag(colour), without what is 0."""
+        weighted = self._pixels.copy()
+        weighted.data = weighted.data * colour[weighted.indices]
+        weighted.eliminate_zeros()
+        return weighted
+
+    def _far_parts(self) -> "tuple[sparse.csr_array, NDArray[np.float32], sparse.csr_array] | None":
+        far = self._truth.indirect
+        if far is None:
+            return None
+        used = np.flatnonzero(self._paint.any(axis=0))  # pigments
+        spread = [self._weighted(self._paint[:, pigment]) @ far.scatter for pigment in used]
+        patches = far.mix.shape[-1]
+        mix = far.mix[used].transpose(1, 0, 3, 2, 4).reshape(3 * len(used) * patches, 3 * patches)
+        scatter, gather = (
+            sparse.csr_array(sparse.block_diag([each] * 3, format="csr"))
+            for each in (sparse.hstack(spread), far.gather)
+        )
+        return scatter, np.ascontiguousarray(mix), gather
+
+
+@dataclass(frozen=True)
+class Transport:
+    """T = near + U G D over stacked channels: (3 · camera pixels, 3 · projector pixels), float32."""
+
+    near: sparse.csr_array
+    far: tuple[sparse.csr_array, NDArray[np.float32], sparse.csr_array] | None = None
+
+    def scaled(self, factor: float) -> "Transport":
+        far = None if self.far is None else (self.far[0], self.far[1] * np.float32(factor), self.far[2])
+        return Transport(self.near * np.float32(factor), far)
+
+    @cached_property
+    def _turned(self) -> tuple[sparse.csr_array, ...]:
+        matrices = [self.near] if self.far is None else [self.near, self.far[0], self.far[2]]
+        return tuple(sparse.csr_array(matrix.T) for matrix in matrices)
+
+    def apply(self, drive: FloatArray) -> FloatArray:
+        """(projector pixels, 3) -> (camera pixels, 3)."""
+        stacked = np.ascontiguousarray(drive.T, np.float32).ravel()
+        seen = self.near @ stacked
+        if self.far is not None:
+            scatter, mix, gather = self.far
+            seen = seen + scatter @ (mix @ (gather @ stacked))
+        return np.asarray(seen.reshape(3, -1).T, np.float64)
+
+    def adjoint(self, light: FloatArray) -> FloatArray:
+        """Tᵀ: (camera pixels, 3) -> (projector pixels, 3)."""
+        stacked = np.ascontiguousarray(light.T, np.float32).ravel()
+        back = self._turned[0] @ stacked
+        if self.far is not None:
+            back = back + self._turned[2] @ (self.far[1].T @ (self._turned[1] @ stacked))
+        return np.asarray(back.reshape(3, -1).T, np.float64)
