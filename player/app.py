@@ -24,6 +24,7 @@ from player.picture import Picture
 from player.placement import Corners, corners_of, read_placement, write_placement
 from player.refinement import Certificate, default_start
 from player.renderer import Renderer, Room, place
+from player.show.media import Media
 from player.show.options import Steps, image_display_duration, monitors_of, one_medium, picture_of, read_options
 from player.show.outline import lit_by
 from player.show.playlist import Playlist
@@ -220,7 +221,7 @@ def play_in_window(
         try:
             session = Session(
                 Playlist(options.media, loop=options.loop and len(options.media) > 1, start=options.playlist_start),
-                lambda medium, loop: MediaReader.open(medium, loop=loop, frames_per_second=options.fps, tolerant=True),
+                Media(options.border, options.fps),
                 renderer,
                 window,
                 setup=replace(_setup(options, room, picture), silence=silence),
@@ -252,6 +253,7 @@ def _setup(options: argparse.Namespace, room: Room, picture: Picture) -> Setup:
         compensation=options.compensation,
         refine="auto" if options.refine == "auto" else _fixed_steps(options.refine, room),
         picture=picture,
+        lasting=options.lasting,
         loop_file=options.loop and len(options.media) == 1,
         speed=options.speed,
         start_s=options.start,

@@ -23,7 +23,13 @@ class Lamp:
     """A registry of a few commands and properties."""
 
     def __init__(self) -> None:
-        self.values: dict[str, Any] = {"brightness": 0, "pause": False, "gap": 0.25, "path": "a.mp4", "playlist-pos": 0}
+        self.values: dict[str, Any] = {
+            "brightness": 0,
+            "pause": False,
+            "gap": 0.25,
+            "path": "a.mp4",
+            "playlist-playing-pos": 0,
+        }
         self.asked = 0
 
     def names(self) -> Mapping[str, str]:
@@ -202,7 +208,7 @@ def test_the_next_file_is_told_unless_it_is_not_wanted(connect: Callable[[], Cli
     hears, deaf = connect(), connect()
     assert deaf.ask("disable_event", "start-file")["error"] == "success"
     assert hears.silent()
-    lamp.values |= {"path": "b.mp4", "playlist-pos": 1}
+    lamp.values |= {"path": "b.mp4", "playlist-playing-pos": 1}
     assert hears.line() == {"event": "end-file"}
     assert hears.line() == {"event": "start-file", "path": "b.mp4"}
     assert deaf.line() == {"event": "end-file"}

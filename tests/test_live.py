@@ -11,12 +11,14 @@ import av
 import numpy as np
 import pytest
 
+from player.decoding.laps import LIVE_SLOTS
 from player.decoding.live import LiveAddress, live_address
 from player.errors import InputError
+from player.medium import Border, Medium
 from player.show.playback import Playback
 from player.show.playlist import expand
 from player.show.session_inputs import Setup
-from player.video import LIVE_SLOTS, Frame, MediaReader
+from player.video import Frame, MediaReader
 from tests.ffmpeg_frames import ffmpeg_frame
 from tests.stage import Reader, Stage
 
@@ -31,18 +33,23 @@ def next_frame(reader: MediaReader) -> Frame:
 
 
 def test_what_is_live() -> None:
-    assert live_address("v4l2:/dev/video0") == LiveAddress("/dev/video0", "v4l2")
-    assert live_address("lavfi:testsrc=size=64x48") == LiveAddress("testsrc=size=64x48", "lavfi")
-    for address in ("rtsp://camera/stream", "udp://@239.0.0.1:5000", "srt://host:9000"):
-        assert live_address(address) == LiveAddress(address, None)
-        assert expand([address]) == [address]
+    assert live_address("v4l2:/dev/video0") == LiveAddress("/dev/video0", "v4l2", "file")
+    assert live_address("lavfi:testsrc=size=64x48") == LiveAddress("testsrc=size=64x48", "lavfi", "file")
+    for address, protocols in (
+        ("rtsp://camera/stream", "rtp,srtp,udp,tcp"),
+        ("udp://@239.0.0.1:5000", "udp"),
+        ("srt://host:9000", "srt"),
+    ):
+        assert live_address(address) == LiveAddress(address, None, protocols)
+        assert expand([Medium(address)], Border()) == [Medium(address)]
     for name in ("clip.mp4", "/dev/video99", "v4l2:", "C:/film.mp4", "https://host/film.mp4", "udp.mp4"):
         assert live_address(name) is None
 
 
 def test_addresses_in_a_list_are_not_paths(tmp_path: Path) -> None:
     (tmp_path / "list.txt").write_text("lavfi:testsrc\nrtsp://camera/1\nclip.mp4\n")
-    assert expand([str(tmp_path / "list.txt")]) == ["lavfi:testsrc", "rtsp://camera/1", str(tmp_path / "clip.mp4")]
+    found = expand([Medium(str(tmp_path / "list.txt"))], Border())
+    assert [medium.name for medium in found] == ["lavfi:testsrc", "rtsp://camera/1", str(tmp_path / "clip.mp4")]
 
 
 def test_pictures_come_without_end_at_the_time_of_their_arrival() -> None:

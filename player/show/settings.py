@@ -10,7 +10,7 @@ from player.files import read_toml
 from player.show.commands import CommandError, nearest
 from player.show.keys import check_bindings
 
-NOT_SETTINGS = ("help", "config", "list-monitors", "output")
+NOT_SETTINGS = ("help", "config", "list-monitors", "output", "supervised")
 KEYS_TABLE = "keys"
 
 

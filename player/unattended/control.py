@@ -99,7 +99,7 @@ class ControlServer:
             self._playing = None
             return
         known = _Values(commands)
-        playing = known["playlist-pos"], known["path"]
+        playing = known["playlist-playing-pos"], known["path"]
         if self._playing not in (None, playing):
             for client in self._clients:
                 client.tell("end-file")

@@ -254,14 +254,14 @@ class Supervisor:
 def supervise(arguments: Sequence[str], *, safe: str, monitors: Sequence[str], notify_socket: str | None) -> int:
     """Run `play-corrected ARGUMENTS` under supervision; returns its exit code.
 
-    arguments : the whole command line, `--supervise` included; the player is told `--no-supervise` behind it.
+    arguments : the whole command line, `--supervise` included; the player is told behind it that it is supervised.
     safe : one of SAFE.  monitors : where black is shown; none for the primary one.
     """
     python = [sys.executable, "-P", "-m"]
     plain_options = "--no-compensation", "--refine=0", "--view=projector"
 
     def play(resume: Sequence[str], *options: str) -> list[str]:
-        return [*python, "player.app", *with_options(arguments, "--no-supervise", *options, *resume)]
+        return [*python, "player.app", *with_options(arguments, "--no-supervise", "--supervised", *options, *resume)]
 
     def plain(resume: Sequence[str]) -> list[str]:
         return play(resume, *plain_options)
