@@ -63,16 +63,20 @@ def _show(options: argparse.Namespace) -> None:
         raise InputError(f"{options.stats.parent}: no such folder for --stats; make it first")
     if options.calibration is None or not options.media:
         raise InputError("play-corrected: needs a CALIBRATION and MEDIA; see play-corrected --help")
-    room = room_of(options)
     picture = replace(picture_of(options), corners=read_placement(options.calibration))
-    print(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white is None else ''}")
     if options.output:
-        stats = _render(options, room, picture)
+        stats = _render(options, _room_told(options), picture)
     else:
         with _attached(options) as (remotes, heartbeat):
-            stats = play_in_window(options, room, picture, remotes=remotes, heartbeat=heartbeat)
+            stats = play_in_window(options, _room_told(options), picture, remotes=remotes, heartbeat=heartbeat)
     if options.stats is not None:
         stats.write(options.stats)
+
+
+def _room_told(options: argparse.Namespace) -> Room:
+    room = room_of(options)
+    print(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white is None else ''}")
+    return room
 
 
 @contextmanager
@@ -146,7 +150,7 @@ def _render(options: argparse.Namespace, room: Room, picture: Picture) -> Stats:
         stats = _render_medium(options, reader, room, picture)
         for notice in reader.notices():
             print(notice, file=sys.stderr)
-            stats.notices.append(notice)
+            stats.notice(notice)
     return stats
 
 
@@ -196,15 +200,20 @@ def play_in_window(
 
     named, projectors = monitors_of(options), room.calibration.projectors
     path = options.path or "auto"
-    with open_display(
-        room.calibration.regions,
-        "Counterlight",
-        monitors=named or [projector.monitor or str(number) for number, projector in enumerate(projectors)],
-        there=bool(named),
-        fullscreen=options.fullscreen,
-        exact=not options.any_size,
-        vsync=options.vsync,
-    ) as window:
+    with ExitStack() as stack:
+        display = open_display(
+            room.calibration.regions,
+            "Counterlight",
+            monitors=named or [projector.monitor or str(number) for number, projector in enumerate(projectors)],
+            there=bool(named),
+            fullscreen=options.fullscreen,
+            exact=not options.any_size,
+            vsync=options.vsync,
+        )
+        window = stack.enter_context(display)
+        audio, silence = open_audio(options.volume, mute=options.mute) if options.audio else (None, None)
+        if audio is not None:
+            stack.callback(audio.close)
 
         def renewed(fresh: Room) -> Renderer:
             """A renderer of the room as it is now; the window takes its shader anew if nothing is damaged."""
@@ -216,35 +225,26 @@ def play_in_window(
                 raise
             return renderer
 
-        renderer: Renderer = GlRenderer(window.context, room, path)
-        audio, silence = open_audio(options.volume, mute=options.mute) if options.audio else (None, None)
-        try:
-            session = Session(
-                Playlist(options.media, loop=options.loop and len(options.media) > 1, start=options.playlist_start),
-                Media(options.border, options.fps),
-                renderer,
-                window,
-                setup=replace(_setup(options, room, picture), silence=silence),
-                site=_RoomInUse(options, room, renewed).site(),
-                bindings=options.keys,
-                remotes=remotes,
-                heartbeat=heartbeat,
-                audio=audio,
-            )
+        session = Session(
+            Playlist(options.media, loop=options.loop and len(options.media) > 1, start=options.playlist_start),
+            Media(options.border, options.fps),
+            GlRenderer(window.context, room, path),
+            window,
+            setup=replace(_setup(options, room, picture), silence=silence),
+            site=_RoomInUse(options, room, renewed).site(),
+            bindings=options.keys,
+            remotes=remotes,
+            heartbeat=heartbeat,
+            audio=audio,
+        )
+        del room  # a reload shall free it
 
-            def shown() -> Any:
-                assert isinstance(session.renderer, GlRenderer)
-                return session.renderer.encoded_texture
+        def shown() -> Any:
+            assert isinstance(session.renderer, GlRenderer)
+            return session.renderer.encoded_texture
 
-            window.attach(shown, lambda: session.rendered_view == "projector")
-            try:
-                return session.run(options.frames)
-            finally:
-                session.renderer.release()
-        finally:
-            if audio is not None:
-                audio.close()
-            renderer.release()
+        window.attach(shown, lambda: session.rendered_view == "projector")
+        return session.run(options.frames)
 
 
 def _setup(options: argparse.Namespace, room: Room, picture: Picture) -> Setup:

@@ -16,6 +16,7 @@ from player.show.lookup import MOST_WAITING, LookUp
 from player.show.media import Media
 from player.show.programme import LIST_S, LONGEST_RETRY_S, RETRY_S
 from player.show.session_inputs import Setup
+from player.stats import MOST_NOTICES
 from tests.stage import Reader, Stage
 
 SLOW_S = 3.0
@@ -218,6 +219,13 @@ def test_a_medium_that_breaks_off_at_once_is_not_tried_without_end() -> None:
     stage = Stage(Reader("a", count=500, fails_at=1), setup=Setup(loop_file=True))
     stage.advance(60.0)
     assert 4 <= len(stage.begun) <= 7  # after 1, 2, 4, 8, 16 and 30 s
+
+
+def test_the_lines_of_months_take_a_bounded_room() -> None:
+    stage = Stage(Reader("x", error="x: gone"), Reader("a", count=2), loop_list=True)
+    for _ in range(MOST_NOTICES + 10):
+        stage.session.notice("x: gone")
+    assert len(stage.session.stats.notices) == MOST_NOTICES
 
 
 def test_a_medium_that_breaks_off_late_is_tried_again_soon() -> None:

@@ -134,7 +134,7 @@ class _Actions:
             session.replace_renderer(renderer)
         except Exception as error:  # an edited shader can go wrong in any way
             line = session.not_reloaded(error)
-            session.stats.notices.append(line)
+            session.stats.notice(line)
             raise CommandError(line) from None
         return "maps and shaders reloaded"
 

@@ -4,11 +4,9 @@ Which frame is due is playback.py's to say, what comes next programme.py's, what
 controls.py's. Knows no OpenGL; a display and a clock are handed in.
 """
 
-import gc
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from player.errors import InputError
@@ -19,6 +17,7 @@ from player.refinement import Certificate, StepBudget
 from player.renderer import Renderer
 from player.show import controls
 from player.show.keys import Keys
+from player.show.memory import give_back, short_collections
 from player.show.osd import Message, Page
 from player.show.overlay import Overlay
 from player.show.placing import Placing
@@ -135,14 +134,14 @@ class Session:
                 return
 
     def close(self) -> None:
-        """End the decoder. The renderer belongs to whoever made it, except one that reload brought."""
+        """End the decoders, and release the renderer: it has been the session's since that began."""
         self.programme.close()
         if self.playback is not None:
             self.playback.close()
             self._collect_notices()
-        if self._incoming is not None:
-            self._incoming.release()
-            self._incoming = None
+        for renderer in filter(None, (self._incoming, self.renderer)):
+            renderer.release()
+        self._incoming = None
 
     def step(self) -> None:
         """Take the frame that is due, if any, and show it; draw again what a key or a remote changed."""
@@ -189,7 +188,7 @@ class Session:
         """Something that went wrong without stopping the show: for the log, the statistics and the screen."""
         text = " ".join(text.splitlines())  # whatever a file is called
         print(text, file=sys.stderr)
-        self.stats.notices.append(text)
+        self.stats.notice(text)
         self.say(text, 3.0)
 
     def changed(self) -> None:
@@ -322,6 +321,7 @@ class Session:
             return False
         self.renderer.release()
         self.renderer = incoming
+        give_back()
         return True
 
     def _draw(self, frame: Frame | None) -> None:
@@ -384,14 +384,3 @@ class Session:
         if self.refine != "auto" or self.playback is None:
             return None
         return StepBudget(1 / self.playback.reader.info.frames_per_second)
-
-
-@contextmanager
-def short_collections() -> Iterator[None]:
-    """Keep what is alive now out of garbage collections, which then take a fraction of a frame's time."""
-    gc.collect()
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
