@@ -16,7 +16,7 @@ from player import calibration as calibrations
 from player import maps
 from player.audio import open_audio
 from player.calibration import Region
-from player.command import run
+from player.command import run, tell
 from player.cpu_renderer import CpuRenderer
 from player.errors import InputError
 from player.headless import render_to_file
@@ -67,28 +67,30 @@ def _show(options: argparse.Namespace) -> None:
     if options.output:
         stats = _render(options, _room_told(options), picture)
     else:
-        with _attached(options) as (remotes, heartbeat):
-            stats = play_in_window(options, _room_told(options), picture, remotes=remotes, heartbeat=heartbeat)
+        with _attached(options) as (remotes, heartbeat, farewell):
+            stats = play_in_window(
+                options, _room_told(options), picture, remotes=remotes, heartbeat=heartbeat, farewell=farewell
+            )
     if options.stats is not None:
         stats.write(options.stats)
 
 
 def _room_told(options: argparse.Namespace) -> Room:
     room = room_of(options)
-    print(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white is None else ''}")
+    tell(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white is None else ''}", sys.stdout)
     return room
 
 
 @contextmanager
-def _attached(options: argparse.Namespace) -> Iterator[tuple[list[ControlServer], Heartbeat]]:
-    """Who commands the show from elsewhere, and who is told how it goes."""
+def _attached(options: argparse.Namespace) -> Iterator[tuple[list[ControlServer], Heartbeat, Callable[[], None]]]:
+    """Who commands the show from elsewhere, who is told how it goes, and what tells both that it is over."""
     with ExitStack() as stack:
         heartbeat = Heartbeat(options.heartbeat, Notifier(os.environ.get("NOTIFY_SOCKET")))
         stack.callback(heartbeat.close)
         remotes = [] if options.control is None else [ControlServer(options.control)]
         for remote in remotes:
             stack.callback(remote.close)
-        yield remotes, heartbeat
+        yield remotes, heartbeat, stack.close
 
 
 def room_of(options: argparse.Namespace) -> Room:
@@ -189,12 +191,17 @@ def play_in_window(
     *,
     remotes: Sequence[Remote] = (),
     heartbeat: Heartbeat | None = None,
+    farewell: Callable[[], None] = lambda: None,
 ) -> Stats:
-    """Play in a window until it ends; remotes may command the session, the heartbeat is told how it goes."""
+    """Play in a window until it ends; remotes may command the session, the heartbeat is told how it goes.
+
+    farewell : what is done if the screen goes, which ends the process.
+    """
     if options.backend == "cpu":
         raise InputError("--backend cpu has no window; add --output FILE")
     if not options.screenshot_directory.is_dir():
         raise InputError(f"{options.screenshot_directory}: no such folder for --screenshot-directory; make it first")
+    from player.gl import lost_screen
     from player.gl.displays import open_display
     from player.gl.renderer import GlRenderer
 
@@ -211,6 +218,7 @@ def play_in_window(
             vsync=options.vsync,
         )
         window = stack.enter_context(display)
+        stack.enter_context(lost_screen.farewell(farewell))
         audio, silence = open_audio(options.volume, mute=options.mute) if options.audio else (None, None)
         if audio is not None:
             stack.callback(audio.close)

@@ -1,11 +1,13 @@
 """The commands and properties of a session (docs/player.md lists them): what keys, settings and remotes can do."""
 
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from player.command import tell
 from player.files import replacing_file
 from player.output import write_picture
 from player.picture import CONTROL, MOST_BLACK, MOST_FLICKER
@@ -114,7 +116,7 @@ class _Actions:
         path = session.screenshots / name
         with replacing_file(path) as temporary:
             write_picture(temporary, session.renderer)
-        print(f"saved {path}")
+        tell(f"saved {path}", sys.stdout)
         return str(path)
 
     def show_text(self, text: object, milliseconds: object = 1000) -> None:

@@ -4,11 +4,11 @@ Which frame is due is playback.py's to say, what comes next programme.py's, what
 controls.py's. Knows no OpenGL; a display and a clock are handed in.
 """
 
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from player.command import tell
 from player.errors import InputError
 from player.frames import Frame, MediaInfo, PixelFormat
 from player.medium import Medium
@@ -187,7 +187,7 @@ class Session:
     def notice(self, text: str) -> None:
         """Something that went wrong without stopping the show: for the log, the statistics and the screen."""
         text = " ".join(text.splitlines())  # whatever a file is called
-        print(text, file=sys.stderr)
+        tell(text)
         self.stats.notice(text)
         self.say(text, 3.0)
 
@@ -216,6 +216,13 @@ class Session:
     def manner(self) -> Playback | Manner:
         """What holds whether media loop, pause, and how fast they play."""
         return self.playback or self._manner
+
+    @property
+    def position_s(self) -> float:
+        """Time within the medium; where the first one is to begin, until it does."""
+        if self.playback is not None:
+            return self.playback.position_s
+        return 0.0 if self._start is None else self._start[1]
 
     def _is_lasting(self) -> bool:
         return self.setup.lasting or bool(self._remotes) or self.playlist.loop or self.manner.loop

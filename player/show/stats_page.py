@@ -53,7 +53,7 @@ def facts(session: "Session") -> dict[str, Any]:
     return {
         "playlist_pos": session.programme.on,
         "path": None if playback is None else str(playback.reader.info.path),
-        "time_pos": 0.0 if playback is None else round(playback.position_s, 3),
+        "time_pos": round(session.position_s, 3),
         "paused": session.manner.paused,
         "fps": round(stats.frames_per_second, 2),
         "frames": stats.frames,

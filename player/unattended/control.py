@@ -11,12 +11,12 @@ bytes for every client. Whoever does not read his answers is not read either unt
 import contextlib
 import json
 import socket
-import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
+from player.command import tell
 from player.errors import InputError
 from player.unattended.json_lines import encode
 from player.unattended.listening import listen
@@ -263,7 +263,7 @@ class _Client:
         except _RefusedError:
             raise
         except Exception as error:  # a stranger's line must not end the show
-            print(f"control: {name} failed: {error!r}", file=sys.stderr)
+            tell(f"control: {name} failed: {error!r}")
             raise _RefusedError(_FAILED, f"{name} failed: {error!r}") from None
 
     def _observe(self, commands: CommandsProtocol, number: object, name: object, *, text: bool = False) -> None:
