@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from player.decoding.audio_decoder import CHANNELS, HEADER, NO_SOUND, RATE, Samples
-from player.decoding.child import bury, start_child, tell
+from player.decoding.child import Letters, bury, start_child
 from player.medium import Medium
 
 AHEAD = RATE  # samples that are kept ready: a second
@@ -71,8 +71,9 @@ class Track:
         self._plan: tuple[float, float] | None = None  # (clock, medium): what is to be heard when; None: silence
         self._heard: tuple[float, float] | None = None  # the same, of samples that really are
         self._heard_until_s = 0.0
-        line = json.dumps(asdict(medium)).encode()
-        self._child = start_child("player.decoding.audio_decoder", line, subprocess.DEVNULL)
+        self._child = start_child("player.decoding.audio_decoder", subprocess.DEVNULL)
+        self._letters = Letters(self._child)
+        self._letters.send(json.dumps(asdict(medium)).encode())
         self._closed = False
         self._listener = threading.Thread(target=self._listen, name="audio", daemon=True)
         self._listener.start()
@@ -96,7 +97,7 @@ class Track:
             self._plan = self._heard = None
             self._lock.notify()
         order = {"serial": self._serial, "time_s": time_s, "speed": speed}
-        tell(self._child, json.dumps(order).encode())
+        self._letters.send(json.dumps(order).encode())
 
     def play(self, time_s: float, at_s: float) -> None:
         """Let `time_s` be heard at clock time `at_s`, and what follows after it."""
@@ -109,6 +110,7 @@ class Track:
 
     def time_s(self) -> float | None:
         """The time of the medium that is heard now; None while nothing is."""
+        self._letters.flush()
         with self._lock:
             now_s = self._clock()
             if self._heard is None or now_s > self._heard_until_s:

@@ -17,16 +17,16 @@ from typing import IO
 from player.errors import InputError
 
 MAX_ADDRESS_SPACE = 6 << 30
+MAX_UNSENT = 1 << 20  # bytes
 LAST_WORDS_S = 1.0  # from the wish that a decoder ends to its end by force
 _graves: set[threading.Thread] = set()
 
 
-def start_child(
-    module: str, arguments: bytes, errors: IO[bytes] | int, files: Sequence[int] = ()
-) -> subprocess.Popen[bytes]:
+def start_child(module: str, errors: IO[bytes] | int, files: Sequence[int] = ()) -> subprocess.Popen[bytes]:
     """Run a module with this interpreter, in a process group of its own: Ctrl-C is for the parent to handle.
 
-    arguments : the first line that it reads; not on its command line, which everybody can read.
+    What it is to do is the first line that it reads, and not on its command line, which everybody can read.
+
     files : descriptors that it inherits.
     Raises InputError when the system gives no process.
     """
@@ -35,7 +35,7 @@ def start_child(
     # One BLAS thread and few arenas: each would reserve address space, which the decoder limits for itself.
     environment = os.environ | {"PYTHONPATH": search, "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "4"}
     try:
-        child = subprocess.Popen(
+        return subprocess.Popen(
             [sys.executable, "-P", "-m", module],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -46,22 +46,27 @@ def start_child(
         )
     except OSError as error:
         raise InputError(f"no decoder can be started ({error.strerror}); end other programs, or try again") from None
-    tell(child, arguments)
-    return child
 
 
-def tell(child: subprocess.Popen[bytes], line: bytes) -> None:
-    """Write a line to a child without ever waiting: one that does not read is ended, which its listener then hears."""
-    assert child.stdin is not None
-    with contextlib.suppress(ValueError, OSError):  # it has died: that arrives as an event
-        descriptor = child.stdin.fileno()
-        os.set_blocking(descriptor, False)
-        try:
-            whole = os.write(descriptor, line + b"\n") == len(line) + 1
-        except BlockingIOError:
-            whole = False
-        if not whole:
-            child.kill()
+class Letters:
+    """Lines to a child, written without ever waiting: what its pipe does not take now is kept for the next time."""
+
+    def __init__(self, child: subprocess.Popen[bytes]) -> None:
+        assert child.stdin is not None
+        self._child, self._pipe, self._unsent = child, child.stdin, bytearray()
+        os.set_blocking(self._pipe.fileno(), False)
+
+    def send(self, line: bytes) -> None:
+        self._unsent += line + b"\n"
+        self.flush()
+        if len(self._unsent) > MAX_UNSENT:
+            self._child.kill()  # it does not read; its listener will hear that it has died
+
+    def flush(self) -> None:
+        """Write what is left, as far as it is taken."""
+        with contextlib.suppress(ValueError, OSError):  # full, or dead, which arrives as an event
+            while self._unsent:
+                del self._unsent[: os.write(self._pipe.fileno(), self._unsent)]
 
 
 def bury(child: subprocess.Popen[bytes], afterwards: Callable[[], None], patience_s: float = LAST_WORDS_S) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from player.decoding.child import bury, start_child, tell
+from player.decoding.child import Letters, bury, start_child
 from player.errors import InputError
 from player.frames import PixelFormat, slot_bytes, slot_planes
 
@@ -45,9 +45,10 @@ class DecoderLink:
                 self._errors = stack.enter_context(tempfile.TemporaryFile())
             except OSError as error:
                 raise InputError(f"no decoder can be started ({error.strerror}); free some memory or disk") from None
-            line = json.dumps(arguments | {"ring": self._memory}).encode()
-            self.process = start_child("player.decoding.decoder", line, self._errors, [self._memory])
+            self.process = start_child("player.decoding.decoder", self._errors, [self._memory])
             stack.pop_all()
+        self._letters = Letters(self.process)
+        self.send(arguments | {"ring": self._memory})
         self._looked = self._heard = time.monotonic()
         self._speaks = self._closed = False
         self._listener = threading.Thread(target=self._listen, name=f"decoder {number}", daemon=True)
@@ -55,13 +56,14 @@ class DecoderLink:
 
     def receive(self, timeout_s: float) -> dict[str, Any] | None:
         """The next event, or None when none arrives in time."""
+        self._letters.flush()
         try:
             return self._events.get(timeout=timeout_s) if timeout_s else self._events.get_nowait()
         except queue.Empty:
             return None
 
     def send(self, command: dict[str, Any]) -> None:
-        tell(self.process, json.dumps(command).encode())
+        self._letters.send(json.dumps(command).encode())
 
     @property
     def hangs(self) -> bool:

@@ -19,6 +19,7 @@ from player.show.playlist import Playlist, is_list
 LOOK_S = 0.1  # how long a command waits for the disk; what is not known by then shows when the medium is opened
 LIST_S = 10.0  # how long a list may take to be read
 RETRY_S, LONGEST_RETRY_S = 1.0, 30.0
+HURRY_S = 0.25  # between two wishes' decoders, however many wishes come
 MOST_RETURNS = 4  # wishes that have overtaken one another
 PLAYED_S = 5.0  # a medium that breaks off after as long is no failure of the list
 
@@ -86,13 +87,13 @@ class Programme:
         self._returns: list[_Return] = []  # from wish to wish; the first is what plays
         self._by, self._tries = 1, 0  # which way a wish goes on past what fails, and how far it has gone
         self._failures = self._rounds = self._first_failed = 0  # media in a row, whole lists in a row
-        self._retry_at_s: float | None = None
-        self._began_s = float("-inf")
+        self._open_at_s: float | None = None  # when the list's current medium is to be opened
+        self._opened_at_s = self._began_s = float("-inf")  # when that was last done, and what plays began
         self._open()
 
     def poll(self) -> Opening | None:
         """A medium whose first frame waits to be shown in place of what plays; `plays` or `refused` is to follow."""
-        if self._retry_at_s is not None and self._clock() >= self._retry_at_s:
+        if self._open_at_s is not None and self._clock() >= self._open_at_s:
             self._open()
         try:
             if self._error is not None:
@@ -174,8 +175,8 @@ class Programme:
         self.playlist.add(media, replace=replace)
         if replace:
             self._wish(before)
-        elif self._retry_at_s is not None:
-            self._retry_at_s = self._clock()
+        elif self._open_at_s is not None:
+            self._open_at_s = self._clock()
         return medium
 
     def close(self) -> None:
@@ -190,7 +191,7 @@ class Programme:
     @property
     def _is_busy(self) -> bool:
         """Whether it is known what comes after that which plays."""
-        return any(way is not None for way in (self._opening, self._list, self._error, self._retry_at_s))
+        return any(way is not None for way in (self._opening, self._list, self._error, self._open_at_s))
 
     def _here(self) -> _Return:
         waiting = self.over or self._is_busy
@@ -198,17 +199,18 @@ class Programme:
 
     def _wish(self, before: _Return, by: int = 1) -> None:
         """Open what the list is at now, as somebody wants, and nothing that was wanted before."""
+        overtakes = self._opening is not None
         self._stop_opening()
         self._failures = self._rounds = self._tries = 0
         self._by = by
         self._returns.append(before)
         if len(self._returns) > MOST_RETURNS:
             del self._returns[1]
-        self._open()
+        self._open_at_s = self._opened_at_s + HURRY_S if overtakes else self._clock()
 
     def _open(self) -> None:
         """Begin to open the list's current medium; a list is read first."""
-        medium, self._retry_at_s = self.playlist.current, None
+        medium, self._open_at_s, self._opened_at_s = self.playlist.current, None, self._clock()
         try:
             if is_list(medium):
                 self._list = LookUp(partial(self._opener.find, medium)), self._clock() + LIST_S
@@ -243,7 +245,7 @@ class Programme:
     def _stop_opening(self) -> None:
         if self._opening is not None:
             self._opening.reader.close()
-        self._opening = self._list = self._error = self._retry_at_s = None
+        self._opening = self._list = self._error = self._open_at_s = None
 
     def _go_on(self) -> None:
         if self.playlist.step(1):
@@ -273,6 +275,6 @@ class Programme:
             wait_s = min(RETRY_S * 2 ** min(self._rounds, 10), LONGEST_RETRY_S)
             self._notice(f"{error}; trying again in {wait_s:g} s")
             self._failures, self._rounds = 0, self._rounds + 1
-            self.playlist.position, self._retry_at_s = self._first_failed, self._clock() + wait_s
+            self.playlist.position, self._open_at_s = self._first_failed, self._clock() + wait_s
         else:
             self.failure, self.done = error, True

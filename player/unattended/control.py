@@ -64,6 +64,8 @@ class ControlServer:
         deadline = time.monotonic() + POLL_S
         for client in self._clients:
             client.receive(commands, deadline)
+            if time.monotonic() > deadline:
+                break
         self._clients = self._clients[1:] + self._clients[:1]  # nobody is always the last
         self._tell(commands)
         self._sweep()
@@ -195,10 +197,8 @@ class _Client:
         for observation in self._observed:
             if len(self._unsent) >= MAX_UNSENT:
                 return
-            line = observation.line(values[observation.name])
-            if line != observation.sent and "property-change" not in self._deaf:
-                self._unsent += line
-                observation.sent = line
+            if "property-change" not in self._deaf:
+                self._unsent += observation.news(values[observation.name])
 
     def flush(self) -> None:
         """Send what the client will take now."""
@@ -290,11 +290,17 @@ class _Observation:
 
     def __init__(self, number: int, name: str, text: bool) -> None:
         self.number, self.name, self._text = number, name, text
-        self.sent = b""
+        self._value: object = None
+        self._sent = b""
 
-    def line(self, value: object) -> bytes:
+    def news(self, value: object) -> bytes:
+        """The line that tells a value, or nothing if that is what was told last."""
+        if self._sent and value == self._value:  # a list of thousands is not written to be compared
+            return b""
         data = as_text(value) if self._text else value
-        return encode({"event": "property-change", "id": self.number, "name": self.name, "data": data})
+        line = encode({"event": "property-change", "id": self.number, "name": self.name, "data": data})
+        self._value, before, self._sent = value, self._sent, line
+        return b"" if line == before else line
 
 
 def as_text(value: object) -> str:
