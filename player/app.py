@@ -16,7 +16,7 @@ from player import calibration as calibrations
 from player import maps
 from player.audio import open_audio
 from player.calibration import Region, StoredCalibration
-from player.command import run
+from player.command import run, tell
 from player.cpu_renderer import CpuRenderer
 from player.errors import InputError
 from player.generation import read_steadily
@@ -27,6 +27,7 @@ from player.picture import Picture
 from player.placement import Corners, corners_of, read_placement, write_placement
 from player.refinement import Certificate, default_start
 from player.renderer import Renderer, Room, place
+from player.show.media import Media
 from player.show.options import Steps, image_display_duration, monitors_of, one_medium, picture_of, read_options
 from player.show.outline import lit_by
 from player.show.playlist import Playlist, files_of
@@ -65,14 +66,14 @@ def _show(options: argparse.Namespace) -> None:
     if options.calibration is None or not options.media:
         raise InputError("play-corrected: needs a CALIBRATION and MEDIA; see play-corrected --help")
     _check_outputs(options)
-    room = room_of(options)
     picture = replace(picture_of(options), corners=read_placement(options.calibration))
-    print(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white is None else ''}")
     if options.output:
-        stats = _render(options, room, picture)
+        stats = _render(options, _room_told(options), picture)
     else:
-        with _attached(options) as (remotes, heartbeat):
-            stats = play_in_window(options, room, picture, remotes=remotes, heartbeat=heartbeat)
+        with _attached(options) as (remotes, heartbeat, farewell):
+            stats = play_in_window(
+                options, _room_told(options), picture, remotes=remotes, heartbeat=heartbeat, farewell=farewell
+            )
     if options.stats is not None:
         stats.write(options.stats)
 
@@ -90,16 +91,22 @@ def _check_outputs(options: argparse.Namespace) -> None:
         check_log(heartbeat, inputs=inputs)
 
 
+def _room_told(options: argparse.Namespace) -> Room:
+    room = room_of(options)
+    tell(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white is None else ''}", sys.stdout)
+    return room
+
+
 @contextmanager
-def _attached(options: argparse.Namespace) -> Iterator[tuple[list[ControlServer], Heartbeat]]:
-    """Who commands the show from elsewhere, and who is told how it goes."""
+def _attached(options: argparse.Namespace) -> Iterator[tuple[list[ControlServer], Heartbeat, Callable[[], None]]]:
+    """Who commands the show from elsewhere, who is told how it goes, and what tells both that it is over."""
     with ExitStack() as stack:
         heartbeat = Heartbeat(options.heartbeat, Notifier(os.environ.get("NOTIFY_SOCKET")))
         stack.callback(heartbeat.close)
         remotes = [] if options.control is None else [ControlServer(options.control)]
         for remote in remotes:
             stack.callback(remote.close)
-        yield remotes, heartbeat
+        yield remotes, heartbeat, stack.close
 
 
 def room_of(options: argparse.Namespace) -> Room:
@@ -165,7 +172,7 @@ def _render(options: argparse.Namespace, room: Room, picture: Picture) -> Stats:
         stats = _render_medium(options, reader, room, picture)
         for notice in reader.notices():
             print(notice, file=sys.stderr)
-            stats.notices.append(notice)
+            stats.notice(notice)
     return stats
 
 
@@ -204,26 +211,37 @@ def play_in_window(
     *,
     remotes: Sequence[Remote] = (),
     heartbeat: Heartbeat | None = None,
+    farewell: Callable[[], None] = lambda: None,
 ) -> Stats:
-    """Play in a window until it ends; remotes may command the session, the heartbeat is told how it goes."""
+    """Play in a window until it ends; remotes may command the session, the heartbeat is told how it goes.
+
+    farewell : what is done if the screen goes, which ends the process.
+    """
     if options.backend == "cpu":
         raise InputError("--backend cpu has no window; add --output FILE")
     if not options.screenshot_directory.is_dir():
         raise InputError(f"{options.screenshot_directory}: no such folder for --screenshot-directory; make it first")
+    from player.gl import lost_screen
     from player.gl.displays import open_display
     from player.gl.renderer import GlRenderer
 
     named, projectors = monitors_of(options), room.calibration.projectors
     path = options.path or "auto"
-    with open_display(
-        room.calibration.regions,
-        "Counterlight",
-        monitors=named or [projector.monitor or str(number) for number, projector in enumerate(projectors)],
-        there=bool(named),
-        fullscreen=options.fullscreen,
-        exact=not options.any_size,
-        vsync=options.vsync,
-    ) as window:
+    with ExitStack() as stack:
+        display = open_display(
+            room.calibration.regions,
+            "Counterlight",
+            monitors=named or [projector.monitor or str(number) for number, projector in enumerate(projectors)],
+            there=bool(named),
+            fullscreen=options.fullscreen,
+            exact=not options.any_size,
+            vsync=options.vsync,
+        )
+        window = stack.enter_context(display)
+        stack.enter_context(lost_screen.farewell(farewell))
+        audio, silence = open_audio(options.volume, mute=options.mute) if options.audio else (None, None)
+        if audio is not None:
+            stack.callback(audio.close)
 
         def renewed(fresh: Room) -> Renderer:
             """A renderer of the room as it is now; the window takes its shader anew if nothing is damaged."""
@@ -235,35 +253,26 @@ def play_in_window(
                 raise
             return renderer
 
-        renderer: Renderer = GlRenderer(window.context, room, path)
-        audio, silence = open_audio(options.volume, mute=options.mute) if options.audio else (None, None)
-        try:
-            session = Session(
-                Playlist(options.media, loop=options.loop and len(options.media) > 1, start=options.playlist_start),
-                lambda medium, loop: MediaReader.open(medium, loop=loop, frames_per_second=options.fps, tolerant=True),
-                renderer,
-                window,
-                setup=replace(_setup(options, room, picture), silence=silence),
-                site=_RoomInUse(options, room, renewed).site(),
-                bindings=options.keys,
-                remotes=remotes,
-                heartbeat=heartbeat,
-                audio=audio,
-            )
+        session = Session(
+            Playlist(options.media, loop=options.loop and len(options.media) > 1, start=options.playlist_start),
+            Media(options.border, options.fps),
+            GlRenderer(window.context, room, path),
+            window,
+            setup=replace(_setup(options, room, picture), silence=silence),
+            site=_RoomInUse(options, room, renewed).site(),
+            bindings=options.keys,
+            remotes=remotes,
+            heartbeat=heartbeat,
+            audio=audio,
+        )
+        del room  # a reload shall free it
 
-            def shown() -> Any:
-                assert isinstance(session.renderer, GlRenderer)
-                return session.renderer.encoded_texture
+        def shown() -> Any:
+            assert isinstance(session.renderer, GlRenderer)
+            return session.renderer.encoded_texture
 
-            window.attach(shown, lambda: session.rendered_view == "projector")
-            try:
-                return session.run(options.frames)
-            finally:
-                session.renderer.release()
-        finally:
-            if audio is not None:
-                audio.close()
-            renderer.release()
+        window.attach(shown, lambda: session.rendered_view == "projector")
+        return session.run(options.frames)
 
 
 def _setup(options: argparse.Namespace, room: Room, picture: Picture) -> Setup:
@@ -272,6 +281,7 @@ def _setup(options: argparse.Namespace, room: Room, picture: Picture) -> Setup:
         compensation=options.compensation,
         refine="auto" if options.refine == "auto" else _fixed_steps(options.refine, room),
         picture=picture,
+        lasting=options.lasting,
         loop_file=options.loop and len(options.media) == 1,
         speed=options.speed,
         start_s=options.start,

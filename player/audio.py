@@ -4,20 +4,21 @@ Once samples are heard, their clock leads and pictures follow it; before that, a
 would have to follow the picture's clock, and do: late ones are left out, early ones wait.
 """
 
-import contextlib
 import json
 import subprocess
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from player.decoding.audio_decoder import CHANNELS, HEADER, NO_SOUND, RATE, Samples
-from player.decoding.decoder_link import start_child
+from player.decoding.child import Letters, bury, start_child
+from player.medium import Medium
 
 AHEAD = RATE  # samples that are kept ready: a second
 MISSING = "no sound: the package sounddevice is missing; install it with: pip install sounddevice"
@@ -41,9 +42,9 @@ class AudioOutput:
         self._track: Track | None = None
         sink.start(self.pull)
 
-    def open(self, medium: str) -> "Track":
-        """The sound of a file; it replaces the one before."""
-        self._track = Track(medium, self._clock)
+    def open(self, medium: Medium | str) -> "Track":
+        """The sound of a file; it replaces the one before. Raises InputError when the system has no process for it."""
+        self._track = Track(Medium.of(medium), self._clock)
         return self._track
 
     def pull(self, count: int, heard_at_s: float) -> Samples:
@@ -61,7 +62,7 @@ class AudioOutput:
 class Track:
     """The sound of one medium. Times are the medium's, in seconds; clock times those of `clock`."""
 
-    def __init__(self, medium: str, clock: Callable[[], float]) -> None:
+    def __init__(self, medium: Medium, clock: Callable[[], float]) -> None:
         self._clock, self._lock = clock, threading.Condition()
         self._blocks: deque[Samples] = deque()
         self._ready = self._serial = 0
@@ -70,9 +71,12 @@ class Track:
         self._plan: tuple[float, float] | None = None  # (clock, medium): what is to be heard when; None: silence
         self._heard: tuple[float, float] | None = None  # the same, of samples that really are
         self._heard_until_s = 0.0
-        self._child = start_child("player.decoding.audio_decoder", medium, subprocess.DEVNULL)
+        self._child = start_child("player.decoding.audio_decoder", subprocess.DEVNULL)
+        self._letters = Letters(self._child)
+        self._letters.send(json.dumps(asdict(medium)).encode())
         self._closed = False
-        threading.Thread(target=self._listen, name="audio", daemon=True).start()
+        self._listener = threading.Thread(target=self._listen, name="audio", daemon=True)
+        self._listener.start()
         self.seek(0.0, 1.0)
 
     @property
@@ -93,12 +97,7 @@ class Track:
             self._plan = self._heard = None
             self._lock.notify()
         order = {"serial": self._serial, "time_s": time_s, "speed": speed}
-        try:
-            assert self._child.stdin is not None
-            self._child.stdin.write(json.dumps(order).encode() + b"\n")
-            self._child.stdin.flush()
-        except (OSError, ValueError):
-            pass  # it has died: the show goes on in silence
+        self._letters.send(json.dumps(order).encode())
 
     def play(self, time_s: float, at_s: float) -> None:
         """Let `time_s` be heard at clock time `at_s`, and what follows after it."""
@@ -111,6 +110,7 @@ class Track:
 
     def time_s(self) -> float | None:
         """The time of the medium that is heard now; None while nothing is."""
+        self._letters.flush()
         with self._lock:
             now_s = self._clock()
             if self._heard is None or now_s > self._heard_until_s:
@@ -148,11 +148,7 @@ class Track:
             self._closed, self._plan, self._heard = True, None, None
             self._lock.notify()
         self.kill()
-        self._child.wait()
-        for pipe in (self._child.stdin, self._child.stdout):
-            assert pipe is not None
-            with contextlib.suppress(OSError):
-                pipe.close()
+        bury(self._child, self._listener.join)
 
     def _take(self, count: int) -> Samples:
         """Up to `count` of the samples that are ready."""

@@ -3,16 +3,19 @@
 import argparse
 import errno
 import os
+import select
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import NoReturn, TypeVar
+from contextlib import suppress
+from typing import NoReturn, TextIO, TypeVar
 
 from player.errors import InputError
 
 DONE, FAULT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 LOG_INTERVAL_S = 10.0
+LAST_WORDS_S = 1.0  # how long the reader of a command's last line is waited for
 
 T = TypeVar("T")
 
@@ -27,12 +30,14 @@ class Parser(argparse.ArgumentParser):
 def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] | None = None) -> int:
     """Run a command's body and turn its outcome into an exit code (0 done, 1 fault, 2 bad input, 130 interrupted)."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # clean up on `kill` as on Ctrl-C
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # which nohup asks for
+        signal.signal(signal.SIGHUP, signal.default_int_handler)  # and when the terminal goes
     try:
         code = body(argv) or DONE
         sys.stdout.flush()
         return code
     except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
+        tell(f"error: {error}", patience_s=LAST_WORDS_S)
         return BAD_INPUT
     except BrokenPipeError:
         _say_no_more()  # the reader of our output has gone (`… | head`): nobody is left to tell
@@ -40,20 +45,33 @@ def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] 
     except OSError as error:
         if error.errno == errno.ENOSPC and error.filename is None:
             _say_no_more()
-            print(f"error: what is printed, or kept meanwhile: {error.strerror}; make room for it", file=sys.stderr)
+            tell(f"error: what is printed, or kept meanwhile: {error.strerror}; make room", patience_s=LAST_WORDS_S)
             return BAD_INPUT
         if error.filename is None:
             raise
-        print(f"error: {error.filename}: {error.strerror}; check the path and its rights", file=sys.stderr)
+        tell(f"error: {error.filename}: {error.strerror}; check the path and its rights", patience_s=LAST_WORDS_S)
         return BAD_INPUT
     except KeyboardInterrupt:
-        print("interrupted: nothing half-written remains", file=sys.stderr)
+        tell("interrupted: nothing half-written remains", patience_s=LAST_WORDS_S)
         return INTERRUPTED
 
 
 def _say_no_more() -> None:
     """What was printed and cannot be written is given up: flushing at exit would fail again."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def tell(line: str, stream: TextIO | None = None, *, patience_s: float = 0.0) -> None:
+    """Print a line (to stderr) if it can be done at once: whoever does not read, or has gone, costs the line alone."""
+    stream = stream or sys.stderr
+    try:
+        descriptor = stream.fileno()
+    except (OSError, ValueError):  # not a file of the system's, in a test
+        print(line, file=stream)
+        return
+    with suppress(OSError, ValueError):
+        if select.select([], [descriptor], [], patience_s)[1]:  # a pipe then takes PIPE_BUF bytes
+            os.write(descriptor, line.encode(errors="backslashreplace")[: select.PIPE_BUF - 1] + b"\n")
 
 
 def parse_size(text: str) -> tuple[int, int]:

@@ -1,27 +1,31 @@
 """Media -> decoded frames with their time in seconds, decoded by a child process.
 
-A damaged stream can crash or hang a decoder, so it runs in `player.decoding.decoder`: a crash costs a notice and a
-restart, never the show.
+A damaged stream can crash or hang a decoder, and a medium may never open, so all of it happens in
+`player.decoding.decoder`: a crash costs a notice and a restart, never the show.
 """
 
 import time
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from player.decoding.decoder_link import SILENCE_S, STUCK_S, DecoderLink
-from player.decoding.live import live_address
+from player.decoding.child import all_buried
+from player.decoding.decoder_link import DecoderLink
 from player.errors import InputError
-from player.frames import Frame, MediaInfo, PixelFormat, PlaneShape, format_from_json, slot_bytes
+from player.frames import Frame, MediaInfo, PixelFormat, PlaneShape, format_from_json
+from player.medium import Medium
 
 __all__ = ["Frame", "MediaInfo", "MediaReader", "PixelFormat", "PlaneShape"]
 
-RING_SLOTS = 8
-LIVE_SLOTS = 3
-RING_BYTES = 512 << 20  # what decode-ahead may cost at most; at least two slots
-OPENING_S = 60.0
+OPENING_S = 10.0  # for a show, which goes on meanwhile
+LIVE_OPENING_S = 20.0  # FFmpeg waits 10 s for an answer; then a key frame has to come
+PATIENT_OPENING_S = 60.0  # for whoever has nothing else to do
 MAX_DEATHS = 5
 SKIP_S = 1.0
+LIVE_RETRY_S = (0.0, 1.0, 2.0, 5.0)  # from a live source's decoder to the next; the last one for ever
+STEADY_S = 10.0  # a live source that has lasted as long gets its next decoder at once
+HUNG = "decoder hung"
 _POLL_S = 0.1
 
 
@@ -33,67 +37,115 @@ class MediaReader:
             ...
             reader.release(frame)
 
-    At most `RING_SLOTS` (two for huge pictures, one for stills) frames can be held at a time: release them.
+    At most RING_SLOTS of decoding/laps.py (two for huge pictures, one for stills) frames can be held: release them.
     """
 
-    def __init__(self, path: Path | str, *, loop: bool, frames_per_second: float | None, tolerant: bool) -> None:
-        self._path, self._loop = path, loop
+    def __init__(
+        self, medium: Medium, *, loop: bool, frames_per_second: float | None, tolerant: bool, opening_s: float
+    ) -> None:
+        self._medium, self._loop, self._opening_s = medium, loop, opening_s
+        self._live = medium.live() is not None
         self._arguments = {
-            "path": str(path),
+            "medium": asdict(medium),
             "loop": loop,
             "frames_per_second": frames_per_second,
             "tolerant": tolerant,
         }
-        self._serial, self._index, self._deaths, self._number = 0, 0, 0, 0
+        self._serial, self._index, self._deaths, self._losses, self._number = 0, 0, 0, 0, 0
         self._start: dict[str, Any] = {"serial": 0, "time_s": 0.0, "after": False, "offset_s": 0.0}
         self._last_s = self._lap_s = 0.0
         self._failure: str | None = None
         self._notices: list[str] = []
         self.ended = False
         self._began_s = time.monotonic()
+        self._restart_at_s: float | None = None
+        self._first: Frame | None = None  # decoded while it was asked whether there is one
         self._info: MediaInfo | None = None
         self._given_up = False
         self._start_child()
-        try:
-            self._wait_for_opening()
-        except BaseException:
-            self.close()
-            raise
 
     @classmethod
-    def open(
-        cls, path: str | Path, *, loop: bool = False, frames_per_second: float | None = None, tolerant: bool = False
+    def begin(
+        cls,
+        medium: Medium | Path | str,
+        *,
+        loop: bool = False,
+        frames_per_second: float | None = None,
+        tolerant: bool = False,
+        opening_s: float | None = None,
     ) -> Self:
-        """Start decoding a file, a sequence (`frames/%05d.png`) or a live source (player/decoding/live.py).
+        """Begin to open a file, a sequence (`frames/%05d.png`) or a live source (decoding/live.py), without waiting.
+
+        Until `ready`, nothing else may be asked of the reader but to close it.
 
         frames_per_second : of a sequence; 25 when None. Videos keep their own times.
         tolerant : pictures that cannot be decoded are left out (Frame.skipped, and a notice) instead of an error.
-        Raises InputError, in one line, when it cannot be read; its first frame has been decoded when this returns.
+        opening_s : after which it cannot be opened; None for what suits the medium.
+        Raises InputError for names that are not allowed, and when the system has no process for it.
         """
         if frames_per_second is not None and not 0 < frames_per_second <= 1000:
-            raise InputError(f"{path}: frame rate {frames_per_second}, expected more than 0 and at most 1000")
-        name = path if live_address(str(path)) else Path(path)
-        return cls(name, loop=loop, frames_per_second=frames_per_second, tolerant=tolerant)
+            raise InputError(f"{medium}: frame rate {frames_per_second}, expected more than 0 and at most 1000")
+        known = Medium.of(medium)
+        known.check()
+        usual_s = OPENING_S if known.live() is None else LIVE_OPENING_S
+        return cls(
+            known,
+            loop=loop,
+            frames_per_second=frames_per_second,
+            tolerant=tolerant,
+            opening_s=usual_s if opening_s is None else opening_s,
+        )
+
+    @classmethod
+    def open(
+        cls,
+        medium: Medium | Path | str,
+        *,
+        loop: bool = False,
+        frames_per_second: float | None = None,
+        tolerant: bool = False,
+    ) -> Self:
+        """The same, and wait: its first frame has been decoded when this returns.
+
+        Raises InputError, in one line, when it cannot be read.
+        """
+        reader = cls.begin(
+            medium,
+            loop=loop,
+            frames_per_second=frames_per_second,
+            tolerant=tolerant,
+            opening_s=PATIENT_OPENING_S,
+        )
+        try:
+            while not reader.ready(_POLL_S):
+                pass
+        except BaseException:
+            reader.close()
+            raise
+        return reader
+
+    def ready(self, wait_s: float = 0.0) -> bool:
+        """Whether the medium is open and its first frame waits; does not wait itself, unless told to.
+
+        Raises InputError when it cannot be read, or not in its time.
+        """
+        if self._first is None and not self.ended:
+            self._first = self._take(wait_s)
+        return self._info is not None and (self._first is not None or self.ended)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, _: TracebackType | None) -> None:
         self.close()
+        all_buried()
 
     def poll(self) -> Frame | None:
         """The next frame if one is ready, without waiting; None otherwise, and for ever once `ended`.
 
         Raises InputError once the frames before the medium's damage have been given.
         """
-        while not self.ended:
-            event = self._child.receive(0.0)
-            if event is None:
-                self._check_alive()
-                return None
-            if (frame := self._handle(event)) is not None:
-                return frame
-        return None
+        return self._take(0.0)
 
     def next_frame(self, timeout_s: float) -> Frame | None:
         """Wait for the next frame; None at the end.
@@ -101,15 +153,10 @@ class MediaReader:
         Raises InputError when the medium is damaged here, or when `timeout_s` pass without a frame.
         """
         deadline = time.monotonic() + timeout_s
-        while not self.ended:
-            event = self._child.receive(_POLL_S)
-            if event is not None and (frame := self._handle(event)) is not None:
-                return frame
-            if event is None:
-                self._check_alive()
-                if time.monotonic() > deadline:
-                    raise InputError(f"{self._path}: no frame within {timeout_s:g} s; release frames, or convert it")
-        return None
+        while (frame := self._take(_POLL_S)) is None and not self.ended:
+            if time.monotonic() > deadline:
+                raise InputError(f"{self._medium}: no frame within {timeout_s:g} s; release frames, or convert it")
+        return frame
 
     def release(self, frame: Frame) -> None:
         """Give a frame's slot back to the decoder; its planes must not be read any more."""
@@ -122,8 +169,11 @@ class MediaReader:
 
         A live source just goes on.
         """
-        if self.info.live:
+        if self._live:
             return
+        if self._first is not None:
+            self.release(self._first)
+            self._first = None
         self._serial += 1
         self._failure, self.ended, self._deaths, self._last_s = None, False, 0, 0.0
         time_s = max(time_s, 0.0)
@@ -151,60 +201,46 @@ class MediaReader:
         return self._child.process.pid
 
     def close(self) -> None:
-        """End the decoder and remove its files; frames still held stay readable."""
-        self.ended = True
+        """Have the decoder end, without waiting for it; frames still held stay readable."""
+        self.ended, self._first = True, None
         self._child.close()
 
     @property
     def info(self) -> MediaInfo:
-        assert self._info is not None  # known before anybody else sees this reader
+        assert self._info is not None  # known once the reader is ready
         return self._info
 
     def _start_child(self, skipped_s: float = 0.0) -> None:
         """Start a decoder; it opens the medium in its own time."""
         start = self._start | {"time_s": self._start["time_s"] + skipped_s}
+        if self._live:  # whose times count from the start of its decoder
+            start["offset_s"] = time.monotonic() - self._began_s
         self._child = DecoderLink(self._number, self._arguments | {"start": start})
-        self._mapped, self._child_began_s = False, time.monotonic()
+        self._opened, self._child_began_s, self._restart_at_s = False, time.monotonic(), None
 
-    def _wait_for_opening(self) -> None:
-        while not self._mapped:
-            event = self._child.receive(_POLL_S)
+    def _take(self, wait_s: float) -> Frame | None:
+        """The next frame, after at most `wait_s` without an event."""
+        frame, self._first = self._first, None
+        while frame is None and not self.ended:
+            event = self._child.receive(wait_s)
             if event is None:
                 self._check_alive()
-            elif "died" in event:
-                raise InputError(f"{self._path}: {event['died']} while opening it; convert or export it again")
-            else:
-                self._handle(event)
-
-    def _take_opened(self, opened: dict[str, Any]) -> None:
-        """The medium is open: give the decoder a ring for its frames."""
-        pixels = format_from_json(opened["format"])
-        if self._info is None:
-            values = {
-                name: opened[name]
-                for name in ("frames_per_second", "duration_s", "still", "codec", "frames", "live", "sound")
-            }
-            self._info = MediaInfo(path=self._path, format=pixels, **values)
-            self._notices += opened["notices"]
-        elif pixels != self.info.format:
-            self._failure = f"{self._path}: has changed since it was opened; open it again"
-            return
-        most = LIVE_SLOTS if self.info.live else RING_SLOTS
-        slots = 1 if self.info.still else max(2, min(most, RING_BYTES // slot_bytes(pixels)))
-        self._child.make_ring(slots, pixels)
+                break
+            frame = self._handle(event)
+        return frame
 
     def _handle(self, event: dict[str, Any]) -> Frame | None:
         """Take one event of the decoder; a frame if it is one that was asked for."""
         if "died" in event:
-            self._restart(event["died"])
+            self._bury(event["died"])
         elif "opened" in event:
-            self._take_opened(event["opened"])
-        elif "mapped" in event:
-            self._child.remove_ring_file()
-            self._mapped = True
+            self._take_opened(event["opened"], event["slots"])
         elif "notice" in event:
             self._notices.append(event["notice"])
-        elif "error" in event and not self._mapped:
+        elif "changed" in event:
+            self._notices.append(f"{event['changed']}; opened again")
+            self._replace_child()
+        elif "error" in event and not self._opened:
             self._refused(event["error"])
         elif event.get("serial") != self._serial:
             if "frame" in event:
@@ -218,6 +254,25 @@ class MediaReader:
         if self._failure is not None:
             raise InputError(self._failure)
         return None
+
+    def _take_opened(self, opened: dict[str, Any], slots: int) -> None:
+        """The medium is open, and frames will come."""
+        pixels = format_from_json(opened["format"])
+        if self._info is None:
+            names = "frames_per_second", "duration_s", "still", "codec", "frames", "live", "sound"
+            self._info = MediaInfo(self._path, pixels, **{name: opened[name] for name in names})
+            self._notices += opened["notices"]
+        elif self._live:
+            self._info = replace(self._info, format=pixels, codec=opened["codec"])
+        elif pixels != self.info.format:
+            self._failure = f"{self._medium}: has changed since it was opened; open it again"
+            return
+        self._child.map_ring(slots, pixels)
+        self._opened = True
+
+    @property
+    def _path(self) -> Path | str:
+        return self._medium.name if self._live else Path(self._medium.name)
 
     def _frame(self, fields: dict[str, Any]) -> Frame:
         self._deaths = 0
@@ -240,36 +295,53 @@ class MediaReader:
         """Kill a decoder that is stopped or stuck (its death then arrives as an event); repeat an earlier failure."""
         if self._failure is not None:
             raise InputError(self._failure)
-        opening_s = 0.0 if self._mapped else time.monotonic() - self._child_began_s
-        if self._child.silent_s() > SILENCE_S or self._child.busy_s > STUCK_S:
-            self._child.kill("decoder hung")
-        elif opening_s > OPENING_S:
-            self._failure = f"{self._path}: not opened within {OPENING_S:g} s; copy it to a local disk, or convert it"
-            raise InputError(self._failure)
+        now_s = time.monotonic()
+        began_s = self._began_s if self._info is None else self._child_began_s
+        if self._restart_at_s is not None:
+            if now_s >= self._restart_at_s:
+                self._start_child()
+        elif self._child.hangs:
+            self._child.kill(HUNG)
+        elif not self._opened and now_s - began_s > self._opening_s:
+            late = f"not opened within {self._opening_s:g} s"
+            self._refused(f"{self._medium}: {late}; copy it to a local disk, or convert it")
 
     def _refused(self, reason: str) -> None:
         """The decoder cannot open the medium: an error at first, later one more reason to try again."""
         if self._info is None:
             raise InputError(reason)
         self._child.kill(reason)
-        self._restart(reason)
+        self._bury(reason)
 
-    def _restart(self, reason: str) -> None:
-        """Start a new decoder just after the last frame; skip ahead when it dies there again.
+    def _bury(self, reason: str) -> None:
+        """The decoder is dead: start another just after the last frame; skip ahead when it dies there again.
 
         Does not wait for it: until it has opened the medium there is no frame, and whoever polls holds the last one.
+        A live source is tried for ever.
         """
-        self._child.close()
+        if self._info is None and reason != HUNG:
+            raise InputError(f"{self._medium}: {reason} while opening it; convert or export it again")
         self._deaths += 1
-        if self._deaths > MAX_DEATHS:
-            self._failure = f"{self._path}: {reason} {MAX_DEATHS} times without a frame; convert the medium"
+        if self._deaths > MAX_DEATHS and not self._live:
+            self._child.close()
+            self._failure = f"{self._medium}: {reason} {MAX_DEATHS} times without a frame; convert the medium"
             self._given_up = True
             return
-        skipped_s = 0.0 if self.info.still else SKIP_S * (self._deaths - 1)
+        is_moving = self._info is not None and not (self._info.still or self._live)
+        skipped_s = SKIP_S * (self._deaths - 1) if is_moving else 0.0
         when = f"after {time.monotonic() - self._began_s:.1f} s"
-        self._notices.append(f"{self._path}: {reason} {when}; restarted{_skipped(skipped_s)}")
-        self._number += 1
-        self._start_child(skipped_s)
+        self._notices.append(f"{self._medium}: {reason} {when}; restarted{_skipped(skipped_s)}")
+        self._replace_child(skipped_s)
+
+    def _replace_child(self, skipped_s: float = 0.0) -> None:
+        """Another decoder for the medium; a live source that is always lost gets its next one later and later."""
+        self._child.close()
+        self._number, self._opened, now_s = self._number + 1, False, time.monotonic()
+        if not self._live:
+            self._start_child(skipped_s)
+            return
+        self._losses = 0 if now_s - self._child_began_s > STEADY_S else self._losses + 1
+        self._restart_at_s = now_s + LIVE_RETRY_S[min(self._losses, len(LIVE_RETRY_S) - 1)]
 
 
 def _skipped(seconds: float) -> str:

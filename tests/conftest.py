@@ -16,11 +16,12 @@ import pytest
 import scipy.linalg  # noqa: F401 (its BLAS, beside numpy's, is there to be limited)
 from threadpoolctl import threadpool_limits
 
+from player.decoding.child import all_buried
 from player.decoding.ffmpeg_log import log_natively
 from player.gl.context import headless_context
 from tests import screens
 from tests.gl_objects import live_objects
-from tests.media import ring_folders
+from tests.media import rings
 from tests.programs import descendants
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -92,7 +93,8 @@ def shared_data() -> Path:
 
 @pytest.fixture
 def nothing_is_left() -> Iterator[None]:
-    """No file of decoded frames and no decoder process of this process survives a test."""
+    """No memory of decoded frames and no decoder process of this process survives a test."""
     yield
-    assert ring_folders(os.getpid()) == []
+    all_buried()
+    assert rings() == []
     assert descendants(os.getpid()) == set()

@@ -3,7 +3,7 @@
 Pictures are numbered: luma is 16 + 8 n on the left half and 100 on the right one, so that order and flips show.
 """
 
-import tempfile
+import os
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -140,7 +140,7 @@ def assert_equal(found: Planes, expected: Planes) -> None:
         np.testing.assert_array_equal(a, b, err_msg=f"plane {i}")
 
 
-def ring_folders(pid: int) -> list[Path]:
-    """Where a process keeps decoded frames that its decoder hands over."""
-    folders = Path("/dev/shm"), Path(tempfile.gettempdir())
-    return [path for folder in folders for path in folder.glob(f"counterlight-{pid}-*")]
+def rings(pid: int | str = "self") -> list[Path]:
+    """Descriptors of the memory in which decoders hand frames over."""
+    links = Path(f"/proc/{pid}/fd").iterdir()
+    return [link for link in links if link.is_symlink() and "counterlight-ring" in os.readlink(link)]

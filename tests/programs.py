@@ -72,13 +72,15 @@ def running(
         process.communicate()
 
 
-def wait_until(condition: Callable[[], bool], what: str, process: subprocess.Popen[str]) -> None:
+def wait_until(
+    condition: Callable[[], bool], what: str, process: subprocess.Popen[str], *, every_s: float = 0.05
+) -> None:
     """Fails if the process ends before, or after PATIENCE_S."""
     deadline = time.monotonic() + PATIENCE_S
     while not condition():
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < deadline, what
-        time.sleep(0.05)
+        time.sleep(every_s)
 
 
 def descendants(pid: int) -> set[int]:

@@ -46,9 +46,12 @@ class NoServerError(Exception):
 
 
 @contextmanager
-def one_screen(folder: Path, size: tuple[int, int] = (1280, 720)) -> Iterator[str]:
-    """Run Xvfb with one screen of (width, height); yields its DISPLAY. `folder` takes the server's log."""
-    with _server(["Xvfb", "-screen", "0", f"{size[0]}x{size[1]}x24"], folder / "xvfb.log") as display:
+def one_screen(folder: Path, size: tuple[int, int] = (1280, 720), display: str = "") -> Iterator[str]:
+    """Run Xvfb with one screen of (width, height); yields its DISPLAY, which may be given.
+
+    `folder` takes the server's log.
+    """
+    with _server(["Xvfb", *display.split(), "-screen", "0", f"{size[0]}x{size[1]}x24"], folder / "xvfb.log") as display:
         yield display
 
 

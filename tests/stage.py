@@ -1,5 +1,6 @@
 """A session with everything around it made up: clock, reader, renderer and display are stand-ins."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -8,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from player.errors import InputError
+from player.medium import Border, Medium
 from player.picture import Picture
 from player.placement import Corners
 from player.refinement import Certificate
 from player.renderer import PathReport
 from player.show.commands import Commands
 from player.show.osd import Page
-from player.show.playlist import Playlist
+from player.show.playlist import Playlist, is_list, read_list
 from player.show.session import Session
 from player.show.session_inputs import Setup, Site
 
@@ -44,6 +46,8 @@ class Reader:
     released: list[int] = field(default_factory=list)
     news: list[str] = field(default_factory=list)
     closed: bool = False
+    opens_s: float = 0.0  # how long it takes to open
+    error: str | None = None  # and what is then wrong with it
 
     def __post_init__(self) -> None:
         self.info: Any = SimpleNamespace(
@@ -56,10 +60,17 @@ class Reader:
             duration_s=None if self.still else self.count / 25,
             codec="none",
         )
+        self.clock: Callable[[], float] = float  # 0.0; the stage gives its own
+        self.opened_at = 0.0
 
     @property
     def ended(self) -> bool:
         return self.position >= self.count and not (self.loop and not self.still)
+
+    def ready(self) -> bool:
+        if self.clock() >= self.opened_at and self.error is not None:
+            raise InputError(self.error)
+        return self.clock() >= self.opened_at
 
     def poll(self) -> Any:
         if self.ended:
@@ -68,7 +79,9 @@ class Reader:
             raise InputError(f"{self.path}: broken")
         self.position += 1
         index = self.position - 1
-        return SimpleNamespace(index=index, time_s=index / 25, duration_s=0.04, decode_s=0.001, skipped=0)
+        return SimpleNamespace(
+            index=index, time_s=index / 25, duration_s=0.04, decode_s=0.001, skipped=0, format=self.info.format
+        )
 
     def skip(self, time_s: float) -> None: ...
 
@@ -160,6 +173,7 @@ class Stage:
 
     def __init__(self, *readers: Reader, loop_list: bool = False, **options: Any) -> None:
         self.readers = {reader.path: reader for reader in readers or (Reader(),)}
+        self.begun: list[str] = []
         self.reader = next(iter(self.readers.values()))
         self.clock, self.screen = Clock(), Screen()
         self.saved: list[Corners | None] = []
@@ -177,7 +191,7 @@ class Stage:
         )
         self.session = Session(
             Playlist(list(self.readers), loop=loop_list),
-            self._open,
+            self,
             self.screen,  # type: ignore[arg-type]
             self.screen,
             setup=setup,
@@ -190,11 +204,24 @@ class Stage:
     def commands(self) -> Commands:
         return self.session.commands
 
-    def _open(self, medium: str, loop: bool) -> Any:
-        if medium not in self.readers:
+    def medium(self, name: str) -> Medium:
+        return Medium(name)
+
+    def find(self, medium: Medium) -> list[Medium]:
+        if is_list(medium):
+            return read_list(medium, Border())
+        if medium.name not in self.readers:
             raise InputError(f"{medium}: no such file")
-        reader = self.readers[medium]
+        return [medium]
+
+    def begin(self, medium: Medium, *, loop: bool) -> Any:
+        self.begun.append(medium.name)
+        if medium.name not in self.readers:
+            raise InputError(f"{medium}: no such file")
+        reader = self.readers[medium.name]
         reader.position, reader.closed, reader.loop = 0, False, loop
+        reader.opened_at = self.clock() + reader.opens_s
+        reader.clock = self.clock
         return reader
 
     def _reload(self) -> Any:

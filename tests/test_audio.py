@@ -15,6 +15,7 @@ import pytest
 
 from player.audio import MISSING, AudioOutput, Pull, open_audio
 from player.decoding.audio_decoder import RATE, decoded
+from player.medium import Medium
 from player.show.playback import Playback
 from player.show.session_inputs import Setup
 from player.video import MediaReader
@@ -115,13 +116,13 @@ class Show:
 
 @pytest.mark.parametrize("time_s", [0.0, 1.2345, 7.9])
 def test_samples_begin_exactly_where_asked(clip: Path, time_s: float) -> None:
-    pairs = np.concatenate(list(decoded(str(clip), time_s, 1.0)))
+    pairs = np.concatenate(list(decoded(Medium(str(clip)), time_s, 1.0)))
     np.testing.assert_allclose(pairs[:, 1], np.arange(round(time_s * RATE), SAMPLES) / SAMPLES, atol=1e-7)
 
 
 @pytest.mark.parametrize("speed", [0.25, 2.0])
 def test_speed_changes_how_many_samples_there_are(clip: Path, speed: float) -> None:
-    count = sum(len(pairs) for pairs in decoded(str(clip), 4.0, speed))
+    count = sum(len(pairs) for pairs in decoded(Medium(str(clip)), 4.0, speed))
     assert count == pytest.approx(SAMPLES / 2 / speed, rel=0.02)  # atempo's windows
 
 

@@ -1,10 +1,13 @@
 """The control socket: what a client is answered, and that no client harms the show. The registry is a small one."""
 
+import errno
 import json
 import socket
 import stat
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -23,7 +26,13 @@ class Lamp:
     """A registry of a few commands and properties."""
 
     def __init__(self) -> None:
-        self.values: dict[str, Any] = {"brightness": 0, "pause": False, "gap": 0.25, "path": "a.mp4", "playlist-pos": 0}
+        self.values: dict[str, Any] = {
+            "brightness": 0,
+            "pause": False,
+            "gap": 0.25,
+            "path": "a.mp4",
+            "playlist-playing-pos": 0,
+        }
         self.asked = 0
 
     def names(self) -> Mapping[str, str]:
@@ -202,7 +211,7 @@ def test_the_next_file_is_told_unless_it_is_not_wanted(connect: Callable[[], Cli
     hears, deaf = connect(), connect()
     assert deaf.ask("disable_event", "start-file")["error"] == "success"
     assert hears.silent()
-    lamp.values |= {"path": "b.mp4", "playlist-pos": 1}
+    lamp.values |= {"path": "b.mp4", "playlist-playing-pos": 1}
     assert hears.line() == {"event": "end-file"}
     assert hears.line() == {"event": "start-file", "path": "b.mp4"}
     assert deaf.line() == {"event": "end-file"}
@@ -340,6 +349,47 @@ def test_a_live_socket_is_refused_and_a_stale_one_replaced(server: ControlServer
     assert stale.is_socket()  # the second's path is another's by now
     third.close()
     assert not stale.exists()
+
+
+def test_a_socket_that_is_there_listens(tmp_path: Path) -> None:
+    """Somebody who connects as soon as he sees it is never refused."""
+    path, stop, refused = tmp_path / "socket", threading.Event(), []
+
+    def connect() -> None:
+        while not stop.is_set():
+            if path.exists():
+                with socket.socket(socket.AF_UNIX) as client:
+                    client.setblocking(False)
+                    code = client.connect_ex(str(path))
+                    refused.extend([code] * (code == errno.ECONNREFUSED and path.exists()))
+
+    thread = threading.Thread(target=connect)
+    thread.start()
+    servers = []
+    for _ in range(100):
+        servers.append(ControlServer(path))
+        time.sleep(0.001)
+        path.unlink()  # before it is closed, which is when a socket refuses
+    stop.set()
+    thread.join()
+    for server in servers:
+        server.close()
+    assert refused == []
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_player_leaves_that_is_killed_before_it_listens_is_removed(tmp_path: Path) -> None:
+    """Of the dead alone: the first process's number is somebody's, and a plain file is no socket."""
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    names = [f".{dead.pid:x}.new", ".1.new"]
+    for name in names:
+        with socket.socket(socket.AF_UNIX) as unborn:
+            unborn.bind(str(tmp_path / name))
+    (tmp_path / ".2.new").write_text("precious")
+    server = ControlServer(tmp_path / "socket")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".1.new", ".2.new", "socket"]
+    server.close()
 
 
 def test_places_where_no_socket_can_be(tmp_path: Path) -> None:

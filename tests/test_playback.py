@@ -9,7 +9,9 @@ import av
 import numpy as np
 import pytest
 
+from player.medium import Border, Medium
 from player.show import playback as playbacks
+from player.show.media import Media
 from player.show.playback import Playback
 from player.show.playlist import Playlist
 from player.show.session import Session
@@ -58,12 +60,19 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+class Waiting(Media):
+    """Media that are open at once, as no time passes on a clock that is made up."""
+
+    def begin(self, medium: Medium, *, loop: bool) -> MediaReader:
+        return MediaReader.open(medium, loop=loop)
+
+
 def played(clip: Path, rendering_s: float, limit: int | None = None, **setup: Any) -> tuple[Session, SlowScreen]:
     clock = Clock()
     screen = SlowScreen(clock, rendering_s)
     session = Session(
         Playlist([str(clip)]),
-        lambda medium, loop: MediaReader.open(medium, loop=loop),
+        Waiting(Border()),
         screen,  # type: ignore[arg-type]
         screen,
         setup=Setup(**setup),

@@ -176,6 +176,7 @@ def test_a_reloaded_renderer_that_cannot_draw_leaves_the_old(stage: Stage) -> No
 
 
 def test_what_reader_and_display_have_to_say_is_told_at_once(stage: Stage, capsys: pytest.CaptureFixture[str]) -> None:
+    stage.session.step()
     stage.reader.news, stage.screen.news = ["decoder stopped; restarted"], ["monitor A has gone"]
     stage.advance(0.05)
     assert capsys.readouterr().err == "decoder stopped; restarted\nmonitor A has gone\n"

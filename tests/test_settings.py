@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from player.errors import InputError
+from player.medium import Border, Medium
 from player.picture import Picture
 from player.show.options import image_display_duration, monitors_of, picture_of, read_options
 from player.show.playlist import Playlist, expand
@@ -104,10 +105,14 @@ def test_where_settings_are_looked_for(config: Path, tmp_path: Path, monkeypatch
 
 def test_options_may_stand_between_calibration_and_media() -> None:
     options = read_options(["room", "--no-config", "--loop", "a.png", "--view", "camera", "b.png"], "")
-    assert (options.calibration, options.media) == (Path("room"), ["a.png", "b.png"])
+    assert (options.calibration, options.media) == (Path("room"), [Medium("a.png"), Medium("b.png")])
     assert image_display_duration(options) == 5
     options.image_display_duration = math.inf
     assert image_display_duration(options) is None
+
+
+def media(*names: Path | str) -> list[Medium]:
+    return [Medium(str(name)) for name in names]
 
 
 def test_lists_name_media_beside_them(tmp_path: Path) -> None:
@@ -115,7 +120,7 @@ def test_lists_name_media_beside_them(tmp_path: Path) -> None:
     plain.write_text("# a comment\n\none.png\n/two.mp4\n")
     m3u.write_text("\ufeff#EXTM3U\n#EXTINF:3,Three\nthree.png\nhttp://x/four\n", encoding="utf-8")
     expected = [str(tmp_path / "one.png"), "/two.mp4", "zero.png", str(tmp_path / "three.png"), "http://x/four"]
-    assert expand([str(plain), "zero.png", str(m3u)]) == expected
+    assert [medium.name for medium in expand(media(plain, "zero.png", m3u), Border())] == expected
 
 
 @pytest.mark.parametrize(
@@ -126,9 +131,10 @@ def test_a_list_that_cannot_be_used(tmp_path: Path, contents: bytes, complaint: 
     path = tmp_path / "list.m3u"
     path.write_bytes(contents)
     with pytest.raises(InputError, match=complaint):
-        expand([str(path)])
+        expand(media(path), Border())
     with pytest.raises(InputError, match="no such file"):
-        expand([str(tmp_path / "none.txt")])
+        expand(media(tmp_path / "none.txt"), Border())
+    assert expand(media(path, "a.png"), Border(), patient=True) == media(path, "a.png")
 
 
 def test_a_list_goes_on_back_and_round() -> None:
@@ -136,13 +142,15 @@ def test_a_list_goes_on_back_and_round() -> None:
     assert not playlist.step(-1)
     assert playlist.step(1)
     assert not playlist.step(1)
-    assert playlist.current == "b"
-    assert Playlist(["a", "b"], start=1).current == "b"
+    assert playlist.current.name == "b"
+    assert Playlist(["a", "b"], start=1).current.name == "b"
     playlist.loop = True
     assert playlist.step(1)
-    assert playlist.current == "a"
-    playlist.add(["c"], replace=False)
+    assert playlist.current.name == "a"
+    playlist.add(media("c"), replace=False)
     assert playlist.step(-1)
-    assert playlist.current == "c"
-    playlist.add(["d"], replace=True)
-    assert (playlist.media, playlist.current) == (["d"], "d")
+    assert playlist.current.name == "c"
+    playlist.unfold(media("x", "y"))
+    assert (playlist.media, playlist.current.name) == (media("a", "b", "x", "y"), "x")
+    playlist.add(media("d"), replace=True)
+    assert (playlist.media, playlist.current.name) == (media("d"), "d")

@@ -9,7 +9,7 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,9 @@ from player.unattended.supervisor import (
     Place,
     with_options,
 )
+from tests import screens
 from tests.desktop import mapped_windows
+from tests.media import numbered, write_video
 from tests.programs import CLIP, PATIENCE_S, descendants, fail, is_running, on, running, script, succeed, wait_until
 from tests.rooms import write_blurred_room
 
@@ -242,7 +244,79 @@ def test_a_player_that_dies_or_hangs_is_replaced_where_it_was(
         assert code == 130
         assert not any(map(is_running, alive))
     assert "signal 11" in errors
-    assert "the player hangs: ended" in errors
+    assert errors.count("the player hangs: ended") == 1
+
+
+def test_a_screen_that_goes_and_comes_back(room: Path, tmp_path: Path, manager: socket.socket) -> None:
+    """The player says so in one line, and the supervisor starts it until it has a screen again."""
+    with ExitStack() as first:
+        display = first.enter_context(screens.one_screen(tmp_path))
+        with supervised(display, tmp_path, room, CLIP, "--loop", "--control", tmp_path / "socket") as show:
+            pid = show.player()
+            first.close()
+            show.wait(lambda: not is_running(pid), "the player ends")
+            with screens.one_screen(tmp_path, display=display):
+                show.player(other_than=pid)
+                show.process.send_signal(signal.SIGTERM)
+                code, errors = show.ended()
+    assert code == 130
+    assert "error: the screen has gone, the X server ended" in errors
+    assert "XIO" not in errors
+    assert "ended with exit code 2 at item 0" in errors
+    assert not (tmp_path / "socket").exists()
+
+
+def test_nothing_is_left_of_a_supervisor_that_is_killed_and_strangers_are_not_heard(
+    xvfb: str, room: Path, tmp_path: Path, manager: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    with supervised(xvfb, tmp_path, room, CLIP, "--loop") as show:
+        pid = show.player()
+        address = Path(f"/proc/{pid}/environ").read_bytes().partition(b"NOTIFY_SOCKET=")[2].partition(b"\0")[0].decode()
+        stranger = Notifier(address)
+        assert stranger.send(STOPPING="1", **{FACTS: '{"playlist_pos": 7, "time_pos": 70.0}'})
+        stranger.close()
+        os.kill(pid, signal.SIGKILL)
+        show.player(other_than=pid)
+        show.process.kill()
+        _, errors = show.ended()
+    assert "ended with signal 9 at item 0" in errors
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+def test_a_show_goes_on_whoever_reads_its_lines(xvfb: str, room: Path, tmp_path: Path, manager: socket.socket) -> None:
+    """Nobody reads stderr, and a list of which half fails fills its pipe many times; then the reader goes."""
+    (tmp_path / "broken.mkv").write_bytes(b"no video" * 100)
+    clip = tmp_path / "clip.mkv"
+    write_video(clip, [numbered(n) for n in range(3)])
+    media = [path for _ in range(3) for path in (clip, tmp_path / ("x" * 200 + ".mkv"), tmp_path / "broken.mkv")]
+    readable, writable = os.pipe()
+    with suppress(BlockingIOError):
+        os.set_blocking(writable, False)
+        while True:
+            os.write(writable, bytes(4096))
+    os.set_blocking(writable, True)
+    words = script("play-corrected"), "--no-config", "--loop", "--heartbeat", tmp_path / "log", room, *media
+    with running(*words, errors=writable, **on(xvfb)) as process:
+        os.close(writable)
+        show = Show(process, tmp_path / "log")
+        show.player(frames=20)
+        os.close(readable)
+        frames = show.beats()[-1]["frames"]
+        show.wait(lambda: show.beats()[-1]["frames"] > frames + 20, "the show goes on")
+        process.terminate()
+        assert process.wait(PATIENCE_S) == 130
+
+
+def test_a_player_whose_terminal_goes_ends_as_on_ctrl_c(xvfb: str, room: Path, tmp_path: Path) -> None:
+    words = script("play-corrected"), "--no-config", "--loop", "--heartbeat", tmp_path / "log"
+    with running(*words, "--control", tmp_path / "socket", room, CLIP, **on(xvfb)) as process:
+        Show(process, tmp_path / "log").player()
+        assert (tmp_path / "socket").is_socket()
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(PATIENCE_S) == 130
+    assert not (tmp_path / "socket").exists()
 
 
 def test_after_five_crashes_the_screen_is_black_until_told_to_try_again(
@@ -290,8 +364,21 @@ def test_a_show_that_ends_is_not_begun_again(xvfb: str, room: Path, tmp_path: Pa
     assert len({beat["pid"] for beat in show.beats()}) == 1
 
 
+def test_a_medium_that_is_missing_is_waited_for(xvfb: str, room: Path, tmp_path: Path, manager: socket.socket) -> None:
+    with supervised(xvfb, tmp_path, room, tmp_path / "late.mkv") as show:
+        assert show.process.stderr is not None
+        assert "late.mkv: no such file" in show.process.stderr.readline()
+        show.wait(lambda: bool(show.beats()), "a beat")
+        assert show.beats()[0]["path"] is None
+        write_video(tmp_path / "new.mkv", [numbered(n) for n in range(20)])
+        (tmp_path / "new.mkv").rename(tmp_path / "late.mkv")
+        code, _ = show.ended()
+    assert code == 0
+    assert len({beat["pid"] for beat in show.beats()}) == 1
+
+
 def test_wrong_use_ends_it_with_one_line(xvfb: str, room: Path, tmp_path: Path) -> None:
-    assert "no such file" in fail("play-corrected", "--supervise", room, tmp_path / "none.mp4", **on(xvfb))
+    assert "no such folder" in fail("play-corrected", "--supervise", tmp_path / "none", CLIP, **on(xvfb))
     assert "leave out --output" in fail("play-corrected", "--supervise", room, CLIP, "--output", tmp_path / "o.png")
 
 

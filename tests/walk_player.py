@@ -25,6 +25,8 @@ class Watcher:
         self._before: dict[str, Any] = {}
 
     def poll(self, commands: Commands) -> None:
+        if not commands.get("frames"):  # nothing plays yet
+            return
         state = {name: commands.get(name) for name in commands.properties() if name not in NOT_WATCHED}
         if state != self._before:
             print(json.dumps(state), flush=True)
@@ -39,9 +41,10 @@ class Caller:
         self._loops = 0
 
     def poll(self, commands: Commands) -> None:
-        self._loops += 1
-        if self._loops % LOOPS_BETWEEN:
+        self._loops += commands.get("frames") > 0
+        if self._loops % LOOPS_BETWEEN != 1:
             return
+        self._loops += 1
         call = next(self._calls, None)
         if call is None:
             commands.run("quit")

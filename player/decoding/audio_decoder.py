@@ -1,8 +1,8 @@
-"""The audio decoder process: `python -m player.decoding.audio_decoder ARGUMENTS`, started by player/audio.py alone.
+"""The audio decoder process: `python -m player.decoding.audio_decoder`, started by player/audio.py alone.
 
-Reads orders (JSON lines {"serial": n, "time_s": t, "speed": v}) from stdin; writes blocks to stdout: HEADER (serial,
-samples), then as many stereo pairs of float32 at RATE, the first one at `time_s` of the medium, `speed` media seconds a
-second. A block of no samples is the end; one of serial -1 says that there is no sound.
+Reads the medium, then orders (JSON lines {"serial": n, "time_s": t, "speed": v}), from stdin; writes blocks to stdout:
+HEADER (serial, samples), then as many stereo pairs of float32 at RATE, the first one at `time_s` of the medium, `speed`
+media seconds a second. A block of no samples is the end; one of serial -1 says that there is no sound.
 """
 
 import json
@@ -13,14 +13,18 @@ import sys
 import threading
 from collections.abc import Iterator
 from itertools import chain
+from pathlib import Path
 from typing import IO
 
 import av
 import numpy as np
 from numpy.typing import NDArray
 
-from player.decoding.decoder import limit_memory, private_stdout
+from player.decoding.child import limit_memory, private_stdout
 from player.decoding.ffmpeg_log import log_natively
+from player.decoding.opening import open_file
+from player.errors import InputError
+from player.medium import Medium
 
 RATE, CHANNELS = 48_000, 2
 HEADER = struct.Struct("<qI")
@@ -55,9 +59,9 @@ class Orders:
         os._exit(0)
 
 
-def decoded(path: str, time_s: float, speed: float) -> Iterator[Samples]:
+def decoded(medium: Medium, time_s: float, speed: float) -> Iterator[Samples]:
     """Stereo pairs (samples, 2) from `time_s` after the first picture; nothing if there is no sound."""
-    with av.open(f"file:{path}", options={"protocol_whitelist": "file"}, metadata_errors="replace") as container:
+    with open_file(medium, Path(medium.name)) as container:
         if not container.streams.audio:
             return
         stream = container.streams.audio[0]
@@ -132,18 +136,18 @@ def _pairs(frame: av.AudioFrame) -> Samples:
     return np.asarray(frame.to_ndarray(), np.float32).reshape(-1, CHANNELS)
 
 
-def main(path: str, orders: Orders, out: IO[bytes]) -> None:
+def main(medium: Medium, orders: Orders, out: IO[bytes]) -> None:
     """Follow orders until the parent goes; silence for what cannot be decoded."""
     while True:
         order = orders.wait()
         serial, sent = int(order["serial"]), 0
         try:
-            for pairs in decoded(path, order["time_s"], order["speed"]):
+            for pairs in decoded(medium, order["time_s"], order["speed"]):
                 if orders.waiting:
                     break
                 out.write(HEADER.pack(serial, len(pairs)) + pairs.tobytes())
                 sent += len(pairs)
-        except (av.FFmpegError, OSError, ValueError):
+        except (av.FFmpegError, InputError, OSError, ValueError):
             pass  # the picture's decoder says what is wrong with the file
         if not orders.waiting:
             out.write(HEADER.pack(serial if sent or order["time_s"] else NO_SOUND, 0))
@@ -155,6 +159,7 @@ if __name__ == "__main__":
     limit_memory()
     log_natively(av.logging.PANIC)
     try:
-        main(sys.argv[1], Orders(sys.stdin.buffer), private_stdout())
+        medium = Medium(**json.loads(sys.stdin.buffer.readline()))
+        main(medium, Orders(sys.stdin.buffer), private_stdout())
     finally:
         os._exit(1)  # the parent has gone

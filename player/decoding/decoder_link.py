@@ -1,7 +1,7 @@
-"""The parent's end of a decoder process: start it, hear it, share memory with it, end it.
+"""The parent's end of a decoder process: start it, hear it, share memory with it, end it. Nothing here waits.
 
-Commands and events are JSON lines (decoder.py lists them); pixels go through a ring of slots in a memory-mapped file
-that is unlinked as soon as both sides have mapped it.
+Commands and events are JSON lines (decoder.py lists them); pixels go through a ring of slots in memory that both map
+and that has no name, so that nothing is left of it whoever is killed.
 """
 
 import contextlib
@@ -9,112 +9,110 @@ import json
 import mmap
 import os
 import queue
-import shutil
 import signal
-import subprocess
-import sys
 import tempfile
 import threading
 import time
-from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from numpy.typing import NDArray
 
+from player.decoding.child import Letters, bury, start_child
 from player.errors import InputError
 from player.frames import PixelFormat, slot_bytes, slot_planes
 
+FIRST_SIGN_S = 5.0  # Python starts in a tenth of a second, on a busy machine in one
 SILENCE_S = 2.0  # four heartbeats: the process is stopped
 STUCK_S = 60.0  # on one picture; the slowest accepted (2^26 pixels) takes a few, a deadlocked codec takes for ever
 
 
 class DecoderLink:
-    """One decoder process, its ring, and a thread that turns its lines into events."""
+    """One decoder process, its ring, and a thread that turns its lines into events.
+
+    Raises InputError when the system has no process or no memory for it.
+    """
 
     def __init__(self, number: int, arguments: dict[str, Any]) -> None:
         self._events: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
-        self._folder: str | None = None
         self._ring: mmap.mmap | None = None
         self._planes: list[tuple[NDArray[Any], ...]] = []
         self._cause: str | None = None
         self.busy_s = 0.0
-        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the process)
-        self.process = start_child("player.decoding.decoder", json.dumps(arguments), self._errors)
-        self._looked = time.monotonic()
-        self._heard: float | None = None
+        with contextlib.ExitStack() as stack:
+            try:
+                self._memory = _nameless_file()
+                stack.callback(os.close, self._memory)
+                self._errors = stack.enter_context(tempfile.TemporaryFile())
+            except OSError as error:
+                raise InputError(f"no decoder can be started ({error.strerror}); free some memory or disk") from None
+            self.process = start_child("player.decoding.decoder", self._errors, [self._memory])
+            stack.pop_all()
+        self._letters = Letters(self.process)
+        self.send(arguments | {"ring": self._memory})
+        self._looked = self._heard = time.monotonic()
+        self._speaks = self._closed = False
         self._listener = threading.Thread(target=self._listen, name=f"decoder {number}", daemon=True)
         self._listener.start()
 
     def receive(self, timeout_s: float) -> dict[str, Any] | None:
         """The next event, or None when none arrives in time."""
+        self._letters.flush()
         try:
             return self._events.get(timeout=timeout_s) if timeout_s else self._events.get_nowait()
         except queue.Empty:
             return None
 
     def send(self, command: dict[str, Any]) -> None:
-        assert self.process.stdin is not None
-        with contextlib.suppress(OSError, ValueError):  # it has died: that arrives as an event
-            self.process.stdin.write(json.dumps(command).encode() + b"\n")
-            self.process.stdin.flush()
+        self._letters.send(json.dumps(command).encode())
 
-    def silent_s(self) -> float:
-        """Seconds since the last sign of life, 0 before the first (the interpreter starts).
+    @property
+    def hangs(self) -> bool:
+        """Whether it has given no sign of life for too long, or is busy with one picture for ever.
 
-        Does not count those in which nobody looked: we may have been stopped, too.
+        Does not count the seconds in which nobody looked: we may have been stopped, too.
         """
         now = time.monotonic()
-        if self._heard is not None and now - self._looked > 0.5 * SILENCE_S:
+        if now - self._looked > 0.5 * SILENCE_S:
             self._heard = now
         self._looked = now
-        return 0.0 if self._heard is None else now - self._heard
+        return now - self._heard > (SILENCE_S if self._speaks else FIRST_SIGN_S) or self.busy_s > STUCK_S
 
-    def make_ring(self, slots: int, pixels: PixelFormat) -> None:
-        """Create and map a ring file, in memory where there is room, and tell the decoder."""
+    def map_ring(self, slots: int, pixels: PixelFormat) -> None:
+        """Map the ring that the decoder has made."""
         size = slots * slot_bytes(pixels)
-        self._folder, path = _ring_file(size)
-        with path.open("r+b") as file:
-            self._ring = mmap.mmap(file.fileno(), size)
+        if os.fstat(self._memory).st_size != size:
+            raise InputError("the decoder's ring is not of the size that it told; play the medium again")
+        self._ring = mmap.mmap(self._memory, size)
         self._planes = [slot_planes(self._ring, pixels, slot) for slot in range(slots)]
-        self.send({"ring": str(path), "slots": slots})
 
     def planes(self, slot: int) -> tuple[NDArray[Any], ...]:
         return self._planes[slot]
-
-    def remove_ring_file(self) -> None:
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
-            self._folder = None
 
     def kill(self, cause: str) -> None:
         self._cause = cause
         self.process.kill()
 
     def close(self) -> None:
-        """Ask it to quit, insist after a second, and free everything but the ring that frames may still show."""
+        """Have it quit, and free everything but the ring that frames may still show; what takes time is done beside."""
+        if self._closed:
+            return
+        self._closed = True
         self.send({"quit": True})
-        assert self.process.stdin is not None
-        with contextlib.suppress(OSError):
-            self.process.stdin.close()
-        try:
-            self.process.wait(1.0)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-        self._listener.join()
-        assert self.process.stdout is not None
-        self.process.stdout.close()
-        self._errors.close()
-        self.remove_ring_file()
         self._planes = []
         if self._ring is not None:
             with contextlib.suppress(BufferError):  # a frame is still held: the mapping lives as long as it
                 self._ring.close()
+        bury(self.process, self._clear)
+
+    def _clear(self) -> None:
+        self._listener.join()
+        self._errors.close()
+        os.close(self._memory)
 
     def _listen(self) -> None:
         assert self.process.stdout is not None
         for line in self.process.stdout:
-            self._heard = time.monotonic()
+            self._heard, self._speaks = time.monotonic(), True
             event = json.loads(line) if line.endswith(b"\n") else {}
             self.busy_s = event.get("busy_s", 0.0)
             if "busy_s" not in event:
@@ -130,39 +128,12 @@ class DecoderLink:
         return f"decoder stopped ({': '.join([how, *last_words])})"
 
 
-def start_child(module: str, argument: str, errors: IO[bytes] | int) -> subprocess.Popen[bytes]:
-    """Run a module with this interpreter, in a process group of its own: Ctrl-C is for the parent to handle."""
-    package_folder = str(Path(__file__).resolve().parents[2])
-    search = os.pathsep.join(filter(None, [package_folder, os.environ.get("PYTHONPATH")]))
-    # One BLAS thread and few arenas: each would reserve address space, which the decoder limits for itself.
-    environment = os.environ | {"PYTHONPATH": search, "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "4"}
-    return subprocess.Popen(
-        [sys.executable, "-P", "-m", module, argument],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=errors,
-        env=environment,
-        process_group=0 if os.name == "posix" else None,
-    )
-
-
-def _ring_file(size: int) -> tuple[str, Path]:
-    """A new folder and in it a file of `size` bytes that are really there: a full /dev/shm would end in SIGBUS."""
-    for parent in ("/dev/shm", tempfile.gettempdir()):
-        if not os.access(parent, os.W_OK):
-            continue
-        folder = tempfile.mkdtemp(prefix=f"counterlight-{os.getpid()}-", dir=parent)
-        path = Path(folder, "ring")
-        try:
-            with path.open("wb") as file:
-                if hasattr(os, "posix_fallocate"):
-                    os.posix_fallocate(file.fileno(), 0, size)
-                file.truncate(size)
-            return folder, path
-        except OSError:
-            shutil.rmtree(folder, ignore_errors=True)
-    place = tempfile.gettempdir()
-    raise InputError(f"no room for {size >> 20} MiB of decoded frames in {place}; free some, or set TMPDIR")
+def _nameless_file() -> int:
+    """A descriptor of memory that two processes can map; where the system has none, of a file without a name."""
+    if hasattr(os, "memfd_create"):
+        return os.memfd_create("counterlight-ring")
+    with tempfile.TemporaryFile() as file:
+        return os.dup(file.fileno())
 
 
 def _signal_name(number: int) -> str:

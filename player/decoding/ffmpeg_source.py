@@ -8,15 +8,16 @@ from pathlib import Path
 
 import av
 
+from player.decoding.opening import open_file, open_sequence, reason
 from player.decoding.pixels import MAX_PIXELS, UNTAGGED, Samples, Tags, describe, display_rotation, hdr_notice, unpack
 from player.decoding.source import TIME_SLACK_S, Decoded, Sequence, is_wanted
 from player.errors import InputError
 from player.frames import MediaInfo
+from player.medium import Medium
 
 DEFAULT_RATE = 25.0
 _PICTURE_CODECS = {"gif", "apng", "webp", "webp_anim"}
 _CENTERED_CODECS = {"mjpeg", "mjpegb", "mpeg1video", "webp", "jpegls"}
-_TEXT_ART = {"tty", "bin", "xbin", "adf", "idf"}  # FFmpeg would draw any text file as a film
 _FIX = f"it is damaged, larger than {MAX_PIXELS} pixels or of an unknown kind: copy or export it again"
 
 
@@ -26,8 +27,9 @@ class FfmpegSource:
     tolerant : leave out pictures that cannot be decoded, and take an early end for the end; a line says so, once.
     """
 
-    def __init__(self, path: Path | str, sequence: Sequence | None, *, tolerant: bool = False) -> None:
-        self.path, self._sequence, self._tolerant = path, sequence, tolerant
+    def __init__(self, medium: Medium, sequence: Sequence | None, *, tolerant: bool = False) -> None:
+        self._medium, self._sequence, self._tolerant = medium, sequence, tolerant
+        self.path = Path(medium.name) if medium.live() is None else medium.name
         self.notices: list[str] = []
         self._damage: InputError | None = None  # the first that was tolerated
         self._told = False
@@ -70,17 +72,14 @@ class FfmpegSource:
         self._damage = self._damage or damage
 
     def _open(self) -> None:
-        options = {"protocol_whitelist": "file", "pattern_type": "none", "max_pixels": str(MAX_PIXELS)}
-        if self._sequence is not None:
-            rate = Fraction(self._sequence.rate).limit_denominator(100_000)
-            options |= {"framerate": str(rate), "start_number": str(self._sequence.start), "pattern_type": "sequence"}
+        path, options = Path(self.path), {"max_pixels": str(MAX_PIXELS)}
         try:
-            self._container = av.open(
-                f"file:{self.path}",
-                format="image2" if self._sequence else None,
-                options=options,
-                metadata_errors="replace",
-            )
+            if self._sequence is None:
+                self._container = open_file(self._medium, path, options)
+            else:
+                rate = Fraction(self._sequence.rate).limit_denominator(100_000)
+                options |= {"framerate": str(rate), "start_number": str(self._sequence.start)}
+                self._container = open_sequence(self._medium, path, options)
         except (av.FFmpegError, OSError) as error:
             raise InputError(f"{self.path}: FFmpeg cannot read it ({reason(error)}); {_FIX}") from None
         self._stream = self._video_stream()
@@ -89,7 +88,7 @@ class FfmpegSource:
         """Choose FFmpeg's best video stream and set its decoder up."""
         container_name = self._container.format.name
         stream = self._container.streams.best("video")
-        if stream is None or container_name in _TEXT_ART or stream.disposition & stream.disposition.attached_pic:
+        if stream is None or stream.disposition & stream.disposition.attached_pic:
             raise InputError(f"{self.path}: holds no video or picture; choose a file with one")
         assert isinstance(stream, av.VideoStream)
         context: av.VideoCodecContext | None = stream.codec_context
@@ -240,19 +239,23 @@ class FfmpegSource:
 
     def _check_picture(self, picture: Decoded) -> None:
         """Raise InputError for a picture that is not like the first one, or that FFmpeg patched up if that matters."""
-        pixels = self.info.format
         number = round(picture.time_s * self.info.frames_per_second)
         if picture.corrupt:
             self._tolerate(self._damaged(number, "its data is damaged"))
-        found, expected = picture.samples, self._plan
+        if difference := self._unlike_the_first(picture):
+            raise InputError(
+                f"{self.path}: frame {number} is {difference} like the first; re-encode it at one size and format"
+            )
+
+    def _unlike_the_first(self, picture: Decoded) -> str:
+        """`64x48, expected 32x24`, or nothing."""
+        pixels, found, expected = self.info.format, picture.samples, self._plan
         if tuple((p.shape[1], p.shape[0]) for p in found.planes) != tuple((s.width, s.height) for s in expected[2]):
             height, width = found.planes[0].shape
-            size = f"{width}x{height}, expected {pixels.width}x{pixels.height}"
-        elif (found.layout, found.depth) != expected[:2]:
-            size = f"{found.layout} of {found.depth} bits, expected {pixels.layout} of {pixels.depth} bits"
-        else:
-            return
-        raise InputError(f"{self.path}: frame {number} is {size} like the first; re-encode it at one size and format")
+            return f"{width}x{height}, expected {pixels.width}x{pixels.height}"
+        if (found.layout, found.depth) != expected[:2]:
+            return f"{found.layout} of {found.depth} bits, expected {pixels.layout} of {pixels.depth} bits"
+        return ""
 
     def _check_complete(self, count: int | None, end_s: float) -> None:
         """Raise InputError when the medium stops clearly before the end that it declares.
@@ -298,9 +301,3 @@ def _failing(error: InputError) -> Iterator[Decoded]:
 
 def _throw(error: InputError) -> Decoded:
     raise error
-
-
-def reason(error: BaseException) -> str:
-    """FFmpeg's words without the path and the errno, in one line."""
-    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    return " ".join(str(text).split()).rstrip(".")

@@ -1,5 +1,6 @@
 """A name -> the source that decodes it: OpenEXR pictures here, the rest by FFmpeg."""
 
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,37 +9,37 @@ import numpy as np
 
 from player import exr
 from player.decoding.ffmpeg_source import FfmpegSource
-from player.decoding.live import live_address
 from player.decoding.live_source import LiveSource
 from player.decoding.pixels import MAX_PIXELS, UNTAGGED, Samples, Tags, check_finite, describe
 from player.decoding.source import Decoded, Sequence, Source, is_wanted
 from player.errors import InputError
 from player.frames import MediaInfo
+from player.medium import NUMBER, Medium
 from player.writing.stage import finish
 
 SEQUENCE_RATE = 25.0
-_PATTERN = re.compile(r"%0?(\d*)d")
 
 
-def open_source(name: str, frames_per_second: float | None, *, tolerant: bool = False) -> Source:
+def open_source(medium: Medium, frames_per_second: float | None, *, tolerant: bool = False) -> Source:
     """Open a file, a printf pattern such as `frames/%05d.png` or a live source, and decode its first picture.
 
     tolerant : leave out what FFmpeg cannot decode; OpenEXR pictures must be whole.
     """
-    live = live_address(name)
+    medium.check()
+    live = medium.live()
     if live is not None:
-        return LiveSource(name, live)
-    path = Path(name)
-    if _PATTERN.search(path.name) and not path.exists():
+        return LiveSource(medium, live)
+    path = Path(medium.name)
+    if medium.is_sequence:
+        medium.inside(path.parent)
         start, paths = _sequence(path)
-        rate = frames_per_second or SEQUENCE_RATE
+        rate, files = frames_per_second or SEQUENCE_RATE, [medium.file(each) for each in paths]
         if path.suffix.lower() == ".exr":
-            return ExrSource(path, paths, rate)
-        return FfmpegSource(path, Sequence(start, len(paths), rate), tolerant=tolerant)
-    _check_file(path)
+            return ExrSource(path, files, rate)
+        return FfmpegSource(medium, Sequence(start, len(paths), rate), tolerant=tolerant)
     if path.suffix.lower() == ".exr":
-        return ExrSource(path, [path], SEQUENCE_RATE)
-    return FfmpegSource(path, None, tolerant=tolerant)
+        return ExrSource(path, [medium.file(path)], SEQUENCE_RATE)
+    return FfmpegSource(medium, None, tolerant=tolerant)
 
 
 class ExrSource:
@@ -78,11 +79,13 @@ def _sequence(pattern: Path) -> tuple[int, list[Path]]:
     What a killed command had begun to put there is completed first.
     """
     finish(pattern)
-    before, width, after = _PATTERN.split(pattern.name, maxsplit=1)
+    before, width, after = NUMBER.split(pattern.name, maxsplit=1)
     digits = re.compile(re.escape(before) + rf"(\d{{{width or 1},}})" + re.escape(after.replace("%%", "%")))
-    if not pattern.parent.is_dir():
-        raise InputError(f"{pattern.parent}: no such folder; check the sequence's path")
-    names = [match for entry in pattern.parent.iterdir() if (match := digits.fullmatch(entry.name))]
+    try:
+        entries = os.listdir(pattern.parent)
+    except OSError as error:
+        raise InputError(f"{pattern.parent}: {error.strerror}; check the sequence's folder and its rights") from None
+    names = [match for entry in entries if (match := digits.fullmatch(entry))]
     numbered = {int(match[1]): pattern.parent / match[0] for match in names}
     if not numbered:
         raise InputError(f"{pattern}: no file matches this pattern; check its name and its number of digits")
@@ -93,17 +96,6 @@ def _sequence(pattern: Path) -> tuple[int, list[Path]]:
             f"{pattern}: number {missing} is missing between {first} and {last}; add it or renumber the files"
         )
     return first, [numbered[n] for n in range(first, last + 1)]
-
-
-def _check_file(path: Path) -> None:
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; name a file, or a sequence such as {path / '%05d.png'}")
-    if not path.exists():
-        raise InputError(f"{path}: no such file; check its name")
-    if not path.is_file():
-        raise InputError(f"{path}: not a regular file; copy the medium to one")
-    if path.stat().st_size == 0:
-        raise InputError(f"{path}: empty (0 bytes); copy or export it again")
 
 
 def _check_shown(header: exr.Header, name: str) -> None:

@@ -13,6 +13,10 @@ from player.frames import MediaInfo
 TIME_SLACK_S = 1e-6  # far below one frame, far above the rounding of a float64 time
 
 
+class FormatChangedError(Exception):
+    """A live source sends pictures of another size or kind than before: whoever shows them has to open it again."""
+
+
 @dataclass(frozen=True)
 class Decoded:
     """One picture of a medium: seconds since the first one, and its samples (valid until the next is asked for).

@@ -62,13 +62,13 @@ class Displays:
         Each is finished before any is shown, so that they change together, and before the renderer, in another
         context, writes the next picture into the texture that they read.
         """
-        picture, drive = self._picture(), self._drive()
+        picture, drive = None if black else self._picture(), self._drive()
         drawn = []
         for window, region in zip(self._windows, self._regions, strict=True):
             first = window is self._first
             window.make_current()
-            shown = None if black or not (first or drive) else picture
-            part = region if drive else Region(0, 0, *picture.size)
+            shown = picture if first or drive else None
+            part = region if drive or picture is None else Region(0, 0, *picture.size)
             if window.visible and window.draw(shown, part, page if first else _without_text(page)):
                 window.context.finish()
                 drawn.append(window)

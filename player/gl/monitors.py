@@ -11,6 +11,7 @@ from typing import Any, Literal
 import glfw
 
 from player.errors import InputError
+from player.gl import lost_screen
 
 WITHOUT_SCREEN = "use --output FILE to render without one, or start one with: xvfb-run -a COMMAND"
 
@@ -44,6 +45,7 @@ def start_glfw() -> None:
             raise InputError(f"no screen: {_plain(error)}; {WITHOUT_SCREEN}") from None
     if not started:
         raise InputError(f"no screen: GLFW does not start and gives no reason; {WITHOUT_SCREEN}")
+    lost_screen.watch()
 
 
 def list_monitors() -> list[Monitor]:

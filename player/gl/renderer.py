@@ -12,7 +12,7 @@ from player.content import SceneCuts
 from player.gl.adaptation import Damper
 from player.gl.decoding import Decoder
 from player.gl.passes import Owner, Pass, float_texture, picture_texture
-from player.gl.paths import FarPass, Product, StoredMaps, store_maps
+from player.gl.paths import FarPass, Product, StoredMap, StoredMaps, store_maps
 from player.gl.refinement import Refiner
 from player.gl.request import Request, read
 from player.gl.starts import DirectStart, GreyStart, MapStart, PreviousStart, Start
@@ -28,6 +28,8 @@ from player.video import Frame, PixelFormat
 class GlRenderer:
     """Renderer in OpenGL 3.3, or 4.3 where it is the faster; see player.renderer.Renderer. The caller owns the context.
 
+    No part of it refers back to it, so that a reload frees the room that it replaces, and not some later collection.
+
     path : one of player.renderer.PATHS.
     """
 
@@ -37,7 +39,6 @@ class GlRenderer:
         self._picture = NEUTRAL
         self._opened = False
         self._damper: Damper | None = None
-        self._product: Product | None = None
         try:
             self._build(path)
         except BaseException:
@@ -53,9 +54,9 @@ class GlRenderer:
         self.path = stored.report
         self._correction = stored.of(maps.correction)
         self._correct = own(self._correction.product("CLAMP"))
-        self._undo = None
-        if maps.undo is not None:
-            self._undo = own(FarPass(stored.chain(maps.undo), "SUBTRACT_FROM_BASE"))
+        undo = None if maps.undo is None else own(FarPass(stored.chain(maps.undo), "SUBTRACT_FROM_BASE"))
+        self._near_light = _NearLight(undo)
+        self._unclamped = own(_Unclamped(self._correction, self._near_light))
         transport = stored.of(maps.transport)
         far = None if maps.far is None else stored.chain(maps.far)
         self._refiner = None
@@ -79,7 +80,8 @@ class GlRenderer:
         if start == "grey":
             return GreyStart(context, projector)
         if start == "map":
-            return MapStart(lambda b: self._correct.run(self._near_light(b)))
+            correct, near_light = self._correct, self._near_light
+            return MapStart(lambda b: correct.run(near_light(b)))
         return PreviousStart(context, projector, self._unclamped)
 
     def open(self, pixels: PixelFormat) -> None:
@@ -180,12 +182,29 @@ class GlRenderer:
         self._compensated = drive, b
         return drive
 
-    def _unclamped(self, b: moderngl.Texture) -> moderngl.Texture:
-        """T⁺ b of the near light."""
+
+class _NearLight:
+    """b -> b without the far light of the compensated picture."""
+
+    def __init__(self, undo: FarPass | None) -> None:
+        self._undo = undo
+
+    def __call__(self, b: moderngl.Texture) -> moderngl.Texture:
+        return b if self._undo is None else self._undo.run(b, b)
+
+
+class _Unclamped:
+    """b -> T⁺ b of the near light; built when first asked."""
+
+    def __init__(self, correction: StoredMap, near_light: _NearLight) -> None:
+        self._correction, self._near_light = correction, near_light
+        self._product: Product | None = None
+
+    def __call__(self, b: moderngl.Texture) -> moderngl.Texture:
         if self._product is None:
-            self._product = self._owner.own(self._correction.product())
+            self._product = self._correction.product()
         return self._product.run(self._near_light(b))
 
-    def _near_light(self, b: moderngl.Texture) -> moderngl.Texture:
-        """b without the far light of the compensated picture."""
-        return b if self._undo is None else self._undo.run(b, b)
+    def release(self) -> None:
+        if self._product is not None:
+            self._product.release()

@@ -166,8 +166,10 @@ class Window:
 
     def present(self, page: Page | None, *, black: bool) -> None:
         """Show the attached picture, or black, with a page over it."""
-        picture = self._picture()
-        if self.draw(None if black else picture, Region(0, 0, *picture.size), page):
+        picture = None if black else self._picture()
+        height, width = self._shape
+        region = Region(0, 0, width, height) if picture is None else Region(0, 0, *picture.size)
+        if self.draw(picture, region, page):
             self.swap()
 
     def draw(self, picture: moderngl.Texture | None, region: Region, page: Page | None) -> bool:

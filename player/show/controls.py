@@ -1,11 +1,13 @@
 """The commands and properties of a session (docs/player.md lists them): what keys, settings and remotes can do."""
 
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from player.command import tell
 from player.output import write_picture
 from player.picture import CONTROL, MOST_BLACK, MOST_FLICKER
 from player.refinement import MOST_STEPS
@@ -13,7 +15,6 @@ from player.renderer import VIEWS, Renderer
 from player.show.commands import Anything, Choice, Command, CommandError, Commands, Flag, Number, Property
 from player.show.placing import Placing
 from player.show.playback import Playback
-from player.show.playlist import expand
 from player.show.stats_page import position
 from player.test_cards import CARDS
 from player.writing.replacing import replacing_file
@@ -87,17 +88,14 @@ class _Actions:
         session = self._session
         if not session.playlist.loop and not 0 <= session.playlist.position + by < len(session.playlist.media):
             raise CommandError("no further medium in the list" if by > 0 else "no medium before this one")
-        session.go(by)
-        return f"{session.playlist.position + 1}/{len(session.playlist.media)} {Path(session.playlist.current).name}"
+        session.programme.go(by)
+        return (
+            f"{session.playlist.position + 1}/{len(session.playlist.media)} {Path(session.playlist.current.name).name}"
+        )
 
     def load(self, path: object, how: object = "replace") -> str:
-        session, media = self._session, expand([str(path)])
-        if LOADS.read(how) == "replace":
-            session.begin(media[0])
-            session.playlist.add(media, replace=True)
-        else:
-            session.playlist.add(media, replace=False)
-        return Path(media[0]).name
+        medium = self._session.programme.load(str(path), replace=LOADS.read(how) == "replace")
+        return Path(medium.name).name
 
     def ab_loop(self) -> str:
         playback = _playback(self._session)
@@ -118,7 +116,7 @@ class _Actions:
         path = session.screenshots / name
         with replacing_file(path) as temporary:
             write_picture(temporary, session.renderer)
-        print(f"saved {path}")
+        tell(f"saved {path}", sys.stdout)
         return str(path)
 
     def show_text(self, text: object, milliseconds: object = 1000) -> None:
@@ -138,7 +136,7 @@ class _Actions:
             session.replace_renderer(renderer)
         except Exception as error:  # an edited shader can go wrong in any way
             line = session.not_reloaded(error)
-            session.stats.notices.append(line)
+            session.stats.notice(line)
             raise CommandError(line) from None
         return "maps and shaders reloaded"
 
@@ -213,32 +211,39 @@ def _playing(session: "Session") -> dict[str, Property]:
     def now() -> Playback:
         return _playback(session)
 
-    def attribute(name: str, kind: Any, text: str, unit: str = "") -> Property:
-        return Property(text, lambda: getattr(now(), name), lambda value: setattr(now(), name, value), kind, unit)
+    def manner(name: str, kind: Any, text: str) -> Property:
+        return Property(
+            text, lambda: getattr(session.manner, name), lambda value: setattr(session.manner, name, value), kind
+        )
 
     def go_to(index: int) -> None:
         if not 0 <= index < len(session.playlist.media):
             raise CommandError(f"playlist-pos: expected 0 to {len(session.playlist.media) - 1}, found {index}")
-        session.playlist.position = index
-        session.open_current()
+        session.programme.select(index)
 
     def hold(seconds: float | str) -> None:
-        session.image_display_duration = now().hold_s = None if seconds == "inf" else float(seconds)
+        session.image_display_duration = None if seconds == "inf" else float(seconds)
+        if session.playback is not None:
+            session.playback.hold_s = session.image_display_duration
 
     playlist = session.playlist
     return {
-        "pause": attribute("paused", Flag(), "whether time stands still"),
-        "speed": attribute("speed", Number(0.01, 100), "media seconds a second"),
+        "pause": manner("paused", Flag(), "whether time stands still"),
+        "speed": manner("speed", Number(0.01, 100), "media seconds a second"),
         "time-pos": Property(
             "seconds from the beginning", lambda: now().position_s, lambda t: now().seek(t), TIME, "s"
         ),
         "duration": Property("seconds, null if unknown or a still", lambda: now().reader.info.duration_s),
         "path": Property("the medium that plays", lambda: str(now().reader.info.path)),
-        "playlist": Property("the media of the list", lambda: list(playlist.media)),
+        "playlist": Property("the media of the list", lambda: [medium.name for medium in playlist.media]),
         "playlist-pos": Property(
-            "position in the list, from 0", lambda: playlist.position, go_to, Number(0, 1e6, whole=True)
+            "position in the list, from 0, of what plays or is being opened",
+            lambda: playlist.position,
+            go_to,
+            Number(0, 1e6, whole=True),
         ),
-        "loop-file": attribute("loop", Flag(), "begin the medium again at its end"),
+        "playlist-playing-pos": Property("position of what plays", lambda: session.programme.on),
+        "loop-file": manner("loop", Flag(), "begin the medium again at its end"),
         "loop-playlist": Property(
             "begin the list again at its end",
             lambda: playlist.loop,

@@ -10,6 +10,7 @@ from typing import Literal, TypeAlias
 from player.calibration import RADIANCE
 from player.command import Parser
 from player.errors import InputError
+from player.medium import Border, Medium
 from player.picture import CONTROL, MOST_BLACK, MOST_FLICKER, Picture
 from player.refinement import DEFAULT_STEPS, MOST_STEPS, STARTS, STEPS_WITHOUT_MAP
 from player.renderer import DITHERS, PATHS, VIEWS
@@ -24,7 +25,11 @@ LISTED_IMAGE_S = 5.0  # how long a picture in a list is shown if nobody says
 
 
 def read_options(argv: Sequence[str] | None, description: str) -> argparse.Namespace:
-    """Options over settings over defaults; `keys` holds the settings' key bindings, `media` what `lists` expand to."""
+    """Options over settings over defaults.
+
+    keys : the settings' key bindings.  media : player.medium.Medium, `lists` expanded.  border : what others may name.
+    lasting : whether nobody is there to start the show again.
+    """
     parser = _parser(description)
     config = parser.parse_known_intermixed_args(argv)[0]
     keys: dict[str, str] = {}
@@ -33,7 +38,11 @@ def read_options(argv: Sequence[str] | None, description: str) -> argparse.Names
         if config.config is not None or path.exists():
             keys = apply_settings(parser, path)
     options = parser.parse_intermixed_args(argv)
-    options.keys, options.lists, options.media = keys, options.media, expand(options.media)
+    options.keys, options.lists = keys, [Medium(name) for name in options.media]
+    roots = [options.media_root] if isinstance(options.media_root, Path) else options.media_root or []
+    options.border = Border.around(options.lists, roots, live=options.allow_live)
+    options.lasting = options.loop or options.supervised or options.control is not None
+    options.media = expand(options.lists, options.border, patient=options.lasting)
     return options
 
 
@@ -64,6 +73,7 @@ def _parser(description: str) -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     _add_what(parser.add_argument)
+    _add_border(parser.add_argument)
     _add_compensation(parser.add_argument)
     _add_picture(parser.add_argument)
     _add_window(parser.add_argument)
@@ -90,6 +100,23 @@ def _add_what(add: Callable[..., object]) -> None:
         type=_hold,
         metavar="SECONDS|inf",
         help=f"how long a picture is shown (default inf, in a list {LISTED_IMAGE_S:g})",
+    )
+
+
+def _add_border(add: Callable[..., object]) -> None:
+    add(
+        "--media-root",
+        action=Several,
+        type=Path,
+        metavar="DIR",
+        help="lists and remotes may name files below it, too; several: each once\n"
+        "(always: below a list's own folder, and below those of the MEDIA)",
+    )
+    add(
+        "--allow-live",
+        action=argparse.BooleanOptionalAction,
+        default=False,
+        help="lists and remotes may name streams (rtsp://, udp://, …), too",
     )
 
 
@@ -202,6 +229,7 @@ def _add_output(add: Callable[..., object]) -> None:
         default=False,
         help="start the player again whenever it dies or hangs",
     )
+    add("--supervised", action="store_true", help=argparse.SUPPRESS)  # said by the supervisor
     add("--safe", choices=SAFE, default="black", help="what --supervise shows after too many crashes (default black)")
     add("--stats", type=Path, metavar="FILE.json", help="write frames, drops, judder and milliseconds")
 
@@ -274,8 +302,9 @@ def _number(text: str, low: float, high: float, expected: str) -> float:
     return value
 
 
-def one_medium(options: argparse.Namespace) -> str:
+def one_medium(options: argparse.Namespace) -> Medium:
     """The medium to render into a file."""
     if len(options.media) != 1:
         raise InputError(f"--output renders one medium, found {len(options.media)}; give one")
-    return str(options.media[0])
+    medium: Medium = options.media[0]
+    return medium

@@ -15,6 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 from player.show.outline import Outline
 
 SHOWN_S, FADING_S = 1.0, 0.3
+MOST_LETTERS = 1000  # of a message: drawing them takes 5 ms
 MESSAGE_SIZE = 1.6
 TEXT_HEIGHT, LINE_HEIGHT, MARGIN, TAB_GAP = 18, 24, 12, 18  # pixels in a window of REFERENCE_HEIGHT
 REFERENCE_HEIGHT, SMALLEST_SCALE, LARGEST_SCALE = 720, 0.6, 4.0
@@ -52,7 +53,7 @@ class Message:
         self._clock, self._text, self._until = clock, "", float("-inf")
 
     def say(self, text: str, seconds: float = SHOWN_S) -> None:
-        self._text, self._until = text, self._clock() + seconds
+        self._text, self._until = text[:MOST_LETTERS], self._clock() + seconds
 
     @property
     def text(self) -> str:

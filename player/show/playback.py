@@ -20,6 +20,7 @@ class Reader(Protocol):
     @property
     def ended(self) -> bool: ...
 
+    def ready(self) -> bool: ...
     def poll(self) -> Frame | None: ...
     def release(self, frame: Frame) -> None: ...
     def seek(self, time_s: float) -> None: ...
@@ -124,6 +125,16 @@ class Playback:
         if self.reader.info.still:
             return self.hold_s is not None and now_s is not None and now_s >= self.hold_s
         return self._cut_off or (self._exhausted and (now_s is None or now_s >= self._taken_until_s))
+
+    def ends_within(self, seconds: float) -> bool:
+        """Whether the end will come so soon, as far as that is known."""
+        info, ahead_s = self.reader.info, seconds * self._speed
+        if self._paused or info.live or self.loops:
+            return False
+        if info.still:
+            now_s = self._media_time()
+            return self.hold_s is not None and now_s is not None and now_s + ahead_s >= self.hold_s
+        return self.reader.ended if info.duration_s is None else self._seconds + ahead_s >= info.duration_s
 
     def due(self) -> Frame | None:
         """The newest frame whose time has come; older ones that were not shown in time are dropped and counted."""

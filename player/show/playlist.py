@@ -5,78 +5,118 @@ from pathlib import Path
 
 from player.decoding.live import live_address
 from player.errors import InputError
-from player.writing.numbered import is_numbered, number_of
+from player.medium import Border, Medium
+from player.writing.numbered import number_of
 
 LISTS = (".m3u", ".m3u8", ".txt")
 MAX_LIST_BYTES = 4 << 20
+MAX_MEDIA = 10_000
 
 
 class Playlist:
     """Media in order, and which one is on. Positions count from 0."""
 
-    def __init__(self, media: Sequence[str], *, loop: bool = False, start: int = 0) -> None:
-        self.media, self.loop, self.position = list(media), loop, min(start, len(media) - 1)
+    def __init__(self, media: Sequence[Medium | str], *, loop: bool = False, start: int = 0) -> None:
+        self.media, self.loop, self.position = [Medium.of(each) for each in media], loop, min(start, len(media) - 1)
 
     @property
-    def current(self) -> str:
+    def current(self) -> Medium:
         return self.media[self.position]
 
-    def step(self, by: int) -> bool:
-        """Go on (1) or back (-1), round about if the list is looped; False, staying, if there is nothing there."""
+    def after(self, by: int = 1) -> int | None:
+        """The position that is so many further, round about if the list is looped; None if there is nothing there."""
         target = self.position + by
         if self.loop:
             target %= len(self.media)
-        if not 0 <= target < len(self.media):
-            return False
-        self.position = target
-        return True
+        return target if 0 <= target < len(self.media) else None
 
-    def add(self, media: Sequence[str], *, replace: bool) -> None:
-        """Put media at the end, or in place of everything."""
-        if replace:
-            self.media, self.position = list(media), 0
-        else:
-            self.media += media
+    def step(self, by: int) -> bool:
+        """Go on (1) or back (-1); False, staying, if there is nothing there."""
+        target = self.after(by)
+        if target is not None:
+            self.position = target
+        return target is not None
+
+    def add(self, media: Sequence[Medium], *, replace: bool) -> None:
+        """Put media at the end, or in place of everything; InputError if that is more than a list holds."""
+        whole = list(media) if replace else [*self.media, *media]
+        if len(whole) > MAX_MEDIA:
+            raise InputError(f"{len(whole)} media, a list holds {MAX_MEDIA}; replace the list")
+        self.media = whole
+        self.position = 0 if replace else self.position
+
+    def unfold(self, media: Sequence[Medium]) -> None:
+        """Put what the current entry, a list, lists in its place."""
+        whole = [*self.media[: self.position], *media, *self.media[self.position + 1 :]]
+        if len(whole) > MAX_MEDIA:
+            raise InputError(f"{self.current}: {len(whole)} media, a list holds {MAX_MEDIA}; split the list")
+        self.media = whole
 
 
-def expand(media: Sequence[str]) -> list[str]:
-    """Media with every list replaced by what it lists; InputError if nothing is left or a list cannot be read."""
-    found = [entry for name in media for entry in (read_list(Path(name)) if is_list(name) else [name])]
-    if media and not found:
-        raise InputError(f"{', '.join(media)}: lists no medium; put one path in each line")
+def expand(media: Sequence[Medium], border: Border, *, patient: bool = False) -> list[Medium]:
+    """Media with every list replaced by what it lists, as far as the border lets it.
+
+    patient : keep a list that cannot be read as it is, for the show to try again.
+    Raises InputError if nothing is left or a list cannot be read.
+    """
+    found: list[Medium] = []
+    for medium in media:
+        try:
+            found += read_list(medium, border) if is_list(medium) else [medium]
+        except InputError:
+            if not patient:
+                raise
+            found.append(medium)
+    if len(found) > MAX_MEDIA:
+        raise InputError(f"{len(found)} media, at most {MAX_MEDIA} are played; name fewer")
     return found
 
 
-def files_of(medium: str) -> list[Path]:
+def files_of(medium: Medium) -> list[Path]:
     """The files that a medium is: itself, those that a numbered pattern matches, or none of a live source."""
-    if live_address(medium) is not None:
+    path = Path(medium.name)
+    if medium.live() is not None:
         return []
-    path = Path(medium)
-    if is_numbered(path) and not path.exists() and path.parent.is_dir():
+    if medium.is_sequence and path.parent.is_dir():
         return [entry for entry in path.parent.iterdir() if number_of(path.name, entry.name) is not None]
     return [path]
 
 
-def is_list(name: str) -> bool:
-    return Path(name).suffix.lower() in LISTS and live_address(name) is None
+def is_list(medium: Medium) -> bool:
+    return Path(medium.name).suffix.lower() in LISTS and live_address(medium.name) is None
 
 
-def read_list(path: Path) -> list[str]:
+def read_list(medium: Medium, border: Border) -> list[Medium]:
     """The media of a list: a path or address a line, relative to the list's folder; # begins a comment.
 
-    A list's entries are media: a list in a list is refused.
+    They reach what is below that folder and what the border lets everybody reach, or as far as a list that is beyond
+    the border itself. A list's entries are media: a list in a list is refused.
     """
+    path = Path(medium.name)
+    inner = border.within(path.parent) if medium.roots is None else border
+    lines = [line for line in map(str.strip, _text(medium, path).splitlines()) if line and not line.startswith("#")]
+    for line in lines:
+        if is_list(Medium(line)):
+            raise InputError(f"{path}: lists the list {line}; name media only")
+    if not lines:
+        raise InputError(f"{path}: lists no medium; put one path in each line")
+    return [inner.medium(_located(path.parent, line)) for line in lines]
+
+
+def _text(medium: Medium, path: Path) -> str:
+    medium.check()
     try:
-        if path.stat().st_size > MAX_LIST_BYTES:
-            raise InputError(f"{path}: {path.stat().st_size} bytes, at most {MAX_LIST_BYTES} are read; split the list")
-        text = path.read_text(encoding="utf-8-sig")
+        with medium.file(path, may_be_empty=True).open("rb") as file:
+            contents = file.read(MAX_LIST_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; check the list and its rights") from None
+    if len(contents) > MAX_LIST_BYTES:
+        raise InputError(f"{path}: more than {MAX_LIST_BYTES} bytes; split the list")
+    try:
+        return contents.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(f"{path}: no UTF-8 text; save the list as UTF-8") from None
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; check its name") from None
-    lines = [line.strip() for line in text.splitlines()]
-    media = [line for line in lines if line and not line.startswith("#")]
-    for entry in media:
-        if is_list(entry):
-            raise InputError(f"{path}: lists the list {entry}; name media only")
-    return [entry if live_address(entry) or "://" in entry else str(path.parent / entry) for entry in media]
+
+
+def _located(folder: Path, line: str) -> str:
+    return line if live_address(line) or "://" in line else str(folder / line)

@@ -1,50 +1,60 @@
 """Playback in a window, from loop to loop: keys and remotes, the frame that is due, what is drawn and written over it.
 
-Which frame is due is playback.py's to say, what comes next playlist.py's, what keys and remotes can do
+Which frame is due is playback.py's to say, what comes next programme.py's, what keys and remotes can do
 controls.py's. Knows no OpenGL; a display and a clock are handed in.
 """
 
-import gc
-import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
+from player.command import tell
 from player.errors import InputError
-from player.frames import Frame, MediaInfo
+from player.frames import Frame, MediaInfo, PixelFormat
+from player.medium import Medium
 from player.picture import Picture
 from player.refinement import Certificate, StepBudget
 from player.renderer import Renderer
 from player.show import controls
 from player.show.keys import Keys
-from player.show.osd import MESSAGE_SIZE, Message, Page
-from player.show.outline import Outline, moved, outline_of
+from player.show.memory import give_back, short_collections
+from player.show.osd import Message, Page
+from player.show.overlay import Overlay
 from player.show.placing import Placing
-from player.show.playback import Playback, Reader, Sound
+from player.show.playback import Playback, Sound
 from player.show.playlist import Playlist
+from player.show.programme import Opener, Opening, Programme
 from player.show.session_inputs import Audio, Display, Heartbeat, Remote, Setup, Site, Steps
-from player.show.stats_page import facts, stats_page
+from player.show.stats_page import facts
 from player.stats import Stats
 
 CERTIFICATE_INTERVAL_S = 0.5
-PAGE_INTERVAL_S = 0.2
 LONGEST_WAIT_S = 0.05  # between looks at the decoder and the remotes; keys wake the window at once
+AHEAD_S = 3.0  # before a medium ends the next one is opened
+OPENING_WAIT_S = 0.01  # while a medium is being opened
 FADE_WAIT_S = 0.03
 REDRAW = "redraw"  # not a key: the window was resized or uncovered
+
+
+@dataclass
+class Manner:
+    """How media are played: what a person has set stays from one to the next, and holds before there is any."""
+
+    loop: bool
+    speed: float
+    paused: bool = False
 
 
 class Session:
     """Plays a playlist through a renderer into a display.
 
-    open_reader : a medium, and whether the reader shall begin again at its end -> its reader.
-    clock : seconds, monotonic.
+    opener : finds and opens media.  clock : seconds, monotonic.
     """
 
     def __init__(
         self,
         playlist: Playlist,
-        open_reader: Callable[[str, bool], Reader],
+        opener: Opener,
         renderer: Renderer,
         display: Display,
         *,
@@ -68,25 +78,40 @@ class Session:
         self._silence = self.setup.silence
         self.renderer = renderer
         self._incoming: Renderer | None = None
-        self._open_reader, self._clock = open_reader, clock
-        self._remotes, self._heartbeat = remotes, heartbeat
-        self._failures = self._draws = self._steps_made = 0
+        self._clock, self._remotes, self._heartbeat = clock, remotes, heartbeat
+        self._draws = self._steps_made = 0
         self.rendered_view = self.view
-        self._changed = self._uploaded = False
-        self._shown: tuple[Page | None, bool] = (None, False)
-        self._paged_at = self._certified_at = float("-inf")
+        self._changed = self._uploaded = self._uncovered = False
+        self._shown: tuple[Page | None, bool] | None = None
+        self._certified_at = float("-inf")
         self._certificate: Certificate | None = None
-        self._outlined: tuple[object, Outline] | None = None
+        self._overlay = Overlay(self, clock)
         self.playback: Playback | None = None
-        self.open_current(first=True)
+        self._manner = Manner(self.setup.loop_file, self.setup.speed)
+        self._start: tuple[Medium, float] | None = playlist.current, self.setup.start_s
+        self._pixels: PixelFormat | None = None  # that the renderer is open for
+        self._budget: StepBudget | None = None
+        self.programme = Programme(
+            playlist,
+            opener,
+            lasting=self._is_lasting,
+            looping=lambda: self.manner.loop,
+            notice=self.notice,
+            clock=clock,
+        )
         self.commands = controls.commands_of(self)
         self.keys = Keys(self.commands, bindings)
 
     def run(self, limit: int | None = None) -> Stats:
-        """Play until the list ends, the window closes, `q`, or `limit` frames have been shown."""
+        """Play until the list ends, the window closes, `q`, or `limit` frames have been shown.
+
+        Raises InputError if the show has ended since a medium could not be played.
+        """
         try:
             with short_collections():
                 self._run(limit)
+            if self.programme.failure is not None:
+                raise self.programme.failure
             if self._draws:
                 certificate = self.certificate(max_age_s=0.0)
                 certified = {} if certificate is None else certificate.to_dict()
@@ -103,45 +128,53 @@ class Session:
             for remote in self._remotes:
                 remote.poll(self.commands)
             self.step()
-            if self._heartbeat is not None and self._heartbeat.due and self.playback is not None:
+            if self._heartbeat is not None and self._heartbeat.due:
                 self._heartbeat.beat(facts(self))
             if limit is not None and self.stats.frames >= limit:
                 return
 
     def close(self) -> None:
-        """End the decoder. The renderer belongs to whoever made it, except one that reload brought."""
+        """End the decoders, and release the renderer: it has been the session's since that began."""
+        self.programme.close()
         if self.playback is not None:
             self.playback.close()
             self._collect_notices()
-        if self._incoming is not None:
-            self._incoming.release()
-            self._incoming = None
+        for renderer in filter(None, (self._incoming, self.renderer)):
+            renderer.release()
+        self._incoming = None
 
     def step(self) -> None:
         """Take the frame that is due, if any, and show it; draw again what a key or a remote changed."""
         self._collect_notices()
-        playback = self.playback
-        if playback is None or self.done:
-            return
+        opening = self.programme.poll()
+        if opening is not None:
+            self._change_to(opening)
+        frame = None if self.playback is None or self.programme.over else self._due(self.playback)
+        self.done = self.done or self.programme.done
+        if not self.done:
+            self._draw(frame)
+
+    def _due(self, playback: Playback) -> Frame | None:
+        """The frame that is due, uploaded; the medium's end and its damage are the programme's to act on."""
         try:
             frame = playback.due()
+            self.stats.dropped, playback.dropped = self.stats.dropped + playback.dropped, 0
+            self.stats.stalled_s, playback.stalled_s = self.stats.stalled_s + playback.stalled_s, 0.0
+            if frame is not None:
+                self._upload(frame, playback)
+            elif playback.finished:
+                self.programme.ended()
+            elif playback.ends_within(AHEAD_S):
+                self.programme.look_ahead()
+            return frame
         except InputError as error:
-            self._pass_over(error)
-            self.open_current()
-            return
-        self.stats.dropped, playback.dropped = self.stats.dropped + playback.dropped, 0
-        self.stats.stalled_s, playback.stalled_s = self.stats.stalled_s + playback.stalled_s, 0.0
-        if frame is not None:
-            self._upload(frame, playback)
-        elif playback.finished:
-            self.go(1)
-            return
-        self._draw(playback, frame)
+            self.programme.broke(error)
+            return None
 
     def press(self, key: str) -> None:
         """Do what a key stands for and say on the screen what it changed; unknown keys do nothing."""
         if key == REDRAW:
-            self._changed = True
+            self._uncovered = True
             return
         said = self.keys.press(key, placing=self.placing is not None)
         if said:
@@ -153,8 +186,9 @@ class Session:
 
     def notice(self, text: str) -> None:
         """Something that went wrong without stopping the show: for the log, the statistics and the screen."""
-        print(text, file=sys.stderr)
-        self.stats.notices.append(text)
+        text = " ".join(text.splitlines())  # whatever a file is called
+        tell(text)
+        self.stats.notice(text)
         self.say(text, 3.0)
 
     def changed(self) -> None:
@@ -178,62 +212,69 @@ class Session:
         """Of refinement, a frame."""
         return self._budget.steps if self._budget is not None else int(self.refine)
 
-    def go(self, by: int) -> bool:
-        """Play the next (1) or the one before (-1); past the end the session is done, before the beginning it stays."""
-        if self.playlist.step(by):
-            self.open_current()
-            return True
-        self.done = self.done or by > 0
-        return False
+    @property
+    def manner(self) -> Playback | Manner:
+        """What holds whether media loop, pause, and how fast they play."""
+        return self.playback or self._manner
 
-    def open_current(self, *, first: bool = False) -> None:
-        """Open the playlist's medium; those that cannot be opened are told and passed over."""
-        while not self.done:
-            try:
-                self.begin(self.playlist.current, self.setup.start_s if first else 0.0)
-                return
-            except InputError as error:
-                self._pass_over(error)
+    @property
+    def position_s(self) -> float:
+        """Time within the medium; where the first one is to begin, until it does."""
+        if self.playback is not None:
+            return self.playback.position_s
+        return 0.0 if self._start is None else self._start[1]
 
-    def begin(self, medium: str, start_s: float = 0.0) -> None:
-        """Play a medium; raises InputError, leaving what plays, if it cannot be opened."""
-        before = self.playback
-        loop = self.setup.loop_file if before is None else before.loop
-        reader = self._open_reader(medium, loop)
+    def _is_lasting(self) -> bool:
+        return self.setup.lasting or bool(self._remotes) or self.playlist.loop or self.manner.loop
+
+    def _change_to(self, opening: Opening) -> None:
+        """Play what has been opened; what it replaces stays on the screen until its first frame is due."""
+        medium, reader, loop = opening
+        before, manner = self.playback, self.manner
         try:
-            self.renderer.open(reader.info.format)
-            self.renderer.adjust(self.picture)
-        except BaseException:
+            self._open_renderer(reader.info.format)
+        except InputError as error:
             reader.close()
-            raise
+            self.programme.refused(error)
+            return
         self.playback = Playback(
             reader,
             self._clock,
-            loop=loop,
+            loop=manner.loop,
             seamless=loop,
             hold_s=self.image_display_duration,
-            paused=before is not None and before.paused,
-            speed=self.setup.speed if before is None else before.speed,
+            paused=manner.paused,
+            speed=manner.speed,
             sound=self._sound(reader.info, medium),
         )
         if before is not None:
             before.close()
             for text in before.reader.notices():
                 self.notice(text)
-        if start_s and not reader.info.still:
-            self.playback.seek(start_s)
-        if self._incoming is not None:
-            self._incoming.open(reader.info.format)
-        self._uploaded, self.placing = False, None
+        if self._start is not None:
+            start_s = self._start[1] if self._start[0] == medium and not reader.info.still else 0.0
+            if start_s:
+                self.playback.seek(start_s)
+            self._start = None
+        self.programme.plays()
+        self.placing = None
         self._budget = self._new_budget()
         self.stats.interrupted()
         self.display.set_title(f"{medium} - Counterlight")
 
+    def _open_renderer(self, pixels: PixelFormat) -> None:
+        """Have frames of a format drawn from now on; what is on the screen stays until one comes."""
+        self._pixels, self._uploaded = None, False
+        for renderer in filter(None, (self.renderer, self._incoming)):
+            renderer.open(pixels)
+            renderer.adjust(self.picture)
+        self._pixels = pixels
+
     def replace_renderer(self, renderer: Renderer) -> None:
         """Take another renderer as soon as it has a frame to show; what is on the screen stays until then."""
-        assert self.playback is not None
         try:
-            renderer.open(self.playback.reader.info.format)
+            if self._pixels is not None:
+                renderer.open(self._pixels)
             renderer.adjust(self.picture)
         except BaseException:
             renderer.release()
@@ -241,7 +282,8 @@ class Session:
         if self._incoming is not None:
             self._incoming.release()
         self._incoming = renderer
-        self.playback.refresh()
+        if self.playback is not None:
+            self.playback.refresh()
 
     @staticmethod
     def not_reloaded(error: Exception) -> str:
@@ -262,13 +304,16 @@ class Session:
 
     def _upload(self, frame: Frame, playback: Playback) -> None:
         start = time.perf_counter()
-        if self._incoming is None or not self._took_over(self._incoming, frame):
-            self.renderer.upload(frame)
-        playback.reader.release(frame)
+        try:
+            if frame.format != self._pixels:  # a live source sends others than before
+                self._open_renderer(frame.format)
+            if self._incoming is None or not self._took_over(self._incoming, frame):
+                self.renderer.upload(frame)
+        finally:
+            playback.reader.release(frame)
         self.stats.add("decode", frame.decode_s)
         self.stats.add("upload", time.perf_counter() - start)
         self.stats.frames += 1
-        self._failures = 0
         self._uploaded = self._changed = True
 
     def _took_over(self, incoming: Renderer, frame: Frame) -> bool:
@@ -283,24 +328,25 @@ class Session:
             return False
         self.renderer.release()
         self.renderer = incoming
+        give_back()
         return True
 
-    def _draw(self, playback: Playback, frame: Frame | None) -> None:
-        """Render if the view has changed, and present if that or the page over it has."""
+    def _draw(self, frame: Frame | None) -> None:
+        """Render if the view has changed, and present if that or the page over it has; black before the first frame."""
         render = self._changed and self._uploaded
         if render:
             self._render()
-        shown = self._new_page(), self.blackout
-        if self._draws and (render or shown != self._shown):
+        shown = self._overlay.page(), self.blackout or not self._draws
+        if render or self._uncovered or shown != self._shown:
             start = time.perf_counter()
-            self.display.present(shown[0], black=self.blackout)
+            self.display.present(shown[0], black=shown[1])
             self.stats.add("present", time.perf_counter() - start)
-            self._shown = shown
-            due_s = playback.due_at(frame) if frame is not None else None
-            if due_s is not None:
-                self.stats.shown(self._clock(), due_s)
-            elif frame is not None:
-                self.stats.interrupted()
+            self._shown, self._uncovered = shown, False
+        due_s = None if frame is None or self.playback is None else self.playback.due_at(frame)
+        if due_s is not None:
+            self.stats.shown(self._clock(), due_s)
+        elif frame is not None:
+            self.stats.interrupted()
 
     def _render(self) -> None:
         start, steps = time.perf_counter(), self.steps
@@ -315,61 +361,26 @@ class Session:
         self._steps_made += steps
         self._changed = False
 
-    def _sound(self, info: MediaInfo, medium: str) -> Sound | None:
+    def _sound(self, info: MediaInfo, medium: Medium) -> Sound | None:
         """The sound of a medium that has one; why it is not heard is told once."""
         if not info.sound or info.still or info.live:
             return None
+        silence, self._silence = self._silence, None
         if self.audio is not None:
-            return self.audio.open(medium)
-        if self._silence is not None:
-            self.notice(self._silence)
-            self._silence = None
+            try:
+                return self.audio.open(medium)
+            except InputError as error:
+                silence = str(error)
+        if silence is not None:
+            self.notice(silence)
         return None
-
-    def _new_page(self) -> Page | None:
-        """What is written and drawn over the picture."""
-        page, outline = self._text(), self._outline()
-        return page if outline is None else replace(page or Page(()), outline=outline)
-
-    def _outline(self) -> Outline | None:
-        """Of the picture that is being placed; made anew when the corners, the view or the room have changed."""
-        placing = self.placing
-        if placing is None or self.site is None:
-            return None
-        key = placing.corners, placing.corner, self.view == "projector", self.renderer
-        if self._outlined is None or self._outlined[0] != key:
-            outline = outline_of(placing.corners, placing.corner, self.site.camera())
-            self._outlined = key, moved(outline, self.site.on_projector) if self.view == "projector" else outline
-        return self._outlined[1]
-
-    def _text(self) -> Page | None:
-        """What is written over the picture; the statistics' figures stand still for PAGE_INTERVAL_S."""
-        text, opacity = self.message.text, self.message.opacity
-        if self.show_help:
-            return Page(tuple(self.keys.help_lines(placing=self.placing is not None)))
-        if self.show_stats:
-            shown = self._shown[0]
-            if shown is not None and shown.histogram and self._clock() - self._paged_at < PAGE_INTERVAL_S:
-                return shown
-            self._paged_at = self._clock()
-            return stats_page(self, text)
-        if self.placing is not None:
-            return Page((f"placing the {self.placing.selected}; ? lists the keys", *([text] if text else [])))
-        return Page((text,), opacity=opacity, size=MESSAGE_SIZE) if text and self.osd else None
 
     def _wait_s(self) -> float:
         if self._changed and self._uploaded:
             return 0.0
         wait = LONGEST_WAIT_S if self.playback is None else self.playback.wait_s(LONGEST_WAIT_S)
+        wait = min(wait, OPENING_WAIT_S) if self.programme.is_opening else wait
         return min(wait, FADE_WAIT_S) if self.message.opacity else wait
-
-    def _pass_over(self, error: InputError) -> None:
-        """Go on to the next medium, or raise if none of the list can be played."""
-        self._failures += 1
-        if self._failures >= len(self.playlist.media):
-            raise error
-        self.notice(str(error))
-        self.done = not self.playlist.step(1)
 
     def _collect_notices(self) -> None:
         readers = [] if self.playback is None else self.playback.reader.notices()
@@ -380,14 +391,3 @@ class Session:
         if self.refine != "auto" or self.playback is None:
             return None
         return StepBudget(1 / self.playback.reader.info.frames_per_second)
-
-
-@contextmanager
-def short_collections() -> Iterator[None]:
-    """Keep what is alive now out of garbage collections, which then take a fraction of a frame's time."""
-    gc.collect()
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()

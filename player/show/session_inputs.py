@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal, Protocol, TypeAlias
 
 from player.frames import PixelFormat
+from player.medium import Medium
 from player.picture import Picture
 from player.placement import Corners
 from player.refinement import Certificate
@@ -73,7 +74,7 @@ class Audio(Protocol):
     volume: float
     mute: bool
 
-    def open(self, medium: str) -> Sound:
+    def open(self, medium: Medium) -> Sound:
         """The sound of a medium."""
 
 
@@ -81,6 +82,7 @@ class Audio(Protocol):
 class Setup:
     """What a session begins with.
 
+    lasting : whether the show goes on whatever becomes of its media.
     image_display_duration : seconds that a still is shown; None for ever.
     silence : why there is no audio output, told when a medium has sound; None: nobody wants any.
     """
@@ -89,6 +91,7 @@ class Setup:
     compensation: bool = True
     refine: Steps = 0
     picture: Picture = field(default_factory=Picture)
+    lasting: bool = False
     loop_file: bool = False
     speed: float = 1.0
     start_s: float = 0.0

@@ -11,7 +11,7 @@ from player.show.commands import CommandError, nearest
 from player.show.keys import check_bindings
 from player.tables import LONGEST_TEXT
 
-NOT_SETTINGS = ("help", "config", "list-monitors", "output")
+NOT_SETTINGS = ("help", "config", "list-monitors", "output", "supervised")
 KEYS_TABLE = "keys"
 
 

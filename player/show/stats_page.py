@@ -22,7 +22,7 @@ def stats_page(session: "Session", message: str) -> Page:
     compensation = "on" if session.compensation else "off"
     lines = [
         f"medium\t{Path(info.path).name}, {size}, {info.codec}, {info.frames_per_second:.3g} fps",
-        f"position\t{position(session)}, medium {session.playlist.position + 1} of {len(session.playlist.media)}",
+        f"position\t{position(session)}, medium {session.programme.on + 1} of {len(session.playlist.media)}",
         f"view\t{session.view}, compensation {compensation}, monitor {session.display.monitor}",
         f"frames\t{stats.frames} shown at {stats.frames_per_second:.1f} fps, {stats.dropped} dropped"
         + (f", {stats.stalled_s:.1f} s stood still for the decoder" if stats.stalled_s else ""),
@@ -48,14 +48,13 @@ def position(session: "Session") -> str:
 def facts(session: "Session") -> dict[str, Any]:
     """JSON-able: what somebody far away wants to know of the show. Costs a step of refinement, for the gap."""
     stats, playback = session.stats, session.playback
-    assert playback is not None
     certificate = session.certificate()
     gap = {} if certificate is None else certificate.to_dict()
     return {
-        "playlist_pos": session.playlist.position,
-        "path": str(playback.reader.info.path),
-        "time_pos": round(playback.position_s, 3),
-        "paused": playback.paused,
+        "playlist_pos": session.programme.on,
+        "path": None if playback is None else str(playback.reader.info.path),
+        "time_pos": round(session.position_s, 3),
+        "paused": session.manner.paused,
         "fps": round(stats.frames_per_second, 2),
         "frames": stats.frames,
         "dropped": stats.dropped,

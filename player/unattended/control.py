@@ -11,12 +11,12 @@ bytes for every client. Whoever does not read his answers is not read either unt
 import contextlib
 import json
 import socket
-import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
+from player.command import tell
 from player.errors import InputError
 from player.unattended.json_lines import encode
 from player.unattended.listening import listen
@@ -64,6 +64,8 @@ class ControlServer:
         deadline = time.monotonic() + POLL_S
         for client in self._clients:
             client.receive(commands, deadline)
+            if time.monotonic() > deadline:
+                break
         self._clients = self._clients[1:] + self._clients[:1]  # nobody is always the last
         self._tell(commands)
         self._sweep()
@@ -99,7 +101,7 @@ class ControlServer:
             self._playing = None
             return
         known = _Values(commands)
-        playing = known["playlist-pos"], known["path"]
+        playing = known["playlist-playing-pos"], known["path"]
         if self._playing not in (None, playing):
             for client in self._clients:
                 client.tell("end-file")
@@ -195,10 +197,8 @@ class _Client:
         for observation in self._observed:
             if len(self._unsent) >= MAX_UNSENT:
                 return
-            line = observation.line(values[observation.name])
-            if line != observation.sent and "property-change" not in self._deaf:
-                self._unsent += line
-                observation.sent = line
+            if "property-change" not in self._deaf:
+                self._unsent += observation.news(values[observation.name])
 
     def flush(self) -> None:
         """Send what the client will take now."""
@@ -263,7 +263,7 @@ class _Client:
         except _RefusedError:
             raise
         except Exception as error:  # a stranger's line must not end the show
-            print(f"control: {name} failed: {error!r}", file=sys.stderr)
+            tell(f"control: {name} failed: {error!r}")
             raise _RefusedError(_FAILED, f"{name} failed: {error!r}") from None
 
     def _observe(self, commands: CommandsProtocol, number: object, name: object, *, text: bool = False) -> None:
@@ -290,11 +290,17 @@ class _Observation:
 
     def __init__(self, number: int, name: str, text: bool) -> None:
         self.number, self.name, self._text = number, name, text
-        self.sent = b""
+        self._value: object = None
+        self._sent = b""
 
-    def line(self, value: object) -> bytes:
+    def news(self, value: object) -> bytes:
+        """The line that tells a value, or nothing if that is what was told last."""
+        if self._sent and value == self._value:  # a list of thousands is not written to be compared
+            return b""
         data = as_text(value) if self._text else value
-        return encode({"event": "property-change", "id": self.number, "name": self.name, "data": data})
+        line = encode({"event": "property-change", "id": self.number, "name": self.name, "data": data})
+        self._value, before, self._sent = value, self._sent, line
+        return b"" if line == before else line
 
 
 def as_text(value: object) -> str:

@@ -12,20 +12,19 @@ import ctypes
 import os
 import select
 import signal
-import socket
 import subprocess
 import sys
-import tempfile
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from player.command import BAD_INPUT, DONE, INTERRUPTED
+from player.command import BAD_INPUT, DONE, INTERRUPTED, tell
 from player.unattended.heartbeat import INTERVAL_S, Notifier, read_facts
+from player.unattended.inbox import Inbox
 
 SILENCE_S = 3.0  # three beats; with the longest back-off, 5 s from the last beat to the next player
 START_S = 60.0  # to read the maps and compile the shaders
@@ -92,14 +91,13 @@ class Place:
 class Child:
     """One player process, and what it says of itself."""
 
-    def __init__(self, command: Sequence[str], inbox: socket.socket, address: str) -> None:
-        self.ready = self.ending = False
+    def __init__(self, command: Sequence[str], inbox: Inbox) -> None:
+        self.ready = self.ending = self._killed = False
         self._inbox = inbox
-        self._drain()  # what an earlier player has told
         environment = {name: value for name, value in os.environ.items() if name != "WATCHDOG_USEC"}
         self.process = subprocess.Popen(
             command,
-            env=environment | {"NOTIFY_SOCKET": address},
+            env=environment | {"NOTIFY_SOCKET": inbox.address},
             stdin=subprocess.DEVNULL,
             process_group=0,  # Ctrl-C is for us to pass on
             preexec_fn=_end_with_parent(os.getpid()),
@@ -108,7 +106,7 @@ class Child:
 
     def listen(self) -> dict[str, str]:
         """The variables told since the last call, the newest of each."""
-        told = self._drain()
+        told = self._inbox.drain(self.process.pid)
         now = time.monotonic()
         if (told and not self.ending) or now - self._looked > 10 * _POLL_S:  # the latter: we were stopped ourselves
             self._heard = now
@@ -118,9 +116,10 @@ class Child:
         return told
 
     @property
-    def silent(self) -> bool:
+    def hangs(self) -> bool:
+        """Whether it has been silent for too long, and has not been killed yet."""
         patience = ENDING_S if self.ending else SILENCE_S if self.ready else START_S
-        return time.monotonic() - self._heard > patience
+        return not self._killed and time.monotonic() - self._heard > patience
 
     def end(self, number: int) -> None:
         """Ask it to end as we are asked to."""
@@ -128,15 +127,8 @@ class Child:
         self.process.send_signal(number)
 
     def kill(self) -> None:
+        self._killed = True
         self.process.kill()
-
-    def _drain(self) -> dict[str, str]:
-        told: dict[str, str] = {}
-        with suppress(BlockingIOError):
-            while True:
-                lines = self._inbox.recv(1 << 16).decode(errors="replace").splitlines()
-                told |= dict(line.split("=", 1) for line in lines if "=" in line)
-        return told
 
 
 class Supervisor:
@@ -152,7 +144,7 @@ class Supervisor:
         self._level = 0
         self._crashes, self._place = Crashes(), Place()
         self._signal: int | None = None
-        self._again = self._shown = self._ready = False
+        self._again = self._began = self._ready = False
         self._told_at = float("-inf")
 
     def run(self) -> int:
@@ -163,9 +155,9 @@ class Supervisor:
         _prctl(_SET_CHILD_SUBREAPER, 1)
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, self._on_signal)
-        with tempfile.TemporaryDirectory(prefix="counterlight-") as folder, _inbox(Path(folder, "notify")) as inbox:
+        with Inbox() as inbox:
             while True:
-                code = self._play(inbox, str(Path(folder, "notify")))
+                code = self._play(inbox)
                 if self._is_final(code):
                     return code
                 if not self._again:
@@ -174,9 +166,9 @@ class Supervisor:
                     return INTERRUPTED
                 self._choose()
 
-    def _play(self, inbox: socket.socket, address: str) -> int:
+    def _play(self, inbox: Inbox) -> int:
         """Run one player to its end; its exit code, negative for a signal."""
-        child = Child(self._players[self._level](self._place.options()), inbox, address)
+        child = Child(self._players[self._level](self._place.options()), inbox)
         passed_on = False
         try:
             while child.process.poll() is None:
@@ -186,7 +178,7 @@ class Supervisor:
                     passed_on = True
                 elif self._again and not child.ending:
                     child.end(signal.SIGTERM)
-                elif child.silent:
+                elif child.hangs:
                     _say("the player hangs: ended")
                     child.kill()
                 select.select([inbox], [], [], _POLL_S)
@@ -201,15 +193,15 @@ class Supervisor:
         told = child.listen()
         if facts := read_facts(told):
             self._place.follow(facts)
-        self._shown |= "READY" in told
+        self._began |= "READY" in told
         self._tell(told.get("STATUS", ""))
 
     def _tell(self, status: str = "") -> None:
-        """Tell our own manager that we live, once a second, and that there has been a picture, until it has heard."""
+        """Tell our own manager that we live, once a second, and that the show has begun, until it has heard."""
         if status or time.monotonic() - self._told_at >= INTERVAL_S:
             self._told_at = time.monotonic()
             variables = {"WATCHDOG": "1"} | ({"STATUS": status} if status else {})
-            if self._shown and not self._ready:
+            if self._began and not self._ready:
                 self._ready = self._notifier.send(READY="1", **variables)
             else:
                 self._notifier.send(**variables)
@@ -218,7 +210,7 @@ class Supervisor:
         """Whether this is how a show ends, and not how it crashes; says what happened if it crashed."""
         if self._again and self._signal is None:
             return False
-        if code in (DONE, INTERRUPTED) or (code == BAD_INPUT and not self._shown):
+        if code in (DONE, INTERRUPTED) or (code == BAD_INPUT and not self._began):
             return True
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         _say(
@@ -254,14 +246,14 @@ class Supervisor:
 def supervise(arguments: Sequence[str], *, safe: str, monitors: Sequence[str], notify_socket: str | None) -> int:
     """Run `play-corrected ARGUMENTS` under supervision; returns its exit code.
 
-    arguments : the whole command line, `--supervise` included; the player is told `--no-supervise` behind it.
+    arguments : the whole command line, `--supervise` included; the player is told behind it that it is supervised.
     safe : one of SAFE.  monitors : where black is shown; none for the primary one.
     """
     python = [sys.executable, "-P", "-m"]
     plain_options = "--no-compensation", "--refine=0", "--view=projector"
 
     def play(resume: Sequence[str], *options: str) -> list[str]:
-        return [*python, "player.app", *with_options(arguments, "--no-supervise", *options, *resume)]
+        return [*python, "player.app", *with_options(arguments, "--no-supervise", "--supervised", *options, *resume)]
 
     def plain(resume: Sequence[str]) -> list[str]:
         return play(resume, *plain_options)
@@ -281,15 +273,6 @@ def with_options(arguments: Sequence[str], *options: str) -> list[str]:
     """A command line with options added where they are still read as options: before a `--`."""
     end = list(arguments).index("--") if "--" in arguments else len(arguments)
     return [*arguments[:end], *options, *arguments[end:]]
-
-
-@contextmanager
-def _inbox(path: Path) -> Iterator[socket.socket]:
-    """Where the player tells how it is; in a folder of our own, so that nobody else does."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as inbox:
-        inbox.bind(str(path))
-        inbox.setblocking(False)
-        yield inbox
 
 
 def _end_with_parent(parent: int) -> Callable[[], None]:
@@ -328,4 +311,4 @@ def _prctl(option: int, value: int) -> None:
 
 
 def _say(line: str) -> None:
-    print(f"supervisor: {line}", file=sys.stderr, flush=True)
+    tell(f"supervisor: {line}")

@@ -1,0 +1,26 @@
+"""The media of a show: found within a border, opened by processes of their own."""
+
+from player.medium import Border, Medium
+from player.show.playlist import is_list, read_list
+from player.video import MediaReader
+
+
+class Media:
+    """See player.show.programme.Opener.  frames_per_second : of numbered pictures."""
+
+    def __init__(self, border: Border, frames_per_second: float | None = None) -> None:
+        self._border, self._frames_per_second = border, frames_per_second
+
+    def medium(self, name: str) -> Medium:
+        medium = self._border.medium(name)
+        medium.check()
+        return medium
+
+    def find(self, medium: Medium) -> list[Medium]:
+        if is_list(medium):
+            return read_list(medium, self._border)
+        medium.look()
+        return [medium]
+
+    def begin(self, medium: Medium, *, loop: bool) -> MediaReader:
+        return MediaReader.begin(medium, loop=loop, frames_per_second=self._frames_per_second, tolerant=True)

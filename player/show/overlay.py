@@ -1,0 +1,55 @@
+"""What is written and drawn over the picture: a message, the pages of keys and statistics, the outline of placing."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from player.show.osd import MESSAGE_SIZE, Page
+from player.show.outline import Outline, moved, outline_of
+from player.show.stats_page import stats_page
+
+if TYPE_CHECKING:
+    from player.show.session import Session
+
+PAGE_INTERVAL_S = 0.2
+
+
+class Overlay:
+    """The page over a session's picture.  clock : seconds, monotonic."""
+
+    def __init__(self, session: "Session", clock: Callable[[], float]) -> None:
+        self._session, self._clock = session, clock
+        self._statistics: Page | None = None
+        self._measured_at = float("-inf")
+        self._outlined: tuple[object, Outline] | None = None
+
+    def page(self) -> Page | None:
+        """What is over the picture now; the same one as long as nothing changes."""
+        page, outline = self._text(), self._outline()
+        return page if outline is None else replace(page or Page(()), outline=outline)
+
+    def _outline(self) -> Outline | None:
+        """Of the picture that is being placed; made anew when the corners, the view or the room have changed."""
+        session = self._session
+        placing, view = session.placing, session.view
+        if placing is None or session.site is None:
+            return None
+        key = placing.corners, placing.corner, view == "projector", session.renderer
+        if self._outlined is None or self._outlined[0] != key:
+            outline = outline_of(placing.corners, placing.corner, session.site.camera())
+            self._outlined = key, moved(outline, session.site.on_projector) if view == "projector" else outline
+        return self._outlined[1]
+
+    def _text(self) -> Page | None:
+        """What is written over the picture; the statistics' figures stand still for PAGE_INTERVAL_S."""
+        session = self._session
+        text, opacity = session.message.text, session.message.opacity
+        if session.show_help:
+            return Page(tuple(session.keys.help_lines(placing=session.placing is not None)))
+        if session.show_stats and session.playback is not None:
+            if self._statistics is None or self._clock() - self._measured_at >= PAGE_INTERVAL_S:
+                self._statistics, self._measured_at = stats_page(session, text), self._clock()
+            return self._statistics
+        if session.placing is not None:
+            return Page((f"placing the {session.placing.selected}; ? lists the keys", *([text] if text else [])))
+        return Page((text,), opacity=opacity, size=MESSAGE_SIZE) if text and session.osd else None

@@ -1,0 +1,280 @@
+"""What plays next: the playlist, the medium that is being opened beside the show, and patience with what fails.
+
+Nothing here waits, and nothing that a medium, a list or a remote does ends a lasting show: what cannot be played is
+told and passed over; a list of which nothing plays is tried again after 1 s, 2 s, 4 s … 30 s.
+"""
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import NamedTuple, Protocol
+
+from player.errors import InputError
+from player.medium import Medium
+from player.show.lookup import LookUp
+from player.show.playback import Reader
+from player.show.playlist import Playlist, is_list
+
+LOOK_S = 0.1  # how long a command waits for the disk; what is not known by then shows when the medium is opened
+LIST_S = 10.0  # how long a list may take to be read
+RETRY_S, LONGEST_RETRY_S = 1.0, 30.0
+HURRY_S = 0.25  # between two wishes' decoders, however many wishes come
+MOST_RETURNS = 4  # wishes that have overtaken one another
+PLAYED_S = 5.0  # a medium that breaks off after as long is no failure of the list
+
+
+class Opener(Protocol):
+    """How media are found and opened."""
+
+    def medium(self, name: str) -> Medium:
+        """The medium that a key or a remote names; InputError if it may not."""
+
+    def find(self, medium: Medium) -> list[Medium]:
+        """The same, or the media of a list; InputError if it is plain that they cannot be played. May take long."""
+
+    def begin(self, medium: Medium, *, loop: bool) -> Reader:
+        """Begin to open a medium, without waiting."""
+
+
+class Opening(NamedTuple):
+    """A medium that is opened beside the show.  loop : whether its reader begins again at its end."""
+
+    medium: Medium
+    reader: Reader
+    loop: bool
+
+
+class _Return(NamedTuple):
+    """Where the show goes on if a wish cannot be met.
+
+    media : None for those that the list holds then.  waiting : whether that was still to be opened.
+    """
+
+    media: list[Medium] | None
+    position: int
+    waiting: bool
+
+
+class Programme:
+    """Says what plays, to a session that tells how it goes.
+
+    lasting : whether nothing but a person ends the show.  looping : whether media are to begin again at their end.
+    notice : takes a line for the user.  clock : seconds, monotonic.
+
+    on : the position in the list of what plays.  over : whether that has nothing more to show, or nothing plays.
+    done : whether the show has come to its end.  failure : why, if that was not as it should.
+    """
+
+    def __init__(
+        self,
+        playlist: Playlist,
+        opener: Opener,
+        *,
+        lasting: Callable[[], bool],
+        looping: Callable[[], bool],
+        notice: Callable[[str], None],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.playlist, self._opener, self._notice, self._clock = playlist, opener, notice, clock
+        self._lasting, self._looping = lasting, looping
+        self.over, self.done, self.on = True, False, playlist.position
+        self.failure: InputError | None = None
+        self._opening: Opening | None = None
+        self._ahead: Opening | None = None  # what comes after that which plays
+        self._list: tuple[LookUp[list[Medium]], float] | None = None  # being read, until when
+        self._error: InputError | None = None  # why the list's current medium cannot be opened
+        self._returns: list[_Return] = []  # from wish to wish; the first is what plays
+        self._by, self._tries = 1, 0  # which way a wish goes on past what fails, and how far it has gone
+        self._failures = self._rounds = self._first_failed = 0  # media in a row, whole lists in a row
+        self._open_at_s: float | None = None  # when the list's current medium is to be opened
+        self._opened_at_s = self._began_s = float("-inf")  # when that was last done, and what plays began
+        self._open()
+
+    def poll(self) -> Opening | None:
+        """A medium whose first frame waits to be shown in place of what plays; `plays` or `refused` is to follow."""
+        if self._open_at_s is not None and self._clock() >= self._open_at_s:
+            self._open()
+        try:
+            if self._error is not None:
+                raise self._error
+            if self._list is not None:
+                self._unfold(*self._list)
+            elif self._opening is not None and self._opening.reader.ready():
+                opening, self._opening = self._opening, None
+                return opening
+        except InputError as error:
+            self.refused(error)
+        return None
+
+    def plays(self) -> None:
+        """What was ready is shown from now on."""
+        self.over, self.on, self._began_s = False, self.playlist.position, self._clock()
+        self._returns = []
+
+    def ended(self) -> None:
+        """What plays has come to its end."""
+        self.over = True
+        if not self._is_busy:
+            self._failures = self._rounds = 0
+            self._go_on()
+
+    def look_ahead(self) -> None:
+        """What plays will end soon: begin to open what comes then."""
+        target = self.playlist.after(1)
+        if target is None or self._ahead is not None or self._is_busy or is_list(self.playlist.media[target]):
+            return
+        with suppress(InputError):  # which is told when its turn has come
+            self._ahead = self._begin(self.playlist.media[target])
+
+    def broke(self, error: InputError) -> None:
+        """What plays cannot be decoded any further."""
+        self.over = True
+        if self._clock() - self._began_s >= PLAYED_S:
+            self._failures = self._rounds = 0
+        if self._is_busy:
+            self._notice(str(error))
+        else:
+            self._pass_over(error)
+
+    def refused(self, error: InputError) -> None:
+        """What was to play cannot."""
+        self._stop_opening()
+        if not self._returns:
+            self._pass_over(error)
+            return
+        self._notice(str(error))
+        self._tries += 1
+        comes_round = self.playlist.after(self._by) == self._returns[-1].position and self._returns[-1].media is None
+        if self._tries < len(self.playlist.media) and not comes_round and self.playlist.step(self._by):
+            self._open()
+        else:
+            self._go_back(self._returns.pop())
+
+    def go(self, by: int) -> bool:
+        """Somebody wants the next medium (1) or the one before (-1); False if there is none."""
+        before = self._here()
+        if not self.playlist.step(by):
+            return False
+        self._wish(before, by)
+        return True
+
+    def select(self, position: int) -> None:
+        """Somebody wants the medium at a position of the list."""
+        before, self.playlist.position = self._here(), position
+        self._wish(before)
+
+    def load(self, name: str, *, replace: bool) -> Medium:
+        """Somebody wants a medium or a list in place of the whole list, or at its end; InputError if that cannot be.
+
+        If it turns out later that nothing of it can be played, the list is as before.
+        """
+        medium = self._opener.medium(name)
+        media = LookUp(partial(self._opener.find, medium)).result(LOOK_S) or [medium]
+        before = self._here()._replace(media=self.playlist.media)
+        self.playlist.add(media, replace=replace)
+        if replace:
+            self._wish(before)
+        elif self._open_at_s is not None:
+            self._open_at_s = self._clock()
+        return medium
+
+    def close(self) -> None:
+        self._stop_opening()
+        self._forget_ahead()
+
+    @property
+    def is_opening(self) -> bool:
+        """Whether a medium is being opened."""
+        return self._opening is not None
+
+    @property
+    def _is_busy(self) -> bool:
+        """Whether it is known what comes after that which plays."""
+        return any(way is not None for way in (self._opening, self._list, self._error, self._open_at_s))
+
+    def _here(self) -> _Return:
+        waiting = self.over or self._is_busy
+        return _Return(None, self.playlist.position if waiting else self.on, waiting)
+
+    def _wish(self, before: _Return, by: int = 1) -> None:
+        """Open what the list is at now, as somebody wants, and nothing that was wanted before."""
+        overtakes = self._opening is not None
+        self._stop_opening()
+        self._failures = self._rounds = self._tries = 0
+        self._by = by
+        self._returns.append(before)
+        if len(self._returns) > MOST_RETURNS:
+            del self._returns[1]
+        self._open_at_s = self._opened_at_s + HURRY_S if overtakes else self._clock()
+
+    def _open(self) -> None:
+        """Begin to open the list's current medium; a list is read first."""
+        medium, self._open_at_s, self._opened_at_s = self.playlist.current, None, self._clock()
+        try:
+            if is_list(medium):
+                self._list = LookUp(partial(self._opener.find, medium)), self._clock() + LIST_S
+            elif self._ahead is not None and (self._ahead.medium, self._ahead.loop) == (medium, self._looping()):
+                self._opening, self._ahead = self._ahead, None
+            else:
+                self._opening = self._begin(medium)
+        except InputError as error:
+            self._error = error
+        self._forget_ahead()
+
+    def _begin(self, medium: Medium) -> Opening:
+        loop = self._looping()
+        return Opening(medium, self._opener.begin(medium, loop=loop), loop)
+
+    def _forget_ahead(self) -> None:
+        if self._ahead is not None:
+            self._ahead.reader.close()
+            self._ahead = None
+
+    def _unfold(self, look: LookUp[list[Medium]], until_s: float) -> None:
+        found = look.result()
+        if found is None and self._clock() > until_s:
+            raise InputError(f"{self.playlist.current}: not read within {LIST_S:g} s; copy it to a local disk")
+        if found is not None:
+            self.playlist.unfold(found)
+            if self.playlist.position < self.on:
+                self.on += len(found) - 1
+            self._list = None
+            self._open()
+
+    def _stop_opening(self) -> None:
+        if self._opening is not None:
+            self._opening.reader.close()
+        self._opening = self._list = self._error = self._open_at_s = None
+
+    def _go_on(self) -> None:
+        if self.playlist.step(1):
+            self._open()
+        else:
+            self.done = True
+
+    def _go_back(self, before: _Return) -> None:
+        """A wish cannot be met: the list is as before, and so is what plays."""
+        self._tries = 0
+        self.playlist.media = self.playlist.media if before.media is None else before.media
+        self.playlist.position = before.position
+        if before.waiting:
+            self._open()
+        elif self.over:
+            self._go_on()
+
+    def _pass_over(self, error: InputError) -> None:
+        """Go on to the next medium; if there is none or none plays, end with the error, or try again if lasting."""
+        if not self._failures:
+            self._first_failed = self.playlist.position
+        self._failures += 1
+        if self._failures < len(self.playlist.media) and self.playlist.step(1):
+            self._notice(str(error))
+            self._open()
+        elif self._lasting():
+            wait_s = min(RETRY_S * 2 ** min(self._rounds, 10), LONGEST_RETRY_S)
+            self._notice(f"{error}; trying again in {wait_s:g} s")
+            self._failures, self._rounds = 0, self._rounds + 1
+            self.playlist.position, self._open_at_s = self._first_failed, self._clock() + wait_s
+        else:
+            self.failure, self.done = error, True

@@ -1,0 +1,332 @@
+"""What plays next when media open slowly, fail, or are wished for: programme and session on a made-up clock."""
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from player.errors import InputError
+from player.medium import Border, Medium
+from player.show.commands import CommandError
+from player.show.lookup import MOST_WAITING, LookUp
+from player.show.media import Media
+from player.show.programme import LIST_S, LONGEST_RETRY_S, RETRY_S
+from player.show.session_inputs import Setup
+from player.stats import MOST_NOTICES
+from tests.stage import Reader, Stage
+
+SLOW_S = 3.0
+LASTING = Setup(lasting=True)
+
+
+def playing(*readers: Reader, **options: object) -> Stage:
+    """A stage on which the first medium plays."""
+    stage = Stage(*readers, **options)  # type: ignore[arg-type]
+    stage.advance(0.1)
+    assert stage.commands.get("path") == readers[0].path
+    return stage
+
+
+def position(stage: Stage) -> tuple[str, int, int]:
+    """What plays, where that is in the list, and where the list is."""
+    return stage.commands.get("path"), stage.commands.get("playlist-playing-pos"), stage.commands.get("playlist-pos")
+
+
+def test_the_screen_is_black_and_commands_are_answered_until_the_first_medium_is_open() -> None:
+    stage = Stage(Reader("a", opens_s=SLOW_S))
+    stage.advance(SLOW_S / 2)
+    assert stage.screen.shown == [("", False, True)]
+    assert stage.commands.get("frames") == 0
+    with pytest.raises(CommandError, match="no medium is open"):
+        stage.commands.get("time-pos")
+    stage.commands.set("pause", True)
+    stage.commands.set("speed", 2)
+    stage.advance(SLOW_S)
+    assert (stage.commands.get("pause"), stage.commands.get("speed"), stage.screen.uploaded) == (True, 2, [0])
+
+
+def test_what_plays_goes_on_until_the_next_medium_has_its_first_frame() -> None:
+    stage = playing(Reader("a", count=1000), Reader("b", count=1000, opens_s=SLOW_S))
+    stage.commands.run("playlist-next")
+    assert position(stage) == ("a", 0, 1)
+    stage.advance(SLOW_S - 0.1)
+    assert position(stage) == ("a", 0, 1)
+    assert stage.screen.uploaded == list(range(len(stage.screen.uploaded)))
+    assert len(stage.screen.uploaded) > 25 * (SLOW_S - 0.1)
+    stage.advance(0.2)
+    assert position(stage) == ("b", 1, 1)
+    assert stage.readers["a"].closed
+
+
+def test_the_next_medium_is_opened_before_its_turn() -> None:
+    stage = playing(Reader("a", count=100), Reader("b", count=50, opens_s=2.0))
+    assert stage.begun == ["a"]
+    stage.advance(3.9 + 0.2)  # a lasts 4 s
+    assert stage.begun == ["a", "b"]
+    assert position(stage) == ("b", 1, 1)
+    assert stage.screen.uploaded[:103] == [*range(100), 0, 1, 2]
+
+
+def test_a_medium_that_was_opened_before_its_turn_is_left_for_another() -> None:
+    stage = playing(Reader("a", count=100), Reader("b", count=50), Reader("c", count=50))
+    stage.advance(3.0)
+    assert stage.begun == ["a", "b"]
+    stage.commands.set("playlist-pos", 2)
+    stage.advance(0.1)
+    assert stage.readers["b"].closed
+    assert position(stage) == ("c", 2, 2)
+
+
+@pytest.mark.parametrize("wish", ["playlist-next", "loadfile"])
+def test_the_last_wish_counts(wish: str) -> None:
+    stage = playing(Reader("a", count=1000), Reader("b", opens_s=SLOW_S), Reader("c", count=1000, opens_s=SLOW_S))
+    for name in "bc":
+        stage.commands.run(wish, *([name] if wish == "loadfile" else []))
+    stage.advance(0.1)
+    assert stage.readers["b"].closed
+    stage.advance(SLOW_S)
+    assert stage.commands.get("path") == "c"
+
+
+def test_a_wish_that_fails_gives_way_to_the_one_before(capsys: pytest.CaptureFixture[str]) -> None:
+    stage = playing(Reader("a", count=1000), Reader("b", count=1000, opens_s=SLOW_S))
+    broken = Reader("broken", opens_s=0.5, error="broken: no video")
+    stage.readers["broken"] = broken
+    stage.commands.run("loadfile", "b")
+    stage.commands.run("loadfile", "broken")
+    assert stage.commands.get("playlist") == ["broken"]
+    stage.advance(1.0)
+    assert stage.commands.get("playlist") == ["b"]
+    stage.advance(SLOW_S)
+    assert stage.commands.get("path") == "b"
+    stage.commands.run("loadfile", "broken")
+    stage.advance(1.0)
+    assert (position(stage), stage.commands.get("playlist")) == (("b", 0, 0), ["b"])
+    assert capsys.readouterr().err == 2 * "broken: no video\n"
+    assert not stage.session.done
+
+
+def test_the_next_medium_is_passed_over_towards_the_wished_side() -> None:
+    media = [
+        Reader("a", count=1000),
+        Reader("x", error="x: gone"),
+        Reader("y", error="y: gone"),
+        Reader("b", count=1000),
+    ]
+    stage = playing(*media)
+    stage.press(">")
+    stage.advance(0.2)
+    assert position(stage) == ("b", 3, 3)
+    stage.press("<")
+    stage.advance(0.2)
+    assert position(stage) == ("a", 0, 0)
+    assert stage.session.stats.notices == ["x: gone", "y: gone", "y: gone", "x: gone"]
+
+
+@pytest.mark.parametrize("loop_list", [False, True])
+def test_going_on_to_nothing_that_plays_leaves_what_plays(loop_list: bool) -> None:
+    stage = playing(Reader("a", count=1000), Reader("x", error="x: gone"), loop_list=loop_list)
+    for _ in range(3):
+        stage.press(">")
+        stage.advance(0.2)
+        assert position(stage) == ("a", 0, 0)
+    assert not stage.session.done
+    assert stage.screen.uploaded == list(range(len(stage.screen.uploaded)))
+
+
+def test_a_list_that_fails_as_a_whole_ends_a_show_with_its_error() -> None:
+    stage = Stage(Reader("x", error="x: gone"), Reader("y", error="y: gone", opens_s=SLOW_S))
+    with pytest.raises(InputError, match="y: gone"):
+        run(stage)
+    assert stage.session.stats.notices == ["x: gone"]
+
+
+@pytest.mark.parametrize(
+    ("media", "ends_well"),
+    [
+        ([Reader("x", error="x: gone"), Reader("a", count=5)], True),
+        ([Reader("a", count=5), Reader("x", error="x: gone")], False),  # it ends since x could not be played
+        ([Reader("a", count=5, fails_at=3)], False),
+        ([Reader("a", count=5, fails_at=3), Reader("b", count=5)], True),
+    ],
+)
+def test_a_show_whose_last_medium_fails_does_not_end_well(media: list[Reader], ends_well: bool) -> None:
+    stage = Stage(*media)
+    if ends_well:
+        run(stage)
+    else:
+        with pytest.raises(InputError, match=r"x: gone|a: broken"):
+            run(stage)
+
+
+def run(stage: Stage) -> None:
+    """Play to the end as Session.run does, by the made-up clock."""
+    screen = stage.screen
+
+    def poll(timeout_s: float) -> list[str]:
+        stage.clock.now += 0.01
+        return []
+
+    screen.poll = poll  # type: ignore[method-assign]
+    stage.session.run()
+
+
+def test_a_lasting_show_tries_again_later_and_later_and_plays_what_has_come_back(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    stage = Stage(Reader("x", error="x: gone"), Reader("y", error="y: gone"), setup=LASTING)
+    tried_s: list[float] = []
+    for _ in range(3000):
+        stage.advance(0.05)
+        tried_s += [stage.clock.now] * (stage.begun.count("x") - 1 - len(tried_s))
+    waits = [after - before for before, after in pairwise(tried_s)]
+    expected = [min(RETRY_S * 2**n, LONGEST_RETRY_S) for n in range(1, 1 + len(waits))]
+    assert len(waits) > 6
+    assert waits == pytest.approx(expected, abs=0.2)  # the steps in which the clock goes
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[:4] == ["x: gone", "y: gone; trying again in 1 s", "x: gone", "y: gone; trying again in 2 s"]
+    assert not stage.session.done
+    stage.readers["x"].error, stage.readers["x"].count = None, 1000
+    stage.advance(LONGEST_RETRY_S + 0.1)
+    assert stage.commands.get("path") == "x"
+
+
+@pytest.mark.parametrize(
+    "kind", [{"setup": Setup(loop_file=True)}, {"loop_list": True}, {"setup": LASTING}, {"remotes": ["one"]}]
+)
+def test_what_makes_a_show_last(kind: dict[str, object]) -> None:
+    stage = Stage(Reader("x", error="x: gone"), **kind)  # type: ignore[arg-type]
+    stage.advance(5.0)
+    assert not stage.session.done
+
+
+def test_the_last_frame_stays_and_a_wish_is_met_at_once_while_a_list_is_waited_for() -> None:
+    stage = playing(Reader("a", count=5), Reader("x", error="x: gone"), Reader("c", count=1000), setup=LASTING)
+    stage.session.playlist.media.pop()
+    stage.advance(10.0)
+    assert stage.screen.uploaded == list(range(5))
+    assert not any(black for _, _, black in stage.screen.shown[1:])
+    stage.commands.run("loadfile", "c", "append")
+    stage.advance(0.1)
+    assert stage.commands.get("path") == "c"
+
+
+def test_a_medium_that_breaks_off_at_once_is_not_tried_without_end() -> None:
+    stage = Stage(Reader("a", count=500, fails_at=1), setup=Setup(loop_file=True))
+    stage.advance(60.0)
+    assert 4 <= len(stage.begun) <= 7  # after 1, 2, 4, 8, 16 and 30 s
+
+
+def test_the_lines_of_months_take_a_bounded_room() -> None:
+    stage = Stage(Reader("x", error="x: gone"), Reader("a", count=2), loop_list=True)
+    for _ in range(MOST_NOTICES + 10):
+        stage.session.notice("x: gone")
+    assert len(stage.session.stats.notices) == MOST_NOTICES
+
+
+def test_a_medium_that_breaks_off_late_is_tried_again_soon() -> None:
+    stage = Stage(Reader("a", count=500, fails_at=200), setup=Setup(loop_file=True))
+    stage.advance(60.0)
+    assert len(stage.begun) == pytest.approx(60 / (8 + RETRY_S), abs=1.5)
+
+
+def test_a_failed_wish_while_nothing_plays_goes_back_to_waiting() -> None:
+    stage = Stage(Reader("x", error="x: gone"), Reader("y", error="y: gone"), setup=LASTING)
+    stage.advance(0.5)
+    stage.commands.run("loadfile", "y")
+    stage.advance(5.0)
+    assert stage.commands.get("playlist") == ["x", "y"]
+    stage.readers["x"].error = None
+    stage.advance(10.0)
+    assert stage.commands.get("path") == "x"
+
+
+def test_media_that_may_not_be_named_are_refused_at_once(tmp_path: Path) -> None:
+    (tmp_path / "inside.mkv").write_bytes(b"x")
+    media = Media(Border((str(tmp_path),)))
+    stage = Stage(Reader("a", count=1000))
+    stage.session.programme._opener = media
+    for name, why in {
+        "lavfi:testsrc": "only the command line may name devices and filters",
+        "udp://127.0.0.1:9": "add --allow-live",
+        "/etc/passwd": "below its folder or a --media-root only",
+        str(tmp_path / "gone.mkv"): "no such file",
+        str(tmp_path): "is a folder",
+        "": "no file has such a name",
+        "a\0b": "no file has such a name",
+        "x" * 5000: "no file has such a name",
+        "\ud800": "no file has such a name",
+    }.items():
+        for how in ("replace", "append"):
+            with pytest.raises(CommandError, match=why):
+                stage.commands.run("loadfile", name, how)
+    assert stage.commands.get("playlist") == ["a"]
+    stage.commands.run("loadfile", str(tmp_path / "inside.mkv"), "append")
+    assert len(stage.commands.get("playlist")) == 2
+
+
+def advance_until(stage: Stage, condition: Callable[[], bool]) -> None:
+    """Let the made-up time pass while a real thread works."""
+    for _ in range(3000):
+        if condition():
+            return
+        stage.advance(0.05)
+        time.sleep(0.01)
+    raise AssertionError
+
+
+def test_a_list_on_a_disk_that_does_not_answer_stops_nothing(tmp_path: Path) -> None:
+    """The disk is a function that waits; the list is passed over after its time."""
+    answer = threading.Event()
+    stage = Stage(Reader("a", count=50_000))
+
+    def find(medium: Medium) -> list[Medium]:
+        answer.wait()
+        return [Medium("b")]
+
+    stage.find = find  # type: ignore[method-assign]
+    stage.readers["b"] = Reader("b", count=1000)
+    stage.advance(0.1)
+    stage.commands.run("loadfile", "list.txt")
+    stage.advance(LIST_S - 1)
+    assert stage.commands.get("path") == "a"
+    stage.advance(2)
+    assert stage.session.stats.notices == [f"list.txt: not read within {LIST_S:g} s; copy it to a local disk"]
+    stage.commands.run("loadfile", "list.txt")
+    answer.set()
+    advance_until(stage, lambda: stage.commands.get("path") == "b")
+
+
+def test_a_dead_disk_holds_a_few_threads_and_no_more() -> None:
+    answer, before = threading.Event(), threading.active_count()
+    looks = [LookUp(answer.wait) for _ in range(3 * MOST_WAITING)]
+    assert threading.active_count() - before <= MOST_WAITING
+    assert not any(look.result() for look in looks)
+    answer.set()
+    assert sum(look.result(1.0) is True for look in looks[:MOST_WAITING]) == MOST_WAITING
+
+
+def test_a_list_that_was_not_there_at_the_start_is_read_when_it_is(tmp_path: Path) -> None:
+    listed = tmp_path / "list.m3u"
+    stage = Stage(Reader(str(listed)), setup=LASTING)
+    stage.readers = {str(tmp_path / name): Reader(str(tmp_path / name), count=1000) for name in "ab"}
+    advance_until(stage, lambda: bool(stage.session.stats.notices))
+    assert "no such file" in stage.session.stats.notices[0]
+    (tmp_path / "new").write_text("a\nb\n")
+    os.rename(tmp_path / "new", listed)
+    advance_until(stage, lambda: stage.session.playback is not None)
+    assert stage.commands.get("path") == str(tmp_path / "a")
+    assert stage.commands.get("playlist") == [str(tmp_path / name) for name in "ab"]
+
+
+def test_a_list_of_many_media_is_refused_as_a_whole() -> None:
+    stage = playing(Reader("a", count=1000))
+    stage.find = lambda medium: [Medium("a")] * 9_000  # type: ignore[method-assign]
+    stage.commands.run("loadfile", "a", "append")
+    with pytest.raises(CommandError, match="18001 media, a list holds 10000"):
+        stage.commands.run("loadfile", "a", "append")
+    assert len(stage.commands.get("playlist")) == 9_001
