@@ -5,6 +5,7 @@ VENV ?= .venv
 WORKERS ?= 2
 python := $(VENV)/bin/python
 ready := $(VENV)/.ready
+folders := $(shell find player tools shaders calib_data -type d ! -name __pycache__ ! -path 'calib_data/example*')
 
 .DEFAULT_GOAL := help
 # apt and pip are run one at a time, whatever -j says.
@@ -15,7 +16,7 @@ help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST))
 
 play: $(ready) ## see what it does: the shipped example, before and after
-	$(python) -m tools.show_example
+	$(python) -m counterlight.tools.show_example
 
 test: system-test lint ## everything that must hold
 	$(python) -m pytest -n $(WORKERS) --dist loadfile
@@ -29,7 +30,7 @@ bench: $(ready) ## timings, beside scipy's on this machine
 	$(python) -m tests.bench
 
 study: $(ready) ## what accuracy costs in time: study/report.html
-	$(python) -m tools.study_accuracy -o study
+	$(python) -m counterlight.tools.study_accuracy -o study
 
 hard-cases: $(ready) ## how every method takes near-singular, contradictory and noisy systems
 	$(python) -m tests.hard_cases
@@ -40,11 +41,12 @@ clean: ## remove the environment and everything that was built
 	find . -name __pycache__ -not -path './.git/*' -prune -exec rm -rf {} +
 
 system-play system-test:
-	@$(PYTHON) -B -m tools.system_packages $(@:system-%=%)
+	@$(PYTHON) -B tools/system_packages.py $(@:system-%=%)
 
-# --no-build-isolation: the constraints hold for setuptools, too.
-$(ready): pyproject.toml constraints.txt | system-play
+# --no-build-isolation: the constraints hold for setuptools, too. The strict install links to files: new ones need it again.
+$(ready): pyproject.toml constraints.txt $(folders) | system-play
 	$(PYTHON) -m venv $(VENV)
 	$(python) -m pip install --disable-pip-version-check -c constraints.txt setuptools
-	$(python) -m pip install --disable-pip-version-check -c constraints.txt --no-build-isolation -e '.[test,lint,study]'
+	$(python) -m pip install --disable-pip-version-check -c constraints.txt --no-build-isolation -e '.[test,lint,study]' \
+		--config-settings editable_mode=strict
 	@touch $@

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from player.content import OFFSETS, SCALES, tile_grid
-from player.views import (
+from counterlight.content import OFFSETS, SCALES, tile_grid
+from counterlight.views import (
     CLIP_FAINT,
     CLIP_SPAN,
     ERROR_SPAN,
@@ -31,7 +31,7 @@ MOST_TAPS = 32  # along an axis; a filter that is wider takes every second sampl
 def pinned(picture: FloatArray, target: tuple[int, int], H: FloatArray) -> FloatArray:
     """Place a picture by a projective map, black around it (pinned.frag).
 
-    H : target position -> picture position, in pixels (player.placement.homography).
+    H : target position -> picture position, in pixels (counterlight.placement.homography).
     A tent along each axis of the picture, as wide as a target pixel is there: its half width is √(∂x² + ∂y²) of the
     map's derivatives and at least one pixel, so that an upright placement is filtered as by resample. Edges are covered
     by the part of a pixel that lies inside, from its distance to the edge.

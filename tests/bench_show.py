@@ -16,10 +16,10 @@ import av
 import cv2
 import numpy as np
 
-from player.app import read_room
-from player.gl.context import headless_context
-from player.gl.renderer import GlRenderer
-from player.video import MediaReader
+from counterlight.app import read_room
+from counterlight.gl.context import headless_context
+from counterlight.gl.renderer import GlRenderer
+from counterlight.video import MediaReader
 from tests.bench_rows import WARM_UP
 from tests.programs import on, succeed
 from tests.screens import one_screen

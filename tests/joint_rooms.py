@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 from scipy import sparse
 
-from player.calibration import Calibration, Device, writing
-from player.response import Response
+from counterlight.calibration import Calibration, Device, writing
+from counterlight.response import Response
+from counterlight.tools.transport.storage import write_transport
+from counterlight.tools.transport.transport import Transport
 from tests.programs import succeed
 from tests.rooms import blurred_transport
-from tools.transport.storage import write_transport
-from tools.transport.transport import Transport
 
 CAMERA = (33, 60)
 LEFT, RIGHT = (30, 44), (26, 36)

@@ -18,11 +18,25 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from player import calibration
-from player.calibration import Calibration, Device, writing
-from player.content import camera_psnr, reachable_white
-from player.errors import InputError
-from player.maps import read_maps
+from counterlight import calibration
+from counterlight.calibration import Calibration, Device, writing
+from counterlight.content import camera_psnr, reachable_white
+from counterlight.errors import InputError
+from counterlight.maps import read_maps
+from counterlight.tools import acquire_transport, build_correction_map
+from counterlight.tools.acquisition import store
+from counterlight.tools.acquisition.acquire import REPEATS
+from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
+from counterlight.tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom, simulated_room
+from counterlight.tools.acquisition.plan import Pattern, Reference, measure_noise
+from counterlight.tools.acquisition.schemes.baselines import GrayCodeScheme
+from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
+from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
+from counterlight.tools.acquisition.store import CaptureStore
+from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.relighting.views import inverse_dual
+from counterlight.tools.transport.storage import read_transport, write_transport
+from counterlight.tools.transport.transport import Transport
 from tests.acquired_rooms import (
     CAMERA,
     LINEAR,
@@ -38,20 +52,6 @@ from tests.acquired_rooms import (
 from tests.faults import no_file_above
 from tests.programs import succeed
 from tests.rooms import write_blurred_room
-from tools import acquire_transport, build_correction_map
-from tools.acquisition import store
-from tools.acquisition.acquire import REPEATS
-from tools.acquisition.cameras.camera import Exposures, Shot
-from tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom, simulated_room
-from tools.acquisition.plan import Pattern, Reference, measure_noise
-from tools.acquisition.schemes.baselines import GrayCodeScheme
-from tools.acquisition.schemes.hierarchical import HierarchicalScheme
-from tools.acquisition.schemes.multiplexed import MultiplexedScheme
-from tools.acquisition.store import CaptureStore
-from tools.inverse.pictures import typical_pictures
-from tools.relighting.views import inverse_dual
-from tools.transport.storage import read_transport, write_transport
-from tools.transport.transport import Transport
 
 # Interruptions.
 
@@ -78,7 +78,15 @@ def same_files(one: Path, other: Path) -> None:
 
 def test_killed_and_resumed_it_ends_bit_identical(tmp_path: Path, rng: np.random.Generator) -> None:
     room = small_room(tmp_path / "room", rng)
-    words = [sys.executable, "-m", "tools.acquire_transport", "--camera", f"simulated:{room}", "--name", "twin"]
+    words = [
+        sys.executable,
+        "-m",
+        "counterlight.tools.acquire_transport",
+        "--camera",
+        f"simulated:{room}",
+        "--name",
+        "twin",
+    ]
     succeed("acquire-transport", *words[3:], "-o", tmp_path / "undisturbed")
     captures, output = tmp_path / "killed.captures", tmp_path / "killed"
     for wanted in (3, 40):

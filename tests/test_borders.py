@@ -12,26 +12,26 @@ import pytest
 import tomli_w
 from scipy import sparse
 
-from player import calibration, exr
-from player.calibration import Calibration, Device
-from player.errors import InputError
-from player.maps import FOLDER, MANIFEST, read_maps
-from player.placement import FILE as PLACEMENT
-from player.placement import write_placement
-from player.reading import read_toml
-from player.response import Response
-from player.row_map import SparseRows, pack
+from counterlight import calibration, exr
+from counterlight.calibration import Calibration, Device
+from counterlight.errors import InputError
+from counterlight.maps import FOLDER, MANIFEST, read_maps
+from counterlight.placement import FILE as PLACEMENT
+from counterlight.placement import write_placement
+from counterlight.reading import read_toml
+from counterlight.response import Response
+from counterlight.row_map import SparseRows, pack
+from counterlight.tools import acquire_transport, compensate_image, join_projectors, relight
+from counterlight.tools.inverse.far_light import undo_far_light
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.room import build_room_maps
+from counterlight.tools.transport.storage import write_transport
+from counterlight.tools.transport.transport import FarLight, Transport
 from tests.hostile import little_memory, without_rights
 from tests.mutants import READ, REFUSED, DamagedRoom, mutant
 from tests.programs import fail
 from tests.rooms import write_blurred_room
 from tests.samples import samples
-from tools import acquire_transport, compensate_image, join_projectors, relight
-from tools.inverse.far_light import undo_far_light
-from tools.inverse.inverse import InverseOptions
-from tools.inverse.room import build_room_maps
-from tools.transport.storage import write_transport
-from tools.transport.transport import FarLight, Transport
 
 MANIFEST_NAME = f"{FOLDER}/{MANIFEST}"
 CAMERA, PROJECTOR, CELLS = (13, 18), (10, 14), 4

@@ -6,19 +6,19 @@ import cv2
 import numpy as np
 import pytest
 
-from player import app, calibration, exr
-from player.calibration import Calibration, Device, Region
-from player.errors import InputError
-from player.response import Response
-from player.show.options import monitors_of, read_options
+from counterlight import app, calibration, exr
+from counterlight.calibration import Calibration, Device, Region
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.show.options import monitors_of, read_options
+from counterlight.tools.inverse.inverse import InverseOptions, invert_near_light
+from counterlight.tools.solve.quality import psnr
+from counterlight.tools.transport.joining import join_transports
+from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.transport import Transport
 from tests.joint_rooms import CAMERA, LEFT, RIGHT, join, write_halves
 from tests.programs import fail, succeed
 from tests.scenes import SCENES
-from tools.inverse.inverse import InverseOptions, invert_near_light
-from tools.solve.quality import psnr
-from tools.transport.joining import join_transports
-from tools.transport.storage import read_transport
-from tools.transport.transport import Transport
 
 POSITION = "position = [0.6, 0.2, 2.1]"  # the projector of the scene `wall`
 

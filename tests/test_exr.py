@@ -7,9 +7,9 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from player import exr, memory
-from player.decoding.media import open_source
-from player.errors import InputError
+from counterlight import exr, memory
+from counterlight.decoding.media import open_source
+from counterlight.errors import InputError
 from tests.hostile import little_memory
 
 HOSTILE = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "hostile"

@@ -8,17 +8,17 @@ import cv2
 import numpy as np
 import pytest
 
-from player import calibration
-from player.picture_files import read_picture
-from player.reading import read_toml
-from player.show.commands import CommandError
-from player.show.session_inputs import Setup
+from counterlight import calibration
+from counterlight.picture_files import read_picture
+from counterlight.reading import read_toml
+from counterlight.show.commands import CommandError
+from counterlight.show.session_inputs import Setup
+from counterlight.tools import build_correction_map
 from tests.brackets import CURVES, random_scene, write_bracket
 from tests.faults import Runner, can_mount, no_file_above, small_disk
 from tests.programs import CLIP, ROOT
 from tests.rooms import write_blurred_room
 from tests.stage import Stage
-from tools import build_correction_map
 
 SCENE = ROOT / "calib_data" / "scenes" / "wall.toml"
 PAGE = 4096  # what a tmpfs gives room in
@@ -30,14 +30,14 @@ COMMANDS = {
     "merge": "tools.merge_exposures SHOTS --times 1 2 4 8 --response linear -o OUT/o.exr",
     "build": "tools.build_correction_map OUT/room --regularize 0.2",
     "simulate": "tools.simulate_transport SCENE -o OUT/made --camera 24x18 --projector 20x15",
-    "acquire": "tools.acquire_transport --camera simulated:ROOM --scheme graycode --no-preflight -o OUT/made",
+    "acquire": "tools.acquire_transport --camera simulated:ROOM --scheme graycode -o OUT/made --no-preflight",
     "join": "tools.join_projectors ROOM ROOM -o OUT/made",
-    "play.png": "player.app ROOM CLIP --frames 2 --output OUT/o.png",
-    "play.exr": "player.app ROOM CLIP --frames 2 --output OUT/o.exr",
-    "play.mp4": "player.app ROOM CLIP --frames 8 --output OUT/o.mp4",
-    "play.webm": "player.app ROOM CLIP --frames 8 --output OUT/o.webm",
-    "play.mkv": "player.app ROOM CLIP --frames 8 --output OUT/o.mkv",
-    "play%d.png": "player.app ROOM CLIP --frames 8 --output OUT/f%02d.png",
+    "play.png": "app ROOM CLIP --frames 2 --output OUT/o.png",
+    "play.exr": "app ROOM CLIP --frames 2 --output OUT/o.exr",
+    "play.mp4": "app ROOM CLIP --frames 8 --output OUT/o.mp4",
+    "play.webm": "app ROOM CLIP --frames 8 --output OUT/o.webm",
+    "play.mkv": "app ROOM CLIP --frames 8 --output OUT/o.mkv",
+    "play%d.png": "app ROOM CLIP --frames 8 --output OUT/f%02d.png",
 }
 
 
@@ -65,7 +65,7 @@ def words_of(command: str, out: Path, room: Path) -> tuple[str, list[str]]:
     shots = [str(here / "shots" / f"shot{i:02}.png") for i in range(4)]
     module, *words = command.split()
     arguments = [part for word in words for part in (shots if word == "SHOTS" else [_named(word, names)])]
-    return f"{module}:main", [arguments]
+    return f"counterlight.{module}:main", [arguments]
 
 
 def _named(word: str, names: dict[str, Path]) -> str:

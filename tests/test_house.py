@@ -18,18 +18,14 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 LARGEST_FILE = 8 << 20
 TIMEOUT_S = 120.0  # a command's imports on a busy machine
 
-IMPORT_PLAYER = """
-import importlib, pkgutil, sys, player
-for module in pkgutil.walk_packages(player.__path__, "player."):
-    if not module.name.startswith(("player.gl", "player.products")):  # products: Numba, which imports scipy
-        importlib.import_module(module.name)
-print(*sorted(name for name in sys.modules if name.split(".")[0] in FORBIDDEN or name.startswith("player.gl.")))
-"""
+HEAVY = {"scipy", "moderngl", "glcontext", "glfw"}
+LOADED = "print(*(name for name in sys.modules if name.split('.')[0] in HEAVY or name.startswith(FOREIGN)))"
+FOLDERS = {"player": "counterlight", "tools": "counterlight.tools"}  # of modules, and what they are imported as
 READ_SHADERS = """
 import sys
 sys.path.insert(0, sys.argv[1])
 from importlib.resources import files
-for resource in sorted(files("player.shaders").iterdir(), key=lambda resource: resource.name):
+for resource in sorted(files("counterlight.shaders").iterdir(), key=lambda resource: resource.name):
     if resource.is_file() and not resource.name.endswith((".py", ".pyc")):
         print(resource.name, resource.read_bytes().hex())
 """
@@ -68,26 +64,40 @@ def roots(path: Path) -> set[str]:
     return {name.partition(".")[0] for name in imported(path)}
 
 
+def modules(folder: str) -> Iterator[str]:
+    """What the files of a folder are imported as."""
+    for path in sources(folder):
+        parts = path.relative_to(ROOT / folder).with_suffix("").parts
+        yield ".".join((FOLDERS[folder], *(part for part in parts if part != "__init__")))
+
+
 def packages_on_disk() -> Iterator[str]:
-    yield "player.shaders"
-    for folder in ("player", "tools"):
+    yield from ("counterlight.calib_data", "counterlight.shaders")
+    for folder, package in FOLDERS.items():
         for path in sorted((ROOT / folder).rglob("__init__.py")):
-            yield ".".join(path.parent.relative_to(ROOT).parts)
+            yield ".".join((package, *path.parent.relative_to(ROOT / folder).parts))
+
+
+def loaded_by(*names: str) -> list[str]:
+    """What a fresh interpreter has loaded, of what is heavy or belongs to the tools, after importing modules."""
+    foreign = ("counterlight.tools", "counterlight.gl.")
+    code = f"HEAVY, FOREIGN = {HEAVY!r}, {foreign!r}\nimport sys, {', '.join(names)}\n{LOADED}"
+    return python("-c", code).split()
 
 
 def test_the_player_without_opengl_imports_no_tool_no_scipy_no_window() -> None:
-    forbidden = {"tools", "scipy", "moderngl", "glcontext", "glfw"}
-    assert python("-c", f"FORBIDDEN = {forbidden!r}\n{IMPORT_PLAYER}").split() == []
+    numba = "counterlight.products"  # which imports scipy
+    assert loaded_by(*(name for name in modules("player") if not name.startswith(("counterlight.gl", numba)))) == []
 
 
 @pytest.mark.parametrize("module", ["row_map", "reference", "calibration", "video", "app"])
 def test_each_module_of_the_player_alone_needs_no_opengl(module: str) -> None:
-    code = f"import sys, player.{module}\nprint(*(sys.modules.keys() & {{'tools', 'scipy', 'moderngl', 'glfw'}}))"
-    assert python("-c", code).split() == []
+    assert loaded_by(f"counterlight.{module}") == []
 
 
 def test_nothing_in_the_player_imports_tools() -> None:
-    assert [path for path in sources("player") if "tools" in roots(path)] == []
+    tools = re.compile(r"counterlight\.tools\b")
+    assert [path for path in sources("player") if any(map(tools.match, imported(path)))] == []
 
 
 def test_only_player_gl_imports_moderngl_and_glfw() -> None:
@@ -99,7 +109,7 @@ def test_only_player_gl_imports_moderngl_and_glfw() -> None:
 
 def test_every_import_is_a_declared_dependency() -> None:
     providers = metadata.packages_distributions()
-    ours = {"player", "tools", "tests"} | sys.stdlib_module_names
+    ours = {"counterlight", "tests"} | sys.stdlib_module_names
     undeclared = {
         f"{path.relative_to(ROOT)}: {name}"
         for path in sources("player", "tools", "tests")
@@ -133,7 +143,7 @@ def test_the_wheel_lists_every_package_and_no_other() -> None:
 
 
 def test_every_folder_of_modules_is_a_package_with_a_docstring() -> None:
-    folders = {path.parent for path in sources("player", "tools", "shaders")}
+    folders = {path.parent for path in sources("player", "tools", "shaders", "calib_data")}
     undocumented = [folder for folder in sorted(folders) if not ast.get_docstring(parsed(folder / "__init__.py"))]
     assert undocumented == []
 
@@ -143,8 +153,8 @@ def unpacked_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheel, built from a copy so that the checkout stays clean, as pip would lay it out."""
     folder = tmp_path_factory.mktemp("wheel")
     copy = folder / "source"
-    left_out = shutil.ignore_patterns("__pycache__", "*.egg-info")
-    for name in ("player", "tools", "shaders"):
+    left_out = shutil.ignore_patterns("__pycache__", "*.egg-info", "example*")
+    for name in ("player", "tools", "shaders", "calib_data"):
         shutil.copytree(ROOT / name, copy / name, ignore=left_out)
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy)
@@ -159,7 +169,7 @@ def test_every_shader_loads_from_the_built_wheel(unpacked_wheel: Path) -> None:
     expected = {path.name: path.read_bytes() for path in (ROOT / "shaders").iterdir() if is_shader(path)}
     assert expected
     # -I -S: no checkout, no site-packages, so that only the wheel can answer.
-    lines = python("-I", "-S", "-c", READ_SHADERS, str(unpacked_wheel)).splitlines()
+    lines = python("-I", "-S", "-B", "-c", READ_SHADERS, str(unpacked_wheel)).splitlines()
     found = {name: bytes.fromhex(content) for name, content in (line.split() for line in lines)}
     assert found == expected
 
@@ -168,10 +178,13 @@ def is_shader(path: Path) -> bool:
     return path.is_file() and path.suffix not in (".py", ".pyc")
 
 
-def test_every_module_is_in_the_built_wheel(unpacked_wheel: Path) -> None:
-    expected = {path.relative_to(ROOT) for path in sources("player", "tools")}
-    found = {path.relative_to(unpacked_wheel) for path in unpacked_wheel.rglob("*.py")}
-    assert found - {Path("player/shaders/__init__.py")} == expected
+def test_the_wheel_holds_one_package_with_every_module_scene_and_clip(unpacked_wheel: Path) -> None:
+    found = {path.relative_to(unpacked_wheel).as_posix() for path in unpacked_wheel.rglob("*") if path.is_file()}
+    told = {name for name in found if not name.startswith("counterlight-")}  # the rest is pip's
+    names = {"player": "", "tools": "tools/", "shaders": "shaders/", "calib_data": "calib_data/"}
+    listing = subprocess.run(["git", "ls-files", *names], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    paths = [name.partition("/") for name in listing.splitlines() if (ROOT / name).exists()]
+    assert told == {f"counterlight/{names[folder]}{path}" for folder, _, path in paths}
 
 
 @pytest.mark.parametrize("name", PROJECT["project"]["scripts"])

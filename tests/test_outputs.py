@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from scipy import sparse
 
+from counterlight.tools import acquire_transport, build_correction_map
 from tests.brackets import CURVES, random_scene, write_bracket
 from tests.programs import CLIP, ROOT
 from tests.rooms import write_one_to_one_room
-from tools import acquire_transport, build_correction_map
 
 SHAPE = (6, 9)
 SCENE = ROOT / "calib_data" / "scenes" / "wall.toml"
@@ -72,32 +72,35 @@ def state(folder: Path) -> dict[str, object]:
 
 REFUSED = [
     # The medium, its list, or a frame of it, under whatever name.
-    ("player.app room clip.mp4 --output clip.mp4", INPUT),
-    ("player.app room clip.mp4 --output ./plain/../clip.mp4", INPUT),
-    ("player.app room clip.mp4 --output hard.mp4", INPUT),
-    ("player.app room clip.mp4 --output soft.mp4", INPUT),
-    ("player.app room soft.mp4 --output clip.mp4", INPUT),
-    ("player.app room list.m3u --output clip.mp4", INPUT),
-    ("player.app room f%d.png --output f%d.png", INPUT),
-    ("player.app room f%d.png --output f2.png", INPUT),
-    ("player.app room f1.png --output f%d.png", INPUT),
-    ("player.app room f1.png --output g%d.png", INPUT),
-    ("player.app room clip.mp4 --output o.png --stats clip.mp4", INPUT),
-    ("player.app room list.m3u --output o.png --stats list.json", INPUT),
-    ("player.app room clip.mp4 --output o.png --stats o.png", "would be overwritten by"),
-    ("player.app room clip.mp4 --output o.png --heartbeat clip.mp4", "is no log that lines could be added to"),
-    ("player.app room clip.mp4 --output o.png --heartbeat o.png", "would be overwritten by"),
-    ("player.app room clip.mp4 --output %d.png", "2021.png is there and is of no sequence numbered from 0"),
+    ("app room clip.mp4 --output clip.mp4", INPUT),
+    ("app room clip.mp4 --output ./plain/../clip.mp4", INPUT),
+    ("app room clip.mp4 --output hard.mp4", INPUT),
+    ("app room clip.mp4 --output soft.mp4", INPUT),
+    ("app room soft.mp4 --output clip.mp4", INPUT),
+    ("app room list.m3u --output clip.mp4", INPUT),
+    ("app room f%d.png --output f%d.png", INPUT),
+    ("app room f%d.png --output f2.png", INPUT),
+    ("app room f1.png --output f%d.png", INPUT),
+    ("app room f1.png --output g%d.png", INPUT),
+    ("app room clip.mp4 --output o.png --stats clip.mp4", INPUT),
+    ("app room list.m3u --output o.png --stats list.json", INPUT),
+    ("app room clip.mp4 --output o.png --stats o.png", "would be overwritten by"),
+    ("app room clip.mp4 --output o.png --heartbeat clip.mp4", "is no log that lines could be added to"),
+    ("app room clip.mp4 --output o.png --heartbeat o.png", "would be overwritten by"),
+    ("app room clip.mp4 --output %d.png", "2021.png is there and is of no sequence numbered from 0"),
     ("tools.compensate_image room f0.png --solver direct -o f0.png", INPUT),
     ("tools.relight room f0.png -o f0.png", INPUT),
-    (f"tools.merge_exposures {SHOTS} -o o.exr --save-response shots/shot01.png", "cannot write .png; use .toml"),
+    (
+        f"tools.merge_exposures {SHOTS} -o o.exr --save-response shots/shot01.png",
+        "cannot write .png; use .toml",
+    ),
     (f"tools.merge_exposures {SHOTS} --response curve.toml -o o.exr --save-response curve.toml", INPUT),
     ("tools.fit_projector_response ramp.csv -o ramp.csv", "cannot write .csv; use .toml"),
     ("tools.fit_projector_response ramp.csv --camera-response curve.toml -o curve.toml", INPUT),
     # Folders that are kept as a whole.
-    ("player.app room clip.mp4 --output room/o.png", IN_ROOM),
-    ("player.app room clip.mp4 --output o.png --stats room/correction/s.json", IN_ROOM),
-    ("player.app room clip.mp4 --output acquired.captures/captures/00001.png", IN_CAPTURES),
+    ("app room clip.mp4 --output room/o.png", IN_ROOM),
+    ("app room clip.mp4 --output o.png --stats room/correction/s.json", IN_ROOM),
+    ("app room clip.mp4 --output acquired.captures/captures/00001.png", IN_CAPTURES),
     ("tools.compensate_image room f0.png -o room/mask.png", IN_ROOM),
     ("tools.relight room -o room/ambient.exr", IN_ROOM),
     (f"tools.merge_exposures {SHOTS} -o room/ambient.exr", IN_ROOM),
@@ -114,27 +117,42 @@ REFUSED = [
     ("tools.join_projectors room acquired -o room --force", HOLDS),
     ("tools.acquire_transport --camera simulated:room -o room --force", HOLDS),
     ("tools.acquire_transport --camera simulated:room -o new --captures new", "would be overwritten by"),
-    ("tools.acquire_transport --camera simulated:room -o new --captures new/captures", "would be overwritten by"),
+    (
+        "tools.acquire_transport --camera simulated:room -o new --captures new/captures",
+        "would be overwritten by",
+    ),
     ("tools.acquire_transport --camera simulated:room -o new --captures plain", "holds no captures"),
     ("tools.acquire_transport --camera simulated:room -o new --captures room/x", IN_ROOM),
-    ("tools.acquire_transport --camera simulated:room -o new --report acquired", "exists and is no report"),
-    ("tools.acquire_transport --camera simulated:room -o new --captures acquired.captures", "is finished; take new"),
-    ("tools.verify_projection room f0.png --camera simulated:room -o plain", "exists; name another folder"),
+    (
+        "tools.acquire_transport --camera simulated:room -o new --report acquired",
+        "exists and is no report",
+    ),
+    (
+        "tools.acquire_transport --camera simulated:room -o new --captures acquired.captures",
+        "is finished; take new",
+    ),
+    (
+        "tools.verify_projection room f0.png --camera simulated:room -o plain",
+        "exists; name another folder",
+    ),
     ("tools.study_accuracy room -o room", HOLDS),
     # Places where no such thing can be.
-    ("player.app room clip.mp4 --output nowhere/o.png", "nowhere: no such folder; make it first"),
-    ("player.app room clip.mp4 --output clip.mp4/o.png", "clip.mp4: is a file; choose a folder for o.png"),
-    ("player.app room clip.mp4 --output pictures.png", "is a folder; name a file"),
-    ("player.app room clip.mp4 --output pipe.png", "is a device, a pipe or a socket; name a file"),
-    ("player.app room clip.mp4 --output o.png --stats /dev/null", "is a device, a pipe or a socket; name a file"),
-    ("player.app room clip.mp4 --output o.png --heartbeat plain", "is a folder; name a file"),
-    ("player.app room clip.mp4 --output o.png --heartbeat nowhere/log", "no such folder; make it first"),
+    ("app room clip.mp4 --output nowhere/o.png", "nowhere: no such folder; make it first"),
+    ("app room clip.mp4 --output clip.mp4/o.png", "clip.mp4: is a file; choose a folder for o.png"),
+    ("app room clip.mp4 --output pictures.png", "is a folder; name a file"),
+    ("app room clip.mp4 --output pipe.png", "is a device, a pipe or a socket; name a file"),
+    ("app room clip.mp4 --output o.png --stats /dev/null", "is a device, a pipe or a socket; name a file"),
+    ("app room clip.mp4 --output o.png --heartbeat plain", "is a folder; name a file"),
+    ("app room clip.mp4 --output o.png --heartbeat nowhere/log", "no such folder; make it first"),
     ("tools.compensate_image room f0.png -o o.jpg", "cannot write .jpg; use .png, .exr"),
     ("tools.relight room -o nowhere/o.png", "nowhere: no such folder; make it first"),
     (f"tools.merge_exposures {SHOTS} -o nowhere/o.exr", "nowhere: no such folder; make it first"),
     ("tools.fit_projector_response ramp.csv -o nowhere/o.toml", "nowhere: no such folder; make it first"),
     ("tools.simulate_transport scene.toml -o clip.mp4", "clip.mp4: is a file; name a folder"),
-    ("tools.simulate_transport scene.toml -o clip.mp4/room", "clip.mp4: is a file; choose a folder for room"),
+    (
+        "tools.simulate_transport scene.toml -o clip.mp4/room",
+        "clip.mp4: is a file; choose a folder for room",
+    ),
     ("tools.build_correction_map room --report clip.mp4", "clip.mp4: is a file; name a folder"),
 ]
 
@@ -150,7 +168,7 @@ def test_outputs_are_refused_before_any_work(
     before = state(furnished)
     monkeypatch.chdir(furnished)
     module, *words = command.split()
-    main: Callable[[list[str]], int] = importlib.import_module(module).main
+    main: Callable[[list[str]], int] = importlib.import_module(f"counterlight.{module}").main
     assert main(words) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("error: ")

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from player import app, calibration, exr, maps, output
-from player.reference import PreparedRows
-from player.renderer import Renderer
+from counterlight import app, calibration, exr, maps, output
+from counterlight.reference import PreparedRows
+from counterlight.renderer import Renderer
+from counterlight.tools import build_correction_map
+from counterlight.tools.solve.registry import solve
+from counterlight.tools.solve.system import channel_system
+from counterlight.tools.transport.transport import Transport
 from tests.programs import CLIP, fail, on, succeed
 from tests.rooms import write_blurred_room
-from tools import build_correction_map
-from tools.solve.registry import solve
-from tools.solve.system import channel_system
-from tools.transport.transport import Transport
 
 ROOM_CAMERA, ROOM_PROJECTOR = (36, 50), (30, 40)
 
@@ -304,7 +304,10 @@ def test_an_interrupt_leaves_the_previous_map(
         raise KeyboardInterrupt
 
     before = (room / "correction" / "manifest.toml").read_bytes()
-    for step in ("player.row_map.write", "tools.inverse.inverse.join"):  # while writing, and while computing
+    for step in (
+        "counterlight.row_map.write",
+        "counterlight.tools.inverse.inverse.join",
+    ):  # while writing, and while computing
         with monkeypatch.context() as patch:
             patch.setattr(step, interrupted)
             assert build_correction_map.main([str(room)]) == 130

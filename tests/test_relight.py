@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from player import calibration, exr, maps
-from player.calibration import Calibration, StoredCalibration
-from player.maps import FarMaps, RoomMaps
-from player.row_map import RowMap, unpack
+from counterlight import calibration, exr, maps
+from counterlight.calibration import Calibration, StoredCalibration
+from counterlight.maps import FarMaps, RoomMaps
+from counterlight.row_map import RowMap, unpack
+from counterlight.tools import build_correction_map
+from counterlight.tools.relighting.pictures import white_level
+from counterlight.tools.relighting.views import composition, dual, inverse_composition, inverse_dual
+from counterlight.tools.transport.transport import FarLight, Transport
 from tests.programs import fail, succeed
 from tests.rooms import CAMERA, CELLS, PROJECTOR, random_map, random_room, write_blurred_room
-from tools import build_correction_map
-from tools.relighting.pictures import white_level
-from tools.relighting.views import composition, dual, inverse_composition, inverse_dual
-from tools.transport.transport import FarLight, Transport
 
 ROOM_CAMERA, ROOM_PROJECTOR = (9, 14), (7, 12)
 

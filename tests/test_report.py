@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from player import calibration, maps
-from player.calibration import Calibration, Device
-from player.maps import RoomMaps
-from player.response import Response
-from player.row_map import unpack
+from counterlight import calibration, maps
+from counterlight.calibration import Calibration, Device
+from counterlight.maps import RoomMaps
+from counterlight.response import Response
+from counterlight.row_map import unpack
+from counterlight.tools.packing.row_maps import pack_matrices
+from counterlight.tools.report import report
+from counterlight.tools.report.charts import bins_of
+from counterlight.tools.report.impossible import REASONS, best_drive, find_impossible
+from counterlight.tools.report.pictures import cluster_picture, matrix_picture, texture_picture
+from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.transport import Transport
 from tests.programs import fail, succeed
 from tests.rooms import write_blurred_room
-from tools.packing.row_maps import pack_matrices
-from tools.report import report
-from tools.report.charts import bins_of
-from tools.report.impossible import REASONS, best_drive, find_impossible
-from tools.report.pictures import cluster_picture, matrix_picture, texture_picture
-from tools.transport.storage import read_transport
-from tools.transport.transport import Transport
 
 ROOM_CAMERA, ROOM_PROJECTOR = (12, 18), (9, 14)
 NAMES = [reason.name for reason in REASONS]

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from player import calibration
-from player.errors import InputError
+from counterlight import calibration
+from counterlight.errors import InputError
+from counterlight.tools.simulation.geometry import trace
+from counterlight.tools.simulation.needs import needs_of
+from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.simulation.simulate import simulate
+from counterlight.tools.transport.storage import read_transport
 from tests.programs import command, fail, succeed
 from tests.scenes import SCENES, flat, plane, rectangle, scene_file, small
-from tools.simulation.geometry import trace
-from tools.simulation.needs import needs_of
-from tools.simulation.scene import load_scene
-from tools.simulation.simulate import simulate
-from tools.transport.storage import read_transport
 
 # On demand
 
@@ -38,12 +38,12 @@ def test_an_effect_that_is_off_is_not_even_imported(name: str) -> None:
 import sys
 from dataclasses import replace
 from pathlib import Path
-from tools.simulation.scene import load_scene
-from tools.simulation.simulate import simulate
+from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.simulation.simulate import simulate
 scene = load_scene(Path({str(SCENES / name)!r} + ".toml"))
 scene = replace(scene, cells=40, camera=scene.camera.resized(9, 16), projector=scene.projector.resized(9, 16))
 result = simulate(scene)
-prefix = "tools.simulation.effects."
+prefix = "counterlight.tools.simulation.effects."
 imported = {{module.removeprefix(prefix) for module in sys.modules if module.startswith(prefix)}}
 known = {{report.need.effect for report in result.reports}}
 print(*sorted(imported & known))

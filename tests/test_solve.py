@@ -11,22 +11,22 @@ from scipy import sparse
 from scipy.optimize import lsq_linear, nnls
 from skimage.color import deltaE_ciede2000, rgb2lab
 
-from player import calibration, exr
-from player.calibration import Calibration, Device, StoredCalibration, writing
-from player.response import Response
+from counterlight import calibration, exr
+from counterlight.calibration import Calibration, Device, StoredCalibration, writing
+from counterlight.response import Response
+from counterlight.tools import build_correction_map
+from counterlight.tools.clusters.finite import NonFiniteError
+from counterlight.tools.solve.box import MOST_STEPS, TOLERANCE, certificate, relative_gap
+from counterlight.tools.solve.clusterwise import solve_clusters
+from counterlight.tools.solve.compensate import CompensateOptions, CompensationTask
+from counterlight.tools.solve.krylov import least_squares
+from counterlight.tools.solve.quality import measure
+from counterlight.tools.solve.registry import SOLVERS, solve
+from counterlight.tools.solve.system import LinearSystem, channel_system, linear_system
+from counterlight.tools.transport.storage import write_transport
 from tests.programs import fail, succeed
 from tests.rooms import blurred_transport, write_blurred_room
 from tests.test_relight import far_transport
-from tools import build_correction_map
-from tools.clusters.finite import NonFiniteError
-from tools.solve.box import MOST_STEPS, TOLERANCE, certificate, relative_gap
-from tools.solve.clusterwise import solve_clusters
-from tools.solve.compensate import CompensateOptions, CompensationTask
-from tools.solve.krylov import least_squares
-from tools.solve.quality import measure
-from tools.solve.registry import SOLVERS, solve
-from tools.solve.system import LinearSystem, channel_system, linear_system
-from tools.transport.storage import write_transport
 
 CAMERA, PROJECTOR = (18, 26), (14, 20)
 SEEDS = st.integers(0, 2**32 - 1)
@@ -148,7 +148,7 @@ def test_large_clusters_go_another_way(rng: np.random.Generator, monkeypatch: py
     blur = blurred_transport(rng, (12, 16), (10, 13), 0.4).toarray()
     T = np.block([[blur, np.zeros((192, 1))], [np.zeros((1, 130)), 0.5]])
     b = T @ rng.uniform(size=131)
-    monkeypatch.setattr("tools.solve.clusterwise.LARGEST_BLOCK", 100)
+    monkeypatch.setattr("counterlight.tools.solve.clusterwise.LARGEST_BLOCK", 100)
     for name in ("qr", "svd", "nnls"):
         found = solve(name, linear_system(T, b))
         assert found.notes[0].startswith("1 clusters of up to 130 projector pixels: ")

@@ -14,22 +14,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from player import calibration
-from player.files import describe_files
-from player.renderer import Room
+from counterlight import calibration
+from counterlight.files import describe_files
+from counterlight.renderer import Room
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.presets import PRESETS
+from counterlight.tools.solve.compensate import CompensateOptions, CompensationTask
+from counterlight.tools.study.frames import graphics, player
+from counterlight.tools.study.measure import SHOWN
+from counterlight.tools.study.methods import HALF_ENTRY, Map, Solver, catalogue, frame_bytes, uncut_knobs
+from counterlight.tools.study.pictures import BUILT_IN, DARK, find_pictures
+from counterlight.tools.study.recommend import CLOSE_DB, FRAME_MS, wishes
+from counterlight.tools.study.results import Mean, Row, everywhere, geometric, label, means, pareto
+from counterlight.tools.study.rooms import SCENES, StudyRoom, Task, open_room
+from counterlight.tools.study.table_6_1 import HEADER, THESIS_ROWS, OurRow, to_markdown
 from tests.programs import fail, succeed
 from tests.rooms import random_room, write_blurred_room
-from tools.inverse.inverse import InverseOptions
-from tools.inverse.presets import PRESETS
-from tools.solve.compensate import CompensateOptions, CompensationTask
-from tools.study.frames import graphics, player
-from tools.study.measure import SHOWN
-from tools.study.methods import HALF_ENTRY, Map, Solver, catalogue, frame_bytes, uncut_knobs
-from tools.study.pictures import BUILT_IN, DARK, find_pictures
-from tools.study.recommend import CLOSE_DB, FRAME_MS, wishes
-from tools.study.results import Mean, Row, everywhere, geometric, label, means, pareto
-from tools.study.rooms import SCENES, StudyRoom, Task, open_room
-from tools.study.table_6_1 import HEADER, THESIS_ROWS, OurRow, to_markdown
 
 ROOM_CAMERA, ROOM_PROJECTOR = (16, 22), (13, 17)  # more projector pixels than the thesis' 200 a cluster
 TIMEOUT_S = 300.0
@@ -298,7 +298,15 @@ def test_pictures_of_radiance_folders_without_a_room_and_other_folders_are_refus
 
 
 def test_an_interrupt_leaves_nothing_half_written(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "tools.study_accuracy", "--scenes", "wall", "-o", str(tmp_path / "out")]
+    command = [
+        sys.executable,
+        "-m",
+        "counterlight.tools.study_accuracy",
+        "--scenes",
+        "wall",
+        "-o",
+        str(tmp_path / "out"),
+    ]
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     environment = {"TMPDIR": str(temporary), "PATH": "/usr/bin:/bin"}

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from player.errors import InputError
-from player.unattended import heartbeat
-from player.unattended.heartbeat import FACTS, Heartbeat, Notifier, read_facts
-from player.unattended.supervisor import (
+from counterlight.errors import InputError
+from counterlight.unattended import heartbeat
+from counterlight.unattended.heartbeat import FACTS, Heartbeat, Notifier, read_facts
+from counterlight.unattended.supervisor import (
     BACK_OFF_S,
     ENDING_S,
     LONGEST_BACK_OFF_S,
@@ -331,7 +331,7 @@ def test_after_five_crashes_the_screen_is_black_until_told_to_try_again(
         def is_black() -> bool:
             commands = [Path(f"/proc/{child}/cmdline") for child in descendants(show.process.pid)]
             with contextlib.suppress(OSError):
-                return any(b"player.gl.black" in command.read_bytes() for command in commands)
+                return any(b"counterlight.gl.black" in command.read_bytes() for command in commands)
             return False
 
         show.wait(is_black, "the safe picture")
@@ -403,7 +403,7 @@ def test_no_player_outlives_a_supervisor_that_is_killed(
 def test_the_unit_starts_what_there_is_and_waits_longer_than_the_supervisor() -> None:
     unit = configparser.ConfigParser(strict=True, interpolation=None)
     unit.optionxform = str  # type: ignore[assignment, method-assign]
-    unit.read_string((files("player.unattended.systemd") / "counterlight.service").read_text())
+    unit.read_string((files("counterlight.unattended.systemd") / "counterlight.service").read_text())
     service = unit["Service"]
     options = {word for word in service["ExecStart"].split() if word.startswith("--")}
     assert options == {"--supervise", "--fullscreen"}

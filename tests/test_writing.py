@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from player import calibration, maps
-from player.errors import InputError
+from counterlight import calibration, maps
+from counterlight.errors import InputError
 from tests import written
 from tests.faults import KILL, REFUSE, Fault, Runner
 from tests.programs import CLIP, ROOT, fail, running
@@ -137,7 +137,7 @@ def test_a_missing_folder_is_restored_by_a_command_that_reads_it(tmp_path: Path,
 def writer(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     """Another process that holds `held.png` in the test's folder, and has begun to write it."""
     code = (
-        "import sys, time; from pathlib import Path; from player.writing.replacing import replacing_file\n"
+        "import sys, time; from pathlib import Path; from counterlight.writing.replacing import replacing_file\n"
         "with replacing_file(Path(sys.argv[1])) as path:\n"
         "    path.write_text('half')\n    print('begun', flush=True)\n    time.sleep(600)"
     )
@@ -171,7 +171,7 @@ def test_a_lock_is_not_a_number_that_another_process_may_have(tmp_path: Path) ->
 
 def test_a_dead_ones_scratch_folder_goes_with_the_next(tmp_path: Path) -> None:
     code = (
-        "import os, signal; from player.writing.replacing import scratch_folder\n"
+        "import os, signal; from counterlight.writing.replacing import scratch_folder\n"
         "with scratch_folder('study') as folder:\n"
         "    (folder / 'room').mkdir()\n    os.kill(os.getpid(), signal.SIGKILL)"
     )

@@ -6,14 +6,14 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from player import calibration
-from player.command import Parser, run
-from player.writing.outputs import check_folder
-from tools.inverse.inverse import InverseOptions
-from tools.inverse.method import METHODS
-from tools.inverse.presets import PRESETS
-from tools.inverse.room import build_room_maps
-from tools.report.report import check_report_folder, write_report
+from counterlight import calibration
+from counterlight.command import Parser, run
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.method import METHODS
+from counterlight.tools.inverse.presets import PRESETS
+from counterlight.tools.inverse.room import build_room_maps
+from counterlight.tools.report.report import check_report_folder, write_report
+from counterlight.writing.outputs import check_folder
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -5,8 +5,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from player.command import Parser, run
-from tools.solve.compensate import METHODS, CompensateOptions, compensate
+from counterlight.command import Parser, run
+from counterlight.tools.solve.compensate import METHODS, CompensateOptions, compensate
 
 MEANING = """none: uncorrected; direct: one camera pixel per projector pixel; map: the correction map, as the player
 applies it; qr, svd: least squares per cluster; nnls: non-negative; box: the best that a projector can show (0 to 1).

@@ -5,12 +5,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from player.command import Parser, run
-from player.writing.outputs import check_file
-from tools.acquisition.room_options import named_response
-from tools.hdr.grey_ramp import read_ramp
-from tools.hdr.projector_response import fit_projector_response
-from tools.hdr.response_table import SUFFIXES, write_response
+from counterlight.command import Parser, run
+from counterlight.tools.acquisition.room_options import named_response
+from counterlight.tools.hdr.grey_ramp import read_ramp
+from counterlight.tools.hdr.projector_response import fit_projector_response
+from counterlight.tools.hdr.response_table import SUFFIXES, write_response
+from counterlight.writing.outputs import check_file
 
 
 def main(argv: Sequence[str] | None = None) -> int:

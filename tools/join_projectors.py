@@ -5,8 +5,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from player.command import Parser, run
-from tools.transport.joining import join_rooms
+from counterlight.command import Parser, run
+from counterlight.tools.transport.joining import join_rooms
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from player import calibration
-from player.command import Parser, parse_size, run
-from player.errors import InputError
-from tools.simulation.room import fill_simulated_room
-from tools.simulation.scene import Scene, load_scene
-from tools.simulation.simulate import Simulated, simulate
+from counterlight import calibration
+from counterlight.command import Parser, parse_size, run
+from counterlight.errors import InputError
+from counterlight.tools.simulation.room import fill_simulated_room
+from counterlight.tools.simulation.scene import Scene, load_scene
+from counterlight.tools.simulation.simulate import Simulated, simulate
 
 
 def main(argv: Sequence[str] | None = None) -> int:

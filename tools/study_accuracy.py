@@ -5,11 +5,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from player.command import Parser, parse_size, run
-from player.writing.outputs import check_folder
-from tools.study.pictures import BUILT_IN, DEFAULT, find_pictures
-from tools.study.rooms import find_places, shipped_scenes
-from tools.study.study import StudyOptions, check_output, run_study
+from counterlight.command import Parser, parse_size, run
+from counterlight.tools.study.pictures import BUILT_IN, DEFAULT, find_pictures
+from counterlight.tools.study.rooms import find_places, shipped_scenes
+from counterlight.tools.study.study import StudyOptions, check_output, run_study
+from counterlight.writing.outputs import check_folder
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -2,7 +2,7 @@
 
 Standard library only: the Makefile runs this before there is an environment, and counterlight-doctor shows the same.
 
-    python3 -m tools.system_packages play|test      installs what is missing (as root), or prints the one line to run
+    python3 tools/system_packages.py play|test      installs what is missing (as root), or prints the one line to run
 """
 
 import ctypes

@@ -10,17 +10,17 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from player import calibration as calibrations
-from player.command import Parser, run
-from player.errors import InputError
-from player.png import write_png
-from player.writing.outputs import check_folder
-from player.writing.replacing import replacing_folder
-from tools.acquisition.cameras.live import LiveCamera
-from tools.acquisition.preflight import preflight, refuse_bad
-from tools.acquisition.rig_options import add_rig_options, open_rig
-from tools.acquisition.verify import SOLVERS, Verification, Verified
-from tools.relighting.pictures import read_placed, write_view
+from counterlight import calibration as calibrations
+from counterlight.command import Parser, run
+from counterlight.errors import InputError
+from counterlight.png import write_png
+from counterlight.tools.acquisition.cameras.live import LiveCamera
+from counterlight.tools.acquisition.preflight import preflight, refuse_bad
+from counterlight.tools.acquisition.rig_options import add_rig_options, open_rig
+from counterlight.tools.acquisition.verify import SOLVERS, Verification, Verified
+from counterlight.tools.relighting.pictures import read_placed, write_view
+from counterlight.writing.outputs import check_folder
+from counterlight.writing.replacing import replacing_folder
 
 
 def main(argv: Sequence[str] | None = None) -> int:

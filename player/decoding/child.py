@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO
 
-from player.errors import InputError
+from counterlight.errors import InputError
 
 MAX_ADDRESS_SPACE = 6 << 30
 MAX_UNSENT = 1 << 20  # bytes
@@ -30,7 +30,7 @@ def start_child(module: str, errors: IO[bytes] | int, files: Sequence[int] = ())
     files : descriptors that it inherits.
     Raises InputError when the system gives no process.
     """
-    package_folder = str(Path(__file__).resolve().parents[2])
+    package_folder = str(Path(__file__).absolute().parents[2])  # links stay: the package may be laid out in them
     search = os.pathsep.join(filter(None, [package_folder, os.environ.get("PYTHONPATH")]))
     # One BLAS thread and few arenas: each would reserve address space, which the decoder limits for itself.
     environment = os.environ | {"PYTHONPATH": search, "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "4"}

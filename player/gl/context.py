@@ -6,7 +6,7 @@ from typing import Any
 
 import moderngl
 
-from player.errors import InputError
+from counterlight.errors import InputError
 
 
 @contextmanager

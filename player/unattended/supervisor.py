@@ -22,9 +22,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from player.command import BAD_INPUT, DONE, INTERRUPTED, tell
-from player.unattended.heartbeat import INTERVAL_S, Notifier, read_facts
-from player.unattended.inbox import Inbox
+from counterlight.command import BAD_INPUT, DONE, INTERRUPTED, tell
+from counterlight.unattended.heartbeat import INTERVAL_S, Notifier, read_facts
+from counterlight.unattended.inbox import Inbox
 
 SILENCE_S = 3.0  # three beats; with the longest back-off, 5 s from the last beat to the next player
 START_S = 60.0  # to read the maps and compile the shaders
@@ -253,13 +253,17 @@ def supervise(arguments: Sequence[str], *, safe: str, monitors: Sequence[str], n
     plain_options = "--no-compensation", "--refine=0", "--view=projector"
 
     def play(resume: Sequence[str], *options: str) -> list[str]:
-        return [*python, "player.app", *with_options(arguments, "--no-supervise", "--supervised", *options, *resume)]
+        return [
+            *python,
+            "counterlight.app",
+            *with_options(arguments, "--no-supervise", "--supervised", *options, *resume),
+        ]
 
     def plain(resume: Sequence[str]) -> list[str]:
         return play(resume, *plain_options)
 
     def black(_: Sequence[str]) -> list[str]:
-        return [*python, "player.gl.black", *monitors]
+        return [*python, "counterlight.gl.black", *monitors]
 
     notifier = Notifier(notify_socket)
     try:

@@ -103,7 +103,7 @@ def test_each_monitor_is_filled_with_its_own_picture(
 def test_the_safe_picture_covers_all_monitors(two_monitors: str) -> None:
     """Of the monitors that are named, those that are there."""
     names = ["DUMMY1", "HDMI-7", "DUMMY0"]
-    with running(sys.executable, "-m", "player.gl.black", *names, folder=ROOT, **on(two_monitors)) as process:
+    with running(sys.executable, "-m", "counterlight.gl.black", *names, folder=ROOT, **on(two_monitors)) as process:
         wait_until(lambda: mapped_windows(two_monitors) == set(MONITORS.values()), "a window on each", process)
 
 

@@ -12,7 +12,7 @@ from tests.rooms import write_blurred_room
 SHOW = """
 import numpy as np, sys
 from PIL import ImageGrab
-from player.gl.pattern_window import PatternWindow
+from counterlight.gl.pattern_window import PatternWindow
 codes = np.random.default_rng(3).integers(0, 256, (51, 67, 3)).astype(np.uint8)
 window = PatternWindow((51, 67), None)
 window.show(codes)

@@ -11,19 +11,19 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from player.maps import RoomMaps
-from player.refinement import DEFAULT_STEPS
-from player.short_map import in_half
-from tools.inverse.inverse import InverseOptions
-from tools.inverse.method import LARGEST_DENSE
-from tools.solve.box import projected_gradient
-from tools.solve.clusterwise import LARGEST_BLOCK
-from tools.solve.registry import solve_channels
-from tools.solve.solution import Solution
-from tools.solve.system import LinearSystem
-from tools.study.frames import Bench, repeated_s
-from tools.study.rooms import StudyRoom, Task, processor_seconds
+from counterlight.errors import InputError
+from counterlight.maps import RoomMaps
+from counterlight.refinement import DEFAULT_STEPS
+from counterlight.short_map import in_half
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.method import LARGEST_DENSE
+from counterlight.tools.solve.box import projected_gradient
+from counterlight.tools.solve.clusterwise import LARGEST_BLOCK
+from counterlight.tools.solve.registry import solve_channels
+from counterlight.tools.solve.solution import Solution
+from counterlight.tools.solve.system import LinearSystem
+from counterlight.tools.study.frames import Bench, repeated_s
+from counterlight.tools.study.rooms import StudyRoom, Task, processor_seconds
 
 FloatArray = NDArray[np.float64]
 FLOAT32_ENTRY, HALF_ENTRY = 16, 10  # bytes: three weights of 4 or 2 and an index of 4

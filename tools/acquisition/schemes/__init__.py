@@ -2,5 +2,5 @@
 
 hierarchical.py (Sen et al. 2005) on blocks.py, schedule.py and agreement.py; multiplexed.py on codes.py and stripes.py;
 baselines.py to compare with. A scheme is a generator (tools/acquisition/plan.py). May import numpy, scipy, player,
-tools.transport.
+counterlight.tools.transport.
 """

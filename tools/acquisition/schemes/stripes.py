@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.acquisition.plan import Pattern
+from counterlight.tools.acquisition.plan import Pattern
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
