@@ -16,7 +16,7 @@ help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST))
 
 play: $(ready) ## see what it does: the shipped example, before and after
-	$(python) -m counterlight.tools.show_example
+	$(python) -m counterlight example --folder calib_data/example
 
 test: system-test lint ## everything that must hold
 	$(python) -m pytest -n $(WORKERS) --dist loadfile
@@ -30,7 +30,7 @@ bench: $(ready) ## timings, beside scipy's on this machine
 	$(python) -m tests.bench
 
 study: $(ready) ## what accuracy costs in time: study/report.html
-	$(python) -m counterlight.tools.study_accuracy -o study
+	$(python) -m counterlight study -o study
 
 hard-cases: $(ready) ## how every method takes near-singular, contradictory and noisy systems
 	$(python) -m tests.hard_cases

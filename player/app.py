@@ -1,4 +1,4 @@
-"""play-corrected: show media through the correction map of a calibrated room."""
+"""counterlight play: show media through the correction map of a calibrated room."""
 
 import argparse
 import os
@@ -64,7 +64,7 @@ def _show(options: argparse.Namespace) -> None:
         print("\n".join(str(monitor) for monitor in list_monitors()))
         return
     if options.calibration is None or not options.media:
-        raise InputError("play-corrected: needs a CALIBRATION and MEDIA; see play-corrected --help")
+        raise InputError("counterlight play: needs a CALIBRATION and MEDIA; see counterlight play --help")
     _check_outputs(options)
     picture = replace(picture_of(options), corners=read_placement(options.calibration))
     if options.output:
@@ -129,7 +129,7 @@ def read_room(
     if (refine or start) and room_maps.refinement is None:
         raise InputError(
             f"{folder}: its maps were built without what refinement needs; "
-            f"rebuild them with: build-correction-map {folder}, or leave out --refine and --refine-from"
+            f"rebuild them with: counterlight build {folder}, or leave out --refine and --refine-from"
         )
     level = room_maps.white if white is None else white
     return Room(stored.calibration, room_maps, level, dither, start or default_start(room_maps.correction_in_steps))

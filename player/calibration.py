@@ -34,7 +34,9 @@ PARTS = (TOML, AMBIENT, MASK, "transport_*.npz", "far_light.npz", "correction", 
 MOST_PROJECTORS, LONGEST_PROVENANCE = 64, 1 << 16
 # White is no less, light no more, in any unit: of what lies between, squares and a frame's sums stay within float32.
 RADIANCE = (1e-12, 1e12)
-REBUILD = "make the calibration again (simulate-transport, import-transport or import-graycode)"
+REBUILD = (
+    "make the calibration again (counterlight simulate, counterlight import-transport or counterlight import-graycode)"
+)
 
 
 class Region(NamedTuple):

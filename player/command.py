@@ -9,11 +9,13 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from typing import NoReturn, TextIO, TypeVar
+from pathlib import Path
+from typing import Any, NoReturn, TextIO, TypeVar
 
-from counterlight.errors import InputError
+from counterlight.errors import InputError, nearest
 
 DONE, FAULT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+SCRIPTS = {"play": "play-corrected", "build": "build-correction-map"}  # verbs that have one
 LOG_INTERVAL_S = 10.0
 LAST_WORDS_S = 1.0  # how long the reader of a command's last line is waited for
 
@@ -21,10 +23,42 @@ T = TypeVar("T")
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose complaints are one line, like every other error."""
+    """The arguments of a verb of `counterlight`; complaints are one line, like every other error.
+
+    A script of its own may stand for the verb. Shells complete by it, where argcomplete asks.
+    """
+
+    _completes = False
+
+    def __init__(self, verb: str, **settings: Any) -> None:
+        called = Path(sys.argv[0]).name
+        super().__init__(called if called == SCRIPTS.get(verb) else f"counterlight {verb}".strip(), **settings)
 
     def error(self, message: str) -> NoReturn:
-        raise InputError(f"{self.prog}: {message}; see {self.prog} --help")
+        unknown = message.removeprefix("unrecognized arguments: ").split()[0]
+        hint = nearest(unknown.partition("=")[0], self._option_string_actions) if unknown.startswith("-") else ""
+        raise InputError(f"{self.prog}: {message}{hint}; see {self.prog} --help")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        self._complete()
+        return super().parse_known_args(args, namespace)
+
+    def parse_known_intermixed_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        self._complete()
+        return super().parse_known_intermixed_args(args, namespace)
+
+    def _complete(self) -> None:
+        if "_ARGCOMPLETE" in os.environ and not Parser._completes:
+            import argcomplete
+
+            Parser._completes = True  # it parses, too
+            argcomplete.autocomplete(self)  # ends the process
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            known = list(map(str, action.choices))
+            complaint = f"invalid choice: {value!r} (choose from {', '.join(known)}){nearest(str(value), known)}"
+            raise argparse.ArgumentError(action, complaint)
 
 
 def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] | None = None) -> int:
@@ -85,7 +119,7 @@ def parse_size(text: str) -> tuple[int, int]:
 def track(items: Iterable[T], label: str, total: int | None = None) -> Iterator[T]:
     """Yield `items` with a progress bar on a terminal, otherwise with a log line now and then (stderr)."""
     if sys.stderr.isatty():
-        from tqdm import tqdm  # counterlight-doctor reports a tqdm that is missing by means of this module
+        from tqdm import tqdm  # counterlight doctor reports a tqdm that is missing by means of this module
 
         yield from tqdm(items, desc=label, total=total, leave=False)
         return

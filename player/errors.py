@@ -1,4 +1,7 @@
-"""The one exception that a user is meant to read."""
+"""The one exception that a user is meant to read, and words for it."""
+
+import difflib
+from collections.abc import Iterable
 
 LONGEST, LONGEST_REASON = 80, 200  # characters of what a file, or a library, says
 
@@ -19,3 +22,9 @@ def one_line(text: object, longest: int = LONGEST_REASON) -> str:
     """A text or an error in one line, cut where it has no end; the kind of error where it says nothing."""
     line = " ".join(str(text).split()) or type(text).__name__
     return line if len(line) <= longest else f"{line[:longest]}…"
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """`; did you mean NAME?` if a known name is close, else nothing."""
+    close = difflib.get_close_matches(name, list(known), 1, 0.5)
+    return f"; did you mean {close[0]!r}?" if close else ""

@@ -151,7 +151,7 @@ def read_maps(stored: StoredCalibration, *, refinement: bool = True) -> RoomMaps
 
 def _read_maps(stored: StoredCalibration, refinement: bool) -> RoomMaps:
     folder = stored.folder / FOLDER
-    fix = f"rebuild it with: build-correction-map {stored.folder}"
+    fix = f"rebuild it with: counterlight build {stored.folder}"
     values = read_toml(folder / MANIFEST, fix)
     manifest = Table(values, f"{folder / MANIFEST}", fix)
     manifest.format(FORMAT)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.errors import InputError, shown
+from counterlight.errors import InputError, nearest, shown
 from counterlight.reading import is_below
 from counterlight.response import Response, parse_response
 
@@ -68,9 +68,7 @@ class Table:
     def choice(self, key: str, known: Sequence[str], default: str | None = None) -> str:
         value = self.text(key, default)
         if value not in known:
-            near = difflib.get_close_matches(value, known, 1, 0.5)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise self.wrong(key, f"one of {', '.join(known)}{hint}")
+            raise self.wrong(key, f"one of {', '.join(known)}{nearest(value, known)}")
         return value
 
     def truth(self, key: str, default: bool) -> bool:
@@ -134,9 +132,8 @@ class Table:
         """InputError for keys that nobody asked for."""
         for key in self.values:
             if key not in self._known:
-                near = difflib.get_close_matches(key, self._known, 1, 0.4)
-                hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(sorted(self._known))}"
-                raise InputError(f"{self.where}: unknown key {shown(key)}; {hint}")
+                hint = nearest(key, self._known) or f"; known are {', '.join(sorted(self._known))}"
+                raise InputError(f"{self.where}: unknown key {shown(key)}{hint}")
 
     def wrong(self, key: str, expected: str) -> InputError:
         """What to raise for a value that is not what was expected."""

@@ -62,5 +62,5 @@ def write_monitors(folder: Path, sizes: list[tuple[int, int]]) -> list[Path]:
 
 
 def join(rooms: list[Path], output: Path, *options: object) -> Path:
-    succeed("join-projectors", *rooms, "-o", output, *options)
+    succeed("join", *rooms, "-o", output, *options)
     return output

@@ -19,10 +19,15 @@ def script(name: str) -> str:
     return str(Path(sys.executable).with_name(name))
 
 
+def verb(name: str) -> tuple[str, str]:
+    """The beginning of a command line: `counterlight NAME`."""
+    return script("counterlight"), name
+
+
 def command(name: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run a console script to its end; a hang is a failure."""
+    """Run a verb to its end; a hang is a failure."""
     return subprocess.run(
-        [script(name), *map(str, arguments)],
+        [*verb(name), *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=300,

@@ -1,4 +1,4 @@
-"""counterlight-doctor as a user runs it, and the lines that install system packages."""
+"""counterlight doctor as a user runs it, and the lines that install system packages."""
 
 import json
 import os
@@ -76,7 +76,7 @@ def test_wrong_use_is_one_line() -> None:
     outcome = doctor("--colour")
     assert outcome.returncode == BAD_INPUT
     assert outcome.stderr.splitlines() == [
-        "error: counterlight-doctor: unrecognized arguments: --colour; see counterlight-doctor --help"
+        "error: counterlight doctor: unrecognized arguments: --colour; see counterlight doctor --help"
     ]
 
 

@@ -1,6 +1,7 @@
 """The house: which way imports point, what the wheel holds, that every command answers and the checkout stays small."""
 
 import ast
+import os
 import re
 import shutil
 import subprocess
@@ -12,6 +13,11 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+
+from counterlight.command import SCRIPTS
+from counterlight.renderer import VIEWS
+from counterlight.tools.verbs import SHELLS, VERBS
+from tests.programs import fail, script, succeed
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -187,11 +193,52 @@ def test_the_wheel_holds_one_package_with_every_module_scene_and_clip(unpacked_w
     assert told == {f"counterlight/{names[folder]}{path}" for folder, _, path in paths}
 
 
-@pytest.mark.parametrize("name", PROJECT["project"]["scripts"])
-def test_every_command_answers_help(name: str) -> None:
-    module, _, function = PROJECT["project"]["scripts"][name].partition(":")
-    code = f"import sys\nfrom {module} import {function}\nsys.argv = ['{name}', '--help']\nsys.exit({function}())"
-    assert f"usage: {name}" in python("-c", code)
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_answers_help(verb: str) -> None:
+    assert f"usage: counterlight {verb} " in succeed(verb, "--help")
+
+
+def test_the_command_lists_its_verbs_and_names_the_nearest() -> None:
+    listed = succeed("--help")
+    assert all(f"  {verb} " in listed for verb in VERBS)
+    assert succeed("--version") == f"counterlight {PROJECT['project']['version']}\n"
+    assert "no verb 'bild'; did you mean 'build'?" in fail("bild")
+    assert "did you mean '--regularize'?" in fail("build", "room", "--regularise", "0.1")
+    assert "invalid choice: 'hierarchic' " in (line := fail("acquire", "--scheme", "hierarchic"))
+    assert line.endswith("did you mean 'hierarchical'?; see counterlight acquire --help")
+
+
+@pytest.mark.parametrize(("verb", "name"), SCRIPTS.items())
+def test_the_scripts_that_the_mission_names_are_verbs_of_their_own(verb: str, name: str) -> None:
+    words = [script(name), "--help"]
+    own = subprocess.run(words, capture_output=True, text=True, timeout=TIMEOUT_S, check=True).stdout
+    assert own.split()[:2] == ["usage:", name]
+    assert own.split("\n\n", 1)[1] == succeed(verb, "--help").split("\n\n", 1)[1]
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("counterlight ver", {"verify"}),
+        ("counterlight build --re", {"--regularize", "--report"}),
+        ("counterlight acquire --scheme h", {"hierarchical"}),
+        ("counterlight play room --view ", set(VIEWS)),
+        ("play-corrected --dit", {"--dither"}),
+        ("build-correction-map room --preset b", {"balanced", "best"}),
+    ],
+)
+def test_shells_complete_verbs_options_and_choices(line: str, expected: set[str], tmp_path: Path) -> None:
+    """As argcomplete's scripts for the shells ask."""
+    asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "COMP_TYPE": "9", "IFS": "\v"}
+    environment = os.environ | asked | {"_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "found")}
+    subprocess.run([script(line.split()[0])], env=environment, cwd=tmp_path, timeout=TIMEOUT_S, check=False)
+    assert {word.strip() for word in (tmp_path / "found").read_text().split("\v")} == expected
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+def test_completion_prints_what_a_shell_runs(shell: str) -> None:
+    printed = succeed("completion", shell)
+    assert all(name in printed for name in ("counterlight", *SCRIPTS.values()))
 
 
 def test_no_file_of_the_checkout_is_large() -> None:

@@ -1,4 +1,4 @@
-"""import-graycode as a user runs it: the folder that it writes, the summary, and every refusal in one line."""
+"""counterlight import-graycode as a user runs it: the folder that it writes, the summary, refusals in one line."""
 
 import re
 import subprocess

@@ -1,4 +1,4 @@
-"""import-transport as a user runs it: what goes in comes out, what is wrong is refused in one line."""
+"""counterlight import-transport as a user runs it: what goes in comes out, what is wrong is refused in one line."""
 
 import contextlib
 import io
@@ -73,7 +73,7 @@ def test_the_command_keeps_every_entry(
         room.mask, lit_pixels(transport.composition().reshape(*CAMERA, 3), ambient.astype(np.float64))
     )
     assert (room.name, room.projector.response, room.camera.shape) == ("cellar", Response("srgb"), CAMERA)
-    assert room.provenance == "import-transport of red.npz, green.npz, blue.npz, ambient.exr"
+    assert room.provenance == "counterlight import-transport of red.npz, green.npz, blue.npz, ambient.exr"
 
 
 def test_negative_entries_become_zero_and_are_counted(

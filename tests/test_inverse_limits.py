@@ -1,4 +1,4 @@
-"""What build-correction-map refuses, and that neither a refusal nor Ctrl-C touches the map that is there."""
+"""What counterlight build refuses, and that neither a refusal nor Ctrl-C touches the map that is there."""
 
 import os
 import pty
@@ -28,7 +28,7 @@ from tests.programs import command, fail
 from tests.rooms import blurred_transport, write_blurred_room
 
 CAMERA, PROJECTOR = (15, 19), (12, 16)
-BUILD = "build-correction-map"
+BUILD = "build"
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""merge-exposures as a user runs it: the picture, the response file, EXIF, and every refusal in one line."""
+"""counterlight merge-exposures as a user runs it: the picture, the response file, EXIF, refusals in one line."""
 
 import re
 import subprocess

@@ -1,4 +1,4 @@
-"""build-correction-map --report: its figures recomputed, its pictures, and nothing half-written."""
+"""counterlight build --report: its figures recomputed, its pictures, and nothing half-written."""
 
 import json
 import re
@@ -33,7 +33,7 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A room and its report."""
     folder = tmp_path_factory.mktemp("report")
     write_blurred_room(folder / "wall", np.random.default_rng(5), ROOM_CAMERA, ROOM_PROJECTOR)
-    out = succeed("build-correction-map", folder / "wall", "--report", folder / "report")
+    out = succeed("build", folder / "wall", "--report", folder / "report")
     assert out.splitlines()[-1] == f"report: {folder / 'report' / 'index.html'}"
     return folder / "wall", folder / "report"
 
@@ -160,7 +160,7 @@ def test_a_folder_that_is_no_report_is_refused_before_the_work(reported: tuple[P
     (tmp_path / "letters").mkdir()
     (tmp_path / "letters" / "a.txt").write_text("dear")
     before = (reported[0] / "correction" / "manifest.toml").stat().st_mtime_ns
-    line = fail("build-correction-map", reported[0], "--report", tmp_path / "letters")
+    line = fail("build", reported[0], "--report", tmp_path / "letters")
     assert "is no report" in line
     assert (reported[0] / "correction" / "manifest.toml").stat().st_mtime_ns == before
     assert [path.name for path in tmp_path.rglob("*")] == ["letters", "a.txt"]

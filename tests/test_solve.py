@@ -1,4 +1,4 @@
-"""The CPU solvers against scipy's and closed forms, the figures that judge them, and compensate-image as it is run."""
+"""The CPU solvers against scipy's and closed forms, the figures that judge them, and the command that runs them."""
 
 from pathlib import Path
 
@@ -210,7 +210,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> tuple[StoredCalibration, P
 
 def test_command_compares_all_solvers(room: tuple[StoredCalibration, Path], tmp_path: Path) -> None:
     stored, picture = room
-    out = succeed("compensate-image", stored.folder, picture, "--solver", "all", "-o", tmp_path / "p.exr")
+    out = succeed("compensate", stored.folder, picture, "--solver", "all", "-o", tmp_path / "p.exr")
     table = {line.split()[0]: [float(v) for v in line.split()[1:]] for line in out.splitlines() if line.count(".") > 4}
     assert list(table) == ["none", "direct", "map", "qr", "svd", "nnls", "box"]
     assert all(row[6] >= -1e-3 for row in table.values())
@@ -224,7 +224,7 @@ def test_command_compares_all_solvers(room: tuple[StoredCalibration, Path], tmp_
 def test_command_writes_code_values_by_default(room: tuple[StoredCalibration, Path], tmp_path: Path) -> None:
     stored, picture = room
     for suffix in ("png", "exr"):
-        succeed("compensate-image", stored.folder, picture, "-o", tmp_path / f"p.{suffix}")
+        succeed("compensate", stored.folder, picture, "-o", tmp_path / f"p.{suffix}")
     codes = cv2.imread(str(tmp_path / "p.png"))[..., ::-1]
     light = exr.read_rgb(tmp_path / "p.exr").astype(np.float64)
     np.testing.assert_allclose(Response("srgb").to_linear(codes / 255), light, atol=0.006)
@@ -263,11 +263,11 @@ def test_command_refuses_in_one_line(
     room: tuple[StoredCalibration, Path], tmp_path: Path, arguments: list[str], says: str
 ) -> None:
     stored, picture = room
-    assert says in fail("compensate-image", stored.folder, picture, *arguments)
+    assert says in fail("compensate", stored.folder, picture, *arguments)
 
 
 def test_command_needs_a_map_and_a_fitting_picture(room: tuple[StoredCalibration, Path], tmp_path: Path) -> None:
     write_blurred_room(tmp_path / "bare", np.random.default_rng(3), CAMERA, PROJECTOR)
-    assert "build-correction-map" in fail("compensate-image", tmp_path / "bare", room[1], "--solver", "map")
+    assert "build" in fail("compensate", tmp_path / "bare", room[1], "--solver", "map")
     exr.write_rgb(tmp_path / "small.exr", np.ones((4, 5, 3), np.float32))
-    assert "5x4" in fail("compensate-image", room[0].folder, tmp_path / "small.exr")
+    assert "5x4" in fail("compensate", room[0].folder, tmp_path / "small.exr")

@@ -34,7 +34,7 @@ from counterlight.unattended.supervisor import (
 from tests import screens
 from tests.desktop import mapped_windows
 from tests.media import numbered, write_video
-from tests.programs import CLIP, PATIENCE_S, descendants, fail, is_running, on, running, script, succeed, wait_until
+from tests.programs import CLIP, PATIENCE_S, descendants, fail, is_running, on, running, succeed, verb, wait_until
 from tests.rooms import write_blurred_room
 
 SOON_S = 5.0  # the bound: from a player's death or silence to the next player
@@ -170,7 +170,7 @@ def test_options_are_added_before_names_that_look_like_some() -> None:
 def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("supervised") / "wall"
     write_blurred_room(folder, np.random.default_rng(7), (30, 40), (24, 32))
-    succeed("build-correction-map", folder, "--regularize", "0.1")
+    succeed("build", folder, "--regularize", "0.1")
     return folder
 
 
@@ -204,7 +204,7 @@ class Show:
 
 @contextmanager
 def supervised(display: str, folder: Path, *arguments: object) -> Iterator[Show]:
-    words = script("play-corrected"), *arguments, "--supervise", "--heartbeat", folder / "log"
+    words = *verb("play"), *arguments, "--supervise", "--heartbeat", folder / "log"
     with running(*words, NOTIFY_SOCKET=str(folder / "notify"), **on(display)) as process:
         try:
             yield Show(process, folder / "log")
@@ -297,7 +297,7 @@ def test_a_show_goes_on_whoever_reads_its_lines(xvfb: str, room: Path, tmp_path:
         while True:
             os.write(writable, bytes(4096))
     os.set_blocking(writable, True)
-    words = script("play-corrected"), "--no-config", "--loop", "--heartbeat", tmp_path / "log", room, *media
+    words = *verb("play"), "--no-config", "--loop", "--heartbeat", tmp_path / "log", room, *media
     with running(*words, errors=writable, **on(xvfb)) as process:
         os.close(writable)
         show = Show(process, tmp_path / "log")
@@ -310,7 +310,7 @@ def test_a_show_goes_on_whoever_reads_its_lines(xvfb: str, room: Path, tmp_path:
 
 
 def test_a_player_whose_terminal_goes_ends_as_on_ctrl_c(xvfb: str, room: Path, tmp_path: Path) -> None:
-    words = script("play-corrected"), "--no-config", "--loop", "--heartbeat", tmp_path / "log"
+    words = *verb("play"), "--no-config", "--loop", "--heartbeat", tmp_path / "log"
     with running(*words, "--control", tmp_path / "socket", room, CLIP, **on(xvfb)) as process:
         Show(process, tmp_path / "log").player()
         assert (tmp_path / "socket").is_socket()
@@ -378,8 +378,8 @@ def test_a_medium_that_is_missing_is_waited_for(xvfb: str, room: Path, tmp_path:
 
 
 def test_wrong_use_ends_it_with_one_line(xvfb: str, room: Path, tmp_path: Path) -> None:
-    assert "no such folder" in fail("play-corrected", "--supervise", tmp_path / "none", CLIP, **on(xvfb))
-    assert "leave out --output" in fail("play-corrected", "--supervise", room, CLIP, "--output", tmp_path / "o.png")
+    assert "no such folder" in fail("play", "--supervise", tmp_path / "none", CLIP, **on(xvfb))
+    assert "leave out --output" in fail("play", "--supervise", room, CLIP, "--output", tmp_path / "o.png")
 
 
 def test_no_player_outlives_a_supervisor_that_is_killed(
@@ -407,7 +407,7 @@ def test_the_unit_starts_what_there_is_and_waits_longer_than_the_supervisor() ->
     service = unit["Service"]
     options = {word for word in service["ExecStart"].split() if word.startswith("--")}
     assert options == {"--supervise", "--fullscreen"}
-    help_text = succeed("play-corrected", "--help")
+    help_text = succeed("play", "--help")
     assert all(option in help_text for option in options)
     assert (service["Type"], service["SuccessExitStatus"], service["RestartPreventExitStatus"]) == (
         "notify",

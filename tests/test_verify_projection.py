@@ -1,4 +1,4 @@
-"""verify-projection: the closed loop in a simulated room, the report of an acquisition, and rooms that are others."""
+"""counterlight verify: the closed loop in a simulated room, the report of an acquisition, and rooms that are others."""
 
 import json
 import re

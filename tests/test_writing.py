@@ -128,7 +128,7 @@ def test_a_missing_folder_is_restored_by_a_command_that_reads_it(tmp_path: Path,
         assert run.struck
         if not room.exists():
             break
-    assert "correction/manifest.toml: missing" in fail("play-corrected", room, CLIP, "--output", tmp_path / "o.png")
+    assert "correction/manifest.toml: missing" in fail("play", room, CLIP, "--output", tmp_path / "o.png")
     assert written.room_generation(str(room)) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["room"]
 
@@ -203,9 +203,9 @@ def test_a_second_build_is_refused_at_once_and_leaves_nothing(tmp_path: Path) ->
     written.write_room(str(room), 1)
     written.write_room_maps(str(room), 1)
     with maps.replacing(calibration.read(room)) as stage:
-        line = fail("build-correction-map", room)
+        line = fail("build", room)
         assert f"{room}/correction: process {os.getpid()} is writing it; wait until it has ended" in line
-        line = fail("simulate-transport", SCENE, "-o", room, "--force")
+        line = fail("simulate", SCENE, "-o", room, "--force")
         assert f"{room}: process {os.getpid()} is writing correction in it" in line
         assert stage.is_dir()
         (stage / "manifest.toml").write_text("mine")

@@ -1,4 +1,4 @@
-"""acquire-transport: a calibration folder from a projector and a camera, or from a simulated pair.
+"""counterlight acquire: a calibration folder from a projector and a camera, or from a simulated pair.
 
 Patterns are black and white, so that the projector's response does not matter. Every capture is on disk before the next
 pattern is shown; the same command goes on where an interrupted one stopped.
@@ -100,7 +100,7 @@ def _threshold(options: argparse.Namespace) -> Threshold:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("acquire-transport", description=__doc__)
+    parser = Parser("acquire", description=__doc__)
     parser.add_argument("--scheme", choices=SCHEMES, default="hierarchical", help="default hierarchical")
     parser.add_argument(
         "--threshold", default="4x", metavar="Nx|RADIANCE", help="τ, a multiple of the noise or absolute (default 4x)"

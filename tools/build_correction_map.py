@@ -1,4 +1,4 @@
-"""build-correction-map: invert a calibration's light transport and pack it for the player."""
+"""counterlight build: invert a calibration's light transport and pack it for the player."""
 
 import argparse
 import sys
@@ -50,12 +50,12 @@ def _damping(text: str) -> float | None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("build-correction-map", description=__doc__)
+    parser = Parser("build", description=__doc__)
     parser.add_argument("calibration", type=Path, help="a calibration folder; correction/ is written into it")
     parser.add_argument(
         "--preset",
         choices=PRESETS,
-        help="settings found by study-accuracy, for small maps or good pictures; options given beside it prevail",
+        help="settings found by counterlight study, for small maps or good pictures; options given beside it prevail",
     )
     parser.add_argument(
         "--regularize",
@@ -96,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--no-refine",
         action="store_true",
-        help="leave out the maps that only refinement needs (play-corrected --refine)",
+        help="leave out the maps that only refinement needs (counterlight play --refine)",
     )
     parser.add_argument(
         "--report", type=Path, metavar="FOLDER", help="also write a page with pictures of what was found, and its JSON"

@@ -1,4 +1,4 @@
-"""counterlight-doctor: what this machine has, what is missing, and the exact fix for each.
+"""counterlight doctor: what this machine has, what is missing, and the exact fix for each.
 
 Nothing that it needs may be what it is there to report, so that packages are imported late, one at a time, and OpenGL
 and GLFW run in children (counterlight.gl.probe): a driver that crashes is a line of the report.
@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _main(argv: Sequence[str] | None) -> int:
-    parser = Parser(prog="counterlight-doctor", description="Says what this machine has and what is missing.")
+    parser = Parser("doctor", description="Says what this machine has and what is missing.")
     parser.add_argument("--json", action="store_true", help="the same as JSON")
     options = parser.parse_args(argv)
     findings = examine()

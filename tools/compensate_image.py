@@ -1,4 +1,4 @@
-"""compensate-image: one picture by a CPU solver, and what the camera sees of it; the reference for the player."""
+"""counterlight compensate: one picture by a CPU solver, and what the camera sees; the player's reference."""
 
 import argparse
 import sys
@@ -26,7 +26,7 @@ def _main(argv: Sequence[str] | None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("compensate-image", description=__doc__, epilog=MEANING)
+    parser = Parser("compensate", description=__doc__, epilog=MEANING)
     parser.add_argument("calibration", type=Path, help="a calibration folder")
     parser.add_argument(
         "picture", type=Path, help="what the camera is to see, fitted into its frame; .exr is radiance, pixel by pixel"

@@ -1,4 +1,4 @@
-"""fit-projector-response: a projector's response from measured grey levels, for --response of the other commands."""
+"""counterlight fit-response: a projector's response from measured grey levels, for --response of the other commands."""
 
 import argparse
 import sys
@@ -27,7 +27,7 @@ def _main(argv: Sequence[str] | None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("fit-projector-response", description=__doc__)
+    parser = Parser("fit-response", description=__doc__)
     parser.add_argument(
         "source",
         type=Path,

@@ -1,4 +1,4 @@
-"""import-graycode: a calibration folder from photographs of Gray-code patterns, by direct mapping."""
+"""counterlight import-graycode: a calibration folder from photographs of Gray-code patterns, by direct mapping."""
 
 import argparse
 import sys

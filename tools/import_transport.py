@@ -1,4 +1,4 @@
-"""import-transport: a calibration folder from light transport matrices that somebody else measured."""
+"""counterlight import-transport: a calibration folder from light transport matrices that somebody else measured."""
 
 import argparse
 import sys

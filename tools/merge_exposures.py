@@ -1,4 +1,4 @@
-"""merge-exposures: a radiance map from photographs of one scene with different exposure times."""
+"""counterlight merge-exposures: a radiance map from photographs of one scene with different exposure times."""
 
 import argparse
 import sys

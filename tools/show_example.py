@@ -1,4 +1,4 @@
-"""What `make play` runs: simulate the shipped room, build its map, and show a clip before and after compensation."""
+"""counterlight example: simulate the shipped room, build its map, and show a clip before and after compensation."""
 
 import argparse
 import sys
@@ -16,11 +16,10 @@ from counterlight.output import write_picture
 from counterlight.png import write_png
 from counterlight.renderer import Room
 from counterlight.tools import build_correction_map, simulate_transport
+from counterlight.tools.shipped import CLIP, parse_scene
 from counterlight.video import MediaReader
 from counterlight.writing.replacing import replacing_file
 
-DATA = Path(__file__).resolve().parents[1] / "calib_data"
-CLIP = DATA / "media" / "big_buck_bunny.mp4"
 SHOWN_AT_S = 2.0
 
 
@@ -30,8 +29,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
-    folder = options.folder / options.scene
-    prepare(DATA / "scenes" / f"{options.scene}.toml", folder)
+    folder = options.folder / options.scene.stem
+    prepare(options.scene, folder)
     room = app.read_room(folder, None)
     before, after, exposed = compare(room, options.folder)
     print(f"camera view: PSNR {before:.1f} dB before, {after:.1f} dB after")
@@ -61,7 +60,7 @@ def compare(room: Room, folder: Path) -> tuple[float, float, float]:
         reader.seek(SHOWN_AT_S)
         frame = reader.next_frame(FRAME_TIMEOUT_S)
         if frame is None:
-            raise InputError(f"{CLIP}: has no frame at {SHOWN_AT_S} s; restore the file with: git checkout {CLIP}")
+            raise InputError(f"{CLIP}: has no frame at {SHOWN_AT_S} s; install counterlight again")
         renderer.open(frame.format)
         renderer.upload(frame)
         reader.release(frame)
@@ -100,9 +99,11 @@ def _or_stop(code: int) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("python -m counterlight.tools.show_example", description=__doc__)
-    parser.add_argument("--scene", default="corner", help="a scene of calib_data/scenes (default corner)")
-    parser.add_argument("--folder", type=Path, default=DATA / "example", help="where the room and the pictures go")
+    parser = Parser("example", description=__doc__)
+    parser.add_argument("--scene", type=parse_scene, default="corner", help="a shipped one, or a file (default corner)")
+    parser.add_argument(
+        "--folder", type=Path, default=Path("example"), help="for the room and pictures (default example)"
+    )
     return parser
 
 

@@ -1,4 +1,4 @@
-"""simulate-transport: a calibration folder from a described room, with only the effects that it calls for."""
+"""counterlight simulate: a calibration folder from a described room, with only the effects that it calls for."""
 
 import argparse
 import sys
@@ -9,6 +9,7 @@ from pathlib import Path
 from counterlight import calibration
 from counterlight.command import Parser, parse_size, run
 from counterlight.errors import InputError
+from counterlight.tools.shipped import parse_scene
 from counterlight.tools.simulation.room import fill_simulated_room
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import Simulated, simulate
@@ -21,7 +22,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     if options.output is None and not options.explain:
-        raise InputError("simulate-transport: nothing to do; give -o FOLDER, --explain or both")
+        raise InputError("counterlight simulate: nothing to do; give -o FOLDER, --explain or both")
     if options.output is None:
         _simulate(options)
         return
@@ -42,8 +43,10 @@ def _simulate(options: argparse.Namespace) -> tuple[Scene, Simulated]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("simulate-transport", description=__doc__)
-    parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="the room; see calib_data/scenes")
+    parser = Parser("simulate", description=__doc__)
+    parser.add_argument(
+        "scene", type=parse_scene, metavar="SCENE", help="the room: a file, or the name of a shipped one"
+    )
     parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="the calibration folder")
     parser.add_argument("--camera", type=parse_size, metavar="WxH", help="camera pixels, instead of the scene's")
     parser.add_argument("--projector", type=parse_size, metavar="WxH", help="projector pixels, instead of the scene's")

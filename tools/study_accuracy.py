@@ -1,4 +1,4 @@
-"""study-accuracy: what accuracy costs in time, measured on scenes and calibrations; figures, plots and a report."""
+"""counterlight study: what accuracy costs in time, measured on scenes and calibrations; figures, plots and a report."""
 
 import argparse
 import sys
@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from counterlight.command import Parser, parse_size, run
+from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.study.pictures import BUILT_IN, DEFAULT, find_pictures
-from counterlight.tools.study.rooms import find_places, shipped_scenes
+from counterlight.tools.study.rooms import find_places
 from counterlight.tools.study.study import StudyOptions, check_output, run_study
 from counterlight.writing.outputs import check_folder
 
@@ -32,7 +33,7 @@ def _main(argv: Sequence[str] | None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("study-accuracy", description=__doc__)
+    parser = Parser("study", description=__doc__)
     parser.add_argument(
         "rooms",
         nargs="*",

@@ -1,6 +1,6 @@
 """What pip cannot bring: system libraries and programs, their Debian packages, and the line that installs them.
 
-Standard library only: the Makefile runs this before there is an environment, and counterlight-doctor shows the same.
+Standard library only: the Makefile runs this before there is an environment, and counterlight doctor shows the same.
 
     python3 tools/system_packages.py play|test      installs what is missing (as root), or prints the one line to run
 """

@@ -1,4 +1,4 @@
-"""verify-projection: project a compensated picture, photograph it, compare with the prediction and with the picture.
+"""counterlight verify: project a compensated picture, photograph it, compare with the prediction and with the picture.
 
 The camera stands where it stood when the calibration was made, with the same settings.
 """
@@ -83,7 +83,7 @@ def _whole(text: str) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("verify-projection", description=__doc__)
+    parser = Parser("verify", description=__doc__)
     parser.add_argument("calibration", type=Path, help="a calibration folder")
     parser.add_argument("picture", type=Path, help="what the camera is to see; .exr is radiance, pixel by pixel")
     parser.add_argument("--solver", choices=SOLVERS, default="box", help="default box; map: as the player does it")

@@ -4,13 +4,12 @@ Names are mpv's where mpv has them. Values are what JSON knows; words of text ("
 key binding has nothing else.
 """
 
-import difflib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from counterlight.errors import InputError
+from counterlight.errors import InputError, nearest
 
 
 class CommandError(ValueError):
@@ -215,12 +214,6 @@ class Commands:
         if not isinstance(described.kind, Number) or isinstance(value, str | None):
             raise CommandError(f"{name} is no number now, but {value!r}")
         return described.kind, value
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """`; did you mean NAME?` if a known name is close, else nothing."""
-    close = difflib.get_close_matches(name, list(known), 1)
-    return f"; did you mean {close[0]!r}?" if close else ""
 
 
 def _named(table: Mapping[str, Any], name: object, what: str) -> Any:

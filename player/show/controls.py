@@ -346,7 +346,7 @@ def _showing(session: "Session") -> dict[str, Property]:
 
     def refine(steps: Any) -> None:
         if steps and session.site is not None and not session.site.refinable():
-            raise CommandError("no refinement: the maps were built without it; build-correction-map adds it")
+            raise CommandError("no refinement: the maps were built without it; counterlight build adds it")
         session.set_refine(steps)
 
     return {

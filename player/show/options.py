@@ -1,4 +1,4 @@
-"""The options of play-corrected, what they take, and the settings file that gives their defaults."""
+"""The options of counterlight play, what they take, and the settings file that gives their defaults."""
 
 import argparse
 import os
@@ -66,7 +66,7 @@ def image_display_duration(options: argparse.Namespace) -> float | None:
 
 def _parser(description: str) -> argparse.ArgumentParser:
     parser = Parser(
-        "play-corrected",
+        "play",
         description=description,
         epilog=_keys(),
         formatter_class=argparse.RawTextHelpFormatter,

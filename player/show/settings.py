@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from counterlight.errors import InputError, shown
+from counterlight.errors import InputError, nearest, shown
 from counterlight.reading import read_toml
-from counterlight.show.commands import CommandError, nearest
+from counterlight.show.commands import CommandError
 from counterlight.show.keys import check_bindings
 from counterlight.tables import LONGEST_TEXT
 

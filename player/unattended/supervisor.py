@@ -1,4 +1,4 @@
-"""play-corrected --supervise: the player as a child process that is started again whenever it dies or hangs.
+"""counterlight play --supervise: the player as a child process that is started again whenever it dies or hangs.
 
 The supervisor is the player's service manager: it hears the READY=1, WATCHDOG=1 and facts of heartbeat.py at a
 socket of its own, and tells systemd in turn. It holds no picture and no codec, so that little can end it.
@@ -244,7 +244,7 @@ class Supervisor:
 
 
 def supervise(arguments: Sequence[str], *, safe: str, monitors: Sequence[str], notify_socket: str | None) -> int:
-    """Run `play-corrected ARGUMENTS` under supervision; returns its exit code.
+    """Run `counterlight play ARGUMENTS` under supervision; returns its exit code.
 
     arguments : the whole command line, `--supervise` included; the player is told behind it that it is supervised.
     safe : one of SAFE.  monitors : where black is shown; none for the primary one.

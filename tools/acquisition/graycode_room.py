@@ -177,7 +177,7 @@ def _nothing_decoded(folder: Path, captures: Captures, decoded: Decoded, options
 def _provenance(folder: Path, captures: Captures, options: GraycodeOptions) -> str:
     floodlight = "white and black captured" if captures.white and captures.black else "white or black from the pairs"
     return (
-        f"import-graycode of {folder.resolve().name}: {captures.order} order, "
+        f"counterlight import-graycode of {folder.resolve().name}: {captures.order} order, "
         f"{len(captures.columns)} + {len(captures.rows)} bits of {options.step} projector pixels, {floodlight}, "
         f"camera {_name(options.camera_response)}, least contrast {options.min_contrast:g}, "
         f"fill radius {options.fill_radius}, direct mapping"

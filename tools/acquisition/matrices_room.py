@@ -137,4 +137,4 @@ def _mask(path: Path | None, camera: Device, transport: Transport, ambient: NDAr
 
 
 def _provenance(files: MatrixFiles) -> str:
-    return "import-transport of " + ", ".join(path.name for path in files.all)
+    return "counterlight import-transport of " + ", ".join(path.name for path in files.all)

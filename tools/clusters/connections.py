@@ -79,5 +79,5 @@ def _check(name: str, matrix: Csr, shape: tuple[int, int]) -> None:
     if bad:
         raise InputError(
             f"transport_{name}: {bad} of {matrix.nnz} entries are negative, NaN or infinite, expected radiance ≥ 0; "
-            "import the measurement again with: import-transport"
+            "import the measurement again with: counterlight import-transport"
         )

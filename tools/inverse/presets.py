@@ -1,4 +1,4 @@
-"""Settings of the inverse by what is wished for, found by study-accuracy on the shipped scenes (docs/accuracy.md)."""
+"""Settings of the inverse by what is wished for, found by a study of the shipped scenes (docs/accuracy.md)."""
 
 from counterlight.tools.inverse.inverse import InverseOptions
 

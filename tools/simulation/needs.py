@@ -2,12 +2,11 @@
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 
 import cv2
 import numpy as np
 
-from counterlight.errors import InputError
+from counterlight.errors import InputError, nearest
 from counterlight.tools.simulation.devices import Device
 from counterlight.tools.simulation.optics_needs import OPTICS
 from counterlight.tools.simulation.scene import Scene
@@ -40,9 +39,8 @@ def chosen(needs: Mapping[str, Need], without: Collection[str] = (), only: Colle
     """The same, with some switched off for a study; an effect that the scene does not call for stays off."""
     for name in (*without, *only):
         if name not in needs:
-            near = get_close_matches(name, needs, 1, 0.4)
-            hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(needs)}"
-            raise InputError(f"unknown effect {name!r}; {hint}")
+            hint = nearest(name, needs) or f"; known are {', '.join(needs)}"
+            raise InputError(f"unknown effect {name!r}{hint}")
     off = dict.fromkeys(without, "--without") | {name: "--only" for name in needs if only and name not in only}
     return {
         name: Need(name, False, f"switched off by {off[name]}") if need.on and name in off else need

@@ -33,7 +33,7 @@ def fill_simulated_room(scene: Scene, result: Simulated, stage: Path) -> str:
         )
     room = Calibration(
         name=scene.name,
-        provenance=f"simulated from the scene {scene.name} by simulate-transport",
+        provenance=f"simulated from the scene {scene.name} by counterlight simulate",
         projectors=(Device(scene.projector.height, scene.projector.width, scene.projector.response),),
         camera=Device(scene.camera.height, scene.camera.width, Response("linear")),
         ambient=result.ambient,

@@ -140,7 +140,7 @@ def _advice(advice: Sequence[Wish]) -> Section:
     ]
     note = (
         "<p class='note'>Measured at the sizes above: a frame's milliseconds grow with the number of pixels. "
-        "build-correction-map --preset fast, balanced or best is what the study of the shipped scenes led to.</p>"
+        "counterlight build --preset fast, balanced or best is what the study of the shipped scenes led to.</p>"
     )
     return Section("Recommended", [], html_table(("wish", "method", "commands", "here"), body) + note)
 

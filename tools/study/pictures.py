@@ -13,10 +13,10 @@ from skimage import data
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.relighting.pictures import read_placed
+from counterlight.tools.shipped import CLIP
 
 FloatArray = NDArray[np.float64]
 Shape = tuple[int, int]
-CLIP = Path(__file__).resolve().parents[2] / "calib_data" / "media" / "big_buck_bunny.mp4"
 CLIP_SIZE = (720, 1280)
 FACE = 0.05  # of what a wide frame cuts off the photograph goes at the top
 DARK = 1 / 8  # three stops

@@ -24,6 +24,7 @@ from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.room import BuiltRoom, build_room_maps
 from counterlight.tools.packing.refinement_maps import refinement_maps
 from counterlight.tools.packing.row_maps import pack_matrices
+from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.room import write_simulated_room
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
@@ -37,7 +38,6 @@ from counterlight.tools.transport.storage import read_transport
 
 FloatArray = NDArray[np.float64]
 R = TypeVar("R")
-SCENES = Path(__file__).resolve().parents[2] / "calib_data" / "scenes"
 BEYOND = 0.1 / 255  # drive; less than this outside 0..1 is rounding, not clipping
 
 
@@ -46,11 +46,6 @@ def processor_seconds(work: Callable[[], R]) -> tuple[R, float]:
     start = time.process_time()
     result = work()
     return result, time.process_time() - start
-
-
-def shipped_scenes() -> dict[str, Path]:
-    """The scenes of calib_data/scenes by name."""
-    return {path.stem: path for path in sorted(SCENES.glob("*.toml"))}
 
 
 def find_places(given: Sequence[Path], names: Sequence[str]) -> list[Path]:
@@ -131,7 +126,7 @@ class StudyRoom:
         return int(self.systems[1].clusters.projector_sizes.max(initial=0))
 
     def build(self, options: InverseOptions) -> tuple[BuiltRoom, float]:
-        """The maps as build-correction-map makes them, refinement's apart, and processor seconds; the last is kept."""
+        """The maps as counterlight build makes them, refinement's apart, and processor seconds; the last is kept."""
         if self._built is None or self._built[0] != options:
             self.close()
             self._built = None

@@ -46,7 +46,7 @@ def check_output(folder: Path) -> None:
         import matplotlib  # noqa: F401
     except ImportError:
         raise InputError(
-            "study-accuracy draws with matplotlib, which is not installed; install it with: pip install "
+            "counterlight study draws with matplotlib, which is not installed; install it with: pip install "
             "'counterlight[study]'"
         ) from None
 

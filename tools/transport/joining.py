@@ -49,7 +49,7 @@ def _join(folders: Sequence[Path], monitors: Sequence[str], name: str) -> tuple[
     rooms = [one.calibration for one in stored]
     _check_cameras(stored)
     projectors = _with_monitors([device for room in rooms for device in room.projectors], monitors)
-    provenance = "joined by join-projectors: " + "; ".join(f"{room.name} ({room.provenance})" for room in rooms)
+    provenance = "joined by counterlight join: " + "; ".join(f"{room.name} ({room.provenance})" for room in rooms)
     first = rooms[0]
     mask = np.any([room.mask for room in rooms], axis=0)
     joint = Calibration(name, provenance, projectors, first.camera, first.ambient, mask)

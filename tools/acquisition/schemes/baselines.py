@@ -19,7 +19,7 @@ from counterlight.tools.transport.mask import LUMINANCE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-FILL_RADIUS = 4  # cells, as import-graycode's
+FILL_RADIUS = 4  # cells, as counterlight import-graycode's
 SURE_SIGMAS = 4.0
 ALL_PAIRS = Threshold(6.0)
 

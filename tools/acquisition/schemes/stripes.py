@@ -1,8 +1,8 @@
 """Gray-coded stripes: where in the projector's picture a camera pixel looks, in log₂ many pictures.
 
-Other than import-graycode's captures, these are compared with half of the floodlight, not with an inverse picture:
-half of the pictures, and nothing is lost where a pixel's light comes from one place. (Half of the far light reaches a
-pixel in every picture of narrow stripes, so that half of the floodlight stays the right threshold.)
+Other than the captures of counterlight import-graycode, these are compared with half of the floodlight, not with an
+inverse picture: half of the pictures, and nothing is lost where a pixel's light comes from one place. (Half of the far
+light reaches a pixel in every picture of narrow stripes, so that half of the floodlight stays the right threshold.)
 """
 
 from collections.abc import Sequence

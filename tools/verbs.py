@@ -1,0 +1,112 @@
+"""counterlight: light transport measured or simulated, inverted, and played through.
+
+One command with verbs; each is a module of its own, imported when it is asked for.
+"""
+
+import importlib
+import os
+import shlex
+import sys
+from argparse import RawDescriptionHelpFormatter
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from typing import NamedTuple
+
+from counterlight.command import DONE, SCRIPTS, Parser, run
+from counterlight.errors import InputError, nearest
+
+SHELLS = ("bash", "zsh", "fish")
+
+
+class Verb(NamedTuple):
+    """A module with a `main(argv)`, and what it is for."""
+
+    module: str
+    purpose: str
+
+
+VERBS = {
+    "play": Verb("app", "show media in a room, as they are meant to be seen"),
+    "simulate": Verb("tools.simulate_transport", "a room from a described scene"),
+    "acquire": Verb("tools.acquire_transport", "a room measured with a projector and a camera"),
+    "import-transport": Verb("tools.import_transport", "a room from matrices that were measured elsewhere"),
+    "import-graycode": Verb("tools.import_graycode", "a room from photographs of Gray-code patterns"),
+    "join": Verb("tools.join_projectors", "a room of several projectors, from a room of each"),
+    "build": Verb("tools.build_correction_map", "a room's correction map, which the player needs"),
+    "verify": Verb("tools.verify_projection", "project a picture, photograph it, compare"),
+    "compensate": Verb("tools.compensate_image", "one picture by a CPU solver: the reference"),
+    "relight": Verb("tools.relight", "what a room looks like under a picture, from either side"),
+    "merge-exposures": Verb("tools.merge_exposures", "a radiance map from a bracket of photographs"),
+    "fit-response": Verb("tools.fit_projector_response", "a projector's response from measured grey levels"),
+    "study": Verb("tools.study_accuracy", "what accuracy costs in time, in any room"),
+    "example": Verb("tools.show_example", "a room, its map and a clip, before and after"),
+    "doctor": Verb("tools.check_machine", "what this machine has, and what is missing"),
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    words = sys.argv[1:] if argv is None else list(argv)
+    if "_ARGCOMPLETE" in os.environ:
+        words = _being_completed()
+    verb = VERBS.get(words[0]) if words else None
+    if verb is None:
+        return run(_main, words)
+    body: Callable[[Sequence[str]], int] = importlib.import_module(f"counterlight.{verb.module}").main
+    return body(words[1:])
+
+
+def _main(argv: Sequence[str] | None) -> int:
+    words = list(argv or ["--help"])
+    if words[0] == "completion":
+        print(_completion(words[1:]))
+    elif words[0].startswith("-"):
+        _parser().parse_args(words)
+    else:
+        known = [*VERBS, "completion"]
+        raise InputError(f"counterlight: no verb {words[0]!r}{nearest(words[0], known)}; see counterlight --help")
+    return DONE
+
+
+def _completion(words: Sequence[str]) -> str:
+    """What a shell runs at its start: `eval "$(counterlight completion bash)"`."""
+    parser = Parser("completion", description="Prints what a shell runs to complete verbs, options and files.")
+    parser.add_argument("shell", choices=SHELLS)
+    shell = parser.parse_args(words).shell
+    import argcomplete
+
+    return str(argcomplete.shellcode(["counterlight", *SCRIPTS.values()], shell=shell))
+
+
+def _being_completed() -> list[str]:
+    """The finished words of the line that a shell completes, for the verb among them to complete the rest."""
+    line = os.environ["COMP_LINE"][: int(os.environ.get("COMP_POINT", "100000"))]
+    try:
+        words = shlex.split(line)
+    except ValueError:  # a quotation that is open
+        words = line.split()
+    if line[-1:].isspace():
+        words.append("")
+    words = words[1:-1]
+    if words and words[0] in VERBS:
+        os.environ["_ARGCOMPLETE"] = "2"  # the word that is the program's name
+        return words
+    return ["--help"]
+
+
+def _parser() -> Parser:
+    lines = [f"  {name:<18}{verb.purpose}" for name, verb in VERBS.items()]
+    lines.append(f"  {'completion':<18}what {', '.join(SHELLS)} run to complete verbs and options")
+    parser = Parser("", description=_described(lines), formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "verb", nargs="?", choices=[*VERBS, "completion"], metavar="VERB", help="see counterlight VERB --help"
+    )
+    parser.add_argument("--version", action="version", version=f"counterlight {version('counterlight')}")
+    return parser
+
+
+def _described(lines: Sequence[str]) -> str:
+    return "\n".join([(__doc__ or "").split("\n")[0].partition(": ")[2], "", "verbs:", *lines])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
