@@ -72,9 +72,9 @@ def _completion(words: Sequence[str]) -> str:
     parser = Parser("completion", description="Prints what a shell runs to complete verbs, options and files.")
     parser.add_argument("shell", choices=SHELLS)
     shell = parser.parse_args(words).shell
-    import argcomplete
+    from argcomplete.shell_integration import shellcode
 
-    return str(argcomplete.shellcode(["counterlight", *SCRIPTS.values()], shell=shell))
+    return str(shellcode(["counterlight", *SCRIPTS.values()], shell=shell))
 
 
 def _being_completed() -> list[str]:
