@@ -65,6 +65,7 @@ def _show(options: argparse.Namespace) -> None:
         return
     if options.calibration is None or not options.media:
         raise InputError("counterlight play: needs a CALIBRATION and MEDIA; see counterlight play --help")
+    calibrations.check_order(options.calibration, [medium.name for medium in options.media])
     _check_outputs(options)
     picture = replace(picture_of(options), corners=read_placement(options.calibration))
     if options.output:

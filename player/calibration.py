@@ -199,7 +199,8 @@ def read(folder: Path) -> StoredCalibration:
 def _read(folder: Path) -> StoredCalibration:
     with suppress(OSError):  # what may not be looked at is told of its file
         if not folder.is_dir():
-            raise InputError(f"{folder}: no such folder; {REBUILD}")
+            found = "a file, expected a calibration folder" if folder.exists() else "no such folder"
+            raise InputError(f"{folder}: {found}; {REBUILD}")
     path = folder / TOML
     content = read_bytes(path, MAX_TOML_BYTES, REBUILD)
     table = Table(parse_toml(content, path, REBUILD), f"{path}", REBUILD)
@@ -214,6 +215,13 @@ def _read(folder: Path) -> StoredCalibration:
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     return StoredCalibration(folder, calibration, hashlib.sha256(content).hexdigest(), files)
+
+
+def check_order(room: Path, others: Iterable[Path | str | None]) -> None:
+    """InputError if what should be a calibration folder is none, and another argument is one."""
+    swapped = next((other for other in others if other is not None and (Path(other) / TOML).is_file()), None)
+    if swapped is not None and not (room / TOML).exists():
+        raise InputError(f"{room}: no calibration folder, but {swapped} is one; name the room first")
 
 
 def read_mask_picture(path: Path, camera: Device) -> NDArray[np.bool_]:

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from counterlight.calibration import check_order
 from counterlight.command import Parser, run
 from counterlight.tools.solve.compensate import METHODS, CompensateOptions, compensate
 
@@ -20,6 +21,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     names = METHODS if options.solver == "all" else tuple(options.solver.split(","))
+    check_order(options.calibration, [options.picture])
     wanted = CompensateOptions(tuple(dict.fromkeys(names)), options.max_cluster, options.white)
     for line in compensate(options.calibration, options.picture, options.output, wanted):
         print(line, flush=True)

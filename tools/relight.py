@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from counterlight.calibration import check_order
 from counterlight.command import Parser, run
 from counterlight.tools.relighting.relight import VIEWS, RelightOptions, relight
 
@@ -21,6 +22,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
+    check_order(options.calibration, [options.picture])
     wanted = RelightOptions(options.view, options.ambient, options.white)
     print(relight(options.calibration, options.picture, options.output, wanted))
 

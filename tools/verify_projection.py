@@ -29,6 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
+    calibrations.check_order(options.calibration, [options.picture])
     if options.output is None:
         _verify(options)
         return
