@@ -15,8 +15,9 @@ import numpy as np
 from counterlight.gl.context import headless_context
 from counterlight.gl.exposure_sums import GlSums
 from counterlight.response import Response
+from counterlight.tools.choices import MERGES
 from counterlight.tools.hdr.camera_response import exposure_table
-from counterlight.tools.hdr.estimators import METHODS, SLACK, USUAL_WEIGHTING, Estimator, make_estimator
+from counterlight.tools.hdr.estimators import SLACK, USUAL_WEIGHTING, Estimator, make_estimator
 from counterlight.tools.hdr.sums import CpuSums, ExposureSums
 from counterlight.tools.hdr.weights import weight_table
 from tests.brackets import codes_of
@@ -104,7 +105,7 @@ def radiance_maps() -> Iterator[str]:
         yield f"{os.cpu_count()} cores, {context.info['GL_RENDERER']}, OpenCV {cv2.__version__}"
         for name, scene in scenes.items():
             codes = [codes_of(scene, float(t), response) for t in times]
-            for method in METHODS:
+            for method in MERGES:
                 yield f"{name}, {compare(context, method, codes, times, exposure)}"
 
 

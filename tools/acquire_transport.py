@@ -6,36 +6,24 @@ pattern is shown; the same command goes on where an interrupted one stopped.
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from threadpoolctl import threadpool_limits
-
-from counterlight.calibration import refuse_existing
 from counterlight.command import Parser, run
 from counterlight.errors import InputError
-from counterlight.tools.acquisition.acquired_room import Plan, acquire_room
-from counterlight.tools.acquisition.cameras.camera import Camera
-from counterlight.tools.acquisition.cameras.live import LiveCamera
-from counterlight.tools.acquisition.plan import MakeScheme
-from counterlight.tools.acquisition.preflight import Finding, preflight, refuse_bad
-from counterlight.tools.acquisition.rig_options import add_rig_options, open_rig
+from counterlight.tools.acquisition.rig_options import add_rig_options
 from counterlight.tools.acquisition.room_options import add_room_options, named_response
-from counterlight.tools.acquisition.schemes.baselines import FixedBlocksScheme, GrayCodeScheme, PixelByPixelScheme
-from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
-from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
-from counterlight.tools.acquisition.store import Wanted, check_captures
-from counterlight.tools.report.acquired import write_acquisition_report
-from counterlight.tools.report.report import check_report_folder
+from counterlight.tools.choices import SCHEMES
 from counterlight.writing.outputs import check_apart, check_folder
 
-SCHEMES: dict[str, Callable[[argparse.Namespace], MakeScheme]] = {
-    "hierarchical": lambda options: HierarchicalScheme(_threshold(options)),
-    "multiplexed": lambda options: MultiplexedScheme(options.tile),
-    "pixels": lambda options: PixelByPixelScheme(_threshold(options)),
-    "blocks": lambda options: FixedBlocksScheme(threshold=_threshold(options)),
-    "graycode": lambda _: GrayCodeScheme(),
-}
+if TYPE_CHECKING:
+    from counterlight.tools.acquisition.cameras.camera import Camera
+    from counterlight.tools.acquisition.plan import MakeScheme
+    from counterlight.tools.acquisition.preflight import Finding
+    from counterlight.tools.acquisition.schemes.hierarchical import Threshold
+    from counterlight.tools.acquisition.store import Wanted
+
 SUSPECT = (
     "warning: the check is far off what noise explains; light may reach some camera pixels from several places (use "
     "--scheme hierarchical), or be too weak (longer exposures, lower --threshold)"
@@ -48,10 +36,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
+    from threadpoolctl import threadpool_limits
+
+    from counterlight.tools.acquisition.acquired_room import Plan, acquire_room
+    from counterlight.tools.acquisition.rig import open_rig
+    from counterlight.tools.acquisition.store import Wanted
+    from counterlight.tools.report.acquired import write_acquisition_report
+
     output: Path = options.output
     captures = options.captures or output.with_name(f"{output.name}.captures")
     report_folder = options.report or output.with_name(f"{output.name}.report")
-    make_scheme = SCHEMES[options.scheme](options)
+    make_scheme = _scheme(options)
     wanted = Wanted(output, anew=options.force, reuse=options.reuse_captures)
     _check_outputs(options, wanted, captures, report_folder)
     decides = {"threshold": str(_threshold(options)), "tile": options.tile or 0}
@@ -66,8 +61,12 @@ def _main(argv: Sequence[str] | None) -> None:
         print(f"{write_acquisition_report(output, report, findings, report_folder)}: the report")
 
 
-def _check_outputs(options: argparse.Namespace, wanted: Wanted, captures: Path, report: Path) -> None:
+def _check_outputs(options: argparse.Namespace, wanted: "Wanted", captures: Path, report: Path) -> None:
     """InputError, before anything is shown, for places where nothing can be written or something would be lost."""
+    from counterlight.calibration import refuse_existing
+    from counterlight.tools.acquisition.store import check_captures
+    from counterlight.tools.report.report import check_report_folder
+
     output = wanted.room
     check_apart(output, captures, report)
     kind, _, source = options.camera.partition(":")
@@ -78,8 +77,11 @@ def _check_outputs(options: argparse.Namespace, wanted: Wanted, captures: Path, 
     check_report_folder(report)
 
 
-def _checked(camera: Camera) -> list[Finding]:
+def _checked(camera: "Camera") -> "list[Finding]":
     """Print the findings about a camera that can be checked; InputError at the first bad one."""
+    from counterlight.tools.acquisition.cameras.live import LiveCamera
+    from counterlight.tools.acquisition.preflight import preflight, refuse_bad
+
     findings = []
     for finding in preflight(camera) if isinstance(camera, LiveCamera) else ():
         print(finding, flush=True)
@@ -88,8 +90,28 @@ def _checked(camera: Camera) -> list[Finding]:
     return findings
 
 
-def _threshold(options: argparse.Namespace) -> Threshold:
+def _scheme(options: argparse.Namespace) -> "MakeScheme":
+    from counterlight.tools.acquisition.schemes import baselines
+    from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
+    from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
+
+    match options.scheme:
+        case "hierarchical":
+            return HierarchicalScheme(_threshold(options))
+        case "multiplexed":
+            return MultiplexedScheme(options.tile)
+        case "pixels":
+            return baselines.PixelByPixelScheme(_threshold(options))
+        case "blocks":
+            return baselines.FixedBlocksScheme(threshold=_threshold(options))
+        case _:
+            return baselines.GrayCodeScheme()
+
+
+def _threshold(options: argparse.Namespace) -> "Threshold":
     """`4x` is a multiple of the noise, `0.01` a radiance."""
+    from counterlight.tools.acquisition.schemes.hierarchical import Threshold
+
     text: str = options.threshold
     try:
         return Threshold(sigmas=float(text[:-1])) if text.endswith("x") else Threshold(absolute=float(text))

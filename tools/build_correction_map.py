@@ -6,13 +6,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight import calibration
 from counterlight.command import Parser, run
-from counterlight.tools.inverse.inverse import InverseOptions
-from counterlight.tools.inverse.method import METHODS
-from counterlight.tools.inverse.presets import PRESETS
-from counterlight.tools.inverse.room import build_room_maps
-from counterlight.tools.report.report import check_report_folder, write_report
+from counterlight.tools.choices import INVERSE_METHODS, PRESETS
 from counterlight.writing.outputs import check_folder
 
 
@@ -23,8 +18,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _main(argv: Sequence[str] | None) -> None:
     parser = _parser()
     options = parser.parse_args(argv)
+    from counterlight import calibration
+    from counterlight.tools.inverse import presets
+    from counterlight.tools.inverse.inverse import InverseOptions
+    from counterlight.tools.inverse.room import build_room_maps
+    from counterlight.tools.report.report import check_report_folder, write_report
+
     if options.preset is not None:  # what is given beside it prevails
-        preset = PRESETS[options.preset]
+        preset = presets.PRESETS[options.preset]
         parser.set_defaults(regularize=preset.damping, max_error=preset.max_error, max_cluster=preset.max_cluster)
         options = parser.parse_args(argv)
     start = time.monotonic()
@@ -82,7 +83,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--method",
         default="auto",
-        metavar="|".join(METHODS),
+        metavar="|".join(INVERSE_METHODS),
         help="invert clusters whole, through windows, or as their sizes allow (default auto, which says what and why)",
     )
     parser.add_argument(

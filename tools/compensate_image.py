@@ -5,9 +5,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.calibration import check_order
 from counterlight.command import Parser, run
-from counterlight.tools.solve.compensate import METHODS, CompensateOptions, compensate
+from counterlight.tools.choices import COMPENSATIONS
 
 MEANING = """none: uncorrected; direct: one camera pixel per projector pixel; map: the correction map, as the player
 applies it; qr, svd: least squares per cluster; nnls: non-negative; box: the best that a projector can show (0 to 1).
@@ -20,7 +19,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
-    names = METHODS if options.solver == "all" else tuple(options.solver.split(","))
+    from counterlight.calibration import check_order
+    from counterlight.tools.solve.compensate import CompensateOptions, compensate
+
+    names = COMPENSATIONS if options.solver == "all" else tuple(options.solver.split(","))
     check_order(options.calibration, [options.picture])
     wanted = CompensateOptions(tuple(dict.fromkeys(names)), options.max_cluster, options.white)
     for line in compensate(options.calibration, options.picture, options.output, wanted):
@@ -34,7 +36,10 @@ def _parser() -> argparse.ArgumentParser:
         "picture", type=Path, help="what the camera is to see, fitted into its frame; .exr is radiance, pixel by pixel"
     )
     parser.add_argument(
-        "--solver", default="box", metavar="NAME[,NAME…]", help=f"all, or some of {', '.join(METHODS)} (default box)"
+        "--solver",
+        default="box",
+        metavar="NAME[,NAME…]",
+        help=f"all, or some of {', '.join(COMPENSATIONS)} (default box)",
     )
     parser.add_argument(
         "-o",

@@ -6,10 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from counterlight.command import Parser, run
-from counterlight.tools.acquisition.room_options import named_response
-from counterlight.tools.hdr.grey_ramp import read_ramp
-from counterlight.tools.hdr.projector_response import fit_projector_response
-from counterlight.tools.hdr.response_table import SUFFIXES, write_response
 from counterlight.writing.outputs import check_file
 
 
@@ -19,6 +15,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
+    from counterlight.tools.acquisition.room_options import named_response
+    from counterlight.tools.hdr.grey_ramp import read_ramp
+    from counterlight.tools.hdr.projector_response import fit_projector_response
+    from counterlight.tools.hdr.response_table import SUFFIXES, write_response
+
     check_file(options.output, suffixes=SUFFIXES, inputs=[options.source, Path(options.camera_response)])
     levels, light = read_ramp(options.source, named_response(options.camera_response))
     fitted = fit_projector_response(levels, light)

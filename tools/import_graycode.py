@@ -6,11 +6,9 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.calibration import Device
 from counterlight.command import Parser, parse_size, run
-from counterlight.tools.acquisition.captures import ORDERS
-from counterlight.tools.acquisition.graycode_room import GraycodeOptions, import_graycode_room
 from counterlight.tools.acquisition.room_options import add_room_options, named_response
+from counterlight.tools.choices import GRAYCODE_ORDERS
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -19,6 +17,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
+    from counterlight.calibration import Device
+    from counterlight.tools.acquisition.graycode_room import GraycodeOptions, import_graycode_room
+
     start = time.monotonic()
     height, width = options.projector
     graycode_options = GraycodeOptions(
@@ -41,7 +42,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--projector", type=parse_size, required=True, metavar="WIDTHxHEIGHT")
     parser.add_argument(
         "--order",
-        choices=ORDERS,
+        choices=GRAYCODE_ORDERS,
         help="opencv: columns, rows, white, black, each bit followed by its inverse, by sorted names; sltk: names such "
         "as 04_x_bit08_pos (default: read off the names)",
     )

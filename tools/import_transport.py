@@ -5,10 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.calibration import Device
 from counterlight.command import Parser, parse_size, run
-from counterlight.response import Response
-from counterlight.tools.acquisition.matrices_room import MatrixFiles, import_matrices_room
 from counterlight.tools.acquisition.room_options import add_room_options, named_response
 
 
@@ -18,6 +15,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
+    from counterlight.calibration import Device
+    from counterlight.response import Response
+    from counterlight.tools.acquisition.matrices_room import MatrixFiles, import_matrices_room
+
     (height, width), (camera_height, camera_width) = options.projector, options.camera
     summary = import_matrices_room(
         MatrixFiles((options.red, options.green, options.blue), options.ambient, options.mask),

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from counterlight.command import Parser, run
-from counterlight.tools.transport.joining import join_rooms
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -15,6 +14,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
+    from counterlight.tools.transport.joining import join_rooms
+
     print(join_rooms(options.rooms, options.output, options.monitor, name=options.name, force=options.force))
 
 

@@ -7,10 +7,7 @@ from fractions import Fraction
 from pathlib import Path
 
 from counterlight.command import Parser, run
-from counterlight.tools.hdr.estimators import METHODS
-from counterlight.tools.hdr.merging import ResponseSource, merge_bracket
-from counterlight.tools.hdr.radiance import MergeOptions
-from counterlight.tools.hdr.weights import WEIGHTINGS
+from counterlight.tools.choices import MERGES, WEIGHTINGS
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -19,6 +16,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
+    from counterlight.tools.hdr.merging import ResponseSource, merge_bracket
+    from counterlight.tools.hdr.radiance import MergeOptions
+
     summary = merge_bracket(
         options.pictures,
         options.output,
@@ -50,12 +50,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--method",
         default="debevec",
-        choices=METHODS,
+        choices=MERGES,
         help="mean of log radiance; most likely radiance; mean of shots of one exposure (default debevec)",
     )
     parser.add_argument(
         "--weighting",
-        choices=tuple(WEIGHTINGS),
+        choices=WEIGHTINGS,
         help="trust in a code value (default: hat for debevec, gaussian for robertson)",
     )
     parser.add_argument("--gpu", action="store_true", help="merge in OpenGL")

@@ -1,15 +1,13 @@
 """relight: what a measured room looks like under a picture, from the camera or from the projector's place."""
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
-from counterlight.calibration import check_order
 from counterlight.command import Parser, run
-from counterlight.tools.relighting.relight import VIEWS, RelightOptions, relight
+from counterlight.tools.choices import RELIT_VIEWS
 
 MEANING = """camera: T p + e, the room under a projector picture; dual: Tᵀ c', the scene from the projector's
 place, lit by the camera; inverse-camera: the column sums of T⁺ in camera space; inverse-dual: T⁺ c', what the projector
@@ -22,6 +20,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
+    from counterlight.calibration import check_order
+    from counterlight.tools.relighting.relight import RelightOptions, relight
+
     check_order(options.calibration, [options.picture])
     wanted = RelightOptions(options.view, options.ambient, options.white)
     print(relight(options.calibration, options.picture, options.output, wanted))
@@ -37,7 +38,7 @@ def _parser() -> argparse.ArgumentParser:
         help="projector picture (camera views) or camera picture (dual views), fitted into the frame; .exr is linear, "
         "pixel by pixel (default: white)",
     )
-    parser.add_argument("--view", choices=VIEWS, default="camera", help="what to show (default camera)")
+    parser.add_argument("--view", choices=RELIT_VIEWS, default="camera", help="what to show (default camera)")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help=".png (sRGB) or .exr (linear)")
     parser.add_argument(
         "--ambient", action=argparse.BooleanOptionalAction, help="with ambient light (camera view; default: yes)"
@@ -56,7 +57,7 @@ def _level(text: str) -> float:
         value = float(text)
     except ValueError:
         value = float("nan")
-    if not (np.isfinite(value) and value > 0):
+    if not (math.isfinite(value) and value > 0):
         raise argparse.ArgumentTypeError(f"expected a level above 0, found {text!r}")
     return value
 

@@ -5,14 +5,15 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from counterlight import calibration
 from counterlight.command import Parser, parse_size, run
 from counterlight.errors import InputError
 from counterlight.tools.shipped import parse_scene
-from counterlight.tools.simulation.room import fill_simulated_room
-from counterlight.tools.simulation.scene import Scene, load_scene
-from counterlight.tools.simulation.simulate import Simulated, simulate
+
+if TYPE_CHECKING:
+    from counterlight.tools.simulation.scene import Scene
+    from counterlight.tools.simulation.simulate import Simulated
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -26,12 +27,18 @@ def _main(argv: Sequence[str] | None) -> None:
     if options.output is None:
         _simulate(options)
         return
+    from counterlight import calibration
+    from counterlight.tools.simulation.room import fill_simulated_room
+
     with calibration.replacing(options.output, force=options.force, inputs=[options.scene]) as stage:
         words = fill_simulated_room(*_simulate(options), stage)
     print(f"{options.output}: {words}")
 
 
-def _simulate(options: argparse.Namespace) -> tuple[Scene, Simulated]:
+def _simulate(options: argparse.Namespace) -> "tuple[Scene, Simulated]":
+    from counterlight.tools.simulation.scene import load_scene
+    from counterlight.tools.simulation.simulate import simulate
+
     scene = load_scene(options.scene)
     if options.camera:
         scene = replace(scene, camera=scene.camera.resized(*options.camera))

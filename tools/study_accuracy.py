@@ -6,10 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from counterlight.command import Parser, parse_size, run
+from counterlight.tools.choices import STUDIED_PICTURES, USUAL_PICTURES
 from counterlight.tools.shipped import shipped_scenes
-from counterlight.tools.study.pictures import BUILT_IN, DEFAULT, find_pictures
-from counterlight.tools.study.rooms import find_places
-from counterlight.tools.study.study import StudyOptions, check_output, run_study
 from counterlight.writing.outputs import check_folder
 
 
@@ -19,6 +17,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
+    from counterlight.tools.study.pictures import find_pictures
+    from counterlight.tools.study.rooms import find_places
+    from counterlight.tools.study.study import StudyOptions, check_output, run_study
+
     check_folder(options.output, inputs=[*options.rooms, *map(Path, options.pictures)])
     check_output(options.output)
     study = StudyOptions(
@@ -57,9 +59,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--pictures",
         nargs="+",
-        default=DEFAULT,
+        default=USUAL_PICTURES,
         metavar="NAME_OR_FILE",
-        help=f"of {', '.join(BUILT_IN)}, or files (default {' '.join(DEFAULT)}); the first two are shown in the report",
+        help=f"of {', '.join(STUDIED_PICTURES)}, or files (default {' '.join(USUAL_PICTURES)});"
+        " the first two are shown in the report",
     )
     parser.add_argument(
         "--patience",

@@ -7,20 +7,17 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from threadpoolctl import threadpool_limits
-
-from counterlight import calibration as calibrations
 from counterlight.command import Parser, run
 from counterlight.errors import InputError
-from counterlight.png import write_png
-from counterlight.tools.acquisition.cameras.live import LiveCamera
-from counterlight.tools.acquisition.preflight import preflight, refuse_bad
-from counterlight.tools.acquisition.rig_options import add_rig_options, open_rig
-from counterlight.tools.acquisition.verify import SOLVERS, Verification, Verified
-from counterlight.tools.relighting.pictures import read_placed, write_view
+from counterlight.tools.acquisition.rig_options import add_rig_options
+from counterlight.tools.choices import VERIFIED
 from counterlight.writing.outputs import check_folder
 from counterlight.writing.replacing import replacing_folder
+
+if TYPE_CHECKING:
+    from counterlight.tools.acquisition.verify import Verification, Verified
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -29,7 +26,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
-    calibrations.check_order(options.calibration, [options.picture])
+    from counterlight.calibration import check_order
+
+    check_order(options.calibration, [options.picture])
     if options.output is None:
         _verify(options)
         return
@@ -40,8 +39,17 @@ def _main(argv: Sequence[str] | None) -> None:
     print(f"{options.output}: round {best.round}, written")
 
 
-def _verify(options: argparse.Namespace) -> tuple[Verification, Verified]:
+def _verify(options: argparse.Namespace) -> "tuple[Verification, Verified]":
     """Print every round; returns what was verified and the best one."""
+    from threadpoolctl import threadpool_limits
+
+    from counterlight import calibration as calibrations
+    from counterlight.tools.acquisition.cameras.live import LiveCamera
+    from counterlight.tools.acquisition.preflight import preflight, refuse_bad
+    from counterlight.tools.acquisition.rig import open_rig
+    from counterlight.tools.acquisition.verify import Verification
+    from counterlight.tools.relighting.pictures import read_placed
+
     stored = calibrations.read(options.calibration)
     room = stored.calibration
     picture = read_placed(options.picture, room.camera.shape)
@@ -71,7 +79,10 @@ def _refuse_existing(folder: Path) -> None:
         raise InputError(f"{folder}: exists; name another folder")
 
 
-def _write(stage: Path, task: Verification, best: Verified) -> None:
+def _write(stage: Path, task: "Verification", best: "Verified") -> None:
+    from counterlight.png import write_png
+    from counterlight.tools.relighting.pictures import write_view
+
     write_png(stage / "projected.png", best.codes)
     for name, view in (("desired", task.desired), ("predicted", best.predicted), ("captured", best.captured)):
         write_view(stage / f"{name}.png", view, task.white)
@@ -87,7 +98,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser("verify", description=__doc__)
     parser.add_argument("calibration", type=Path, help="a calibration folder")
     parser.add_argument("picture", type=Path, help="what the camera is to see; .exr is radiance, pixel by pixel")
-    parser.add_argument("--solver", choices=SOLVERS, default="box", help="default box; map: as the player does it")
+    parser.add_argument("--solver", choices=VERIFIED, default="box", help="default box; map: as the player does it")
     parser.add_argument("--rounds", type=_whole, default=0, metavar="N", help="of feedback (default 0)")
     parser.add_argument("--repeats", type=_whole, default=4, metavar="N", help="captures averaged (default 4)")
     parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="projected.png and what was seen of it")

@@ -8,8 +8,9 @@ from counterlight.errors import InputError
 from counterlight.gl import exposure_sums
 from counterlight.gl.exposure_sums import BATCH, TEXELS, GlSums
 from counterlight.response import Response
+from counterlight.tools.choices import MERGES
 from counterlight.tools.hdr.camera_response import exposure_table
-from counterlight.tools.hdr.estimators import METHODS, SLACK, Estimator, make_estimator
+from counterlight.tools.hdr.estimators import SLACK, Estimator, make_estimator
 from counterlight.tools.hdr.sums import CpuSums, ExposureSums
 from counterlight.tools.hdr.weights import weight_table
 
@@ -35,7 +36,7 @@ def add_all(sums: ExposureSums, estimator: Estimator, codes: np.ndarray, times: 
     return sums.estimate()
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", MERGES)
 @pytest.mark.parametrize(
     ("levels", "shape"),
     [(256, (5, 7, 3)), (256, (11, 3, 1)), (65536, (5, 7, 3)), (65536, (3, 2, 1)), (256, (61, 90, 3))],

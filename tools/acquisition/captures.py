@@ -17,7 +17,6 @@ from typing import Any
 from counterlight.errors import InputError
 from counterlight.picture_files import SUFFIXES
 
-ORDERS = ("opencv", "sltk")
 _NAMED = re.compile(r"(?:.*_)?(?P<axis>[xy])_bit(?P<bit>\d{1,2})_(?P<sign>pos|inv)", re.IGNORECASE)
 
 
@@ -54,7 +53,7 @@ def find_captures(folder: Path, cells: tuple[int, int], order: str | None = None
     """Tell the files of `folder` apart.
 
     cells : rows and columns of the code: the projector's size divided by its step.
-    order : one of ORDERS; None reads it off the names.
+    order : one of GRAYCODE_ORDERS; None reads it off the names.
     Raises InputError for a missing folder, and for missing, doubled or superfluous captures: expected and found.
     """
     if not folder.is_dir():

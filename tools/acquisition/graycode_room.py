@@ -10,9 +10,10 @@ from counterlight import calibration
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.response import Response
-from counterlight.tools.acquisition.captures import ORDERS, Captures, find_captures
+from counterlight.tools.acquisition.captures import Captures, find_captures
 from counterlight.tools.acquisition.direct_mapping import NOBODY, Mapping, direct_mapping, direct_transport
 from counterlight.tools.acquisition.graycode import Decoded, decode
+from counterlight.tools.choices import GRAYCODE_ORDERS
 from counterlight.tools.transport.mask import lit_pixels
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport
@@ -26,7 +27,7 @@ class GraycodeOptions:
     """How captures are read.
 
     projector : size and response.  camera_response : of the captures' code values.
-    order : one of captures.ORDERS, None reads it off the names.  step : projector pixels a side of a code cell.
+    order : one of GRAYCODE_ORDERS, None reads it off the names.  step : projector pixels a side of a code cell.
     min_contrast : least difference of a pattern and its inverse, in 8-bit code values.
     fill_radius : gaps up to twice as wide (in cells) between decoded cells are filled; 0 fills none.
     Raises InputError for a number out of range.
@@ -40,8 +41,8 @@ class GraycodeOptions:
     fill_radius: int = 4
 
     def __post_init__(self) -> None:
-        if self.order not in (None, *ORDERS):
-            raise InputError(f"--order {self.order}: expected {' or '.join(ORDERS)}")
+        if self.order not in (None, *GRAYCODE_ORDERS):
+            raise InputError(f"--order {self.order}: expected {' or '.join(GRAYCODE_ORDERS)}")
         if not 1 <= self.step <= MAX_STEP:
             raise InputError(f"--step {self.step}: expected 1 to {MAX_STEP} projector pixels")
         if not 0 < self.min_contrast <= 255:

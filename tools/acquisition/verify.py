@@ -25,7 +25,6 @@ from counterlight.tools.solve.system import channel_system
 from counterlight.tools.transport.storage import read_transport
 
 FloatArray = NDArray[np.float64]
-SOLVERS = ("box", "map")
 REFERENCES = 2  # captures of black and of white each
 AGAIN = "put them back, or acquire again"
 

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-METHODS = ("debevec", "robertson", "average")
 MARGIN = 0.02  # of the range, above which codes count as clipped
 SLACK = 0.9  # of the bound: what noise and rounding of a correct estimate need
 USUAL_WEIGHTING = {"debevec": "hat", "robertson": "gaussian"}
@@ -31,7 +30,7 @@ USUAL_WEIGHTING = {"debevec": "hat", "robertson": "gaussian"}
 
 @dataclass(frozen=True)
 class Estimator:
-    """One of METHODS for one camera.
+    """One of MERGES for one camera.
 
     table : (levels, channels, 2), p and q of each code value.
     top : the lowest code that counts as clipped; from there on q is 0 and p the exposure that light exceeds.

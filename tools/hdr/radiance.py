@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from counterlight.errors import InputError
 from counterlight.response import Response
+from counterlight.tools.choices import MERGES
 from counterlight.tools.hdr.camera_response import exposure_table
-from counterlight.tools.hdr.estimators import METHODS, USUAL_WEIGHTING, Estimator, make_estimator
+from counterlight.tools.hdr.estimators import USUAL_WEIGHTING, Estimator, make_estimator
 from counterlight.tools.hdr.sums import ExposureSums, summing
 from counterlight.tools.hdr.weights import WEIGHTINGS, weight_table
 
@@ -20,15 +21,15 @@ Shot = tuple[NDArray[Any], float]
 
 @dataclass(frozen=True)
 class MergeOptions:
-    """method : one of METHODS.  weighting : one of WEIGHTINGS, None for the method's own.  gpu : merge in OpenGL."""
+    """method : one of MERGES.  weighting : one of WEIGHTINGS, None for the method's own.  gpu : merge in OpenGL."""
 
     method: str = "debevec"
     weighting: str | None = None
     gpu: bool = False
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise InputError(f"--method {self.method}: expected {', '.join(METHODS)}")
+        if self.method not in MERGES:
+            raise InputError(f"--method {self.method}: expected {', '.join(MERGES)}")
         if self.weighting is not None and self.method == "average":
             raise InputError(f"--weighting {self.weighting}: --method average weighs all shots alike; leave one out")
         if self.weighting is not None and self.weighting not in WEIGHTINGS:

@@ -12,6 +12,7 @@ from scipy import sparse
 from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.row_map import SparseRows
+from counterlight.tools.choices import INVERSE_METHODS
 from counterlight.tools.clusters.components import Clusters, find_clusters
 from counterlight.tools.clusters.decomposition import Parameters, Report
 from counterlight.tools.clusters.finite import refuse_not_finite
@@ -21,7 +22,7 @@ from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.bidiagonal import largest_singular_value
 from counterlight.tools.inverse.clustered import clustered_jobs
 from counterlight.tools.inverse.damping import DampingChoice, choose_damping
-from counterlight.tools.inverse.method import METHODS, Method, choose_method
+from counterlight.tools.inverse.method import Method, choose_method
 from counterlight.tools.inverse.noise import noise_of_matrix
 from counterlight.tools.inverse.pieces import Piece, Truncation, join
 from counterlight.tools.inverse.windowed import FINEST_TOLERANCE, WindowedChannel, plan_windows, windowed_jobs
@@ -40,7 +41,7 @@ class InverseOptions:
     max_error : certified change of a pixel by truncation, in 8-bit code values of linear drive; 0 keeps everything.
     max_cluster : decompose T into clusters of at most so many projector pixels (thesis 4.2.2); None leaves it whole.
     noise : of T's entries, relative, standard deviation (0.01 is 1 %); 0 if unknown: then float32 rounding counts.
-    method : clusters inverted whole, through windows, or as their sizes allow (method.METHODS).
+    method : clusters inverted whole, through windows, or as their sizes allow (choices.INVERSE_METHODS).
     """
 
     damping: float | None = None
@@ -58,8 +59,8 @@ class InverseOptions:
             raise InputError(f"--max-cluster {self.max_cluster}: expected at least 1 projector pixel")
         if not 0 <= self.noise < 1:
             raise InputError(f"--noise {self.noise}: expected 0 up to 1, the share of T's entries that is noise")
-        if self.method not in METHODS:
-            raise InputError(f"--method {self.method}: expected {', '.join(METHODS)}")
+        if self.method not in INVERSE_METHODS:
+            raise InputError(f"--method {self.method}: expected {', '.join(INVERSE_METHODS)}")
 
 
 @dataclass(frozen=True)

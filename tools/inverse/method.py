@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from counterlight.errors import InputError
 from counterlight.tools.clusters.components import Clusters
 
-METHODS = ("auto", "clustered", "windowed")
 # Projector pixels of a cluster that is inverted whole. Damped, windows are faster beyond (2475 pixels: 33 s whole, 7 s
 # in windows); undamped, there are no windows, and a block of the limit costs minutes.
 LARGEST_DENSE, LARGEST_PLAIN = 1000, 4000
@@ -34,7 +33,7 @@ class Method:
 def choose_method(clusters: Clusters, asked: str, damping: float | None) -> Method:
     """Clusters are inverted whole as far as time and memory allow, and through windows beyond.
 
-    asked : one of METHODS; `clustered` and `windowed` do so with all clusters.  damping : λ/σ₁, None if to be chosen.
+    asked : of INVERSE_METHODS; all clusters are treated so.  damping : λ/σ₁, None if to be chosen.
     Raises InputError where windows would be needed for an (almost) undamped inverse, whose rows do not decay.
     """
     damped = damping is None or damping >= LEAST_DAMPING

@@ -17,7 +17,6 @@ from counterlight.writing.outputs import check_file
 from counterlight.writing.replacing import replacing_file
 
 FloatArray = NDArray[np.float64]
-VIEWS = ("camera", "dual", "inverse-camera", "inverse-dual")
 LIT_BY_PROJECTOR = ("camera", "inverse-camera")  # their picture is a projector picture, the others' a camera picture
 ROUNDING = 1e-6  # what resampling adds to a full white
 
@@ -26,7 +25,7 @@ ROUNDING = 1e-6  # what resampling adds to a full white
 class RelightOptions:
     """What to show.
 
-    view : one of VIEWS.  ambient : whether the camera's view holds ambient light; None for yes where there is any.
+    view : of RELIT_VIEWS.  ambient : whether the camera view has ambient light; None for yes where there is any.
     white : the value that a PNG shows as white, None for the picture's 99th percentile.
     """
 

@@ -16,6 +16,7 @@ from counterlight.content import reachable_white
 from counterlight.errors import InputError
 from counterlight.maps import read_maps
 from counterlight.png import write_png
+from counterlight.tools.choices import COMPENSATIONS
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.relighting.pictures import SUFFIXES, read_placed
 from counterlight.tools.relighting.views import inverse_dual
@@ -29,7 +30,6 @@ from counterlight.writing.outputs import check_file
 from counterlight.writing.replacing import replacing_file
 
 FloatArray = NDArray[np.float64]
-METHODS = ("none", "direct", "map", "qr", "svd", "nnls", "box")
 FAR_ROUNDS = 20
 FAR_TOLERANCE = 0.1 / 255  # drive
 HEADER = "solver       RMSE %  PSNR dB   SSIM  CIEDE2000  clipped %  seconds  below the optimum dB"
@@ -39,7 +39,7 @@ HEADER = "solver       RMSE %  PSNR dB   SSIM  CIEDE2000  clipped %  seconds  be
 class CompensateOptions:
     """How to solve.
 
-    solvers : of METHODS.
+    solvers : of COMPENSATIONS.
     max_cluster : for qr, svd and nnls, decompose T into clusters of at most so many projector pixels (thesis 4.2.2).
     white : radiance of a white picture, None for what most of the room can reach.
     """
@@ -52,8 +52,8 @@ class CompensateOptions:
         if self.white is not None and not RADIANCE[0] <= self.white <= RADIANCE[1]:
             raise InputError(f"--white {self.white:g}: expected a radiance from {RADIANCE[0]:g} to {RADIANCE[1]:g}")
         for name in self.solvers:
-            if name not in METHODS:
-                raise InputError(f"--solver {name}: expected all or some of {', '.join(METHODS)}, joined by commas")
+            if name not in COMPENSATIONS:
+                raise InputError(f"--solver {name}: expected all, or of {', '.join(COMPENSATIONS)}, joined by commas")
 
 
 @dataclass(frozen=True)

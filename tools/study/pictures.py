@@ -129,4 +129,3 @@ BUILT_IN: dict[str, Callable[[Shape], FloatArray]] = {
     "dark-film": _dark_film,
     "film": _film,
 }
-DEFAULT = ("photograph", "text", "gradient", "white", "dark-film")

@@ -13,6 +13,7 @@ from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Exposures, Shot
 from counterlight.tools.acquisition.cameras.live import Codes, LiveCamera, Screen
+from counterlight.tools.choices import MOST_LAG
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.transport.storage import read_transport
@@ -21,7 +22,6 @@ from counterlight.tools.transport.transport import Transport
 FloatArray = NDArray[np.float64]
 HEADROOM = 1.25  # full scale of an exposure of 1, above the floodlit room's brightest pixel
 ENCODING_STEPS = 1 << 16
-MOST_LAG = 20
 
 
 @dataclass(frozen=True)

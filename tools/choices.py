@@ -1,0 +1,14 @@
+"""The names that options take, apart from what they stand for: help and completion wait for no library."""
+
+INVERSE_METHODS = ("auto", "clustered", "windowed")  # tools/inverse/method.py
+PRESETS = ("fast", "balanced", "best")  # tools/inverse/presets.py
+SCHEMES = ("hierarchical", "multiplexed", "pixels", "blocks", "graycode")  # tools/acquire_transport.py
+GRAYCODE_ORDERS = ("opencv", "sltk")  # tools/acquisition/captures.py
+COMPENSATIONS = ("none", "direct", "map", "qr", "svd", "nnls", "box")  # tools/solve/compensate.py
+VERIFIED = ("box", "map")  # tools/acquisition/verify.py
+RELIT_VIEWS = ("camera", "dual", "inverse-camera", "inverse-dual")  # tools/relighting/relight.py
+MERGES = ("debevec", "robertson", "average")  # tools/hdr/estimators.py
+WEIGHTINGS = ("hat", "gaussian")  # tools/hdr/weights.py
+STUDIED_PICTURES = ("photograph", "text", "gradient", "white", "dark-film", "film")  # tools/study/pictures.py
+USUAL_PICTURES = STUDIED_PICTURES[:5]
+MOST_LAG = 20  # frames, tools/acquisition/cameras/simulated.py
