@@ -33,7 +33,8 @@ class Method:
 def choose_method(clusters: Clusters, asked: str, damping: float | None) -> Method:
     """Clusters are inverted whole as far as time and memory allow, and through windows beyond.
 
-    asked : of INVERSE_METHODS; all clusters are treated so.  damping : λ/σ₁, None if to be chosen.
+    asked : of INVERSE_METHODS; `clustered` and `windowed` do so with all clusters.
+    damping : λ/σ₁, None if to be chosen.
     Raises InputError where windows would be needed for an (almost) undamped inverse, whose rows do not decay.
     """
     damped = damping is None or damping >= LEAST_DAMPING
