@@ -14,6 +14,15 @@ CLIP = ROOT / "calib_data" / "media" / "big_buck_bunny.mp4"
 PATIENCE_S = 60.0
 
 
+def python(*arguments: str) -> str:
+    """What a fresh interpreter prints; the test fails with its error output if it does not end well."""
+    outcome = subprocess.run(
+        [sys.executable, *arguments], capture_output=True, text=True, cwd=ROOT, timeout=120, check=False
+    )
+    assert outcome.returncode == 0, outcome.stderr
+    return outcome.stdout
+
+
 def script(name: str) -> str:
     """A console script of this environment."""
     return str(Path(sys.executable).with_name(name))

@@ -3,11 +3,9 @@
 import ast
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tomllib
-import zipfile
 from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
@@ -17,9 +15,8 @@ import pytest
 from counterlight.command import SCRIPTS
 from counterlight.renderer import VIEWS
 from counterlight.tools.verbs import SHELLS, VERBS
-from tests.programs import fail, script, succeed
+from tests.programs import ROOT, fail, python, script, succeed
 
-ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 LARGEST_FILE = 8 << 20
 TIMEOUT_S = 120.0  # a command's imports on a busy machine
@@ -27,23 +24,6 @@ TIMEOUT_S = 120.0  # a command's imports on a busy machine
 HEAVY = {"scipy", "moderngl", "glcontext", "glfw"}
 LOADED = "print(*(name for name in sys.modules if name.split('.')[0] in HEAVY or name.startswith(FOREIGN)))"
 FOLDERS = {"player": "counterlight", "tools": "counterlight.tools"}  # of modules, and what they are imported as
-READ_SHADERS = """
-import sys
-sys.path.insert(0, sys.argv[1])
-from importlib.resources import files
-for resource in sorted(files("counterlight.shaders").iterdir(), key=lambda resource: resource.name):
-    if resource.is_file() and not resource.name.endswith((".py", ".pyc")):
-        print(resource.name, resource.read_bytes().hex())
-"""
-
-
-def python(*arguments: str) -> str:
-    """What a fresh interpreter prints; the test fails with its error output if it does not end well."""
-    outcome = subprocess.run(
-        [sys.executable, *arguments], capture_output=True, text=True, cwd=ROOT, timeout=TIMEOUT_S, check=False
-    )
-    assert outcome.returncode == 0, outcome.stderr
-    return outcome.stdout
 
 
 def sources(*folders: str) -> list[Path]:
@@ -154,45 +134,6 @@ def test_every_folder_of_modules_is_a_package_with_a_docstring() -> None:
     folders = {path.parent for path in sources("player", "tools", "shaders", "calib_data")}
     undocumented = [folder for folder in sorted(folders) if not ast.get_docstring(parsed(folder / "__init__.py"))]
     assert undocumented == []
-
-
-@pytest.fixture(scope="module")
-def unpacked_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel, built from a copy so that the checkout stays clean, as pip would lay it out."""
-    folder = tmp_path_factory.mktemp("wheel")
-    copy = folder / "source"
-    left_out = shutil.ignore_patterns("__pycache__", "*.egg-info", "example*")
-    for name in ("player", "tools", "shaders", "calib_data"):
-        shutil.copytree(ROOT / name, copy / name, ignore=left_out)
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, copy)
-    python("-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder), str(copy))
-    (wheel,) = folder.glob("*.whl")
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(folder / "installed")
-    return folder / "installed"
-
-
-def test_every_shader_loads_from_the_built_wheel(unpacked_wheel: Path) -> None:
-    expected = {path.name: path.read_bytes() for path in (ROOT / "shaders").iterdir() if is_shader(path)}
-    assert expected
-    # -I -S: no checkout, no site-packages, so that only the wheel can answer.
-    lines = python("-I", "-S", "-B", "-c", READ_SHADERS, str(unpacked_wheel)).splitlines()
-    found = {name: bytes.fromhex(content) for name, content in (line.split() for line in lines)}
-    assert found == expected
-
-
-def is_shader(path: Path) -> bool:
-    return path.is_file() and path.suffix not in (".py", ".pyc")
-
-
-def test_the_wheel_holds_one_package_with_every_module_scene_and_clip(unpacked_wheel: Path) -> None:
-    found = {path.relative_to(unpacked_wheel).as_posix() for path in unpacked_wheel.rglob("*") if path.is_file()}
-    told = {name for name in found if not name.startswith("counterlight-")}  # the rest is pip's
-    names = {"player": "", "tools": "tools/", "shaders": "shaders/", "calib_data": "calib_data/"}
-    listing = subprocess.run(["git", "ls-files", *names], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    paths = [name.partition("/") for name in listing.splitlines() if (ROOT / name).exists()]
-    assert told == {f"counterlight/{names[folder]}{path}" for folder, _, path in paths}
 
 
 @pytest.mark.parametrize("verb", VERBS)
