@@ -4,7 +4,6 @@ import os
 import pty
 import signal
 import subprocess
-import sys
 import termios
 import tomllib
 from pathlib import Path
@@ -24,7 +23,7 @@ from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.inverse import InverseOptions, invert_near_light
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport
-from tests.programs import command, fail
+from tests.programs import command, fail, verb
 from tests.rooms import blurred_transport, write_blurred_room
 
 CAMERA, PROJECTOR = (15, 19), (12, 16)
@@ -153,7 +152,7 @@ def test_an_interrupt_leaves_the_previous_map(tmp_path: Path, built: Path) -> No
     terminal, theirs = pty.openpty()
     termios.tcsetwinsize(theirs, (24, 80))
     slow = [room, "--regularize", "0.001", "--max-error", "0", "--method", "windowed"]
-    program = subprocess.Popen([Path(sys.executable).with_name(BUILD), *slow], stdout=subprocess.PIPE, stderr=theirs)
+    program = subprocess.Popen([*verb(BUILD), *slow], stdout=subprocess.PIPE, stderr=theirs)
     os.close(theirs)
     told = b""
     while b"inverting" not in told:

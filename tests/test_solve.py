@@ -252,7 +252,7 @@ def test_decomposed_solvers_come_close_despite_far_light(rng: np.random.Generato
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--solver", "magic"], "--solver magic: expected all or some of none, direct"),
+        (["--solver", "magic"], "--solver magic: expected all, or of none, direct"),
         (["--max-cluster", "0", "--solver", "svd"], "--max-cluster 0: expected at least 1 projector pixel"),
         (["-o", "nowhere/p.png"], "no such folder"),
         (["-o", "p.tiff"], "cannot write .tiff"),
