@@ -24,14 +24,14 @@ SCENE = ROOT / "calib_data" / "scenes" / "wall.toml"
 PAGE = 4096  # what a tmpfs gives room in
 TOO_SMALL = (0.0, 0.5, 0.9, 1.0)  # of what the output takes; the last leaves none for the lock
 COMMANDS = {
-    "relight.png": "counterlight.tools.relight ROOM -o OUT/o.png",
-    "relight.exr": "counterlight.tools.relight ROOM -o OUT/o.exr",
-    "compensate": "counterlight.tools.compensate_image ROOM PICTURE --solver map -o OUT/o.png",
-    "merge": "counterlight.tools.merge_exposures SHOTS --times 1 2 4 8 --response linear -o OUT/o.exr",
-    "build": "counterlight.tools.build_correction_map OUT/room --regularize 0.2",
-    "simulate": "counterlight.tools.simulate_transport SCENE -o OUT/made --camera 24x18 --projector 20x15",
-    "acquire": "counterlight.tools.acquire_transport --camera simulated:ROOM --scheme graycode -o OUT/made --no-preflight",
-    "join": "counterlight.tools.join_projectors ROOM ROOM -o OUT/made",
+    "relight.png": "tools.relight ROOM -o OUT/o.png",
+    "relight.exr": "tools.relight ROOM -o OUT/o.exr",
+    "compensate": "tools.compensate_image ROOM PICTURE --solver map -o OUT/o.png",
+    "merge": "tools.merge_exposures SHOTS --times 1 2 4 8 --response linear -o OUT/o.exr",
+    "build": "tools.build_correction_map OUT/room --regularize 0.2",
+    "simulate": "tools.simulate_transport SCENE -o OUT/made --camera 24x18 --projector 20x15",
+    "acquire": "tools.acquire_transport --camera simulated:ROOM --scheme graycode -o OUT/made --no-preflight",
+    "join": "tools.join_projectors ROOM ROOM -o OUT/made",
     "play.png": "app ROOM CLIP --frames 2 --output OUT/o.png",
     "play.exr": "app ROOM CLIP --frames 2 --output OUT/o.exr",
     "play.mp4": "app ROOM CLIP --frames 8 --output OUT/o.mp4",

@@ -27,24 +27,20 @@ class Verb(NamedTuple):
 
 VERBS = {
     "play": Verb("app", "show media in a room, as they are meant to be seen"),
-    "simulate": Verb("counterlight.tools.simulate_transport", "a room from a described scene"),
-    "acquire": Verb("counterlight.tools.acquire_transport", "a room measured with a projector and a camera"),
-    "import-transport": Verb(
-        "counterlight.tools.import_transport", "a room from matrices that were measured elsewhere"
-    ),
-    "import-graycode": Verb("counterlight.tools.import_graycode", "a room from photographs of Gray-code patterns"),
-    "join": Verb("counterlight.tools.join_projectors", "a room of several projectors, from a room of each"),
-    "build": Verb("counterlight.tools.build_correction_map", "a room's correction map, which the player needs"),
-    "verify": Verb("counterlight.tools.verify_projection", "project a picture, photograph it, compare"),
-    "compensate": Verb("counterlight.tools.compensate_image", "one picture by a CPU solver: the reference"),
-    "relight": Verb("counterlight.tools.relight", "what a room looks like under a picture, from either side"),
-    "merge-exposures": Verb("counterlight.tools.merge_exposures", "a radiance map from a bracket of photographs"),
-    "fit-response": Verb(
-        "counterlight.tools.fit_projector_response", "a projector's response from measured grey levels"
-    ),
-    "study": Verb("counterlight.tools.study_accuracy", "what accuracy costs in time, in any room"),
-    "example": Verb("counterlight.tools.show_example", "a room, its map and a clip, before and after"),
-    "doctor": Verb("counterlight.tools.check_machine", "what this machine has, and what is missing"),
+    "simulate": Verb("tools.simulate_transport", "a room from a described scene"),
+    "acquire": Verb("tools.acquire_transport", "a room measured with a projector and a camera"),
+    "import-transport": Verb("tools.import_transport", "a room from matrices that were measured elsewhere"),
+    "import-graycode": Verb("tools.import_graycode", "a room from photographs of Gray-code patterns"),
+    "join": Verb("tools.join_projectors", "a room of several projectors, from a room of each"),
+    "build": Verb("tools.build_correction_map", "a room's correction map, which the player needs"),
+    "verify": Verb("tools.verify_projection", "project a picture, photograph it, compare"),
+    "compensate": Verb("tools.compensate_image", "one picture by a CPU solver: the reference"),
+    "relight": Verb("tools.relight", "what a room looks like under a picture, from either side"),
+    "merge-exposures": Verb("tools.merge_exposures", "a radiance map from a bracket of photographs"),
+    "fit-response": Verb("tools.fit_projector_response", "a projector's response from measured grey levels"),
+    "study": Verb("tools.study_accuracy", "what accuracy costs in time, in any room"),
+    "example": Verb("tools.show_example", "a room, its map and a clip, before and after"),
+    "doctor": Verb("tools.check_machine", "what this machine has, and what is missing"),
 }
 
 
