@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Self
 
-from player.decoding.live import LiveAddress, is_device, live_address
-from player.errors import InputError
+from counterlight.decoding.live import LiveAddress, is_device, live_address
+from counterlight.errors import InputError
 
 MAX_NAME = 4096  # bytes: the longest path that Linux opens
 NUMBER = re.compile(r"%0?(\d*)d")  # in the name of a sequence

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from player.errors import InputError
-from player.unattended.control import MAX_CLIENTS, MAX_LINE, MAX_OBSERVED, MAX_UNSENT, ControlServer, as_text
-from player.unattended.json_lines import encode
+from counterlight.errors import InputError
+from counterlight.unattended.control import MAX_CLIENTS, MAX_LINE, MAX_OBSERVED, MAX_UNSENT, ControlServer, as_text
+from counterlight.unattended.json_lines import encode
 
 ENOUGH_POLLS = 4000
 
@@ -334,7 +334,7 @@ def test_a_live_socket_is_refused_and_a_stale_one_replaced(server: ControlServer
     with pytest.raises(InputError, match=r"socket: another player is listening here; end it, or give --control"):
         ControlServer(tmp_path / "socket")
     stale = tmp_path / "stale"
-    listen = "import os, pathlib\nfrom player.unattended.control import ControlServer"
+    listen = "import os, pathlib\nfrom counterlight.unattended.control import ControlServer"
     code = f"{listen}\nControlServer(pathlib.Path({str(stale)!r}))\nos._exit(9)"
     root = Path(__file__).resolve().parents[1]
     assert subprocess.run([sys.executable, "-c", code], cwd=root, check=False).returncode == 9

@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from player.errors import InputError
-from player.unattended.json_lines import encode
+from counterlight.errors import InputError
+from counterlight.unattended.json_lines import encode
 
 INTERVAL_S = 1.0
 MAX_LOG_BYTES = 16 << 20  # then FILE becomes FILE.1: a show of months fills no disk

@@ -15,8 +15,8 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from player.writing import disk
-from player.writing.numbered import number_of
+from counterlight.writing import disk
+from counterlight.writing.numbered import number_of
 
 NEW, OLD, OLD_FRAMES = "new", "old", "old_frames"
 CONTENTS = (NEW, OLD, OLD_FRAMES)

@@ -102,7 +102,7 @@ def test_a_list_on_the_command_line_cannot_write_files(xvfb: str, small_room: Pa
     graph = f"testsrc=d=1,metadata=mode=add:key=a:value=b,metadata=mode=print:file={written}"
     (folder / "list.m3u").write_text(f"lavfi:{graph}\nclip.mkv\n")
     listed = folder / "list.m3u"
-    done = command("play-corrected", small_room, listed, "--no-config", "--no-audio", "--frames", "3", **on(xvfb))
+    done = command("play", small_room, listed, "--no-config", "--no-audio", "--frames", "3", **on(xvfb))
     assert done.returncode == 0, done.stderr
     assert "only the command line may name devices and filters" in done.stderr
     assert not written.exists()
@@ -135,7 +135,7 @@ def test_a_list_without_a_remote_ends_and_says_whether_it_ended_well(
     write_video(good, [numbered(n) for n in range(5)])
     bad.write_bytes(b"no video at all" * 100)
     media = (bad, good) if last == "good" else (good, bad)
-    done = command("play-corrected", small_room, *media, "--no-config", "--no-audio", **on(xvfb))
+    done = command("play", small_room, *media, "--no-config", "--no-audio", **on(xvfb))
     (line,) = done.stderr.splitlines()
     assert "bad.mkv: FFmpeg cannot read it" in line
     assert (done.returncode, line.startswith("error: ")) == ((0, False) if last == "good" else (2, True))
