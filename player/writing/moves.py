@@ -21,6 +21,7 @@ from player.writing.numbered import number_of
 NEW, OLD, OLD_FRAMES = "new", "old", "old_frames"
 CONTENTS = (NEW, OLD, OLD_FRAMES)
 _OUT, _IN = "out", "in"
+MAX_JOURNAL = 1 << 28  # bytes: a million of the longest names
 _END = b"\0"  # of a name in the journal: no name holds it
 
 
@@ -63,10 +64,13 @@ def put_sequence(stage: Path, pattern: Path, there: list[str]) -> None:
 
 
 def is_interrupted(stage: Path, target: Path) -> bool:
-    """Whether a move was begun and not completed."""
-    if _has_journal(stage):
-        return True
-    return os.path.isdir(stage / OLD) and os.path.isdir(stage / NEW) and not os.path.lexists(target)
+    """Whether a move was begun and not completed.
+
+    A folder from elsewhere may hold what looks like a stage: nothing is moved through links, no pipe is a journal.
+    """
+    if not (_is_folder(stage) and _is_folder(stage / NEW)):
+        return False
+    return _has_journal(stage) or (_is_folder(stage / OLD) and not os.path.lexists(target))
 
 
 def complete(stage: Path, target: Path) -> None:
@@ -78,7 +82,15 @@ def complete(stage: Path, target: Path) -> None:
 
 
 def _has_journal(stage: Path) -> bool:
-    return os.path.exists(stage / _OUT) or os.path.exists(stage / _IN)  # no error for names that are too long
+    return _is_folder(stage / OLD_FRAMES) and any(_is_journal(stage / name) for name in (_OUT, _IN))
+
+
+def _is_folder(path: Path) -> bool:
+    return os.path.isdir(path) and not os.path.islink(path)  # no error for names that are too long
+
+
+def _is_journal(path: Path) -> bool:
+    return os.path.isfile(path) and not os.path.islink(path) and os.path.getsize(path) <= MAX_JOURNAL
 
 
 def _move_frames(stage: Path, pattern: Path) -> None:
