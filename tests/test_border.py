@@ -19,7 +19,7 @@ from player.decoding import opening
 from player.errors import InputError
 from player.medium import Border, Medium
 from player.show.options import read_options
-from player.show.playlist import expand
+from player.show.playlist import expand, files_of
 from player.video import MediaReader
 from tests.canaries import Canary, canary
 from tests.media import copies, numbered, write_video
@@ -215,6 +215,15 @@ def test_numbered_pictures_stay_inside_too(media: Path, bird: Canary) -> None:
     assert bird.touched() == set()
 
 
+def test_only_what_was_looked_at_is_opened_of_numbered_pictures(media: Path, bird: Canary) -> None:
+    """7 may be written 07, which FFmpeg does not open: it opens 7."""
+    for folder, name in (("media", "07.png"), ("media", "007.png"), ("outside", "7.png")):
+        cv2.imwrite(str(media.parent / folder / name), np.full((8, 9, 3), 7, np.uint8))
+    (media / "7.png").symlink_to(bird.watch(media.parent / "outside" / "7.png"))
+    assert "below its folder or a --media-root only" in refusal(limited(media / "%d.png", media))
+    assert bird.touched() == set()
+
+
 @pytest.mark.parametrize("name", ["a%03d.png", "a?.png", "a{1}.png", "a*.png", "a:b.png"])
 def test_a_name_that_looks_like_a_pattern_is_one_file(name: str, media: Path, bird: Canary) -> None:
     for each in (name, "a001.png", "ab.png", "a1.png"):
@@ -240,6 +249,15 @@ def test_options_draw_the_border(media: Path, tmp_path: Path) -> None:
     assert options.border == Border((str(tmp_path), str(media)), False, frozenset())
     assert options.media[0] == Medium("udp://127.0.0.1:5004", (*options.border.roots, str(media)))
     assert not any(action in options for action in ("media_roots", "live"))
+
+
+def test_folders_that_a_list_may_not_name_are_not_listed(media: Path, bird: Canary) -> None:
+    """Not even to see whether an output is among the files that are played."""
+    (media / "list.m3u").write_text("../outside/%d.mkv\n../outside/clip.mkv\nclip.mkv\n")
+    bird.watch(media.parent / "outside")
+    options = read_options(["room", str(media / "list.m3u"), "--no-config"], "")
+    assert [path for medium in options.media for path in files_of(medium)] == [media / "clip.mkv"]
+    assert bird.touched() == set()
 
 
 def test_every_opening_of_the_player_goes_through_one_door() -> None:
