@@ -7,6 +7,7 @@ import os
 import signal
 import socket
 import subprocess
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -20,6 +21,7 @@ import pytest
 from player.errors import InputError
 from player.unattended import heartbeat
 from player.unattended.heartbeat import FACTS, Heartbeat, Notifier, read_facts
+from player.unattended.inbox import Inbox
 from player.unattended.supervisor import (
     BACK_OFF_S,
     ENDING_S,
@@ -90,6 +92,10 @@ def test_the_service_manager_hears_it(tmp_path: Path, manager: socket.socket, cl
     assert "READY" not in second
     assert read_facts(first) == {"path": "a\nREADY=0", "time_pos": 2.5}
     assert read_facts(second) == {"time_pos": 4.5}
+    heart = Heartbeat(None, Notifier(str(tmp_path / "notify")))
+    heart.beat({"path": "\udcff\x1b"})  # a name that is no text
+    assert received(manager)["STATUS"] == r"path \udcff\x1b"
+    heart.close()
     assert read_facts({FACTS: "{"}) == read_facts({FACTS: "[]"}) == read_facts({}) == {}
 
 
@@ -266,17 +272,41 @@ def test_a_screen_that_goes_and_comes_back(room: Path, tmp_path: Path, manager: 
     assert not (tmp_path / "socket").exists()
 
 
-def test_nothing_is_left_of_a_supervisor_that_is_killed_and_strangers_are_not_heard(
+def test_what_never_stops_talking_is_not_listened_to_for_ever() -> None:
+    with Inbox() as inbox:
+        notifier, stop = Notifier(f"fd:{os.dup(inbox.theirs)}"), threading.Event()
+
+        def talk() -> None:
+            while not stop.is_set():
+                notifier.send(WATCHDOG="1")
+
+        thread = threading.Thread(target=talk)
+        thread.start()
+        for _ in range(20):
+            while not inbox.drain():
+                pass
+        stop.set()
+        thread.join()
+        inbox.handed_over()
+        notifier.close()
+        while inbox.drain():
+            pass
+    assert not Notifier("fd:x").send(WATCHDOG="1")
+    assert not Notifier("fd:999999").send(WATCHDOG="1")
+
+
+def test_nothing_is_left_of_a_supervisor_that_is_killed_and_strangers_have_nowhere_to_talk_to(
     xvfb: str, room: Path, tmp_path: Path, manager: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
     (tmp_path / "temporary").mkdir()
     with supervised(xvfb, tmp_path, room, CLIP, "--loop") as show:
         pid = show.player()
-        address = Path(f"/proc/{pid}/environ").read_bytes().partition(b"NOTIFY_SOCKET=")[2].partition(b"\0")[0].decode()
-        stranger = Notifier(address)
-        assert stranger.send(STOPPING="1", **{FACTS: '{"playlist_pos": 7, "time_pos": 70.0}'})
-        stranger.close()
+        sockets = {link.name: os.readlink(link) for link in Path(f"/proc/{show.process.pid}/fd").iterdir()}
+        inodes = {name[8:-1] for name in sockets.values() if name.startswith("socket:")}
+        assert len(inodes) == 2  # the inbox, and what speaks to its own manager
+        table = [line.split() for line in Path("/proc/net/unix").read_text().splitlines()]
+        assert [line[7:] for line in table if line[6] in inodes] == [[], []]
         os.kill(pid, signal.SIGKILL)
         show.player(other_than=pid)
         show.process.kill()

@@ -18,7 +18,7 @@ def name_of(pattern: str, number: int) -> str:
 
 
 def number_of(pattern: str, name: str) -> int | None:
-    """The number of a frame; None for a name that is not of the pattern: 7 is `7.png` of `%d.png`, `007.png` is none."""
+    """The number of a frame; None for a name that is not of the pattern, such as `007.png` of `%d.png`."""
     literals, widths = _FIELD.split(pattern)[::2], _FIELD.split(pattern)[1::2]
     fields = ["%" if width is None else "([0-9]+)" for width in widths]
     expression = "".join(re.escape(text) + field for text, field in zip(literals, [*fields, ""], strict=True))
