@@ -173,7 +173,7 @@ def _render(options: argparse.Namespace, room: Room, picture: Picture) -> Stats:
             reader.seek(options.start)
         stats = _render_medium(options, reader, room, picture)
         for notice in reader.notices():
-            print(notice, file=sys.stderr)
+            tell(notice)
             stats.notice(notice)
     return stats
 
