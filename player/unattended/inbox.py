@@ -5,9 +5,7 @@ from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
-INHERITED = (
-    "fd:"  # begins an address, for heartbeat.Notifier: the number of a socket follows that its process was given
-)
+INHERITED = "fd:"  # of heartbeat.Notifier's addresses: the number of a socket that its process was given follows
 MOST = 64  # messages a look: whoever never stops is not listened to for ever
 
 

@@ -12,6 +12,7 @@ name, or what the stage holds says how to go on:
 """
 
 import os
+import stat
 from contextlib import suppress
 from pathlib import Path
 
@@ -90,7 +91,11 @@ def _is_folder(path: Path) -> bool:
 
 
 def _is_journal(path: Path) -> bool:
-    return os.path.isfile(path) and not os.path.islink(path) and os.path.getsize(path) <= MAX_JOURNAL
+    try:
+        status = os.lstat(path)
+    except OSError:  # none, or somebody has just done what it says
+        return False
+    return stat.S_ISREG(status.st_mode) and status.st_size <= MAX_JOURNAL
 
 
 def _move_frames(stage: Path, pattern: Path) -> None:
