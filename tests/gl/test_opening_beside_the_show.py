@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from player.errors import printable
 from tests.canaries import canary
 from tests.desktop import playing, press
 from tests.media import numbered, write_video
@@ -107,7 +108,7 @@ def test_names_that_are_no_text_end_no_show_and_command_no_terminal(xvfb: str, s
             wait_until(lambda name=name: client.get("path") == name, "it plays", process)
             (folder / name).write_bytes(b"no video at all" * 100)
             client.ask("loadfile", name)
-            wait_until(told(client, "FFmpeg cannot read it"), "it is told", process)
+            wait_until(told(client, f"{printable(name)}: FFmpeg cannot read it"), "it is told", process)
             plays_on(client, process)
         client.ask("quit")
         _, errors = process.communicate(timeout=PATIENCE_S)
