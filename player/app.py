@@ -1,4 +1,4 @@
-"""play-corrected: show media through the correction map of a calibrated room."""
+"""counterlight play: show media through the correction map of a calibrated room."""
 
 import argparse
 import os
@@ -12,33 +12,33 @@ from typing import Any
 
 import numpy as np
 
-from player import calibration as calibrations
-from player import maps
-from player.audio import open_audio
-from player.calibration import Region, StoredCalibration
-from player.command import run, tell
-from player.cpu_renderer import CpuRenderer
-from player.errors import InputError
-from player.generation import read_steadily
-from player.headless import render_to_file
-from player.maps import RoomMaps
-from player.output import check_output
-from player.picture import Picture
-from player.placement import Corners, corners_of, read_placement, write_placement
-from player.refinement import Certificate, default_start
-from player.renderer import Renderer, Room, place
-from player.show.media import Media
-from player.show.options import Steps, image_display_duration, monitors_of, one_medium, picture_of, read_options
-from player.show.outline import lit_by
-from player.show.playlist import Playlist, files_of
-from player.show.session import Session
-from player.show.session_inputs import Remote, Setup, Site
-from player.stats import Stats
-from player.unattended.control import ControlServer
-from player.unattended.heartbeat import Heartbeat, Notifier
-from player.unattended.supervisor import supervise
-from player.video import MediaReader, PixelFormat
-from player.writing.outputs import check_apart, check_file, check_log
+from counterlight import calibration as calibrations
+from counterlight import maps
+from counterlight.audio import open_audio
+from counterlight.calibration import Region, StoredCalibration
+from counterlight.command import run, tell
+from counterlight.cpu_renderer import CpuRenderer
+from counterlight.errors import InputError
+from counterlight.generation import read_steadily
+from counterlight.headless import render_to_file
+from counterlight.maps import RoomMaps
+from counterlight.output import check_output
+from counterlight.picture import Picture
+from counterlight.placement import Corners, corners_of, read_placement, write_placement
+from counterlight.refinement import Certificate, default_start
+from counterlight.renderer import Renderer, Room, place
+from counterlight.show.media import Media
+from counterlight.show.options import Steps, image_display_duration, monitors_of, one_medium, picture_of, read_options
+from counterlight.show.outline import lit_by
+from counterlight.show.playlist import Playlist, files_of
+from counterlight.show.session import Session
+from counterlight.show.session_inputs import Remote, Setup, Site
+from counterlight.stats import Stats
+from counterlight.unattended.control import ControlServer
+from counterlight.unattended.heartbeat import Heartbeat, Notifier
+from counterlight.unattended.supervisor import supervise
+from counterlight.video import MediaReader, PixelFormat
+from counterlight.writing.outputs import check_apart, check_file, check_log
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -59,12 +59,12 @@ def _main(argv: Sequence[str] | None) -> int | None:
 
 def _show(options: argparse.Namespace) -> None:
     if options.list_monitors:
-        from player.gl.monitors import list_monitors
+        from counterlight.gl.monitors import list_monitors
 
         print("\n".join(str(monitor) for monitor in list_monitors()))
         return
     if options.calibration is None or not options.media:
-        raise InputError("play-corrected: needs a CALIBRATION and MEDIA; see play-corrected --help")
+        raise InputError("counterlight play: needs a CALIBRATION and MEDIA; see counterlight play --help")
     _check_outputs(options)
     picture = replace(picture_of(options), corners=read_placement(options.calibration))
     if options.output:
@@ -131,7 +131,7 @@ def read_room(
     if (refine or start) and room_maps.refinement is None:
         raise InputError(
             f"{folder}: its maps were built without what refinement needs; "
-            f"rebuild them with: build-correction-map {folder}, or leave out --refine and --refine-from"
+            f"rebuild them with: counterlight build {folder}, or leave out --refine and --refine-from"
         )
     level = room_maps.white if white is None else white
     return Room(stored.calibration, room_maps, level, dither, start or default_start(room_maps.correction_in_steps))
@@ -148,8 +148,8 @@ def headless_renderer(backend: str, room: Room, path: str = "fragment") -> Itera
     if backend == "cpu":
         yield CpuRenderer(room)
         return
-    from player.gl.context import headless_context
-    from player.gl.renderer import GlRenderer
+    from counterlight.gl.context import headless_context
+    from counterlight.gl.renderer import GlRenderer
 
     with headless_context() as context:
         renderer = GlRenderer(context, room, path)
@@ -223,9 +223,9 @@ def play_in_window(
         raise InputError("--backend cpu has no window; add --output FILE")
     if not options.screenshot_directory.is_dir():
         raise InputError(f"{options.screenshot_directory}: no such folder for --screenshot-directory; make it first")
-    from player.gl import lost_screen
-    from player.gl.displays import open_display
-    from player.gl.renderer import GlRenderer
+    from counterlight.gl import lost_screen
+    from counterlight.gl.displays import open_display
+    from counterlight.gl.renderer import GlRenderer
 
     named, projectors = monitors_of(options), room.calibration.projectors
     path = options.path or "auto"

@@ -16,9 +16,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from player.decoding.audio_decoder import CHANNELS, HEADER, NO_SOUND, RATE, Samples
-from player.decoding.child import Letters, bury, start_child
-from player.medium import Medium
+from counterlight.decoding.audio_decoder import CHANNELS, HEADER, NO_SOUND, RATE, Samples
+from counterlight.decoding.child import Letters, bury, start_child
+from counterlight.medium import Medium
 
 AHEAD = RATE  # samples that are kept ready: a second
 MISSING = "no sound: the package sounddevice is missing; install it with: pip install sounddevice"
@@ -71,7 +71,7 @@ class Track:
         self._plan: tuple[float, float] | None = None  # (clock, medium): what is to be heard when; None: silence
         self._heard: tuple[float, float] | None = None  # the same, of samples that really are
         self._heard_until_s = 0.0
-        self._child = start_child("player.decoding.audio_decoder", subprocess.DEVNULL)
+        self._child = start_child("counterlight.decoding.audio_decoder", subprocess.DEVNULL)
         self._letters = Letters(self._child)
         self._letters.send(json.dumps(asdict(medium)).encode())
         self._closed = False

@@ -16,17 +16,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from player import exr
-from player.errors import InputError
-from player.files import describe_files, sha256_of, write_toml
-from player.generation import read_steadily
-from player.picture_files import MAX_SIDE, grey, read_picture
-from player.png import write_png
-from player.reading import MAX_TOML_BYTES, DescribedFiles, Source, opened, parse_toml, read_bytes
-from player.response import Response
-from player.tables import LONGEST_TEXT, Table
-from player.writing.outputs import check_folder, is_vacant, refuse_strangers
-from player.writing.replacing import replacing_folder
+from counterlight import exr
+from counterlight.errors import InputError
+from counterlight.files import describe_files, sha256_of, write_toml
+from counterlight.generation import read_steadily
+from counterlight.picture_files import MAX_SIDE, grey, read_picture
+from counterlight.png import write_png
+from counterlight.reading import MAX_TOML_BYTES, DescribedFiles, Source, opened, parse_toml, read_bytes
+from counterlight.response import Response
+from counterlight.tables import LONGEST_TEXT, Table
+from counterlight.writing.outputs import check_folder, is_vacant, refuse_strangers
+from counterlight.writing.replacing import replacing_folder
 
 FORMAT = 1
 TOML, AMBIENT, MASK = "calibration.toml", "ambient.exr", "mask.png"
@@ -34,7 +34,9 @@ PARTS = (TOML, AMBIENT, MASK, "transport_*.npz", "far_light.npz", "correction", 
 MOST_PROJECTORS, LONGEST_PROVENANCE = 64, 1 << 16
 # White is no less, light no more, in any unit: of what lies between, squares and a frame's sums stay within float32.
 RADIANCE = (1e-12, 1e12)
-REBUILD = "make the calibration again (simulate-transport, import-transport or import-graycode)"
+REBUILD = (
+    "make the calibration again (counterlight simulate, counterlight import-transport or counterlight import-graycode)"
+)
 
 
 class Region(NamedTuple):

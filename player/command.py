@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import NoReturn, TextIO, TypeVar
 
-from player.errors import InputError, printable
+from counterlight.errors import InputError, printable
 
 DONE, FAULT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 LOG_INTERVAL_S = 10.0
@@ -88,7 +88,7 @@ def parse_size(text: str) -> tuple[int, int]:
 def track(items: Iterable[T], label: str, total: int | None = None) -> Iterator[T]:
     """Yield `items` with a progress bar on a terminal, otherwise with a log line now and then (stderr)."""
     if sys.stderr.isatty():
-        from tqdm import tqdm  # counterlight-doctor reports a tqdm that is missing by means of this module
+        from tqdm import tqdm  # counterlight doctor reports a tqdm that is missing by means of this module
 
         yield from tqdm(items, desc=label, total=total, leave=False)
         return

@@ -18,8 +18,8 @@ and o approach what was found with a time constant of SMOOTHING_S, and start ane
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from player.frames import Frame
+from counterlight.errors import InputError
+from counterlight.frames import Frame
 
 REACHABLE_SHARE = 0.9  # of the camera pixels that count
 CUT, THUMBNAIL = 0.1, 48  # mean change of the code values, in full scale; samples along the shorter side

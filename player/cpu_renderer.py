@@ -6,25 +6,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from player import picture_reference, reference
-from player.colour import decoding_of
-from player.content import SceneCuts, Succession, approach
-from player.maps import FarMaps, RefinementMaps
-from player.picture import NEUTRAL, Picture, adjusted_decoding, adjusted_transfer
-from player.picture_reference import Limits
-from player.placement import homography
-from player.reference import PreparedRows
-from player.refinement import GREY, OVER_RELAXATION, Certificate, momentum
-from player.renderer import LONG_BYTES, PathReport, Room, check_radiance_size, place
-from player.response import Response, transfer_table
-from player.test_cards import card
-from player.video import Frame, PixelFormat
+from counterlight import picture_reference, reference
+from counterlight.colour import decoding_of
+from counterlight.content import SceneCuts, Succession, approach
+from counterlight.maps import FarMaps, RefinementMaps
+from counterlight.picture import NEUTRAL, Picture, adjusted_decoding, adjusted_transfer
+from counterlight.picture_reference import Limits
+from counterlight.placement import homography
+from counterlight.reference import PreparedRows
+from counterlight.refinement import GREY, OVER_RELAXATION, Certificate, momentum
+from counterlight.renderer import LONG_BYTES, PathReport, Room, check_radiance_size, place
+from counterlight.response import Response, transfer_table
+from counterlight.test_cards import card
+from counterlight.video import Frame, PixelFormat
 
 FloatArray = NDArray[np.floating]
 
 
 class CpuRenderer:
-    """Renderer in numpy; see player.renderer.Renderer."""
+    """Renderer in numpy; see counterlight.renderer.Renderer."""
 
     def __init__(self, room: Room) -> None:
         self._room, self.path = room, PathReport("cpu", LONG_BYTES)

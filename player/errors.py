@@ -6,7 +6,7 @@ LONGEST, LONGEST_REASON = 80, 200  # characters of what a file, or a library, sa
 class InputError(Exception):
     """Wrong use or bad input: one line that says what, where, expected and found, and what to do.
 
-    A command prints it as `error: …` and ends with exit code 2 (`player.command`).
+    A command prints it as `error: …` and ends with exit code 2 (`counterlight.command`).
     """
 
 

@@ -18,11 +18,11 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from player import memory
-from player.errors import InputError, one_line, shown
-from player.exr_header import Part, read_parts
-from player.reading import Source, opened
-from player.silence import silence
+from counterlight import memory
+from counterlight.errors import InputError, one_line, shown
+from counterlight.exr_header import Part, read_parts
+from counterlight.reading import Source, opened
+from counterlight.silence import silence
 
 MAX_SURPLUS_BYTES = 1 << 30  # decoded for the sake of three channels among others
 FIX = "export it again"

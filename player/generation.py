@@ -5,8 +5,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from player.errors import InputError
-from player.writing.stage import finish
+from counterlight.errors import InputError
+from counterlight.writing.stage import finish
 
 ATTEMPTS = 10
 

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from player.calibration import Calibration
-from player.command import track
-from player.content import camera_psnr
-from player.errors import InputError
-from player.output import open_output
-from player.renderer import Renderer
-from player.stats import Stats
-from player.video import MediaReader
+from counterlight.calibration import Calibration
+from counterlight.command import track
+from counterlight.content import camera_psnr
+from counterlight.errors import InputError
+from counterlight.output import open_output
+from counterlight.renderer import Renderer
+from counterlight.stats import Stats
+from counterlight.video import MediaReader
 
 FRAME_TIMEOUT_S = 120.0
 

@@ -17,15 +17,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from player import exr, row_map
-from player.calibration import RADIANCE, Device, StoredCalibration
-from player.errors import InputError
-from player.files import describe_files, write_toml
-from player.generation import read_steadily
-from player.reading import DescribedFiles, read_toml
-from player.row_map import RowMap
-from player.tables import Table
-from player.writing.replacing import replacing_folder
+from counterlight import exr, row_map
+from counterlight.calibration import RADIANCE, Device, StoredCalibration
+from counterlight.errors import InputError
+from counterlight.files import describe_files, write_toml
+from counterlight.generation import read_steadily
+from counterlight.reading import DescribedFiles, read_toml
+from counterlight.row_map import RowMap
+from counterlight.tables import Table
+from counterlight.writing.replacing import replacing_folder
 
 FORMAT = 1
 UNUSABLE = "give more --regularize, or look for what is extreme in the calibration"
@@ -151,7 +151,7 @@ def read_maps(stored: StoredCalibration, *, refinement: bool = True) -> RoomMaps
 
 def _read_maps(stored: StoredCalibration, refinement: bool) -> RoomMaps:
     folder = stored.folder / FOLDER
-    fix = f"rebuild it with: build-correction-map {stored.folder}"
+    fix = f"rebuild it with: counterlight build {stored.folder}"
     values = read_toml(folder / MANIFEST, fix)
     manifest = Table(values, f"{folder / MANIFEST}", fix)
     manifest.format(FORMAT)

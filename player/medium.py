@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Self
 
-from player.decoding.live import LiveAddress, is_device, live_address
-from player.errors import InputError
-from player.writing.numbered import is_numbered
+from counterlight.decoding.live import LiveAddress, is_device, live_address
+from counterlight.errors import InputError
+from counterlight.writing.numbered import is_numbered
 
 MAX_NAME = 4096  # bytes: the longest path that Linux opens
 INSIDE = "a list or a remote may name files below its folder or a --media-root only"

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from player.errors import InputError
+from counterlight.errors import InputError
 
 
 def available_bytes() -> int:

@@ -12,14 +12,14 @@ import numpy as np
 from av.video.reformatter import ColorRange, Colorspace
 from numpy.typing import NDArray
 
-from player import exr
-from player.decoding.ffmpeg_log import log_natively
-from player.errors import InputError
-from player.png import write_png
-from player.renderer import Renderer
-from player.writing.numbered import is_numbered, name_of
-from player.writing.outputs import check_file, check_sequence
-from player.writing.replacing import replacing_file, replacing_sequence
+from counterlight import exr
+from counterlight.decoding.ffmpeg_log import log_natively
+from counterlight.errors import InputError
+from counterlight.png import write_png
+from counterlight.renderer import Renderer
+from counterlight.writing.numbered import is_numbered, name_of
+from counterlight.writing.outputs import check_file, check_sequence
+from counterlight.writing.replacing import replacing_file, replacing_sequence
 
 PICTURES, VIDEOS = (".png", ".exr"), (".mp4", ".mov", ".mkv", ".webm")
 CLOCK = Fraction(1, 90_000)  # ticks of a written video: each frame keeps the time that it had

@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from player.colour import LUMA_WEIGHTS, Decoding
-from player.errors import InputError
-from player.frames import PixelFormat
-from player.placement import Corners, check_corners
-from player.test_cards import CARDS
+from counterlight.colour import LUMA_WEIGHTS, Decoding
+from counterlight.errors import InputError
+from counterlight.frames import PixelFormat
+from counterlight.placement import Corners, check_corners
+from counterlight.test_cards import CARDS
 
 CONTROL = 100  # brightness, contrast, gamma and saturation go from minus this to this
 MOST_FLICKER = 0.95

@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from player import memory
-from player.errors import InputError
-from player.reading import Source, opened, read_bytes
-from player.silence import silence
+from counterlight import memory
+from counterlight.errors import InputError
+from counterlight.reading import Source, opened, read_bytes
+from counterlight.silence import silence
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
 MAX_SIDE = 16384

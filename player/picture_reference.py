@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from player.content import OFFSETS, SCALES, tile_grid
-from player.views import (
+from counterlight.content import OFFSETS, SCALES, tile_grid
+from counterlight.views import (
     CLIP_FAINT,
     CLIP_SPAN,
     ERROR_SPAN,

@@ -12,11 +12,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from player.files import write_toml
-from player.reading import read_toml
-from player.tables import Table
-from player.writing.replacing import remove_file, replacing_file
+from counterlight.errors import InputError
+from counterlight.files import write_toml
+from counterlight.reading import read_toml
+from counterlight.tables import Table
+from counterlight.writing.replacing import remove_file, replacing_file
 
 Corner: TypeAlias = tuple[float, float]
 Corners: TypeAlias = tuple[Corner, Corner, Corner, Corner]  # clockwise from the picture's upper left, in shares

@@ -17,7 +17,7 @@ from io import BufferedReader
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeAlias
 
-from player.errors import InputError, one_line, shown
+from counterlight.errors import InputError, one_line, shown
 
 Source: TypeAlias = Path | BufferedReader  # a path, or a file that is open already
 

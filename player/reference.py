@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from player.colour import Decoding
-from player.row_map import RowMap, unpack
+from counterlight.colour import Decoding
+from counterlight.row_map import RowMap, unpack
 
 FloatArray = NDArray[np.floating]
 
@@ -23,7 +23,9 @@ class PreparedRows:
     """
 
     def __init__(self, packed: RowMap) -> None:
-        from player.products import product_of_channels  # Numba takes half a second, which a window need not wait for
+        from counterlight.products import (
+            product_of_channels,  # Numba takes half a second, which a window need not wait for
+        )
 
         self._product = product_of_channels
         rows = unpack(packed)

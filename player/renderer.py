@@ -6,13 +6,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from player.calibration import Calibration
-from player.errors import InputError
-from player.maps import RoomMaps
-from player.picture import Picture
-from player.placement import Placement, fit
-from player.refinement import Certificate, default_steps
-from player.video import Frame, PixelFormat
+from counterlight.calibration import Calibration
+from counterlight.errors import InputError
+from counterlight.maps import RoomMaps
+from counterlight.picture import Picture
+from counterlight.placement import Placement, fit
+from counterlight.refinement import Certificate, default_steps
+from counterlight.video import Frame, PixelFormat
 
 VIEWS = ("projector", "camera", "split", "error", "impossible")
 DITHERS = ("ordered", "noise", "none")

@@ -11,7 +11,7 @@ from typing import TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError, shown
+from counterlight.errors import InputError, shown
 
 TABLE_SIZE = 1024
 MOST_ROWS = 1 << 16  # of a measured table: one for each code of a 16-bit camera

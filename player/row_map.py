@@ -17,10 +17,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from player import exr, reading
-from player.errors import InputError
-from player.exr_header import MAX_PIXELS
-from player.tables import Table
+from counterlight import exr, reading
+from counterlight.errors import InputError
+from counterlight.exr_header import MAX_PIXELS
+from counterlight.tables import Table
 
 MAX_TEXTURE_WIDTH = 16384  # OpenGL implementations of the last fifteen years, llvmpipe included
 SHORTEN = "shorten the rows with --max-cluster, or a larger --max-error or --regularize"

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from player.maps import RoomMaps
-from player.row_map import FloatArray, RowMap, unpack
+from counterlight.maps import RoomMaps
+from counterlight.row_map import FloatArray, RowMap, unpack
 
 LARGEST_HALF = float(np.finfo(np.float16).max)  # as a float16, quotients and logarithms with it would be rounded, too
 SMALLEST_HALF = float(np.finfo(np.float16).smallest_normal)  # a GPU may take smaller ones for 0

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from player.row_map import RowMap, UintArray
-from player.short_map import to_half
+from counterlight.row_map import RowMap, UintArray
+from counterlight.short_map import to_half
 
 GROUP = 64  # invocations of a workgroup
 BINS = 8  # to a doubling of the length

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from player.writing.replacing import replacing_file
+from counterlight.writing.replacing import replacing_file
 
 RECENT = 10_000  # frames whose times are kept: minutes of playback, a fixed amount of memory
 MOST_NOTICES = 1000

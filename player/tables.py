@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError, shown
-from player.reading import is_below
-from player.response import Response, parse_response
+from counterlight.errors import InputError, shown
+from counterlight.reading import is_below
+from counterlight.response import Response, parse_response
 
 Vector = NDArray[np.float64]
 LONGEST_TEXT, MOST_TABLES, MOST_ROWS = 1000, 1000, 4096

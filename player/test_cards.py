@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from player.response import Response
+from counterlight.response import Response
 
 Card = NDArray[np.float64]
 

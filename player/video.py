@@ -1,7 +1,7 @@
 """Media -> decoded frames with their time in seconds, decoded by a child process.
 
 A damaged stream can crash or hang a decoder, and a medium may never open, so all of it happens in
-`player.decoding.decoder`: a crash costs a notice and a restart, never the show.
+`counterlight.decoding.decoder`: a crash costs a notice and a restart, never the show.
 """
 
 import time
@@ -10,12 +10,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from player.decoding.child import all_buried
-from player.decoding.decoder_link import DecoderLink
-from player.decoding.live import STEADY_S
-from player.errors import InputError
-from player.frames import Frame, MediaInfo, PixelFormat, PlaneShape, format_from_json
-from player.medium import Medium
+from counterlight.decoding.child import all_buried
+from counterlight.decoding.decoder_link import DecoderLink
+from counterlight.decoding.live import STEADY_S
+from counterlight.errors import InputError
+from counterlight.frames import Frame, MediaInfo, PixelFormat, PlaneShape, format_from_json
+from counterlight.medium import Medium
 
 __all__ = ["Frame", "MediaInfo", "MediaReader", "PixelFormat", "PlaneShape"]
 

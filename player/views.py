@@ -11,7 +11,7 @@ full drive gives or below none, in shares of white: what is asked for less the a
 import numpy as np
 from numpy.typing import NDArray
 
-from player.response import Response
+from counterlight.response import Response
 
 ERROR_SPAN = 0.2
 CLIP_FAINT, CLIP_SPAN = 0.02, 0.25

@@ -7,14 +7,14 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy import sparse
 
-from player.response import Response
+from counterlight.response import Response
+from counterlight.tools.acquisition.acquire import Acquisition, acquire
+from counterlight.tools.acquisition.cameras.camera import Camera, Exposures, Shot
+from counterlight.tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom
+from counterlight.tools.acquisition.plan import MakeScheme
+from counterlight.tools.acquisition.store import Wanted, open_store
+from counterlight.tools.transport.transport import FarLight, Transport
 from tests.rooms import blurred_transport
-from tools.acquisition.acquire import Acquisition, acquire
-from tools.acquisition.cameras.camera import Camera, Exposures, Shot
-from tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom
-from tools.acquisition.plan import MakeScheme
-from tools.acquisition.store import Wanted, open_store
-from tools.transport.transport import FarLight, Transport
 
 CAMERA, PROJECTOR = (18, 26), (21, 30)
 SHAPE = CAMERA[0] * CAMERA[1], PROJECTOR[0] * PROJECTOR[1]

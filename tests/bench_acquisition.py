@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from counterlight.tools.acquisition.schemes.blocks import BlockGrid, BlockLight, as_transport
+from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
+from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
+from counterlight.tools.acquisition.schemes.schedule import colour_graph, conflict_graph
 from tests.acquired_rooms import room_of, run, sharp_wall
 from tests.bench_rows import Timed
-from tools.acquisition.schemes.blocks import BlockGrid, BlockLight, as_transport
-from tools.acquisition.schemes.hierarchical import HierarchicalScheme
-from tools.acquisition.schemes.multiplexed import MultiplexedScheme
-from tools.acquisition.schemes.schedule import colour_graph, conflict_graph
 
 CAMERA, BLOCKS = (480, 640), (512, 512)
 WINDOW = 3  # blocks a side that a camera pixel sees

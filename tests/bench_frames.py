@@ -13,21 +13,21 @@ import moderngl
 import numpy as np
 from scipy import sparse
 
-from player.calibration import Calibration, Device
-from player.cpu_renderer import CpuRenderer
-from player.gl.compute_pass import MapBuffers, supports_compute
-from player.gl.context import headless_context
-from player.gl.passes import picture_texture
-from player.gl.paths import StoredMap
-from player.gl.renderer import GlRenderer
-from player.gl.row_map_pass import MapTextures
-from player.maps import RefinementMaps, RoomMaps
-from player.reference import PreparedRows
-from player.renderer import Room
-from player.response import Response
-from player.row_map import RowMap, SparseRows, pack, unpack
-from player.short_map import half_scale
-from player.video import MediaReader
+from counterlight.calibration import Calibration, Device
+from counterlight.cpu_renderer import CpuRenderer
+from counterlight.gl.compute_pass import MapBuffers, supports_compute
+from counterlight.gl.context import headless_context
+from counterlight.gl.passes import picture_texture
+from counterlight.gl.paths import StoredMap
+from counterlight.gl.renderer import GlRenderer
+from counterlight.gl.row_map_pass import MapTextures
+from counterlight.maps import RefinementMaps, RoomMaps
+from counterlight.reference import PreparedRows
+from counterlight.renderer import Room
+from counterlight.response import Response
+from counterlight.row_map import RowMap, SparseRows, pack, unpack
+from counterlight.short_map import half_scale
+from counterlight.video import MediaReader
 from tests.bench_rows import REPEATS, WARM_UP, median_ms
 from tests.rooms import radiance_frame
 

@@ -12,14 +12,14 @@ import cv2
 import moderngl
 import numpy as np
 
-from player.gl.context import headless_context
-from player.gl.exposure_sums import GlSums
-from player.response import Response
+from counterlight.gl.context import headless_context
+from counterlight.gl.exposure_sums import GlSums
+from counterlight.response import Response
+from counterlight.tools.hdr.camera_response import exposure_table
+from counterlight.tools.hdr.estimators import METHODS, SLACK, USUAL_WEIGHTING, Estimator, make_estimator
+from counterlight.tools.hdr.sums import CpuSums, ExposureSums
+from counterlight.tools.hdr.weights import weight_table
 from tests.brackets import codes_of
-from tools.hdr.camera_response import exposure_table
-from tools.hdr.estimators import METHODS, SLACK, USUAL_WEIGHTING, Estimator, make_estimator
-from tools.hdr.sums import CpuSums, ExposureSums
-from tools.hdr.weights import weight_table
 
 SHAPE, EXPOSURES = (1024, 1280, 3), 13
 WARM_UP, REPEATS = 1, 7

@@ -12,21 +12,21 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from player import calibration
-from player.calibration import Calibration, Device
-from player.response import Response
+from counterlight import calibration
+from counterlight.calibration import Calibration, Device
+from counterlight.response import Response
+from counterlight.tools.clusters.blocks import ClusterBlocks
+from counterlight.tools.clusters.components import find_clusters
+from counterlight.tools.clusters.jobs import run_jobs
+from counterlight.tools.inverse.clustered import BATCH_VALUES, clustered_jobs
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.pieces import Truncation
+from counterlight.tools.inverse.room import build_room_maps
+from counterlight.tools.inverse.windowed import BLOCKS, HALOS, Windows
+from counterlight.tools.transport.storage import write_transport
+from counterlight.tools.transport.transport import Csr, Transport
 from tests.bench_rooms import CAMERA, MAX_CLUSTER, PROJECTOR, wall, wall_decomposed
 from tests.bench_rows import Timed, seconds
-from tools.clusters.blocks import ClusterBlocks
-from tools.clusters.components import find_clusters
-from tools.clusters.jobs import run_jobs
-from tools.inverse.clustered import BATCH_VALUES, clustered_jobs
-from tools.inverse.inverse import InverseOptions
-from tools.inverse.pieces import Truncation
-from tools.inverse.room import build_room_maps
-from tools.inverse.windowed import BLOCKS, HALOS, Windows
-from tools.transport.storage import write_transport
-from tools.transport.transport import Csr, Transport
 
 GIB_PER_KB = 1 / (1 << 20)
 

@@ -5,10 +5,10 @@ from functools import cache
 import numpy as np
 from scipy import sparse
 
+from counterlight.tools.clusters.decomposition import Decomposition, Parameters
+from counterlight.tools.clusters.search import decompose_to
+from counterlight.tools.transport.transport import Csr
 from tests.rooms import blurred_transport
-from tools.clusters.decomposition import Decomposition, Parameters
-from tools.clusters.search import decompose_to
-from tools.transport.transport import Csr
 
 CAMERA, PROJECTOR = (480, 640), (512, 512)
 MAX_CLUSTER = 200

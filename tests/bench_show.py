@@ -16,10 +16,10 @@ import av
 import cv2
 import numpy as np
 
-from player.app import read_room
-from player.gl.context import headless_context
-from player.gl.renderer import GlRenderer
-from player.video import MediaReader
+from counterlight.app import read_room
+from counterlight.gl.context import headless_context
+from counterlight.gl.renderer import GlRenderer
+from counterlight.video import MediaReader
 from tests.bench_rows import WARM_UP
 from tests.programs import on, succeed
 from tests.screens import one_screen
@@ -113,7 +113,7 @@ def stats_of(display: str, room: Path, clip: Path, *options: str) -> dict[str, A
     """What `--stats` says of the clip played from beginning to end."""
     path = room.with_suffix(".json")
     quiet = "--no-config", "--no-audio", "--no-osd"
-    succeed("play-corrected", room, clip, *quiet, *options, "--stats", path, **on(display))
+    succeed("play", room, clip, *quiet, *options, "--stats", path, **on(display))
     return dict(json.loads(path.read_text()))
 
 
@@ -121,7 +121,7 @@ def make_room(captures: Path, room: Path) -> str:
     """A calibration with its maps, by the commands; what they say of it."""
     size = f"{PROJECTOR[1]}x{PROJECTOR[0]}"
     imported = succeed("import-graycode", captures, "--projector", size, "-o", room)
-    succeed("build-correction-map", room)
+    succeed("build", room)
     return imported.partition(": ")[2].strip()
 
 

@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from scipy.optimize import lsq_linear, nnls
 
+from counterlight.tools.clusters.blocks import ClusterBlocks
+from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.solve.registry import solve_channels
+from counterlight.tools.solve.system import LinearSystem
+from counterlight.tools.transport.transport import Csr
 from tests.bench_rooms import CAMERA, FOCUS_CAMERA, focus, wall, wall_decomposed
 from tests.bench_rows import Timed, seconds
-from tools.clusters.blocks import ClusterBlocks
-from tools.inverse.pictures import typical_pictures
-from tools.solve.registry import solve_channels
-from tools.solve.system import LinearSystem
-from tools.transport.transport import Csr
 
 FloatArray = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 SAMPLED_CLUSTERS = 150

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from player.response import Response
+from counterlight.response import Response
 
 CURVES = {
     "linear": Response("linear"),

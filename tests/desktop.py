@@ -22,12 +22,12 @@ def playing(
     display: str, *arguments: object, folder: Path | None = None
 ) -> AbstractContextManager[subprocess.Popen[str]]:
     """A player in a window, on the path that files are rendered on, so that pixels can be compared one by one."""
-    return running(script("play-corrected"), "--path", "fragment", *arguments, folder=folder, **on(display))
+    return running(script("play"), "--path", "fragment", *arguments, folder=folder, **on(display))
 
 
 def expected_picture(room: Path, medium: Path, tmp_path: Path, *options: str) -> np.ndarray:
     """The same view rendered headless, RGB."""
-    succeed("play-corrected", room, medium, "--output", tmp_path / "expected.png", *options)
+    succeed("play", room, medium, "--output", tmp_path / "expected.png", *options)
     return cv2.imread(str(tmp_path / "expected.png"))[..., ::-1].astype(int)
 
 

@@ -3,7 +3,7 @@
 A runner imports what is run once and forks for every run, so that hundreds of runs take seconds:
 
     with Runner() as runner:
-        run = runner.run("tools.build_correction_map:main", [[str(room)]], Fault(at=17))
+        run = runner.run("counterlight.tools.build_correction_map:main", [[str(room)]], Fault(at=17))
         assert run.code == -9 or not run.struck     # killed before its 17th step, or done in fewer
 
 Steps are counted where Python calls the system (STEPS, files opened for writing, the exchange of folders): libraries
@@ -27,8 +27,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from player.errors import InputError
-from player.writing import disk
+from counterlight.errors import InputError
+from counterlight.writing import disk
 
 ROOT = Path(__file__).resolve().parents[1]
 STEPS = ("mkdir", "rename", "replace", "unlink", "remove", "rmdir", "fsync", "ftruncate", "pwrite")

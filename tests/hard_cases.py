@@ -22,12 +22,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from player.command import track
-from player.errors import InputError
+from counterlight.command import track
+from counterlight.errors import InputError
+from counterlight.tools.clusters.components import Clusters, find_clusters
+from counterlight.tools.clusters.search import decompose_to
+from counterlight.tools.transport.transport import Csr
 from tests.hard_systems import CONDITIONS, CUT, METHODS, NOISE, Apply, HardCase, all_cases, defocus, defocused_wall, rng
-from tools.clusters.components import Clusters, find_clusters
-from tools.clusters.search import decompose_to
-from tools.transport.transport import Csr
 
 FloatArray = NDArray[np.float64]
 CUT_CONDITIONS = (4.0, 1e2, 1e4, 1e8)

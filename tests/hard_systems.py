@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
-from player.content import reachable_white
+from counterlight.content import reachable_white
+from counterlight.tools.inverse.damping import largest_singular_value
+from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
+from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.solve.registry import SOLVERS, solve
+from counterlight.tools.solve.system import linear_system
+from counterlight.tools.transport.transport import Csr
 from tests.rooms import blurred_transport
-from tools.inverse.damping import largest_singular_value
-from tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
-from tools.inverse.pictures import typical_pictures
-from tools.solve.registry import SOLVERS, solve
-from tools.solve.system import linear_system
-from tools.transport.transport import Csr
 
 FloatArray = NDArray[np.float64]
 Apply = Callable[[FloatArray], FloatArray]  # b (camera pixels,) -> p (projector pixels,), not clamped

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 from scipy import sparse
 
-from player.calibration import Calibration, Device, writing
-from player.response import Response
+from counterlight.calibration import Calibration, Device, writing
+from counterlight.response import Response
+from counterlight.tools.transport.storage import write_transport
+from counterlight.tools.transport.transport import Transport
 from tests.programs import succeed
 from tests.rooms import blurred_transport
-from tools.transport.storage import write_transport
-from tools.transport.transport import Transport
 
 CAMERA = (33, 60)
 LEFT, RIGHT = (30, 44), (26, 36)
@@ -62,5 +62,5 @@ def write_monitors(folder: Path, sizes: list[tuple[int, int]]) -> list[Path]:
 
 
 def join(rooms: list[Path], output: Path, *options: object) -> Path:
-    succeed("join-projectors", *rooms, "-o", output, *options)
+    succeed("join", *rooms, "-o", output, *options)
     return output

@@ -12,8 +12,8 @@ from typing import Any
 import av
 import numpy as np
 
-from player.errors import InputError
-from player.video import Frame, MediaReader
+from counterlight.errors import InputError
+from counterlight.video import Frame, MediaReader
 from tests.ffmpeg_frames import Planes, ffmpeg_frame
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"

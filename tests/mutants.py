@@ -20,12 +20,12 @@ from typing import TypeAlias
 import numpy as np
 import tomli_w
 
-from player import calibration, maps
-from player.calibration import TOML
-from player.errors import InputError
-from player.maps import FOLDER, MANIFEST
-from player.placement import read_placement
-from tools.transport.storage import read_transport
+from counterlight import calibration, maps
+from counterlight.calibration import TOML
+from counterlight.errors import InputError
+from counterlight.maps import FOLDER, MANIFEST
+from counterlight.placement import read_placement
+from counterlight.tools.transport.storage import read_transport
 
 Rng: TypeAlias = np.random.Generator
 Mutator: TypeAlias = Callable[[bytes, Rng], bytes]

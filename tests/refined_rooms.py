@@ -6,15 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from player.calibration import Calibration, Device
-from player.maps import FarMaps, RoomMaps
-from player.renderer import Room
-from player.response import Response
+from counterlight.calibration import Calibration, Device
+from counterlight.maps import FarMaps, RoomMaps
+from counterlight.renderer import Room
+from counterlight.response import Response
+from counterlight.tools.inverse.far_light import undo_far_light
+from counterlight.tools.packing.refinement_maps import refinement_maps
+from counterlight.tools.packing.row_maps import pack_matrices
+from counterlight.tools.transport.transport import Csr, FarLight, Transport
 from tests.rooms import CAMERA, CELLS, PROJECTOR, blurred_transport
-from tools.inverse.far_light import undo_far_light
-from tools.packing.refinement_maps import refinement_maps
-from tools.packing.row_maps import pack_matrices
-from tools.transport.transport import Csr, FarLight, Transport
 
 DARK = 40  # a projector pixel that lights nothing
 DAMPING = 0.1

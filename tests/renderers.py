@@ -6,10 +6,10 @@ from contextlib import contextmanager
 import moderngl
 import numpy as np
 
-from player.cpu_renderer import CpuRenderer
-from player.gl.renderer import GlRenderer
-from player.renderer import Room
-from player.video import Frame
+from counterlight.cpu_renderer import CpuRenderer
+from counterlight.gl.renderer import GlRenderer
+from counterlight.renderer import Room
+from counterlight.video import Frame
 
 
 @contextmanager

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from player.calibration import Calibration, Device, writing
-from player.maps import FarMaps, RoomMaps
-from player.renderer import Room
-from player.response import Response
-from player.row_map import RowMap, SparseRows, pack
-from player.video import Frame, PixelFormat, PlaneShape
-from tools.transport.storage import write_transport
-from tools.transport.transport import FarLight, Transport
+from counterlight.calibration import Calibration, Device, writing
+from counterlight.maps import FarMaps, RoomMaps
+from counterlight.renderer import Room
+from counterlight.response import Response
+from counterlight.row_map import RowMap, SparseRows, pack
+from counterlight.tools.transport.storage import write_transport
+from counterlight.tools.transport.transport import FarLight, Transport
+from counterlight.video import Frame, PixelFormat, PlaneShape
 
 CAMERA, PROJECTOR = (11, 17), (7, 13)
 CELLS = (1, 6)

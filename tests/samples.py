@@ -10,27 +10,27 @@ import cv2
 import numpy as np
 from scipy import sparse
 
-from player import exr
-from player.calibration import Device, read_mask_picture
-from player.decoding.media import open_source
-from player.medium import Medium
-from player.picture_files import read_picture
-from player.response import Response
-from player.show.options import read_options
+from counterlight import exr
+from counterlight.calibration import Device, read_mask_picture
+from counterlight.decoding.media import open_source
+from counterlight.medium import Medium
+from counterlight.picture_files import read_picture
+from counterlight.response import Response
+from counterlight.show.options import read_options
+from counterlight.tools.acquisition.cameras.camera import Exposures
+from counterlight.tools.acquisition.matrices_room import read_ambient
+from counterlight.tools.acquisition.room_options import named_response
+from counterlight.tools.acquisition.store import SESSION, Wanted, open_store
+from counterlight.tools.hdr.exif import read_exposure
+from counterlight.tools.hdr.grey_ramp import read_ramp
+from counterlight.tools.simulation.materials import read_texture
+from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.simulation.shapes.mesh import read_obj
+from counterlight.tools.simulation.shapes.relief import read_heights
+from counterlight.tools.transport.storage import read_matrix
 from tests.mutants import outcome
 from tests.scenes import SCENES
 from tests.test_simulation_shapes import CUBE
-from tools.acquisition.cameras.camera import Exposures
-from tools.acquisition.matrices_room import read_ambient
-from tools.acquisition.room_options import named_response
-from tools.acquisition.store import SESSION, Wanted, open_store
-from tools.hdr.exif import read_exposure
-from tools.hdr.grey_ramp import read_ramp
-from tools.simulation.materials import read_texture
-from tools.simulation.scene import load_scene
-from tools.simulation.shapes.mesh import read_obj
-from tools.simulation.shapes.relief import read_heights
-from tools.transport.storage import read_matrix
 
 CAMERA = Device(9, 13, Response("linear"))
 SHAPE = (48, 30)

@@ -3,8 +3,8 @@
 from dataclasses import replace
 from pathlib import Path
 
-from tools.simulation.scene import Scene, load_scene
-from tools.simulation.shapes.parallelogram import Parallelogram
+from counterlight.tools.simulation.scene import Scene, load_scene
+from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
 
 SCENES = Path(__file__).resolve().parents[1] / "calib_data" / "scenes"
 

@@ -73,7 +73,7 @@ def two_monitors(folder: Path) -> Iterator[str]:
 def _server(command: Sequence[str], log: Path) -> Iterator[str]:
     """Run an X server on a display of its own choice; it keeps its state when the last window closes (-noreset)."""
     if shutil.which(command[0]) is None:
-        raise NoServerError(f"{command[0]} is not installed; make test installs it, counterlight-doctor says how")
+        raise NoServerError(f"{command[0]} is not installed; make test installs it, counterlight doctor says how")
     readable, writable = os.pipe()
     with log.open("wb") as output:
         arguments = [*command, "-displayfd", str(writable), "-noreset", "-nolisten", "tcp"]

@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from player.errors import InputError
-from player.medium import Border, Medium
-from player.picture import Picture
-from player.placement import Corners
-from player.refinement import Certificate
-from player.renderer import PathReport
-from player.show.commands import Commands
-from player.show.osd import Page
-from player.show.playlist import Playlist, is_list, read_list
-from player.show.session import Session
-from player.show.session_inputs import Setup, Site
+from counterlight.errors import InputError
+from counterlight.medium import Border, Medium
+from counterlight.picture import Picture
+from counterlight.placement import Corners
+from counterlight.refinement import Certificate
+from counterlight.renderer import PathReport
+from counterlight.show.commands import Commands
+from counterlight.show.osd import Page
+from counterlight.show.playlist import Playlist, is_list, read_list
+from counterlight.show.session import Session
+from counterlight.show.session_inputs import Setup, Site
 
 MEASURED = PathReport("fragment", 16, 12.5, 25.0)
 SQUARE: Corners = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))

@@ -21,23 +21,23 @@ from numpy.typing import NDArray
 from scipy import sparse
 from threadpoolctl import threadpool_limits
 
-from player.command import parse_size
-from player.content import camera_psnr, reachable_white
-from player.response import Response
+from counterlight.command import parse_size
+from counterlight.content import camera_psnr, reachable_white
+from counterlight.response import Response
+from counterlight.tools.acquisition.acquire import Acquisition, acquire
+from counterlight.tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom
+from counterlight.tools.acquisition.plan import MakeScheme
+from counterlight.tools.acquisition.schemes.baselines import FixedBlocksScheme, GrayCodeScheme, PixelByPixelScheme
+from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
+from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
+from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.simulation.simulate import simulate
+from counterlight.tools.solve.box import projected_gradient
+from counterlight.tools.solve.system import channel_system
+from counterlight.tools.transport.mask import lit_pixels
+from counterlight.tools.transport.transport import Transport
 from tests.acquired_rooms import Memory
-from tools.acquisition.acquire import Acquisition, acquire
-from tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom
-from tools.acquisition.plan import MakeScheme
-from tools.acquisition.schemes.baselines import FixedBlocksScheme, GrayCodeScheme, PixelByPixelScheme
-from tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
-from tools.acquisition.schemes.multiplexed import MultiplexedScheme
-from tools.inverse.pictures import typical_pictures
-from tools.simulation.scene import load_scene
-from tools.simulation.simulate import simulate
-from tools.solve.box import projected_gradient
-from tools.solve.system import channel_system
-from tools.transport.mask import lit_pixels
-from tools.transport.transport import Transport
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE, PLOT = ROOT / "docs" / "acquisition.csv", ROOT / "docs" / "acquisition.png"

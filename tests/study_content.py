@@ -20,16 +20,16 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from player import app
-from player.content import camera_psnr
-from player.cpu_renderer import CpuRenderer
-from player.gl.context import headless_context
-from player.gl.renderer import GlRenderer
-from player.picture import Picture
-from player.renderer import Room
-from player.video import Frame, MediaReader
+from counterlight import app
+from counterlight.content import camera_psnr
+from counterlight.cpu_renderer import CpuRenderer
+from counterlight.gl.context import headless_context
+from counterlight.gl.renderer import GlRenderer
+from counterlight.picture import Picture
+from counterlight.renderer import Room
+from counterlight.tools.show_example import CLIP, DATA, prepare
+from counterlight.video import Frame, MediaReader
 from tests.bench_frames import clock_of
-from tools.show_example import CLIP, DATA, prepare
 
 PASSAGES_S, FRAMES = (2.0, 0.5), 12  # where passages begin, and frames of each
 NOISY, NOISE = 12, 2.0  # repetitions of a frame, standard deviation in code values

@@ -15,16 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from player.content import camera_psnr, reachable_white
+from counterlight.content import camera_psnr, reachable_white
+from counterlight.tools.clusters.search import decompose_to
+from counterlight.tools.inverse.far_light import undo_far_light
+from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
+from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.simulation.simulate import simulate
+from counterlight.tools.transport.mask import lit_pixels
+from counterlight.tools.transport.transport import Csr, FarLight, Transport
 from tests.rooms import blurred_transport
-from tools.clusters.search import decompose_to
-from tools.inverse.far_light import undo_far_light
-from tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
-from tools.inverse.pictures import typical_pictures
-from tools.simulation.scene import load_scene
-from tools.simulation.simulate import simulate
-from tools.transport.mask import lit_pixels
-from tools.transport.transport import Csr, FarLight, Transport
 
 FloatArray = NDArray[np.float64]
 SCENES = Path(__file__).resolve().parents[1] / "calib_data" / "scenes"

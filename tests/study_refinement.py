@@ -18,26 +18,26 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from player import calibration, maps
-from player.calibration import Calibration, Device, writing
-from player.content import camera_psnr
-from player.gl.context import headless_context
-from player.gl.renderer import GlRenderer
-from player.reference import refinement_step
-from player.refinement import OVER_RELAXATION, STARTS, momentum
-from player.renderer import Room
-from player.response import Response
-from player.video import MediaReader
+from counterlight import calibration, maps
+from counterlight.calibration import Calibration, Device, writing
+from counterlight.content import camera_psnr
+from counterlight.gl.context import headless_context
+from counterlight.gl.renderer import GlRenderer
+from counterlight.reference import refinement_step
+from counterlight.refinement import OVER_RELAXATION, STARTS, momentum
+from counterlight.renderer import Room
+from counterlight.response import Response
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.room import build_room_maps
+from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.simulation.simulate import simulate
+from counterlight.tools.solve.box import projected_gradient
+from counterlight.tools.solve.system import channel_system
+from counterlight.tools.transport.mask import lit_pixels
+from counterlight.tools.transport.storage import read_transport, write_transport
+from counterlight.tools.transport.transport import Transport
+from counterlight.video import MediaReader
 from tests.bench_frames import clock_of
-from tools.inverse.inverse import InverseOptions
-from tools.inverse.room import build_room_maps
-from tools.simulation.scene import load_scene
-from tools.simulation.simulate import simulate
-from tools.solve.box import projected_gradient
-from tools.solve.system import channel_system
-from tools.transport.mask import lit_pixels
-from tools.transport.storage import read_transport, write_transport
-from tools.transport.transport import Transport
 
 DATA = Path(__file__).resolve().parents[1] / "calib_data"
 CLIP = DATA / "media" / "big_buck_bunny.mp4"

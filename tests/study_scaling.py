@@ -12,9 +12,9 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from player.gl.context import headless_context
-from player.gl.passes import picture_texture
-from player.gl.row_map_pass import MapTextures
+from counterlight.gl.context import headless_context
+from counterlight.gl.passes import picture_texture
+from counterlight.gl.row_map_pass import MapTextures
 from tests.bench_frames import CAMERA, PROJECTOR, clock_of, local_map
 
 PLOT = Path(__file__).resolve().parents[1] / "docs" / "scaling.png"

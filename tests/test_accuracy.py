@@ -7,15 +7,15 @@ import cv2
 import numpy as np
 import pytest
 
-from player import calibration
+from counterlight import calibration
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.inverse.room import build_room_maps
+from counterlight.tools.simulation.room import write_simulated_room
+from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.simulation.simulate import simulate
+from counterlight.tools.solve.compensate import CompensateOptions, CompensationTask
 from tests.rooms import write_blurred_room
-from tools.inverse.inverse import InverseOptions
-from tools.inverse.pictures import typical_pictures
-from tools.inverse.room import build_room_maps
-from tools.simulation.room import write_simulated_room
-from tools.simulation.scene import load_scene
-from tools.simulation.simulate import simulate
-from tools.solve.compensate import CompensateOptions, CompensationTask
 
 SCENES = Path(__file__).resolve().parents[1] / "calib_data" / "scenes"
 CAMERA, PROJECTOR = (36, 48), (24, 32)

@@ -9,14 +9,14 @@ import cv2
 import numpy as np
 import pytest
 
-from player import calibration
+from counterlight import calibration
+from counterlight.tools import acquire_transport
+from counterlight.tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, simulated_room
+from counterlight.tools.acquisition.store import Wanted, open_store
+from counterlight.tools.transport.storage import read_transport
 from tests.acquired_rooms import CAMERA, PROJECTOR
 from tests.faults import Fault, Runner
 from tests.rooms import write_blurred_room
-from tools import acquire_transport
-from tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, simulated_room
-from tools.acquisition.store import Wanted, open_store
-from tools.transport.storage import read_transport
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +103,7 @@ def test_killed_at_any_step_the_rooms_are_whole_and_the_next_run_ends_the_same(t
     fresh = tmp_path / "fresh"
     assert acquire_transport.main(arguments_of(room, fresh)) == 0
     new = calibration.read(fresh).fingerprint
-    command = "tools.acquire_transport:main", [[*arguments_of(room, output), "--force"]]
+    command = "counterlight.tools.acquire_transport:main", [[*arguments_of(room, output), "--force"]]
     steps = runner.run(*command).steps
     found = []
     for at in (*range(1, steps - 160, 97), *range(steps - 160, steps + 1, 9)):
@@ -130,9 +130,9 @@ def test_interrupted_after_a_finished_one_it_goes_on_with_its_own(
     assert acquire_transport.main(arguments_of(room, output)) == 0
     redecorate(room, 2)
     command = [*arguments_of(room, output), "--force"]
-    steps = runner.run("tools.acquire_transport:main", [command]).steps
+    steps = runner.run("counterlight.tools.acquire_transport:main", [command]).steps
     redecorate(room, 3)
-    run = runner.run("tools.acquire_transport:main", [command], Fault(steps // 3))
+    run = runner.run("counterlight.tools.acquire_transport:main", [command], Fault(steps // 3))
     assert run.code == -9
     taken = len(list((tmp_path / "out.captures" / "captures").glob("0*.png")))
     assert 3 < taken < 54

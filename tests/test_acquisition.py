@@ -18,11 +18,25 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from player import calibration
-from player.calibration import Calibration, Device, writing
-from player.content import camera_psnr, reachable_white
-from player.errors import InputError
-from player.maps import read_maps
+from counterlight import calibration
+from counterlight.calibration import Calibration, Device, writing
+from counterlight.content import camera_psnr, reachable_white
+from counterlight.errors import InputError
+from counterlight.maps import read_maps
+from counterlight.tools import acquire_transport, build_correction_map
+from counterlight.tools.acquisition import store
+from counterlight.tools.acquisition.acquire import REPEATS
+from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
+from counterlight.tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom, simulated_room
+from counterlight.tools.acquisition.plan import Pattern, Reference, measure_noise
+from counterlight.tools.acquisition.schemes.baselines import GrayCodeScheme
+from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
+from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
+from counterlight.tools.acquisition.store import CaptureStore
+from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.relighting.views import inverse_dual
+from counterlight.tools.transport.storage import read_transport, write_transport
+from counterlight.tools.transport.transport import Transport
 from tests.acquired_rooms import (
     CAMERA,
     LINEAR,
@@ -38,20 +52,6 @@ from tests.acquired_rooms import (
 from tests.faults import no_file_above
 from tests.programs import succeed
 from tests.rooms import write_blurred_room
-from tools import acquire_transport, build_correction_map
-from tools.acquisition import store
-from tools.acquisition.acquire import REPEATS
-from tools.acquisition.cameras.camera import Exposures, Shot
-from tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom, simulated_room
-from tools.acquisition.plan import Pattern, Reference, measure_noise
-from tools.acquisition.schemes.baselines import GrayCodeScheme
-from tools.acquisition.schemes.hierarchical import HierarchicalScheme
-from tools.acquisition.schemes.multiplexed import MultiplexedScheme
-from tools.acquisition.store import CaptureStore
-from tools.inverse.pictures import typical_pictures
-from tools.relighting.views import inverse_dual
-from tools.transport.storage import read_transport, write_transport
-from tools.transport.transport import Transport
 
 # Interruptions.
 
@@ -78,8 +78,16 @@ def same_files(one: Path, other: Path) -> None:
 
 def test_killed_and_resumed_it_ends_bit_identical(tmp_path: Path, rng: np.random.Generator) -> None:
     room = small_room(tmp_path / "room", rng)
-    words = [sys.executable, "-m", "tools.acquire_transport", "--camera", f"simulated:{room}", "--name", "twin"]
-    succeed("acquire-transport", *words[3:], "-o", tmp_path / "undisturbed")
+    words = [
+        sys.executable,
+        "-m",
+        "counterlight.tools.acquire_transport",
+        "--camera",
+        f"simulated:{room}",
+        "--name",
+        "twin",
+    ]
+    succeed("acquire", *words[3:], "-o", tmp_path / "undisturbed")
     captures, output = tmp_path / "killed.captures", tmp_path / "killed"
     for wanted in (3, 40):
         process = subprocess.Popen([*words, "-o", str(output)], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
@@ -93,7 +101,7 @@ def test_killed_and_resumed_it_ends_bit_identical(tmp_path: Path, rng: np.random
         assert [path.stem for path in whole] == [f"{number:05}" for number in range(len(whole))]
         same = tmp_path / "undisturbed.captures" / "captures"
         assert all(filecmp.cmp(path, same / path.name, shallow=False) for path in whole)
-    printed = succeed("acquire-transport", *words[3:], "-o", output)
+    printed = succeed("acquire", *words[3:], "-o", output)
     assert f"{len(whole)} of them from before" in printed
     same_files(output, tmp_path / "undisturbed")
     same_files(captures / "captures", tmp_path / "undisturbed.captures" / "captures")
@@ -125,7 +133,7 @@ def test_a_full_disk_stops_in_one_line_and_resumes(
 def test_repeated_shots_are_kept_one_by_one_and_resumed_bit_identical(tmp_path: Path, rng: np.random.Generator) -> None:
     room = small_room(tmp_path / "room", rng)
     arguments = ["--camera", f"simulated:{room}", "--scheme", "graycode", "--shots", "3", "--name", "twin"]
-    printed = succeed("acquire-transport", *arguments, "-o", tmp_path / "undisturbed")
+    printed = succeed("acquire", *arguments, "-o", tmp_path / "undisturbed")
     pictures, exposures = map(int, re.search(r"(\d+) pictures, (\d+) exposures", printed).groups())  # type: ignore[union-attr]
     assert exposures == 3 * pictures
     captures = tmp_path / "undisturbed.captures" / "captures"
@@ -135,7 +143,7 @@ def test_repeated_shots_are_kept_one_by_one_and_resumed_bit_identical(tmp_path: 
     for path in (tmp_path / "torn.captures" / "captures").iterdir():
         if path.stem == "00005_2" or int(path.stem[:5]) > 5:  # killed before the last shot of capture 5 was written
             path.unlink()
-    printed = succeed("acquire-transport", *arguments, "-o", tmp_path / "torn")
+    printed = succeed("acquire", *arguments, "-o", tmp_path / "torn")
     assert "5 of them from before" in printed
     same_files(tmp_path / "torn", tmp_path / "undisturbed")
     same_files(tmp_path / "torn.captures" / "captures", captures)
@@ -175,7 +183,7 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
     tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
     room = small_room(tmp_path / "room", rng)
-    succeed("acquire-transport", "--camera", f"simulated:{room}", "-o", tmp_path / "direct")
+    succeed("acquire", "--camera", f"simulated:{room}", "-o", tmp_path / "direct")
     eye = SimulatedCamera(simulated_room(room), Sensor())
     exchange = tmp_path / "exchange"
     arguments = ["--camera", f"folder:{exchange}", "--projector", "30x21", "--response", "srgb"]
@@ -348,10 +356,8 @@ def seen_through_truth(folder: Path, desired: np.ndarray, truth: Transport, room
 @pytest.mark.parametrize("scheme", ["hierarchical", "multiplexed"])
 def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: Path, scheme: str) -> None:
     scene = small_scene(tmp_path, "wall")
-    succeed("simulate-transport", scene, "-o", tmp_path / "true")
-    printed = succeed(
-        "acquire-transport", "--camera", f"simulated:{scene}", "--scheme", scheme, "-o", tmp_path / "acquired"
-    )
+    succeed("simulate", scene, "-o", tmp_path / "true")
+    printed = succeed("acquire", "--camera", f"simulated:{scene}", "--scheme", scheme, "-o", tmp_path / "acquired")
     for pattern in (r"\d+ pictures, \d+ exposures", r"coverage: \d", r"clusters: \d+", r"check: .* predicted to \d"):
         assert re.search(pattern, printed)
     for name in ("true", "acquired"):

@@ -9,7 +9,35 @@ import pytest
 from hypothesis import given, settings
 from scipy import sparse
 
-from player.response import Response
+from counterlight.response import Response
+from counterlight.tools.acquisition.acquire import REPEATS
+from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
+from counterlight.tools.acquisition.cameras.live import LiveCamera
+from counterlight.tools.acquisition.cameras.simulated import (
+    MemoryScreen,
+    Sensor,
+    SimulatedCamera,
+    SimulatedEye,
+    SimulatedRoom,
+)
+from counterlight.tools.acquisition.plan import measure_noise
+from counterlight.tools.acquisition.schemes import blocks
+from counterlight.tools.acquisition.schemes.agreement import Reading, agree, keep_measurable
+from counterlight.tools.acquisition.schemes.baselines import FixedBlocksScheme, GrayCodeScheme, PixelByPixelScheme
+from counterlight.tools.acquisition.schemes.blocks import (
+    NO_CHILD,
+    BlockGrid,
+    BlockLight,
+    as_transport,
+    grids,
+    sum_by_camera,
+)
+from counterlight.tools.acquisition.schemes.codes import code_length, s_inverse, s_matrix
+from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
+from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
+from counterlight.tools.acquisition.schemes.schedule import colour_graph, conflict_graph
+from counterlight.tools.acquisition.schemes.stripes import locate, stripes
+from counterlight.tools.transport.transport import Transport
 from tests.acquired_rooms import (
     NOISY,
     PROJECTOR,
@@ -24,21 +52,6 @@ from tests.acquired_rooms import (
     with_far_light,
 )
 from tests.study_acquisition import relative_error
-from tools.acquisition.acquire import REPEATS
-from tools.acquisition.cameras.camera import Exposures, Shot
-from tools.acquisition.cameras.live import LiveCamera
-from tools.acquisition.cameras.simulated import MemoryScreen, Sensor, SimulatedCamera, SimulatedEye, SimulatedRoom
-from tools.acquisition.plan import measure_noise
-from tools.acquisition.schemes import blocks
-from tools.acquisition.schemes.agreement import Reading, agree, keep_measurable
-from tools.acquisition.schemes.baselines import FixedBlocksScheme, GrayCodeScheme, PixelByPixelScheme
-from tools.acquisition.schemes.blocks import NO_CHILD, BlockGrid, BlockLight, as_transport, grids, sum_by_camera
-from tools.acquisition.schemes.codes import code_length, s_inverse, s_matrix
-from tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
-from tools.acquisition.schemes.multiplexed import MultiplexedScheme
-from tools.acquisition.schemes.schedule import colour_graph, conflict_graph
-from tools.acquisition.schemes.stripes import locate, stripes
-from tools.transport.transport import Transport
 
 # Which blocks may be lit together.
 

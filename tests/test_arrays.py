@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from player import memory
-from player.errors import InputError
+from counterlight import memory
+from counterlight.errors import InputError
+from counterlight.tools.transport.arrays import opened_archive, opened_array
+from counterlight.tools.transport.storage import read_matrix
 from tests.hostile import little_memory
-from tools.transport.arrays import opened_archive, opened_array
-from tools.transport.storage import read_matrix
 
 SHAPE = (48, 30)
 

@@ -13,12 +13,12 @@ import av
 import numpy as np
 import pytest
 
-from player.audio import MISSING, AudioOutput, Pull, open_audio
-from player.decoding.audio_decoder import RATE, decoded
-from player.medium import Medium
-from player.show.playback import Playback
-from player.show.session_inputs import Setup
-from player.video import MediaReader
+from counterlight.audio import MISSING, AudioOutput, Pull, open_audio
+from counterlight.decoding.audio_decoder import RATE, decoded
+from counterlight.medium import Medium
+from counterlight.show.playback import Playback
+from counterlight.show.session_inputs import Setup
+from counterlight.video import MediaReader
 from tests.ffmpeg_frames import ffmpeg_frame
 from tests.stage import Clock, Reader, Stage
 

@@ -16,13 +16,13 @@ import cv2
 import numpy as np
 import pytest
 
-from player.decoding import opening
-from player.decoding.audio_decoder import decoded
-from player.errors import InputError
-from player.medium import Border, Medium
-from player.show.options import read_options
-from player.show.playlist import expand, files_of
-from player.video import MediaReader
+from counterlight.decoding import opening
+from counterlight.decoding.audio_decoder import decoded
+from counterlight.errors import InputError
+from counterlight.medium import Border, Medium
+from counterlight.show.options import read_options
+from counterlight.show.playlist import expand, files_of
+from counterlight.video import MediaReader
 from tests.canaries import Canary, canary
 from tests.media import copies, numbered, write_video
 from tests.programs import ROOT

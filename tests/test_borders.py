@@ -12,26 +12,26 @@ import pytest
 import tomli_w
 from scipy import sparse
 
-from player import calibration, exr
-from player.calibration import Calibration, Device
-from player.errors import InputError
-from player.maps import FOLDER, MANIFEST, read_maps
-from player.placement import FILE as PLACEMENT
-from player.placement import write_placement
-from player.reading import read_toml
-from player.response import Response
-from player.row_map import SparseRows, pack
+from counterlight import calibration, exr
+from counterlight.calibration import Calibration, Device
+from counterlight.errors import InputError
+from counterlight.maps import FOLDER, MANIFEST, read_maps
+from counterlight.placement import FILE as PLACEMENT
+from counterlight.placement import write_placement
+from counterlight.reading import read_toml
+from counterlight.response import Response
+from counterlight.row_map import SparseRows, pack
+from counterlight.tools import acquire_transport, compensate_image, join_projectors, relight
+from counterlight.tools.inverse.far_light import undo_far_light
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.room import build_room_maps
+from counterlight.tools.transport.storage import write_transport
+from counterlight.tools.transport.transport import FarLight, Transport
 from tests.hostile import little_memory, without_rights
 from tests.mutants import READ, REFUSED, DamagedRoom, mutant
 from tests.programs import fail
 from tests.rooms import write_blurred_room
 from tests.samples import samples
-from tools import acquire_transport, compensate_image, join_projectors, relight
-from tools.inverse.far_light import undo_far_light
-from tools.inverse.inverse import InverseOptions
-from tools.inverse.room import build_room_maps
-from tools.transport.storage import write_transport
-from tools.transport.transport import FarLight, Transport
 
 MANIFEST_NAME = f"{FOLDER}/{MANIFEST}"
 CAMERA, PROJECTOR, CELLS = (13, 18), (10, 14), 4
@@ -185,7 +185,7 @@ def test_commands_say_so_in_one_line(
         (acquire_transport.main, ["--camera", f"simulated:{words}", "-o", out]),
     )
     for complaint in ("far_light.npz: 1 of 48 entries are NaN or infinite", "ambient.exr: a pipe, expected a regular"):
-        assert complaint in fail("build-correction-map", words)
+        assert complaint in fail("build", words)
         for command, arguments in commands:
             assert command(arguments) == 2
             line = capsys.readouterr().err
@@ -194,7 +194,7 @@ def test_commands_say_so_in_one_line(
             assert line.count("\n") == 1
         (room.folder / "ambient.exr").unlink(missing_ok=True)
         os.mkfifo(room.folder / "ambient.exr")
-    assert complaint in fail("play-corrected", words, card, "--output", f"{out}.png")
+    assert complaint in fail("play", words, card, "--output", f"{out}.png")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["card.exr", "room"]
 
 

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from player import calibration
-from player.calibration import Calibration, Device
-from player.errors import InputError
-from player.response import Response, parse_response
+from counterlight import calibration
+from counterlight.calibration import Calibration, Device
+from counterlight.errors import InputError
+from counterlight.response import Response, parse_response
 
 LINEAR = Response("linear")
 

@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import sparse
 
-from player.errors import InputError
+from counterlight.errors import InputError
+from counterlight.tools.clusters.components import find_clusters
+from counterlight.tools.clusters.decomposition import Decomposition, Parameters, decompose
+from counterlight.tools.clusters.search import decompose_to
+from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.simulation.simulate import simulate
+from counterlight.tools.transport.mask import LUMINANCE
+from counterlight.tools.transport.transport import Csr
 from tests.rooms import blurred_transport
-from tools.clusters.components import find_clusters
-from tools.clusters.decomposition import Decomposition, Parameters, decompose
-from tools.clusters.search import decompose_to
-from tools.simulation.scene import load_scene
-from tools.simulation.simulate import simulate
-from tools.transport.mask import LUMINANCE
-from tools.transport.transport import Csr
 
 SCENES = Path(__file__).resolve().parents[1] / "calib_data" / "scenes"
 CAMERA, PROJECTOR = (9, 11), (8, 13)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from av.video.reformatter import ColorRange, Colorspace
 
-from player import reference
-from player.colour import decoding_of
-from player.renderer import place, shown_shape
-from player.response import transfer_table
-from player.video import Frame, MediaReader
+from counterlight import reference
+from counterlight.colour import decoding_of
+from counterlight.renderer import place, shown_shape
+from counterlight.response import transfer_table
+from counterlight.video import Frame, MediaReader
 from tests.rooms import yuv_frame
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from player.show.commands import Choice, Command, CommandError, Commands, Flag, Number, Property
-from player.show.keys import KEYS, PLACING, Keys, check_bindings
+from counterlight.show.commands import Choice, Command, CommandError, Commands, Flag, Number, Property
+from counterlight.show.keys import KEYS, PLACING, Keys, check_bindings
 
 
 @pytest.fixture

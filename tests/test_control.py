@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from player.unattended.control import MAX_CLIENTS, MAX_LINE, MAX_OBSERVED, MAX_UNSENT, ControlServer, as_text
-from player.unattended.json_lines import encode
+from counterlight.unattended.control import MAX_CLIENTS, MAX_LINE, MAX_OBSERVED, MAX_UNSENT, ControlServer, as_text
+from counterlight.unattended.json_lines import encode
 
 ENOUGH_POLLS = 4000
 

@@ -6,19 +6,19 @@ import cv2
 import numpy as np
 import pytest
 
-from player import app, calibration, exr
-from player.calibration import Calibration, Device, Region
-from player.errors import InputError
-from player.response import Response
-from player.show.options import monitors_of, read_options
+from counterlight import app, calibration, exr
+from counterlight.calibration import Calibration, Device, Region
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.show.options import monitors_of, read_options
+from counterlight.tools.inverse.inverse import InverseOptions, invert_near_light
+from counterlight.tools.solve.quality import psnr
+from counterlight.tools.transport.joining import join_transports
+from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.transport import Transport
 from tests.joint_rooms import CAMERA, LEFT, RIGHT, join, write_halves
 from tests.programs import fail, succeed
 from tests.scenes import SCENES
-from tools.inverse.inverse import InverseOptions, invert_near_light
-from tools.solve.quality import psnr
-from tools.transport.joining import join_transports
-from tools.transport.storage import read_transport
-from tools.transport.transport import Transport
 
 POSITION = "position = [0.6, 0.2, 2.1]"  # the projector of the scene `wall`
 
@@ -37,7 +37,7 @@ def simulated(folder: Path, scene: str, old: str, new: str, *sizes: str) -> list
         (folder / f"{name}.toml").write_text(described)
         rooms.append(folder / name)
         sized = "--camera", "48x27", "--projector", size
-        succeed("simulate-transport", folder / f"{name}.toml", "-o", rooms[-1], *sized)
+        succeed("simulate", folder / f"{name}.toml", "-o", rooms[-1], *sized)
     return rooms
 
 
@@ -97,11 +97,11 @@ def test_two_projectors_give_a_better_picture_where_they_overlap(tmp_path: Path)
     exr.write_rgb(tmp_path / "wanted.exr", wanted.astype(np.float32))
     reached = {}
     for one in stored:
-        succeed("build-correction-map", one.folder, "--regularize", "0.03")
+        succeed("build", one.folder, "--regularize", "0.03")
         for refine in ("0", "8"):
             drive_path = tmp_path / "drive.exr"
             options = "--white", white, "--refine", refine, "--output", drive_path
-            succeed("play-corrected", one.folder, tmp_path / "wanted.exr", *options)
+            succeed("play", one.folder, tmp_path / "wanted.exr", *options)
             drive = exr.read_rgb(drive_path).astype(np.float64)
             seen = read_transport(one).apply(drive.reshape(-1, 3)).reshape(27, 48, 3) + one.calibration.ambient
             reached[one.folder.name, refine] = psnr(float(np.mean(((seen - wanted)[overlap] / white) ** 2)))
@@ -138,17 +138,17 @@ def test_what_cannot_be_joined(tmp_path: Path) -> None:
         write_halves(tmp_path / "response", right_response="linear"),
     )
     output = "-o", tmp_path / "joint"
-    assert "its camera has 60x20 pixels, that of" in fail("join-projectors", left, smaller, *output)
-    line = fail("join-projectors", left, linear, *output)
+    assert "its camera has 60x20 pixels, that of" in fail("join", left, smaller, *output)
+    line = fail("join", left, linear, *output)
     assert "projector 2 has the response linear, projector 1 srgb" in line
-    assert "1 calibration to join" in fail("join-projectors", left, *output)
-    assert "--monitor: 1 given for 2 projectors" in fail("join-projectors", left, right, *output, "--monitor", "A")
+    assert "1 calibration to join" in fail("join", left, *output)
+    assert "--monitor: 1 given for 2 projectors" in fail("join", left, right, *output, "--monitor", "A")
     bright = calibration.read(right).calibration
     lit = Calibration("lit", "", bright.projectors, bright.camera, bright.ambient + 0.1, bright.mask)
     with calibration.writing(tmp_path / "lit", lit) as stage:
         for path in right.glob("transport_*"):
             (stage / path.name).write_bytes(path.read_bytes())
-    assert "its ambient light differs from that of" in fail("join-projectors", left, tmp_path / "lit", *output)
+    assert "its ambient light differs from that of" in fail("join", left, tmp_path / "lit", *output)
     assert not (tmp_path / "joint").exists()
 
 
@@ -161,9 +161,9 @@ def test_a_raster_is_no_larger_than_a_picture_may_be() -> None:
 
 def test_a_file_holds_the_raster(tmp_path: Path) -> None:
     joint = join(write_halves(tmp_path), tmp_path / "joint")
-    succeed("build-correction-map", joint, "--regularize", "0.1")
+    succeed("build", joint, "--regularize", "0.1")
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((*CAMERA, 3), 120, np.uint8))
-    succeed("play-corrected", joint, tmp_path / "grey.png", "--output", tmp_path / "raster.png")
+    succeed("play", joint, tmp_path / "grey.png", "--output", tmp_path / "raster.png")
     raster = cv2.imread(str(tmp_path / "raster.png"))
     assert raster.shape == (LEFT[0], LEFT[1] + RIGHT[1], 3)
     assert raster[RIGHT[0] :, LEFT[1] :].max() == 0
@@ -174,11 +174,11 @@ def test_a_reloaded_room_keeps_its_regions(tmp_path: Path) -> None:
     """A raster of the same size that is cut elsewhere is refused: the windows are what they are."""
     left, right = write_halves(tmp_path)
     room, options = join([left, right], tmp_path / "joint"), ("--regularize", "0.1", "--no-refine")
-    succeed("build-correction-map", room, *options)
+    succeed("build", room, *options)
     parsed = read_options([str(room), "a.png", "--no-config"], "")
     site = app._RoomInUse(parsed, app.room_of(parsed), lambda fresh: pytest.fail("a renderer was made")).site()
     join([right, left], room, "--force")
-    succeed("build-correction-map", room, *options)
+    succeed("build", room, *options)
     with pytest.raises(InputError, match=r"size is now 36x26 \+ 44x30, was 44x30 \+ 36x26; start the player again"):
         site.reload()
 

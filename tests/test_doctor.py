@@ -1,4 +1,4 @@
-"""counterlight-doctor as a user runs it, and the lines that install system packages."""
+"""counterlight doctor as a user runs it, and the lines that install system packages."""
 
 import json
 import os
@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from player.command import BAD_INPUT, DONE
-from tools import system_packages
-from tools.system_packages import Part
+from counterlight.command import BAD_INPUT, DONE
+from counterlight.tools import system_packages
+from counterlight.tools.system_packages import Part
 
 ROOT = Path(__file__).resolve().parents[1]
 TIMEOUT_S = 180.0
@@ -18,7 +18,7 @@ NO_SCREEN = {"DISPLAY": "", "WAYLAND_DISPLAY": ""}
 
 
 def doctor(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "tools.check_machine", *arguments]
+    command = [sys.executable, "-m", "counterlight.tools.check_machine", *arguments]
     environment = {**os.environ, **variables}
     return subprocess.run(
         command, capture_output=True, text=True, cwd=ROOT, env=environment, timeout=TIMEOUT_S, check=False
@@ -76,7 +76,7 @@ def test_wrong_use_is_one_line() -> None:
     outcome = doctor("--colour")
     assert outcome.returncode == BAD_INPUT
     assert outcome.stderr.splitlines() == [
-        "error: counterlight-doctor: unrecognized arguments: --colour; see counterlight-doctor --help"
+        "error: counterlight doctor: unrecognized arguments: --colour; see counterlight doctor --help"
     ]
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from player import exr, memory
-from player.decoding.media import open_source
-from player.errors import InputError
-from player.medium import Medium
+from counterlight import exr, memory
+from counterlight.decoding.media import open_source
+from counterlight.errors import InputError
+from counterlight.medium import Medium
 from tests.hostile import little_memory
 
 HOSTILE = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "hostile"

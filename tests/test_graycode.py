@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from player.response import Response
-from tools.acquisition.captures import code_bits, find_captures
-from tools.acquisition.direct_mapping import NOBODY, cell_owners, direct_mapping, direct_transport
-from tools.acquisition.graycode import Decoded, decode
+from counterlight.response import Response
+from counterlight.tools.acquisition.captures import code_bits, find_captures
+from counterlight.tools.acquisition.direct_mapping import NOBODY, cell_owners, direct_mapping, direct_transport
+from counterlight.tools.acquisition.graycode import Decoded, decode
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 LINEAR = Response("linear")

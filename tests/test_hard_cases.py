@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear, nnls
 from scipy.sparse.linalg import lsmr
 
-from player.errors import InputError
+from counterlight.errors import InputError
+from counterlight.tools.clusters.finite import NonFiniteError
+from counterlight.tools.inverse.clustered import damped_inverse
+from counterlight.tools.inverse.damping import largest_singular_value
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.solve.box import TOLERANCE, relative_gap
+from counterlight.tools.solve.registry import solve
+from counterlight.tools.solve.system import linear_system
 from tests import hard_cases
 from tests import hard_systems as hard
 from tests.hard_systems import CONDITIONS, KEEP_ALL, METHODS, HardCase
-from tools.clusters.finite import NonFiniteError
-from tools.inverse.clustered import damped_inverse
-from tools.inverse.damping import largest_singular_value
-from tools.inverse.inverse import InverseOptions
-from tools.solve.box import TOLERANCE, relative_gap
-from tools.solve.registry import solve
-from tools.solve.system import linear_system
 
 FloatArray = NDArray[np.float64]
 FLOAT32_EPS = float(np.finfo(np.float32).eps)

@@ -15,15 +15,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear, nnls
 
+from counterlight.tools.inverse.damping import largest_singular_value
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.solve.box import relative_gap
+from counterlight.tools.solve.registry import solve
+from counterlight.tools.solve.system import linear_system
 from tests import hard_cases
 from tests import hard_systems as hard
 from tests.hard_systems import CONDITIONS, KEEP_ALL
 from tests.test_hard_cases import MAPS, SQUARES, WALLS, cut_off, drive, matrix_of, unclamped
-from tools.inverse.damping import largest_singular_value
-from tools.inverse.inverse import InverseOptions
-from tools.solve.box import relative_gap
-from tools.solve.registry import solve
-from tools.solve.system import linear_system
 
 FloatArray = NDArray[np.float64]
 SEEDS = range(8)

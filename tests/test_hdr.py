@@ -9,17 +9,17 @@ import cv2
 import numpy as np
 import pytest
 
-from player.errors import InputError
-from player.response import Response
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.tools.hdr import debevec, robertson
+from counterlight.tools.hdr.bracket import open_bracket
+from counterlight.tools.hdr.camera_response import exposure_table
+from counterlight.tools.hdr.estimators import make_estimator
+from counterlight.tools.hdr.radiance import MergeOptions, merge
+from counterlight.tools.hdr.recovery import recover_response
+from counterlight.tools.hdr.sums import CpuSums
+from counterlight.tools.hdr.weights import weight_table
 from tests.brackets import CURVES, codes_of, random_scene
-from tools.hdr import debevec, robertson
-from tools.hdr.bracket import open_bracket
-from tools.hdr.camera_response import exposure_table
-from tools.hdr.estimators import make_estimator
-from tools.hdr.radiance import MergeOptions, merge
-from tools.hdr.recovery import recover_response
-from tools.hdr.sums import CpuSums
-from tools.hdr.weights import weight_table
 
 with warnings.catch_warnings(record=True):  # colour, which it imports, says that matplotlib is not there
     warnings.simplefilter("ignore")

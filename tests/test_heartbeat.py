@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from player.errors import InputError
-from player.unattended import heartbeat
-from player.unattended.heartbeat import FACTS, Heartbeat, Notifier, read_facts
-from player.unattended.inbox import Inbox
+from counterlight.errors import InputError
+from counterlight.unattended import heartbeat
+from counterlight.unattended.heartbeat import FACTS, Heartbeat, Notifier, read_facts
+from counterlight.unattended.inbox import Inbox
 from tests.stage import Clock
 
 

@@ -21,15 +21,15 @@ TIMEOUT_S = 120.0  # a command's imports on a busy machine
 IMPORT_PLAYER = """
 import importlib, pkgutil, sys, player
 for module in pkgutil.walk_packages(player.__path__, "player."):
-    if not module.name.startswith(("player.gl", "player.products")):  # products: Numba, which imports scipy
+    if not module.name.startswith(("counterlight.gl", "counterlight.products")):  # products: Numba, which imports scipy
         importlib.import_module(module.name)
-print(*sorted(name for name in sys.modules if name.split(".")[0] in FORBIDDEN or name.startswith("player.gl.")))
+print(*sorted(name for name in sys.modules if name.split(".")[0] in FORBIDDEN or name.startswith("counterlight.gl.")))
 """
 READ_SHADERS = """
 import sys
 sys.path.insert(0, sys.argv[1])
 from importlib.resources import files
-for resource in sorted(files("player.shaders").iterdir(), key=lambda resource: resource.name):
+for resource in sorted(files("counterlight.shaders").iterdir(), key=lambda resource: resource.name):
     if resource.is_file() and not resource.name.endswith((".py", ".pyc")):
         print(resource.name, resource.read_bytes().hex())
 """
@@ -69,7 +69,7 @@ def roots(path: Path) -> set[str]:
 
 
 def packages_on_disk() -> Iterator[str]:
-    yield "player.shaders"
+    yield "counterlight.shaders"
     for folder in ("player", "tools"):
         for path in sorted((ROOT / folder).rglob("__init__.py")):
             yield ".".join(path.parent.relative_to(ROOT).parts)

@@ -1,4 +1,4 @@
-"""import-graycode as a user runs it: the folder that it writes, the summary, and every refusal in one line."""
+"""counterlight import-graycode as a user runs it: the folder that it writes, the summary, and every refusal in one line."""
 
 import re
 import subprocess
@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
-from player import calibration
-from player.response import Response
+from counterlight import calibration
+from counterlight.response import Response
+from counterlight.tools.import_graycode import main
+from counterlight.tools.transport.storage import read_transport
 from tests.test_graycode import PROJECTOR, make_rig, real_sets, write_named_captures, write_opencv_captures
-from tools.import_graycode import main
-from tools.transport.storage import read_transport
 
 SIZE = f"{PROJECTOR[1]}x{PROJECTOR[0]}"
 
@@ -51,7 +51,7 @@ def test_the_command_makes_a_calibration(captures: Path, tmp_path: Path) -> None
         "-o",
         str(folder),
     ]
-    command = [sys.executable, "-m", "tools.import_graycode", *arguments]
+    command = [sys.executable, "-m", "counterlight.tools.import_graycode", *arguments]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (0, "")
     assert re.search(r"opencv order, camera taken as srgb: \d+ of 127x95 camera pixels valid", ended.stdout)

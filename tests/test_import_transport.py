@@ -1,4 +1,4 @@
-"""import-transport as a user runs it: what goes in comes out, what is wrong is refused in one line."""
+"""counterlight import-transport as a user runs it: what goes in comes out, what is wrong is refused in one line."""
 
 import contextlib
 import io
@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from player import calibration, exr
-from player.errors import InputError
-from player.response import Response
-from tools.import_transport import main
-from tools.transport.mask import lit_pixels
-from tools.transport.storage import read_matrix, read_transport
-from tools.transport.transport import CHANNELS
+from counterlight import calibration, exr
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.tools.import_transport import main
+from counterlight.tools.transport.mask import lit_pixels
+from counterlight.tools.transport.storage import read_matrix, read_transport
+from counterlight.tools.transport.transport import CHANNELS
 
 CAMERA, PROJECTOR = (9, 13), (7, 11)
 SHAPE = 9 * 13, 7 * 11
@@ -58,7 +58,7 @@ def test_the_command_keeps_every_entry(
     ambient = rng.uniform(0, 0.01, (*CAMERA, 3)).astype(np.float32)
     exr.write_rgb(tmp_path / "ambient.exr", ambient)
     more = ("--ambient", str(tmp_path / "ambient.exr"), "--response", "srgb", "--name", "cellar")
-    command = [sys.executable, "-m", "tools.import_transport", *arguments(tmp_path, *more)]
+    command = [sys.executable, "-m", "counterlight.tools.import_transport", *arguments(tmp_path, *more)]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (0, "")
     counts = ", ".join(f"{name} {matrix.nnz}" for name, matrix in zip(CHANNELS, matrices, strict=True))
@@ -73,7 +73,7 @@ def test_the_command_keeps_every_entry(
         room.mask, lit_pixels(transport.composition().reshape(*CAMERA, 3), ambient.astype(np.float64))
     )
     assert (room.name, room.projector.response, room.camera.shape) == ("cellar", Response("srgb"), CAMERA)
-    assert room.provenance == "import-transport of red.npz, green.npz, blue.npz, ambient.exr"
+    assert room.provenance == "counterlight import-transport of red.npz, green.npz, blue.npz, ambient.exr"
 
 
 def test_negative_entries_become_zero_and_are_counted(

@@ -5,16 +5,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy import sparse
 
-from player.errors import InputError
+from counterlight.errors import InputError
+from counterlight.tools.clusters.components import find_clusters
+from counterlight.tools.inverse.bidiagonal import largest_singular_value
+from counterlight.tools.inverse.clustered import damped_inverse
+from counterlight.tools.inverse.damping import choose_damping
+from counterlight.tools.inverse.far_light import undo_far_light
+from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
+from counterlight.tools.transport.mask import LUMINANCE
+from counterlight.tools.transport.transport import Csr, FarLight, Transport, shared_pattern
 from tests.rooms import blurred_transport
-from tools.clusters.components import find_clusters
-from tools.inverse.bidiagonal import largest_singular_value
-from tools.inverse.clustered import damped_inverse
-from tools.inverse.damping import choose_damping
-from tools.inverse.far_light import undo_far_light
-from tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
-from tools.transport.mask import LUMINANCE
-from tools.transport.transport import Csr, FarLight, Transport, shared_pattern
 
 CAMERA, PROJECTOR = (15, 19), (12, 16)
 KEEP_ALL = 0.0

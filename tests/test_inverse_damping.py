@@ -6,13 +6,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import lsmr
 
+from counterlight.tools.inverse.bidiagonal import Bidiagonal, Products, bidiagonalise, largest_singular_value
+from counterlight.tools.inverse.clustered import damped_inverse
+from counterlight.tools.inverse.damping import CANDIDATES, choose_damping
+from counterlight.tools.inverse.inverse import InverseOptions, invert_near_light
+from counterlight.tools.inverse.noise import noise_of_matrix
+from counterlight.tools.transport.transport import Csr
 from tests.rooms import blurred_transport
-from tools.inverse.bidiagonal import Bidiagonal, Products, bidiagonalise, largest_singular_value
-from tools.inverse.clustered import damped_inverse
-from tools.inverse.damping import CANDIDATES, choose_damping
-from tools.inverse.inverse import InverseOptions, invert_near_light
-from tools.inverse.noise import noise_of_matrix
-from tools.transport.transport import Csr
 
 CAMERA, PROJECTOR = (15, 19), (12, 16)
 MASK = np.ones(CAMERA, bool)

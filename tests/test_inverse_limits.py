@@ -1,4 +1,4 @@
-"""What build-correction-map refuses, and that neither a refusal nor Ctrl-C touches the map that is there."""
+"""What counterlight build refuses, and that neither a refusal nor Ctrl-C touches the map that is there."""
 
 import os
 import pty
@@ -13,22 +13,22 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from player import calibration
-from player.calibration import Calibration, Device
-from player.errors import InputError
-from player.files import describe_files
-from player.memory import available_bytes
-from player.response import Response
+from counterlight import calibration
+from counterlight.calibration import Calibration, Device
+from counterlight.errors import InputError
+from counterlight.files import describe_files
+from counterlight.memory import available_bytes
+from counterlight.response import Response
+from counterlight.tools import build_correction_map
+from counterlight.tools.inverse import memory
+from counterlight.tools.inverse.inverse import InverseOptions, invert_near_light
+from counterlight.tools.transport.storage import write_transport
+from counterlight.tools.transport.transport import Transport
 from tests.programs import command, fail
 from tests.rooms import blurred_transport, write_blurred_room
-from tools import build_correction_map
-from tools.inverse import memory
-from tools.inverse.inverse import InverseOptions, invert_near_light
-from tools.transport.storage import write_transport
-from tools.transport.transport import Transport
 
 CAMERA, PROJECTOR = (15, 19), (12, 16)
-BUILD = "build-correction-map"
+BUILD = "build"
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +109,7 @@ def test_an_inverse_that_cannot_fit_is_refused_before_the_work(tmp_path: Path) -
 def test_every_need_is_compared_with_what_there_is(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, kib: int, options: InverseOptions, complaint: str | None
 ) -> None:
-    monkeypatch.setattr("player.memory.available_bytes", lambda: kib << 10)
+    monkeypatch.setattr("counterlight.memory.available_bytes", lambda: kib << 10)
     near = (blurred_transport(rng, CAMERA, PROJECTOR, 0.6),) * 3
     arguments = near, np.ones(CAMERA, bool), PROJECTOR, np.full((CAMERA[0] * CAMERA[1], 3), 0.5), 0.5, options
     if complaint is None:
@@ -126,7 +126,7 @@ def test_a_map_that_cannot_fit_is_refused_from_its_first_rows(
     arguments = near, np.ones(CAMERA, bool), PROJECTOR, np.full((CAMERA[0] * CAMERA[1], 3), 0.5), 0.5
     short, long = (InverseOptions(0.4, max_error, method="windowed") for max_error in (4.0, 0.0))
     needs = [invert_near_light(*arguments, each).rows.indices.size * memory.ENTRY_BYTES for each in (short, long)]
-    monkeypatch.setattr("player.memory.available_bytes", lambda: sum(needs) // 2)
+    monkeypatch.setattr("counterlight.memory.available_bytes", lambda: sum(needs) // 2)
     monkeypatch.setattr(memory, "check_windows", lambda *_: None)  # room for the work itself
     invert_near_light(*arguments, short)
     with pytest.raises(InputError, match=r"correction map, of about 0 million entries, needs .* --max-error"):

@@ -8,17 +8,17 @@ import pytest
 from numpy.typing import NDArray
 from scipy import sparse
 
-from player import calibration, maps
-from player.errors import InputError
+from counterlight import calibration, maps
+from counterlight.errors import InputError
+from counterlight.tools.inverse.bidiagonal import largest_singular_value
+from counterlight.tools.inverse.clustered import damped_inverse
+from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
+from counterlight.tools.inverse.pieces import Truncation, truncated_piece
+from counterlight.tools.inverse.room import build_room_maps
+from counterlight.tools.inverse.truncation import entries_to_keep
+from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.transport import Csr
 from tests.rooms import blurred_transport, write_blurred_room
-from tools.inverse.bidiagonal import largest_singular_value
-from tools.inverse.clustered import damped_inverse
-from tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
-from tools.inverse.pieces import Truncation, truncated_piece
-from tools.inverse.room import build_room_maps
-from tools.inverse.truncation import entries_to_keep
-from tools.transport.storage import read_transport
-from tools.transport.transport import Csr
 
 FloatArray = NDArray[np.float64]
 CAMERA, PROJECTOR = (15, 19), (12, 16)

@@ -4,16 +4,23 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from player.errors import InputError
+from counterlight.errors import InputError
+from counterlight.tools.clusters.components import find_clusters
+from counterlight.tools.inverse import method as method_module
+from counterlight.tools.inverse.clustered import damped_inverse
+from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
+from counterlight.tools.inverse.method import choose_method
+from counterlight.tools.inverse.pieces import Truncation
+from counterlight.tools.inverse.windowed import (
+    HALOS,
+    WindowedChannel,
+    Windows,
+    last_columns_of_inverse,
+    plan_windows,
+    windowed_jobs,
+)
+from counterlight.tools.transport.transport import Csr
 from tests.rooms import blurred_transport
-from tools.clusters.components import find_clusters
-from tools.inverse import method as method_module
-from tools.inverse.clustered import damped_inverse
-from tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
-from tools.inverse.method import choose_method
-from tools.inverse.pieces import Truncation
-from tools.inverse.windowed import HALOS, WindowedChannel, Windows, last_columns_of_inverse, plan_windows, windowed_jobs
-from tools.transport.transport import Csr
 
 CAMERA, PROJECTOR = (22, 40), (18, 34)
 KEEP_ALL = 0.0

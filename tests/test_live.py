@@ -16,15 +16,15 @@ import av
 import numpy as np
 import pytest
 
-from player import video
-from player.decoding.laps import LIVE_SLOTS
-from player.decoding.live import LiveAddress, live_address
-from player.errors import InputError
-from player.medium import Border, Medium
-from player.show.playback import Playback
-from player.show.playlist import expand
-from player.show.session_inputs import Setup
-from player.video import MAX_DEATHS, Frame, MediaReader
+from counterlight import video
+from counterlight.decoding.laps import LIVE_SLOTS
+from counterlight.decoding.live import LiveAddress, live_address
+from counterlight.errors import InputError
+from counterlight.medium import Border, Medium
+from counterlight.show.playback import Playback
+from counterlight.show.playlist import expand
+from counterlight.show.session_inputs import Setup
+from counterlight.video import MAX_DEATHS, Frame, MediaReader
 from tests.ffmpeg_frames import ffmpeg_frame
 from tests.stage import Reader, Stage
 

@@ -8,8 +8,8 @@ import moderngl
 import numpy as np
 import pytest
 
-from player.gl.renderer import GlRenderer
-from player.video import MediaReader
+from counterlight.gl.renderer import GlRenderer
+from counterlight.video import MediaReader
 from tests.gl_objects import live_objects
 from tests.rooms import random_room
 

@@ -1,4 +1,4 @@
-"""merge-exposures as a user runs it: the picture, the response file, EXIF, and every refusal in one line."""
+"""counterlight merge-exposures as a user runs it: the picture, the response file, EXIF, and every refusal in one line."""
 
 import re
 import subprocess
@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
-from player.exr import read_rgb
+from counterlight.exr import read_rgb
+from counterlight.tools.acquisition.room_options import named_response
+from counterlight.tools.hdr.camera_response import exposure_table
+from counterlight.tools.merge_exposures import main
 from tests.brackets import CURVES, codes_of, random_scene, write_bracket, write_picture
-from tools.acquisition.room_options import named_response
-from tools.hdr.camera_response import exposure_table
-from tools.merge_exposures import main
 
 TIMES = [0.25, 1.0, 4.0, 16.0, 64.0]
 TEXT = [str(t) for t in TIMES]
@@ -50,7 +50,10 @@ def test_the_command_recovers_the_response_and_the_light(
     output, curve = tmp_path / "out.exr", tmp_path / "camera.toml"
     arguments = [*bracket, "--times", *TEXT, *options, "--save-response", str(curve), "-o", str(output)]
     ended = subprocess.run(
-        [sys.executable, "-m", "tools.merge_exposures", *arguments], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "counterlight.tools.merge_exposures", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert (ended.returncode, ended.stderr) == (0, "")
     assert re.search(r"176x120, 5 pictures of 0\.25 to 64 s, .* response recovered \(debevec\), CPU: ", ended.stdout)

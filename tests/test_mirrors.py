@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from counterlight.tools.simulation.simulate import simulate
 from tests.test_optics import at, room
-from tools.simulation.simulate import simulate
 
 MIRROR = """
 [[surfaces]]

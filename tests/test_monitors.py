@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from player.errors import InputError
-from player.gl.monitors import Monitor, _unique, after_a_change, find_monitor
+from counterlight.errors import InputError
+from counterlight.gl.monitors import Monitor, _unique, after_a_change, find_monitor
 from tests.programs import PATIENCE_S, ROOT, on, running
 
 MONITORS = [
@@ -19,7 +19,9 @@ MONITORS = [
 
 def seen_on(display: str) -> dict[str, Any]:
     """What GLFW sees, in a child: this process would keep the first screen that it was given."""
-    with running(sys.executable, "-W", "error", "-m", "player.gl.probe", "screen", folder=ROOT, **on(display)) as child:
+    with running(
+        sys.executable, "-W", "error", "-m", "counterlight.gl.probe", "screen", folder=ROOT, **on(display)
+    ) as child:
         told, errors = child.communicate(timeout=PATIENCE_S)
     assert (child.returncode, errors) == (0, "")
     answer: dict[str, Any] = json.loads(told)

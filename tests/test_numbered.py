@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from player.video import MediaReader
-from player.writing.numbered import is_numbered, name_of, number_of
+from counterlight.video import MediaReader
+from counterlight.writing.numbered import is_numbered, name_of, number_of
 from tests.media import copies
 
 NAMES = {

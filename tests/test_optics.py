@@ -9,17 +9,24 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tools.simulation.camera_side import camera_samples
-from tools.simulation.effects.beams import deposits
-from tools.simulation.effects.dispersion import LINE_C_NM, LINE_D_NM, LINE_F_NM, PRIMARIES_NM, channel_indices, index_at
-from tools.simulation.effects.refraction import reflected, refracted, scatter
-from tools.simulation.effects_on import EffectsOn
-from tools.simulation.geometry import trace
-from tools.simulation.needs import needs_of
-from tools.simulation.paths import Rays
-from tools.simulation.projector_side import pixel_flux
-from tools.simulation.scene import Scene, load_scene
-from tools.simulation.simulate import simulate
+from counterlight.tools.simulation.camera_side import camera_samples
+from counterlight.tools.simulation.effects.beams import deposits
+from counterlight.tools.simulation.effects.dispersion import (
+    LINE_C_NM,
+    LINE_D_NM,
+    LINE_F_NM,
+    PRIMARIES_NM,
+    channel_indices,
+    index_at,
+)
+from counterlight.tools.simulation.effects.refraction import reflected, refracted, scatter
+from counterlight.tools.simulation.effects_on import EffectsOn
+from counterlight.tools.simulation.geometry import trace
+from counterlight.tools.simulation.needs import needs_of
+from counterlight.tools.simulation.paths import Rays
+from counterlight.tools.simulation.projector_side import pixel_flux
+from counterlight.tools.simulation.scene import Scene, load_scene
+from counterlight.tools.simulation.simulate import simulate
 
 FloatArray = NDArray[np.float64]
 
@@ -323,10 +330,10 @@ def test_optics_that_are_off_are_not_imported(tmp_path: Path, surfaces: str, exp
     script = f"""
 import sys
 from pathlib import Path
-from tools.simulation.scene import load_scene
-from tools.simulation.simulate import simulate
+from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.simulation.simulate import simulate
 simulate(load_scene(Path({str(tmp_path / "scene.toml")!r})))
-print(*(name.rpartition(".")[2] for name in sys.modules if name.startswith("tools.simulation.effects.")))
+print(*(name.rpartition(".")[2] for name in sys.modules if name.startswith("counterlight.tools.simulation.effects.")))
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=120)
     optics = {"refraction", "dispersion", "gloss", "caustics", "beams", "subsurface"}

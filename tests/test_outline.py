@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from player.calibration import Region
-from player.gl.presenter import overlay_of
-from player.placement import Corners
-from player.row_map import RowMap, SparseRows, pack
-from player.show.osd import Page
-from player.show.outline import GROUND, INK, SELECTED, Outline, draw_outline, lit_by, outline_of
+from counterlight.calibration import Region
+from counterlight.gl.presenter import overlay_of
+from counterlight.placement import Corners
+from counterlight.row_map import RowMap, SparseRows, pack
+from counterlight.show.osd import Page
+from counterlight.show.outline import GROUND, INK, SELECTED, Outline, draw_outline, lit_by, outline_of
 from tests.stage import Stage
 
 CAMERA, PROJECTOR = (4, 6), (3, 5)

@@ -6,24 +6,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from player import picture_reference, reference, views
-from player.calibration import Calibration, Device
-from player.colour import decoding_of
-from player.content import SCALES, SMOOTHING_S, Succession, tile_grid
-from player.cpu_renderer import CpuRenderer
-from player.errors import InputError
-from player.maps import RoomMaps
-from player.picture import NEUTRAL, Picture, adjusted_decoding, adjusted_transfer
-from player.picture_reference import Limits, reach_of, tone_of
-from player.reference import PreparedRows
-from player.renderer import VIEWS, Room
-from player.response import Response, transfer_table
-from player.row_map import SparseRows, pack
-from player.test_cards import CARDS, card
-from player.video import Frame
+from counterlight import picture_reference, reference, views
+from counterlight.calibration import Calibration, Device
+from counterlight.colour import decoding_of
+from counterlight.content import SCALES, SMOOTHING_S, Succession, tile_grid
+from counterlight.cpu_renderer import CpuRenderer
+from counterlight.errors import InputError
+from counterlight.maps import RoomMaps
+from counterlight.picture import NEUTRAL, Picture, adjusted_decoding, adjusted_transfer
+from counterlight.picture_reference import Limits, reach_of, tone_of
+from counterlight.reference import PreparedRows
+from counterlight.renderer import VIEWS, Room
+from counterlight.response import Response, transfer_table
+from counterlight.row_map import SparseRows, pack
+from counterlight.test_cards import CARDS, card
+from counterlight.tools.report.impossible import REASONS, SERVED, find_impossible
+from counterlight.video import Frame
 from tests.refined_rooms import physical_room
 from tests.rooms import CAMERA, rgb_frame, yuv_frame
-from tools.report.impossible import REASONS, SERVED, find_impossible
 
 Colour = tuple[int, int, int]
 Formula = Callable[[np.ndarray, np.ndarray], np.ndarray]

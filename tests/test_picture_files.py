@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from player import memory
-from player.errors import InputError
-from player.picture_files import MOST_CHUNKS, read_picture
+from counterlight import memory
+from counterlight.errors import InputError
+from counterlight.picture_files import MOST_CHUNKS, read_picture
+from counterlight.tools.simulation.materials import read_texture
 from tests.hostile import little_memory
-from tools.simulation.materials import read_texture
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from player.decoding import pixels
-from player.errors import InputError
+from counterlight.decoding import pixels
+from counterlight.errors import InputError
 from tests.ffmpeg_frames import Planes, ffmpeg_frame
 
 

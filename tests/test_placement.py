@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from player import calibration, reference
-from player.errors import InputError
-from player.picture_reference import pinned
-from player.placement import FILE, corners_of, fit, homography, read_placement, write_placement
+from counterlight import calibration, reference
+from counterlight.errors import InputError
+from counterlight.picture_reference import pinned
+from counterlight.placement import FILE, corners_of, fit, homography, read_placement, write_placement
 from tests.rooms import write_blurred_room
 
 

@@ -9,14 +9,14 @@ import av
 import numpy as np
 import pytest
 
-from player.medium import Border, Medium
-from player.show import playback as playbacks
-from player.show.media import Media
-from player.show.playback import Playback
-from player.show.playlist import Playlist
-from player.show.session import Session
-from player.show.session_inputs import Setup
-from player.video import MediaReader
+from counterlight.medium import Border, Medium
+from counterlight.show import playback as playbacks
+from counterlight.show.media import Media
+from counterlight.show.playback import Playback
+from counterlight.show.playlist import Playlist
+from counterlight.show.session import Session
+from counterlight.show.session_inputs import Setup
+from counterlight.video import MediaReader
 from tests.ffmpeg_frames import ffmpeg_frame
 from tests.stage import Clock, Screen
 

@@ -1,4 +1,4 @@
-"""play-corrected and build-correction-map as a user runs them: whole commands, real files, EGL."""
+"""counterlight play and counterlight build as a user runs them: whole commands, real files, EGL."""
 
 import json
 import re
@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from player import app, calibration, exr, maps, output
-from player.reference import PreparedRows
-from player.renderer import Renderer
+from counterlight import app, calibration, exr, maps, output
+from counterlight.reference import PreparedRows
+from counterlight.renderer import Renderer
+from counterlight.tools import build_correction_map
+from counterlight.tools.solve.registry import solve
+from counterlight.tools.solve.system import channel_system
+from counterlight.tools.transport.transport import Transport
 from tests.programs import CLIP, fail, on, succeed
 from tests.rooms import write_blurred_room
-from tools import build_correction_map
-from tools.solve.registry import solve
-from tools.solve.system import channel_system
-from tools.transport.transport import Transport
 
 ROOM_CAMERA, ROOM_PROJECTOR = (36, 50), (30, 40)
 
@@ -29,7 +29,7 @@ ROOM_CAMERA, ROOM_PROJECTOR = (36, 50), (30, 40)
 def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Transport]:
     folder = tmp_path_factory.mktemp("rooms") / "wall"
     transport = write_blurred_room(folder, np.random.default_rng(7), ROOM_CAMERA, ROOM_PROJECTOR)
-    out = succeed("build-correction-map", folder, "--regularize", "0.02", "--max-error", "0.1")
+    out = succeed("build", folder, "--regularize", "0.02", "--max-error", "0.1")
     assert re.search(r"clusters, largest .* entries, texture \d+x\d+, fill 9\d\.\d %, .* MiB of maps, .* s", out)
     return folder, transport
 
@@ -52,7 +52,7 @@ def test_an_exr_is_compensated_as_the_equation_says(
 ) -> None:
     exr.write_rgb(tmp_path / "c.exr", target)
     files = room, tmp_path / "c.exr", "--output", tmp_path / "p.exr"
-    succeed("play-corrected", *files, "--backend", backend, "--refine", "0")
+    succeed("play", *files, "--backend", backend, "--refine", "0")
     stored = calibration.read(room)
     T_pinv = PreparedRows(maps.read_maps(stored).correction)
     expected = np.clip(T_pinv.apply(target - stored.calibration.ambient), 0, 1)
@@ -74,10 +74,10 @@ def test_imported_matrices_are_played_through_numpys_pseudo_inverse(tmp_path: Pa
     sizes = ["--camera", "9x8", "--projector", "6x5"]
     files = ["--ambient", tmp_path / "e.npy", "--mask", tmp_path / "mask.png"]
     succeed("import-transport", *matrices, *sizes, *files, "-o", tmp_path / "room")
-    succeed("build-correction-map", tmp_path / "room", "--regularize", "none", "--max-error", "0")
+    succeed("build", tmp_path / "room", "--regularize", "none", "--max-error", "0")
     c = rng.uniform(0, 1, (*camera, 3)).astype(np.float32)
     exr.write_rgb(tmp_path / "c.exr", c)
-    succeed("play-corrected", tmp_path / "room", tmp_path / "c.exr", "--output", tmp_path / "p.exr", "--refine", "0")
+    succeed("play", tmp_path / "room", tmp_path / "c.exr", "--output", tmp_path / "p.exr", "--refine", "0")
     light = (c.astype(float) - ambient).reshape(-1, 3)
     drive = np.stack([np.linalg.pinv(dense[i].astype(float)) @ light[:, i] for i in range(3)], axis=1)
     result = exr.read_rgb(tmp_path / "p.exr").reshape(-1, 3)
@@ -92,7 +92,7 @@ def test_the_camera_sees_what_was_asked_for(built: tuple[Path, Transport], tmp_p
     asked = transport.apply(drive.reshape(-1, 3)).reshape(*ROOM_CAMERA, 3) + stored.calibration.ambient
     exr.write_rgb(tmp_path / "c.exr", asked.astype(np.float32))
     files = folder, tmp_path / "c.exr", "--output", tmp_path / "seen.exr"
-    succeed("play-corrected", *files, "--view", "camera", "--refine", "0")
+    succeed("play", *files, "--view", "camera", "--refine", "0")
     seen = exr.read_rgb(tmp_path / "seen.exr")
     assert np.sqrt(np.mean((seen - asked) ** 2)) < 0.005 * asked.max()  # damping of 0.02 σ₁ shrinks by about λ²/σ²
     plain = transport.apply(np.clip(asked.reshape(-1, 3)[: drive.size // 3], 0, 1)).reshape(*ROOM_CAMERA, 3)
@@ -101,7 +101,7 @@ def test_the_camera_sees_what_was_asked_for(built: tuple[Path, Transport], tmp_p
 
 def test_a_clip_becomes_a_video_with_its_frames(room: Path, tmp_path: Path) -> None:
     output, stats = tmp_path / "out.mp4", tmp_path / "stats.json"
-    succeed("play-corrected", room, CLIP, "--output", output, "--frames", 7, "--stats", stats)
+    succeed("play", room, CLIP, "--output", output, "--frames", 7, "--stats", stats)
     with av.open(str(output)) as container:
         frames = list(container.decode(video=0))
     assert len(frames) == 7
@@ -117,15 +117,15 @@ def test_gl_and_cpu_render_the_same_codes(room: Path, tmp_path: Path) -> None:
     for view in ("projector", "camera", "split"):
         for backend in ("gl", "cpu"):
             out = tmp_path / f"{view}-{backend}.png"
-            succeed("play-corrected", room, CLIP, "--output", out, "--view", view, "--backend", backend, "--start", "2")
+            succeed("play", room, CLIP, "--output", out, "--view", view, "--backend", backend, "--start", "2")
         pictures = [cv2.imread(str(tmp_path / f"{view}-{backend}.png")).astype(int) for backend in ("gl", "cpu")]
         assert np.abs(pictures[0] - pictures[1]).max() <= 1  # one code value: a rounding may tip
         assert pictures[0].std() > 5
 
 
 def test_sequences_are_numbered_and_lossless(room: Path, tmp_path: Path) -> None:
-    succeed("play-corrected", room, CLIP, "--output", tmp_path / "f%04d.png", "--frames", 3)
-    succeed("play-corrected", room, CLIP, "--output", tmp_path / "out.mkv", "--frames", 3)
+    succeed("play", room, CLIP, "--output", tmp_path / "f%04d.png", "--frames", 3)
+    succeed("play", room, CLIP, "--output", tmp_path / "out.mkv", "--frames", 3)
     assert sorted(path.name for path in tmp_path.glob("f*")) == ["f0000.png", "f0001.png", "f0002.png"]
     with av.open(str(tmp_path / "out.mkv")) as container:
         for index, frame in enumerate(container.decode(video=0)):
@@ -136,7 +136,7 @@ def test_sequences_are_numbered_and_lossless(room: Path, tmp_path: Path) -> None
 def test_compensation_is_what_raises_the_psnr(room: Path, tmp_path: Path) -> None:
     figures = []
     for option in ([], ["--no-compensation"]):
-        out = succeed("play-corrected", room, CLIP, "--output", tmp_path / "c.png", "--view", "camera", *option)
+        out = succeed("play", room, CLIP, "--output", tmp_path / "c.png", "--view", "camera", *option)
         match = re.search(r"camera PSNR (\d+\.\d) dB", out)
         assert match is not None
         figures.append(float(match.group(1)))
@@ -156,7 +156,7 @@ def test_refinement_approaches_the_box_optimum(built: tuple[Path, Transport], tm
     for steps in (0, 2, 8, 256):
         out, stats = tmp_path / "p.exr", tmp_path / "stats.json"
         files = folder, tmp_path / "c.exr", "--output", out, "--stats", stats
-        succeed("play-corrected", *files, "--refine", steps)
+        succeed("play", *files, "--refine", steps)
         drive = exr.read_rgb(out).reshape(-1, 3).astype(float)
         errors.append(sum(system.squared_error(drive[:, i]) for i, system in enumerate(systems)))
         if steps:
@@ -172,14 +172,14 @@ def test_refinement_approaches_the_box_optimum(built: tuple[Path, Transport], tm
 
 def test_a_map_without_refinement_plays_and_says_what_is_missing(room: Path, tmp_path: Path) -> None:
     out = tmp_path / "o.png"
-    summary = succeed("build-correction-map", room, "--regularize", "0.1", "--no-refine")
+    summary = succeed("build", room, "--regularize", "0.1", "--no-refine")
     assert {path.name for path in (room / "correction").iterdir() if path.is_dir()} == {"transport"}
-    succeed("play-corrected", room, CLIP, "--output", out)
+    succeed("play", room, CLIP, "--output", out)
     for option in (["--refine", "4"], ["--refine-from", "grey"], ["--refine", "auto"]):
-        line = fail("play-corrected", room, CLIP, "--output", out, *option)
-        assert "built without what refinement needs; rebuild them with: build-correction-map" in line
-    succeed("play-corrected", room, CLIP, "--output", out, "--refine", "0")
-    sizes = [float(re.findall(r"([\d.]+) MiB", text)[0]) for text in (summary, succeed("build-correction-map", room))]
+        line = fail("play", room, CLIP, "--output", out, *option)
+        assert "built without what refinement needs; rebuild them with: counterlight build" in line
+    succeed("play", room, CLIP, "--output", out, "--refine", "0")
+    sizes = [float(re.findall(r"([\d.]+) MiB", text)[0]) for text in (summary, succeed("build", room))]
     assert sizes[0] < sizes[1]
 
 
@@ -196,23 +196,23 @@ def test_a_damaged_map_is_refused(room: Path, tmp_path: Path, file: str, damage:
     else:
         contents[-100] ^= 4
         path.write_bytes(contents if damage == "flipped" else contents[: len(contents) // 2])
-    line = fail("play-corrected", room, CLIP, "--output", tmp_path / "out.png")
+    line = fail("play", room, CLIP, "--output", tmp_path / "out.png")
     assert file in line
-    assert f"rebuild it with: build-correction-map {room}" in line
+    assert f"rebuild it with: counterlight build {room}" in line
     assert not (tmp_path / "out.png").exists()
 
 
 def test_a_map_of_another_calibration_is_refused(room: Path, tmp_path: Path) -> None:
     write_blurred_room(tmp_path / "other", np.random.default_rng(8), ROOM_CAMERA, ROOM_PROJECTOR)
     shutil.copytree(room / "correction", tmp_path / "other" / "correction")
-    line = fail("play-corrected", tmp_path / "other", CLIP, "--output", tmp_path / "out.png")
+    line = fail("play", tmp_path / "other", CLIP, "--output", tmp_path / "out.png")
     assert "made for another state" in line
 
 
 def test_no_map_yet(tmp_path: Path) -> None:
     write_blurred_room(tmp_path / "wall", np.random.default_rng(8))
-    line = fail("play-corrected", tmp_path / "wall", CLIP, "--output", tmp_path / "out.png")
-    assert "missing; rebuild it with: build-correction-map" in line
+    line = fail("play", tmp_path / "wall", CLIP, "--output", tmp_path / "out.png")
+    assert "missing; rebuild it with: counterlight build" in line
 
 
 @pytest.mark.parametrize(
@@ -245,16 +245,16 @@ def test_no_map_yet(tmp_path: Path) -> None:
 def test_wrong_use_is_one_line(room: Path, tmp_path: Path, arguments: list[str], complaint: str) -> None:
     names = {"ROOM": str(room), "CLIP": str(CLIP)}
     words = [names.get(word, word.replace("OUT", str(tmp_path))) for word in arguments]
-    assert complaint in fail("play-corrected", *words)
+    assert complaint in fail("play", *words)
     assert [path.name for path in tmp_path.iterdir()] == ["wall"]
 
 
 def test_no_screen_and_no_egl(room: Path, tmp_path: Path) -> None:
-    assert "no screen" in fail("play-corrected", room, CLIP, **on(""))
-    assert "no screen" in fail("play-corrected", "--list-monitors", **on(""))
+    assert "no screen" in fail("play", room, CLIP, **on(""))
+    assert "no screen" in fail("play", "--list-monitors", **on(""))
     nothing = tmp_path / "empty"
     nothing.mkdir()
-    line = fail("play-corrected", room, CLIP, "--output", tmp_path / "o.png", __EGL_VENDOR_LIBRARY_DIRS=str(nothing))
+    line = fail("play", room, CLIP, "--output", tmp_path / "o.png", __EGL_VENDOR_LIBRARY_DIRS=str(nothing))
     assert "no OpenGL through EGL" in line
     assert "--backend cpu" in line
 
@@ -270,7 +270,7 @@ def test_a_clip_that_ends_early_leaves_no_output(room: Path, tmp_path: Path) -> 
         container.mux(stream.encode(None))
     clip.write_bytes(clip.read_bytes()[: clip.stat().st_size // 2])
     for name in ("o.mp4", "o.mkv", "o%02d.png"):
-        assert "ends early" in fail("play-corrected", room, clip, "--output", tmp_path / name)
+        assert "ends early" in fail("play", room, clip, "--output", tmp_path / name)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["clip.mkv", "wall"]
 
 
@@ -284,7 +284,7 @@ def test_a_clip_that_ends_early_leaves_no_output(room: Path, tmp_path: Path) -> 
 )
 def test_build_correction_map_refuses_wrong_options(room: Path, arguments: list[str], complaint: str) -> None:
     before = (room / "correction" / "manifest.toml").read_bytes()
-    assert complaint in fail("build-correction-map", room, *arguments)
+    assert complaint in fail("build", room, *arguments)
     assert (room / "correction" / "manifest.toml").read_bytes() == before
 
 
@@ -292,7 +292,7 @@ def test_a_damaged_transport_keeps_the_previous_map(room: Path) -> None:
     before = (room / "correction" / "manifest.toml").read_bytes()
     path = room / "transport_green.npz"
     path.write_bytes(path.read_bytes()[:-20])
-    assert "transport_green.npz" in fail("build-correction-map", room)
+    assert "transport_green.npz" in fail("build", room)
     assert (room / "correction" / "manifest.toml").read_bytes() == before
     assert [path.name for path in room.parent.iterdir()] == ["wall"]
 
@@ -304,7 +304,10 @@ def test_an_interrupt_leaves_the_previous_map(
         raise KeyboardInterrupt
 
     before = (room / "correction" / "manifest.toml").read_bytes()
-    for step in ("player.row_map.write", "tools.inverse.inverse.join"):  # while writing, and while computing
+    for step in (
+        "counterlight.row_map.write",
+        "counterlight.tools.inverse.inverse.join",
+    ):  # while writing, and while computing
         with monkeypatch.context() as patch:
             patch.setattr(step, interrupted)
             assert build_correction_map.main([str(room)]) == 130
@@ -352,7 +355,7 @@ def test_frames_keep_their_times(room: Path, tmp_path: Path, suffix: str) -> Non
             frame.pts, frame.time_base = round(time_s * 1000), Fraction(1, 1000)
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
-    succeed("play-corrected", room, clip, "--output", rendered)
+    succeed("play", room, clip, "--output", rendered)
     with av.open(f"file:{rendered}") as container:
         found = [float(frame.time) for frame in container.decode(video=0)]
     np.testing.assert_allclose(found, times, atol=1.1e-3)  # Matroska counts milliseconds

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from player.errors import InputError
+from counterlight.errors import InputError
+from counterlight.tools.acquisition.cameras.camera import Shot
+from counterlight.tools.acquisition.cameras.live import Codes
+from counterlight.tools.acquisition.cameras.simulated import SimulatedCamera, SimulatedRoom
+from counterlight.tools.acquisition.cameras.tethered import open_tethered_eye, shutter_time
+from counterlight.tools.acquisition.cameras.video import VideoEye
+from counterlight.tools.acquisition.cameras.window import projector_monitor
+from counterlight.tools.acquisition.preflight import CHECKS, Finding, preflight
+from counterlight.tools.transport.transport import Transport
 from tests.acquired_rooms import CAMERA, NOISY, PROJECTOR, SHAPE, room_of, sharp_wall
-from tools.acquisition.cameras.camera import Shot
-from tools.acquisition.cameras.live import Codes
-from tools.acquisition.cameras.simulated import SimulatedCamera, SimulatedRoom
-from tools.acquisition.cameras.tethered import open_tethered_eye, shutter_time
-from tools.acquisition.cameras.video import VideoEye
-from tools.acquisition.cameras.window import projector_monitor
-from tools.acquisition.preflight import CHECKS, Finding, preflight
-from tools.transport.transport import Transport
 
 
 @pytest.fixture
@@ -212,7 +212,7 @@ def test_without_its_package_gphoto2_says_what_to_install(monkeypatch: pytest.Mo
 
 
 def test_the_desktop_is_no_projector() -> None:
-    from player.gl.monitors import Monitor
+    from counterlight.gl.monitors import Monitor
 
     desktop, projector = Monitor(0, "eDP", 9, 9, 60, 0, 0, True), Monitor(1, "HDMI", 9, 9, 60, 9, 0, False)
     assert projector_monitor([desktop, projector], "HDMI", desktop=False) is projector

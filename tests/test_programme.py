@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from player.errors import InputError
-from player.medium import Border, Medium
-from player.show.commands import CommandError
-from player.show.lookup import MOST_WAITING, LookUp
-from player.show.media import Media
-from player.show.programme import HURRY_S, LIST_S, LONGEST_RETRY_S, RETRY_S
-from player.show.session_inputs import Setup
-from player.stats import MOST_NOTICES
+from counterlight.errors import InputError
+from counterlight.medium import Border, Medium
+from counterlight.show.commands import CommandError
+from counterlight.show.lookup import MOST_WAITING, LookUp
+from counterlight.show.media import Media
+from counterlight.show.programme import HURRY_S, LIST_S, LONGEST_RETRY_S, RETRY_S
+from counterlight.show.session_inputs import Setup
+from counterlight.stats import MOST_NOTICES
 from tests.stage import Reader, Stage
 
 SLOW_S = 3.0

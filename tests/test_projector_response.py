@@ -10,21 +10,21 @@ import cv2
 import numpy as np
 import pytest
 
-from player import calibration
-from player.calibration import Device
-from player.errors import InputError
-from player.exr import write_rgb
-from player.reading import read_toml
-from player.reference import encode
-from player.response import Response
+from counterlight import calibration
+from counterlight.calibration import Device
+from counterlight.errors import InputError
+from counterlight.exr import write_rgb
+from counterlight.reading import read_toml
+from counterlight.reference import encode
+from counterlight.response import Response
+from counterlight.tools.acquisition.captures import find_captures
+from counterlight.tools.acquisition.graycode import Decoded, decode
+from counterlight.tools.acquisition.graycode_room import GraycodeOptions, import_graycode_room
+from counterlight.tools.acquisition.room_options import named_response
+from counterlight.tools.fit_projector_response import main
+from counterlight.tools.hdr.projector_response import fit_projector_response, level_means
+from counterlight.tools.transport.storage import read_transport
 from tests.brackets import CURVES, write_picture
-from tools.acquisition.captures import find_captures
-from tools.acquisition.graycode import Decoded, decode
-from tools.acquisition.graycode_room import GraycodeOptions, import_graycode_room
-from tools.acquisition.room_options import named_response
-from tools.fit_projector_response import main
-from tools.hdr.projector_response import fit_projector_response, level_means
-from tools.transport.storage import read_transport
 
 LEVELS = np.arange(0, 256, 5) / 255
 GREY = Response("linear")
@@ -88,7 +88,7 @@ def test_the_command_fits_a_table(tmp_path: Path) -> None:
     table = write_table(tmp_path / "ramp.csv", LEVELS * 255, readings)
     output = tmp_path / "projector.toml"
     ended = subprocess.run(
-        [sys.executable, "-m", "tools.fit_projector_response", str(table), "-o", str(output)],
+        [sys.executable, "-m", "counterlight.tools.fit_projector_response", str(table), "-o", str(output)],
         capture_output=True,
         text=True,
         check=False,

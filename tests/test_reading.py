@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from player.errors import InputError
-from player.reading import MAX_TOML_BYTES, MOST_PARTS, DescribedFiles, read_bytes, read_toml
-from player.tables import Table
+from counterlight.errors import InputError
+from counterlight.reading import MAX_TOML_BYTES, MOST_PARTS, DescribedFiles, read_bytes, read_toml
+from counterlight.tables import Table
+from counterlight.tools.simulation.scene import load_scene
 from tests.hostile import little_memory, without_rights
-from tools.simulation.scene import load_scene
 
 FIX = "make it again"
 

@@ -8,12 +8,12 @@ import pytest
 from scipy import sparse
 from scipy.optimize import lsq_linear
 
-from player import calibration, maps
-from player.content import CUT, SceneCuts
-from player.cpu_renderer import CpuRenderer
-from player.maps import FarMaps, RefinementMaps, RoomMaps
-from player.reference import PreparedRows
-from player.refinement import (
+from counterlight import calibration, maps
+from counterlight.content import CUT, SceneCuts
+from counterlight.cpu_renderer import CpuRenderer
+from counterlight.maps import FarMaps, RefinementMaps, RoomMaps
+from counterlight.reference import PreparedRows
+from counterlight.refinement import (
     LARGEST_MOMENTUM,
     OVER_RELAXATION,
     SHARE_OF_FRAME,
@@ -23,12 +23,12 @@ from player.refinement import (
     default_start,
     momentum,
 )
-from player.video import Frame
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.room import build_room_maps
+from counterlight.tools.packing.row_maps import pack_matrices
+from counterlight.video import Frame
 from tests.refined_rooms import DARK, PhysicalRoom, physical_room
 from tests.rooms import CAMERA, radiance_frame, rgb_frame, write_blurred_room
-from tools.inverse.inverse import InverseOptions
-from tools.inverse.room import build_room_maps
-from tools.packing.row_maps import pack_matrices
 
 
 def desired(rng: np.random.Generator) -> Frame:

@@ -10,9 +10,9 @@ import moderngl
 import numpy as np
 import pytest
 
-from player.gl.renderer import GlRenderer
-from player.unattended.heartbeat import rss_bytes
-from player.video import Frame, MediaReader
+from counterlight.gl.renderer import GlRenderer
+from counterlight.unattended.heartbeat import rss_bytes
+from counterlight.video import Frame, MediaReader
 from tests.gl_objects import live_objects
 from tests.rooms import random_room
 from tests.test_memory import two_seconds  # noqa: F401 (a fixture)

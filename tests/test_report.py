@@ -1,4 +1,4 @@
-"""build-correction-map --report: its figures recomputed, its pictures, and nothing half-written."""
+"""counterlight build --report: its figures recomputed, its pictures, and nothing half-written."""
 
 import json
 import re
@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from player import calibration, maps
-from player.calibration import Calibration, Device
-from player.maps import RoomMaps
-from player.response import Response
-from player.row_map import unpack
+from counterlight import calibration, maps
+from counterlight.calibration import Calibration, Device
+from counterlight.maps import RoomMaps
+from counterlight.response import Response
+from counterlight.row_map import unpack
+from counterlight.tools.packing.row_maps import pack_matrices
+from counterlight.tools.report import report
+from counterlight.tools.report.charts import bins_of
+from counterlight.tools.report.impossible import REASONS, best_drive, find_impossible
+from counterlight.tools.report.pictures import cluster_picture, matrix_picture, texture_picture
+from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.transport import Transport
 from tests.programs import fail, succeed
 from tests.rooms import write_blurred_room
-from tools.packing.row_maps import pack_matrices
-from tools.report import report
-from tools.report.charts import bins_of
-from tools.report.impossible import REASONS, best_drive, find_impossible
-from tools.report.pictures import cluster_picture, matrix_picture, texture_picture
-from tools.transport.storage import read_transport
-from tools.transport.transport import Transport
 
 ROOM_CAMERA, ROOM_PROJECTOR = (12, 18), (9, 14)
 NAMES = [reason.name for reason in REASONS]
@@ -33,7 +33,7 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A room and its report."""
     folder = tmp_path_factory.mktemp("report")
     write_blurred_room(folder / "wall", np.random.default_rng(5), ROOM_CAMERA, ROOM_PROJECTOR)
-    out = succeed("build-correction-map", folder / "wall", "--report", folder / "report")
+    out = succeed("build", folder / "wall", "--report", folder / "report")
     assert out.splitlines()[-1] == f"report: {folder / 'report' / 'index.html'}"
     return folder / "wall", folder / "report"
 
@@ -160,7 +160,7 @@ def test_a_folder_that_is_no_report_is_refused_before_the_work(reported: tuple[P
     (tmp_path / "letters").mkdir()
     (tmp_path / "letters" / "a.txt").write_text("dear")
     before = (reported[0] / "correction" / "manifest.toml").stat().st_mtime_ns
-    line = fail("build-correction-map", reported[0], "--report", tmp_path / "letters")
+    line = fail("build", reported[0], "--report", tmp_path / "letters")
     assert "is no report" in line
     assert (reported[0] / "correction" / "manifest.toml").stat().st_mtime_ns == before
     assert [path.name for path in tmp_path.rglob("*")] == ["letters", "a.txt"]

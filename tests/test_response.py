@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from player.errors import InputError
-from player.reference import encode
-from player.response import parse_response, transfer_table
+from counterlight.errors import InputError
+from counterlight.reference import encode
+from counterlight.response import parse_response, transfer_table
 
 
 @pytest.mark.parametrize("value", ["linear", "srgb", 0.6, 1.0, 1.8, 2.2, 2.4, "2.2", [[0.0], [0.1], [0.5], [1.0]]])

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from player import exr, row_map
-from player.errors import InputError
-from player.row_map import MAX_FLOAT_INDEX, RowMap, SparseRows, pack, unpack
-from player.tables import Table
+from counterlight import exr, row_map
+from counterlight.errors import InputError
+from counterlight.row_map import MAX_FLOAT_INDEX, RowMap, SparseRows, pack, unpack
+from counterlight.tables import Table
 
 
 def promised(sizes: dict[str, object]) -> Table:

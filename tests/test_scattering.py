@@ -7,15 +7,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy import integrate, special
 
-from player.errors import InputError
-from tools.simulation.camera_side import camera_samples
-from tools.simulation.effects import gloss, subsurface
-from tools.simulation.effects_on import EffectsOn
-from tools.simulation.geometry import trace
-from tools.simulation.needs import chosen, needs_of
-from tools.simulation.projector_side import irradiance
-from tools.simulation.scene import Scene, load_scene
-from tools.simulation.simulate import simulate
+from counterlight.errors import InputError
+from counterlight.tools.simulation.camera_side import camera_samples
+from counterlight.tools.simulation.effects import gloss, subsurface
+from counterlight.tools.simulation.effects_on import EffectsOn
+from counterlight.tools.simulation.geometry import trace
+from counterlight.tools.simulation.needs import chosen, needs_of
+from counterlight.tools.simulation.projector_side import irradiance
+from counterlight.tools.simulation.scene import Scene, load_scene
+from counterlight.tools.simulation.simulate import simulate
 
 FloatArray = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from player.medium import Medium
-from player.show.commands import CommandError
-from player.show.session_inputs import Setup
+from counterlight.medium import Medium
+from counterlight.show.commands import CommandError
+from counterlight.show.session_inputs import Setup
 from tests.stage import Reader, Stage
 
 

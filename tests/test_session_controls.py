@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from player.errors import InputError
-from player.show.commands import CommandError, Commands
-from player.show.session_inputs import Setup
+from counterlight.errors import InputError
+from counterlight.show.commands import CommandError, Commands
+from counterlight.show.session_inputs import Setup
 from tests.stage import SQUARE, Reader, Screen, Stage
 
 

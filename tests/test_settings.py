@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from player.errors import InputError
-from player.medium import Border, Medium
-from player.picture import Picture
-from player.show.options import image_display_duration, monitors_of, picture_of, read_options
-from player.show.playlist import Playlist, expand
-from player.show.settings import default_path
+from counterlight.errors import InputError
+from counterlight.medium import Border, Medium
+from counterlight.picture import Picture
+from counterlight.show.options import image_display_duration, monitors_of, picture_of, read_options
+from counterlight.show.playlist import Playlist, expand
+from counterlight.show.settings import default_path
 
 
 @pytest.fixture

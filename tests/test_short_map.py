@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from player.maps import RoomMaps
-from player.row_map import RowMap, SparseRows, pack, unpack
-from player.short_map import half_scale, in_half, rounding_of, to_half
+from counterlight.maps import RoomMaps
+from counterlight.row_map import RowMap, SparseRows, pack, unpack
+from counterlight.short_map import half_scale, in_half, rounding_of, to_half
+from counterlight.tools.packing.row_maps import pack_matrices
 from tests.rooms import CAMERA, random_room
-from tools.packing.row_maps import pack_matrices
 
 
 def test_the_bound_of_16_bit_weights_is_reached_and_never_passed(rng: np.random.Generator) -> None:

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from player import calibration
-from player.errors import InputError
+from counterlight import calibration
+from counterlight.errors import InputError
+from counterlight.tools.simulation.geometry import trace
+from counterlight.tools.simulation.needs import needs_of
+from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.simulation.simulate import simulate
+from counterlight.tools.transport.storage import read_transport
 from tests.programs import command, fail, succeed
 from tests.scenes import SCENES, flat, plane, rectangle, scene_file, small
-from tools.simulation.geometry import trace
-from tools.simulation.needs import needs_of
-from tools.simulation.scene import load_scene
-from tools.simulation.simulate import simulate
-from tools.transport.storage import read_transport
 
 # On demand
 
@@ -38,12 +38,12 @@ def test_an_effect_that_is_off_is_not_even_imported(name: str) -> None:
 import sys
 from dataclasses import replace
 from pathlib import Path
-from tools.simulation.scene import load_scene
-from tools.simulation.simulate import simulate
+from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.simulation.simulate import simulate
 scene = load_scene(Path({str(SCENES / name)!r} + ".toml"))
 scene = replace(scene, cells=40, camera=scene.camera.resized(9, 16), projector=scene.projector.resized(9, 16))
 result = simulate(scene)
-prefix = "tools.simulation.effects."
+prefix = "counterlight.tools.simulation.effects."
 imported = {{module.removeprefix(prefix) for module in sys.modules if module.startswith(prefix)}}
 known = {{report.need.effect for report in result.reports}}
 print(*sorted(imported & known))
@@ -248,28 +248,26 @@ def test_devices_that_see_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("name", "has_far"), [("wall", False), ("corner", True)])
 def test_the_command_writes_a_calibration(tmp_path: Path, name: str, has_far: bool) -> None:
     scene = SCENES / f"{name}.toml"
-    out = succeed("simulate-transport", scene, "-o", tmp_path / "room", "--camera", "96x72", "--projector", "80x60")
+    out = succeed("simulate", scene, "-o", tmp_path / "room", "--camera", "96x72", "--projector", "80x60")
     assert ("inter_reflection" in out) == has_far
     stored = calibration.read(tmp_path / "room")
     assert stored.calibration.camera.shape == (72, 96)
     assert stored.calibration.mask.mean() > 0.4
     transport = read_transport(stored)
     assert (transport.far is not None) == has_far
-    assert "--force" in fail("simulate-transport", scene, "-o", tmp_path / "room")
-    assert command("simulate-transport", scene, "-o", tmp_path / "room", "--camera", "20").returncode == 2
+    assert "--force" in fail("simulate", scene, "-o", tmp_path / "room")
+    assert command("simulate", scene, "-o", tmp_path / "room", "--camera", "20").returncode == 2
 
 
 def test_compensating_the_corner_takes_the_far_light_out(tmp_path: Path) -> None:
     """The issue's promise on a small corner: at least 8 dB more than the plain projection, through the whole T."""
     room = tmp_path / "corner"
-    succeed("simulate-transport", SCENES / "corner.toml", "-o", room, "--camera", "120x68", "--projector", "96x54")
-    succeed("build-correction-map", room)
+    succeed("simulate", SCENES / "corner.toml", "-o", room, "--camera", "120x68", "--projector", "96x54")
+    succeed("build", room)
     figures = []
     clip = SCENES.parent / "media" / "big_buck_bunny.mp4"
     for option in ([], ["--no-compensation"]):
-        out = succeed(
-            "play-corrected", room, clip, "--start", "2", "--output", tmp_path / "c.png", "--view", "camera", *option
-        )
+        out = succeed("play", room, clip, "--start", "2", "--output", tmp_path / "c.png", "--view", "camera", *option)
         figures.append(float(out.rpartition("PSNR ")[2].split()[0]))
     assert figures[0] >= figures[1] + 8
     assert figures[0] > 25
@@ -277,11 +275,11 @@ def test_compensating_the_corner_takes_the_far_light_out(tmp_path: Path) -> None
 
 def test_explain_without_writing(tmp_path: Path) -> None:
     scene = SCENES / "wall.toml"
-    out = succeed("simulate-transport", scene, "--explain", "--camera", "24x18", "--projector", "24x18")
+    out = succeed("simulate", scene, "--explain", "--camera", "24x18", "--projector", "24x18")
     assert "inter_reflection  off" in out
     assert "one plane" in out
     assert list(tmp_path.iterdir()) == []
-    assert "give -o FOLDER, --explain or both" in fail("simulate-transport", scene)
+    assert "give -o FOLDER, --explain or both" in fail("simulate", scene)
     assert "unknown effect 'shadow'; did you mean 'shadows'" in fail(
-        "simulate-transport", scene, "--explain", "--without", "shadow"
+        "simulate", scene, "--explain", "--without", "shadow"
     )

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from counterlight.tools.simulation.cells import cut_into_cells
+from counterlight.tools.simulation.devices import Device
+from counterlight.tools.simulation.effects.inter_reflection import form_factors, mixed
+from counterlight.tools.simulation.scene import Scene, load_scene
+from counterlight.tools.simulation.simulate import simulate
 from tests.scenes import flat, plane, rectangle, scene_file, small
-from tools.simulation.cells import cut_into_cells
-from tools.simulation.devices import Device
-from tools.simulation.effects.inter_reflection import form_factors, mixed
-from tools.simulation.scene import Scene, load_scene
-from tools.simulation.simulate import simulate
 
 FloatArray = NDArray[np.float64]
 D = TypeVar("D", bound=Device)

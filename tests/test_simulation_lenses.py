@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from player.response import Response
+from counterlight.response import Response
+from counterlight.tools.simulation.effects.blooming import halo_factors
+from counterlight.tools.simulation.effects.capture_noise import capture, deviation
+from counterlight.tools.simulation.effects.vignetting import transmission
+from counterlight.tools.simulation.lens import LensPoints
+from counterlight.tools.simulation.needs import needs_of
+from counterlight.tools.simulation.scene import Scene, load_scene
+from counterlight.tools.simulation.simulate import Simulated, simulate
+from counterlight.tools.transport.transport import Csr
 from tests.scenes import plane, rectangle, scene_file, small
-from tools.simulation.effects.blooming import halo_factors
-from tools.simulation.effects.capture_noise import capture, deviation
-from tools.simulation.effects.vignetting import transmission
-from tools.simulation.lens import LensPoints
-from tools.simulation.needs import needs_of
-from tools.simulation.scene import Scene, load_scene
-from tools.simulation.simulate import Simulated, simulate
-from tools.transport.transport import Csr
 
 FloatArray = NDArray[np.float64]
 WHITE = "albedo = [1, 1, 1]"

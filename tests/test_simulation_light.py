@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from counterlight.tools.simulation.cells import Grid, cut_into_cells
+from counterlight.tools.simulation.effects.inter_reflection import form_factors, mean_albedo, mixed, point_to_polygon
+from counterlight.tools.simulation.geometry import trace
+from counterlight.tools.simulation.needs import needs_of
+from counterlight.tools.simulation.projector_side import irradiance
+from counterlight.tools.simulation.scene import Scene, load_scene
+from counterlight.tools.simulation.simulate import simulate
+from counterlight.tools.transport.transport import FarLight
 from tests.scenes import flat, plane, rectangle, scene_file, small
-from tools.simulation.cells import Grid, cut_into_cells
-from tools.simulation.effects.inter_reflection import form_factors, mean_albedo, mixed, point_to_polygon
-from tools.simulation.geometry import trace
-from tools.simulation.needs import needs_of
-from tools.simulation.projector_side import irradiance
-from tools.simulation.scene import Scene, load_scene
-from tools.simulation.simulate import simulate
-from tools.transport.transport import FarLight
 
 FloatArray = NDArray[np.float64]
 

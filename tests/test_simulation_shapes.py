@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from player.errors import InputError
+from counterlight.errors import InputError
+from counterlight.tools.simulation.geometry import blocked, trace
+from counterlight.tools.simulation.scene import inside_of, load_scene
+from counterlight.tools.simulation.shapes import mesh
+from counterlight.tools.simulation.shapes.lathe import turned
+from counterlight.tools.simulation.shapes.mesh import read_obj
+from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
+from counterlight.tools.simulation.shapes.quadrics import Cylinder, Sphere
+from counterlight.tools.simulation.shapes.relief import read_heights, relief
+from counterlight.tools.simulation.shapes.shape import Shape, shape_area
+from counterlight.tools.simulation.shapes.triangles import Triangles
 from tests.scenes import plane, scene_file
-from tools.simulation.geometry import blocked, trace
-from tools.simulation.scene import inside_of, load_scene
-from tools.simulation.shapes import mesh
-from tools.simulation.shapes.lathe import turned
-from tools.simulation.shapes.mesh import read_obj
-from tools.simulation.shapes.parallelogram import Parallelogram
-from tools.simulation.shapes.quadrics import Cylinder, Sphere
-from tools.simulation.shapes.relief import read_heights, relief
-from tools.simulation.shapes.shape import Shape, shape_area
-from tools.simulation.shapes.triangles import Triangles
 
 FloatArray = NDArray[np.float64]
 X, Y, Z = np.eye(3)

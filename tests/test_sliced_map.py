@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from player.row_map import RowMap, SparseRows, pack, unpack
-from player.short_map import half_scale, in_half
-from player.sliced_map import GROUP, NO_PIXEL, SHORT_SPAN, Part, lanes_of, parts, row_order, spans_fit
+from counterlight.row_map import RowMap, SparseRows, pack, unpack
+from counterlight.short_map import half_scale, in_half
+from counterlight.sliced_map import GROUP, NO_PIXEL, SHORT_SPAN, Part, lanes_of, parts, row_order, spans_fit
 from tests.rooms import random_map
 
 OUTPUT, SOURCE = (19, 23), (31, 40)

@@ -1,4 +1,4 @@
-"""The CPU solvers against scipy's and closed forms, the figures that judge them, and compensate-image as it is run."""
+"""The CPU solvers against scipy's and closed forms, the figures that judge them, and counterlight compensate as it is run."""
 
 from pathlib import Path
 
@@ -11,22 +11,22 @@ from scipy import sparse
 from scipy.optimize import lsq_linear, nnls
 from skimage.color import deltaE_ciede2000, rgb2lab
 
-from player import calibration, exr
-from player.calibration import Calibration, Device, StoredCalibration, writing
-from player.response import Response
+from counterlight import calibration, exr
+from counterlight.calibration import Calibration, Device, StoredCalibration, writing
+from counterlight.response import Response
+from counterlight.tools import build_correction_map
+from counterlight.tools.clusters.finite import NonFiniteError
+from counterlight.tools.solve.box import MOST_STEPS, TOLERANCE, certificate, relative_gap
+from counterlight.tools.solve.clusterwise import solve_clusters
+from counterlight.tools.solve.compensate import CompensateOptions, CompensationTask
+from counterlight.tools.solve.krylov import least_squares
+from counterlight.tools.solve.quality import measure
+from counterlight.tools.solve.registry import SOLVERS, solve
+from counterlight.tools.solve.system import LinearSystem, channel_system, linear_system
+from counterlight.tools.transport.storage import write_transport
 from tests.programs import fail, succeed
 from tests.rooms import blurred_transport, write_blurred_room
 from tests.test_relight import far_transport
-from tools import build_correction_map
-from tools.clusters.finite import NonFiniteError
-from tools.solve.box import MOST_STEPS, TOLERANCE, certificate, relative_gap
-from tools.solve.clusterwise import solve_clusters
-from tools.solve.compensate import CompensateOptions, CompensationTask
-from tools.solve.krylov import least_squares
-from tools.solve.quality import measure
-from tools.solve.registry import SOLVERS, solve
-from tools.solve.system import LinearSystem, channel_system, linear_system
-from tools.transport.storage import write_transport
 
 CAMERA, PROJECTOR = (18, 26), (14, 20)
 SEEDS = st.integers(0, 2**32 - 1)
@@ -148,7 +148,7 @@ def test_large_clusters_go_another_way(rng: np.random.Generator, monkeypatch: py
     blur = blurred_transport(rng, (12, 16), (10, 13), 0.4).toarray()
     T = np.block([[blur, np.zeros((192, 1))], [np.zeros((1, 130)), 0.5]])
     b = T @ rng.uniform(size=131)
-    monkeypatch.setattr("tools.solve.clusterwise.LARGEST_BLOCK", 100)
+    monkeypatch.setattr("counterlight.tools.solve.clusterwise.LARGEST_BLOCK", 100)
     for name in ("qr", "svd", "nnls"):
         found = solve(name, linear_system(T, b))
         assert found.notes[0].startswith("1 clusters of up to 130 projector pixels: ")
@@ -210,7 +210,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> tuple[StoredCalibration, P
 
 def test_command_compares_all_solvers(room: tuple[StoredCalibration, Path], tmp_path: Path) -> None:
     stored, picture = room
-    out = succeed("compensate-image", stored.folder, picture, "--solver", "all", "-o", tmp_path / "p.exr")
+    out = succeed("compensate", stored.folder, picture, "--solver", "all", "-o", tmp_path / "p.exr")
     table = {line.split()[0]: [float(v) for v in line.split()[1:]] for line in out.splitlines() if line.count(".") > 4}
     assert list(table) == ["none", "direct", "map", "qr", "svd", "nnls", "box"]
     assert all(row[6] >= -1e-3 for row in table.values())
@@ -224,7 +224,7 @@ def test_command_compares_all_solvers(room: tuple[StoredCalibration, Path], tmp_
 def test_command_writes_code_values_by_default(room: tuple[StoredCalibration, Path], tmp_path: Path) -> None:
     stored, picture = room
     for suffix in ("png", "exr"):
-        succeed("compensate-image", stored.folder, picture, "-o", tmp_path / f"p.{suffix}")
+        succeed("compensate", stored.folder, picture, "-o", tmp_path / f"p.{suffix}")
     codes = cv2.imread(str(tmp_path / "p.png"))[..., ::-1]
     light = exr.read_rgb(tmp_path / "p.exr").astype(np.float64)
     np.testing.assert_allclose(Response("srgb").to_linear(codes / 255), light, atol=0.006)
@@ -263,11 +263,11 @@ def test_command_refuses_in_one_line(
     room: tuple[StoredCalibration, Path], tmp_path: Path, arguments: list[str], says: str
 ) -> None:
     stored, picture = room
-    assert says in fail("compensate-image", stored.folder, picture, *arguments)
+    assert says in fail("compensate", stored.folder, picture, *arguments)
 
 
 def test_command_needs_a_map_and_a_fitting_picture(room: tuple[StoredCalibration, Path], tmp_path: Path) -> None:
     write_blurred_room(tmp_path / "bare", np.random.default_rng(3), CAMERA, PROJECTOR)
-    assert "build-correction-map" in fail("compensate-image", tmp_path / "bare", room[1], "--solver", "map")
+    assert "build" in fail("compensate", tmp_path / "bare", room[1], "--solver", "map")
     exr.write_rgb(tmp_path / "small.exr", np.ones((4, 5, 3), np.float32))
-    assert "5x4" in fail("compensate-image", room[0].folder, tmp_path / "small.exr")
+    assert "5x4" in fail("compensate", room[0].folder, tmp_path / "small.exr")

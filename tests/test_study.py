@@ -14,22 +14,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from player import calibration
-from player.files import describe_files
-from player.renderer import Room
+from counterlight import calibration
+from counterlight.files import describe_files
+from counterlight.renderer import Room
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.presets import PRESETS
+from counterlight.tools.solve.compensate import CompensateOptions, CompensationTask
+from counterlight.tools.study.frames import graphics, player
+from counterlight.tools.study.measure import SHOWN
+from counterlight.tools.study.methods import HALF_ENTRY, Map, Solver, catalogue, frame_bytes, uncut_knobs
+from counterlight.tools.study.pictures import BUILT_IN, DARK, find_pictures
+from counterlight.tools.study.recommend import CLOSE_DB, FRAME_MS, wishes
+from counterlight.tools.study.results import Mean, Row, everywhere, geometric, label, means, pareto
+from counterlight.tools.study.rooms import SCENES, StudyRoom, Task, open_room
+from counterlight.tools.study.table_6_1 import HEADER, THESIS_ROWS, OurRow, to_markdown
 from tests.programs import fail, succeed
 from tests.rooms import random_room, write_blurred_room
-from tools.inverse.inverse import InverseOptions
-from tools.inverse.presets import PRESETS
-from tools.solve.compensate import CompensateOptions, CompensationTask
-from tools.study.frames import graphics, player
-from tools.study.measure import SHOWN
-from tools.study.methods import HALF_ENTRY, Map, Solver, catalogue, frame_bytes, uncut_knobs
-from tools.study.pictures import BUILT_IN, DARK, find_pictures
-from tools.study.recommend import CLOSE_DB, FRAME_MS, wishes
-from tools.study.results import Mean, Row, everywhere, geometric, label, means, pareto
-from tools.study.rooms import SCENES, StudyRoom, Task, open_room
-from tools.study.table_6_1 import HEADER, THESIS_ROWS, OurRow, to_markdown
 
 ROOM_CAMERA, ROOM_PROJECTOR = (16, 22), (13, 17)  # more projector pixels than the thesis' 200 a cluster
 TIMEOUT_S = 300.0
@@ -52,12 +52,12 @@ def studied(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, Path]:
     """A report on a scene with far light and a calibration with maps of its own, what was printed, the calibration."""
     folder = tmp_path_factory.mktemp("studied")
     write_blurred_room(folder / "blurred", np.random.default_rng(5), ROOM_CAMERA, ROOM_PROJECTOR)
-    succeed("build-correction-map", folder / "blurred", "--regularize", "0.1")
+    succeed("build", folder / "blurred", "--regularize", "0.1")
     scene = (SCENES / "corner.toml").read_text()
     assert "cells = 700" in scene  # made for pictures a hundred times as large
     (folder / "corner.toml").write_text(scene.replace("cells = 700", "cells = 100"))
     arguments = ["--size", "24x16", "--pictures", "text", "white"]
-    out = succeed("study-accuracy", folder / "blurred", folder / "corner.toml", "-o", folder / "out", *arguments)
+    out = succeed("study", folder / "blurred", folder / "corner.toml", "-o", folder / "out", *arguments)
     return folder / "out", out, folder / "blurred"
 
 
@@ -143,10 +143,10 @@ def test_a_method_says_the_commands_that_give_it() -> None:
     options = InverseOptions(0.0, 2.0, 50)
     found = Map("f", "steps", 8, options, steps=8, start="direct").command
     assert found == (
-        "build-correction-map --max-error 2 --regularize none --max-cluster 50; "
-        "play-corrected --refine 8 --refine-from direct"
+        "counterlight build --max-error 2 --regularize none --max-cluster 50; "
+        "counterlight play --refine 8 --refine-from direct"
     )
-    assert Solver("box", "f").command == "compensate-image --solver box"
+    assert Solver("box", "f").command == "counterlight compensate --solver box"
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
@@ -238,7 +238,7 @@ def test_the_page_shows_every_picture_that_was_drawn_and_no_other(studied: tuple
 def test_a_users_own_maps_stay_as_they_were(studied: tuple[Path, str, Path], tmp_path: Path) -> None:
     _, _, room = studied
     shutil.copytree(room, tmp_path / "room")
-    succeed("build-correction-map", tmp_path / "room", "--regularize", "0.1")
+    succeed("build", tmp_path / "room", "--regularize", "0.1")
     mine, theirs = (describe_files(folder / "correction") for folder in (tmp_path / "room", room))
     assert mine == theirs
 
@@ -263,7 +263,7 @@ def test_presets_make_smaller_maps_the_faster_they_are(room: StudyRoom) -> None:
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_preset_is_its_options_and_those_given_beside_it_prevail(name: str, room: StudyRoom, tmp_path: Path) -> None:
     shutil.copytree(room.stored.folder, tmp_path / "room")
-    succeed("build-correction-map", tmp_path / "room", "--preset", name, "--max-error", "3", "--regularize", "0.2")
+    succeed("build", tmp_path / "room", "--preset", name, "--max-error", "3", "--regularize", "0.2")
     options = tomllib.loads((tmp_path / "room" / "correction" / "manifest.toml").read_text())["options"]
     assert options["max_error_codes"] == 3.0
     assert options["regularize"] == 0.2
@@ -271,7 +271,7 @@ def test_a_preset_is_its_options_and_those_given_beside_it_prevail(name: str, ro
 
 
 def test_an_unknown_preset_is_one_line_that_names_the_known(tmp_path: Path) -> None:
-    said = fail("build-correction-map", tmp_path, "--preset", "nice")
+    said = fail("build", tmp_path, "--preset", "nice")
     assert all(name in said for name in PRESETS)
 
 
@@ -286,19 +286,27 @@ def test_an_unknown_preset_is_one_line_that_names_the_known(tmp_path: Path) -> N
     ],
 )
 def test_bad_input_is_one_line(tmp_path: Path, arguments: list[str], words: str) -> None:
-    assert words in fail("study-accuracy", *arguments, "-o", tmp_path / "out")
+    assert words in fail("study", *arguments, "-o", tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_pictures_of_radiance_folders_without_a_room_and_other_folders_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.exr").write_bytes(b"")
-    assert "save it as PNG" in fail("study-accuracy", "--pictures", tmp_path / "a.exr", "-o", tmp_path / "out")
-    assert "calibration.toml: missing" in fail("study-accuracy", tmp_path, "-o", tmp_path / "out")
-    assert "is no study's report" in fail("study-accuracy", "-o", tmp_path)
+    assert "save it as PNG" in fail("study", "--pictures", tmp_path / "a.exr", "-o", tmp_path / "out")
+    assert "calibration.toml: missing" in fail("study", tmp_path, "-o", tmp_path / "out")
+    assert "is no study's report" in fail("study", "-o", tmp_path)
 
 
 def test_an_interrupt_leaves_nothing_half_written(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "tools.study_accuracy", "--scenes", "wall", "-o", str(tmp_path / "out")]
+    command = [
+        sys.executable,
+        "-m",
+        "counterlight.tools.study_accuracy",
+        "--scenes",
+        "wall",
+        "-o",
+        str(tmp_path / "out"),
+    ]
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     environment = {"TMPDIR": str(temporary), "PATH": "/usr/bin:/bin"}

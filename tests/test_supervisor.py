@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from player.unattended import heartbeat
-from player.unattended.supervisor import (
+from counterlight.unattended import heartbeat
+from counterlight.unattended.supervisor import (
     BACK_OFF_S,
     ENDING_S,
     LONGEST_BACK_OFF_S,
@@ -76,7 +76,7 @@ def test_options_are_added_before_names_that_look_like_some() -> None:
 def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("supervised") / "wall"
     write_blurred_room(folder, np.random.default_rng(7), (30, 40), (24, 32))
-    succeed("build-correction-map", folder, "--regularize", "0.1")
+    succeed("build", folder, "--regularize", "0.1")
     return folder
 
 
@@ -110,7 +110,7 @@ class Show:
 
 @contextmanager
 def supervised(display: str, folder: Path, *arguments: object) -> Iterator[Show]:
-    words = script("play-corrected"), *arguments, "--supervise", "--heartbeat", folder / "log"
+    words = script("play"), *arguments, "--supervise", "--heartbeat", folder / "log"
     with running(*words, NOTIFY_SOCKET=str(folder / "notify"), **on(display)) as process:
         try:
             yield Show(process, folder / "log")
@@ -204,7 +204,7 @@ def test_a_show_goes_on_whoever_reads_its_lines(xvfb: str, room: Path, tmp_path:
         while True:
             os.write(writable, bytes(4096))
     os.set_blocking(writable, True)
-    words = script("play-corrected"), "--no-config", "--loop", "--heartbeat", tmp_path / "log", room, *media
+    words = script("play"), "--no-config", "--loop", "--heartbeat", tmp_path / "log", room, *media
     with running(*words, errors=writable, **on(xvfb)) as process:
         os.close(writable)
         show = Show(process, tmp_path / "log")
@@ -217,7 +217,7 @@ def test_a_show_goes_on_whoever_reads_its_lines(xvfb: str, room: Path, tmp_path:
 
 
 def test_a_player_whose_terminal_goes_ends_as_on_ctrl_c(xvfb: str, room: Path, tmp_path: Path) -> None:
-    words = script("play-corrected"), "--no-config", "--loop", "--heartbeat", tmp_path / "log"
+    words = script("play"), "--no-config", "--loop", "--heartbeat", tmp_path / "log"
     with running(*words, "--control", tmp_path / "socket", room, CLIP, **on(xvfb)) as process:
         Show(process, tmp_path / "log").player()
         assert (tmp_path / "socket").is_socket()
@@ -238,7 +238,7 @@ def test_after_five_crashes_the_screen_is_black_until_told_to_try_again(
         def is_black() -> bool:
             commands = [Path(f"/proc/{child}/cmdline") for child in descendants(show.process.pid)]
             with contextlib.suppress(OSError):
-                return any(b"player.gl.black" in command.read_bytes() for command in commands)
+                return any(b"counterlight.gl.black" in command.read_bytes() for command in commands)
             return False
 
         show.wait(is_black, "the safe picture")
@@ -285,8 +285,8 @@ def test_a_medium_that_is_missing_is_waited_for(xvfb: str, room: Path, tmp_path:
 
 
 def test_wrong_use_ends_it_with_one_line(xvfb: str, room: Path, tmp_path: Path) -> None:
-    assert "no such folder" in fail("play-corrected", "--supervise", tmp_path / "none", CLIP, **on(xvfb))
-    assert "leave out --output" in fail("play-corrected", "--supervise", room, CLIP, "--output", tmp_path / "o.png")
+    assert "no such folder" in fail("play", "--supervise", tmp_path / "none", CLIP, **on(xvfb))
+    assert "leave out --output" in fail("play", "--supervise", room, CLIP, "--output", tmp_path / "o.png")
 
 
 def test_no_player_outlives_a_supervisor_that_is_killed(
@@ -310,11 +310,11 @@ def test_no_player_outlives_a_supervisor_that_is_killed(
 def test_the_unit_starts_what_there_is_and_waits_longer_than_the_supervisor() -> None:
     unit = configparser.ConfigParser(strict=True, interpolation=None)
     unit.optionxform = str  # type: ignore[assignment, method-assign]
-    unit.read_string((files("player.unattended.systemd") / "counterlight.service").read_text())
+    unit.read_string((files("counterlight.unattended.systemd") / "counterlight.service").read_text())
     service = unit["Service"]
     options = {word for word in service["ExecStart"].split() if word.startswith("--")}
     assert options == {"--supervise", "--fullscreen"}
-    help_text = succeed("play-corrected", "--help")
+    help_text = succeed("play", "--help")
     assert all(option in help_text for option in options)
     assert (service["Type"], service["SuccessExitStatus"], service["RestartPreventExitStatus"]) == (
         "notify",

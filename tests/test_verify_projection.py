@@ -1,4 +1,4 @@
-"""verify-projection: the closed loop in a simulated room, the report of an acquisition, and rooms that are others."""
+"""counterlight verify: the closed loop in a simulated room, the report of an acquisition, and rooms that are others."""
 
 import json
 import re
@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
-from player import calibration
+from counterlight import calibration
+from counterlight.tools import acquire_transport, verify_projection
+from counterlight.tools.inverse.pictures import typical_pictures
 from tests.rooms import write_blurred_room
 from tests.test_acquisition import CAMERA, PROJECTOR
-from tools import acquire_transport, verify_projection
-from tools.inverse.pictures import typical_pictures
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import av
 import numpy as np
 import pytest
 
-from player.video import MediaReader
+from counterlight.video import MediaReader
 from tests.media import (
     RATE,
     SHARED,

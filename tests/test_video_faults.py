@@ -14,9 +14,9 @@ import av
 import numpy as np
 import pytest
 
-from player.decoding.child import MAX_ADDRESS_SPACE
-from player.errors import InputError
-from player.video import MediaReader
+from counterlight.decoding.child import MAX_ADDRESS_SPACE
+from counterlight.errors import InputError
+from counterlight.video import MediaReader
 from tests.media import (
     RATE,
     SHARED,
@@ -180,7 +180,7 @@ def test_decoder_ends_with_its_parent(tmp_path: Path) -> None:
     path = write_h264(tmp_path / "clip.mp4", 40)
     code = f"""
 import os
-from player.video import MediaReader
+from counterlight.video import MediaReader
 reader = MediaReader.open({str(path)!r}, loop=True)
 print(reader.decoder_pid, flush=True)
 os._exit(0)

@@ -9,9 +9,9 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from player import exr
-from player.errors import InputError
-from player.video import MediaReader
+from counterlight import exr
+from counterlight.errors import InputError
+from counterlight.video import MediaReader
 from tests.media import assert_equal, copies, next_frame, read, write_jpeg, write_picture
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")

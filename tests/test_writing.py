@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from player import calibration, maps
-from player.errors import InputError
-from player.writing.stage import SUFFIX, finish
+from counterlight import calibration, maps
+from counterlight.errors import InputError
+from counterlight.writing.stage import SUFFIX, finish
 from tests import written
 from tests.faults import KILL, REFUSE, Fault, Runner
 from tests.programs import CLIP, ROOT, fail, running
@@ -129,7 +129,7 @@ def test_a_missing_folder_is_restored_by_a_command_that_reads_it(tmp_path: Path,
         assert run.struck
         if not room.exists():
             break
-    assert "correction/manifest.toml: missing" in fail("play-corrected", room, CLIP, "--output", tmp_path / "o.png")
+    assert "correction/manifest.toml: missing" in fail("play", room, CLIP, "--output", tmp_path / "o.png")
     assert written.room_generation(str(room)) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["room"]
 
@@ -138,7 +138,7 @@ def test_a_missing_folder_is_restored_by_a_command_that_reads_it(tmp_path: Path,
 def writer(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     """Another process that holds `held.png` in the test's folder, and has begun to write it."""
     code = (
-        "import sys, time; from pathlib import Path; from player.writing.replacing import replacing_file\n"
+        "import sys, time; from pathlib import Path; from counterlight.writing.replacing import replacing_file\n"
         "with replacing_file(Path(sys.argv[1])) as path:\n"
         "    path.write_text('half')\n    print('begun', flush=True)\n    time.sleep(600)"
     )
@@ -172,7 +172,7 @@ def test_a_lock_is_not_a_number_that_another_process_may_have(tmp_path: Path) ->
 
 def test_a_dead_ones_scratch_folder_goes_with_the_next(tmp_path: Path) -> None:
     code = (
-        "import os, signal; from player.writing.replacing import scratch_folder\n"
+        "import os, signal; from counterlight.writing.replacing import scratch_folder\n"
         "with scratch_folder('study') as folder:\n"
         "    (folder / 'room').mkdir()\n    os.kill(os.getpid(), signal.SIGKILL)"
     )
@@ -232,9 +232,9 @@ def test_a_second_build_is_refused_at_once_and_leaves_nothing(tmp_path: Path) ->
     written.write_room(str(room), 1)
     written.write_room_maps(str(room), 1)
     with maps.replacing(calibration.read(room)) as stage:
-        line = fail("build-correction-map", room)
+        line = fail("build", room)
         assert f"{room}/correction: process {os.getpid()} is writing it; wait until it has ended" in line
-        line = fail("simulate-transport", SCENE, "-o", room, "--force")
+        line = fail("simulate", SCENE, "-o", room, "--force")
         assert f"{room}: process {os.getpid()} is writing correction in it" in line
         assert stage.is_dir()
         (stage / "manifest.toml").write_text("mine")

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from player.app import play_in_window, room_of
-from player.show.commands import CommandError, Commands
-from player.show.options import picture_of, read_options
+from counterlight.app import play_in_window, room_of
+from counterlight.show.commands import CommandError, Commands
+from counterlight.show.options import picture_of, read_options
 
 LOOPS_BETWEEN = 4
 NOT_WATCHED = ("volume", "mute", "gap", "psnr", "frames", "dropped", "fps", "monitor")

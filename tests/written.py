@@ -8,20 +8,20 @@ from pathlib import Path
 import numpy as np
 from scipy import sparse
 
-from player import calibration, maps
-from player.calibration import Calibration, Device
-from player.decoding.media import _sequence
-from player.errors import InputError
-from player.maps import RoomMaps, read_maps, write_maps
-from player.picture_files import read_picture
-from player.png import write_png
-from player.response import Response
-from player.writing.numbered import name_of
-from player.writing.outputs import check_sequence
-from player.writing.replacing import replacing_file, replacing_sequence
+from counterlight import calibration, maps
+from counterlight.calibration import Calibration, Device
+from counterlight.decoding.media import _sequence
+from counterlight.errors import InputError
+from counterlight.maps import RoomMaps, read_maps, write_maps
+from counterlight.picture_files import read_picture
+from counterlight.png import write_png
+from counterlight.response import Response
+from counterlight.tools.transport.storage import read_transport, write_transport
+from counterlight.tools.transport.transport import Transport
+from counterlight.writing.numbered import name_of
+from counterlight.writing.outputs import check_sequence
+from counterlight.writing.replacing import replacing_file, replacing_sequence
 from tests.rooms import random_map
-from tools.transport.storage import read_transport, write_transport
-from tools.transport.transport import Transport
 
 SHAPE = (5, 7)
 LONGEST = 6, 4  # rows of the correction map, and of the transport

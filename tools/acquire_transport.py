@@ -1,4 +1,4 @@
-"""acquire-transport: a calibration folder from a projector and a camera, or from a simulated pair.
+"""counterlight acquire: a calibration folder from a projector and a camera, or from a simulated pair.
 
 Patterns are black and white, so that the projector's response does not matter. Every capture is on disk before the next
 pattern is shown; the same command goes on where an interrupted one stopped.
@@ -11,23 +11,23 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from player.calibration import refuse_existing
-from player.command import Parser, run
-from player.errors import InputError
-from player.writing.outputs import check_apart, check_folder
-from tools.acquisition.acquired_room import Plan, acquire_room
-from tools.acquisition.cameras.camera import Camera
-from tools.acquisition.cameras.live import LiveCamera
-from tools.acquisition.plan import MakeScheme
-from tools.acquisition.preflight import Finding, preflight, refuse_bad
-from tools.acquisition.rig_options import add_rig_options, open_rig
-from tools.acquisition.room_options import add_room_options, named_response
-from tools.acquisition.schemes.baselines import FixedBlocksScheme, GrayCodeScheme, PixelByPixelScheme
-from tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
-from tools.acquisition.schemes.multiplexed import MultiplexedScheme
-from tools.acquisition.store import Wanted, check_captures
-from tools.report.acquired import write_acquisition_report
-from tools.report.report import check_report_folder
+from counterlight.calibration import refuse_existing
+from counterlight.command import Parser, run
+from counterlight.errors import InputError
+from counterlight.tools.acquisition.acquired_room import Plan, acquire_room
+from counterlight.tools.acquisition.cameras.camera import Camera
+from counterlight.tools.acquisition.cameras.live import LiveCamera
+from counterlight.tools.acquisition.plan import MakeScheme
+from counterlight.tools.acquisition.preflight import Finding, preflight, refuse_bad
+from counterlight.tools.acquisition.rig_options import add_rig_options, open_rig
+from counterlight.tools.acquisition.room_options import add_room_options, named_response
+from counterlight.tools.acquisition.schemes.baselines import FixedBlocksScheme, GrayCodeScheme, PixelByPixelScheme
+from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
+from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
+from counterlight.tools.acquisition.store import Wanted, check_captures
+from counterlight.tools.report.acquired import write_acquisition_report
+from counterlight.tools.report.report import check_report_folder
+from counterlight.writing.outputs import check_apart, check_folder
 
 SCHEMES: dict[str, Callable[[argparse.Namespace], MakeScheme]] = {
     "hierarchical": lambda options: HierarchicalScheme(_threshold(options)),
@@ -100,7 +100,7 @@ def _threshold(options: argparse.Namespace) -> Threshold:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("acquire-transport", description=__doc__)
+    parser = Parser("acquire", description=__doc__)
     parser.add_argument("--scheme", choices=SCHEMES, default="hierarchical", help="default hierarchical")
     parser.add_argument(
         "--threshold", default="4x", metavar="Nx|RADIANCE", help="τ, a multiple of the noise or absolute (default 4x)"

@@ -1,4 +1,4 @@
-"""build-correction-map: invert a calibration's light transport and pack it for the player."""
+"""counterlight build: invert a calibration's light transport and pack it for the player."""
 
 import argparse
 import sys
@@ -6,14 +6,14 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from player import calibration
-from player.command import Parser, run
-from player.writing.outputs import check_folder
-from tools.inverse.inverse import InverseOptions
-from tools.inverse.method import METHODS
-from tools.inverse.presets import PRESETS
-from tools.inverse.room import build_room_maps
-from tools.report.report import check_report_folder, write_report
+from counterlight import calibration
+from counterlight.command import Parser, run
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.method import METHODS
+from counterlight.tools.inverse.presets import PRESETS
+from counterlight.tools.inverse.room import build_room_maps
+from counterlight.tools.report.report import check_report_folder, write_report
+from counterlight.writing.outputs import check_folder
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -50,12 +50,12 @@ def _damping(text: str) -> float | None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("build-correction-map", description=__doc__)
+    parser = Parser("build", description=__doc__)
     parser.add_argument("calibration", type=Path, help="a calibration folder; correction/ is written into it")
     parser.add_argument(
         "--preset",
         choices=PRESETS,
-        help="settings found by study-accuracy, for small maps or good pictures; options given beside it prevail",
+        help="settings found by counterlight study, for small maps or good pictures; options given beside it prevail",
     )
     parser.add_argument(
         "--regularize",
@@ -96,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--no-refine",
         action="store_true",
-        help="leave out the maps that only refinement needs (play-corrected --refine)",
+        help="leave out the maps that only refinement needs (counterlight play --refine)",
     )
     parser.add_argument(
         "--report", type=Path, metavar="FOLDER", help="also write a page with pictures of what was found, and its JSON"

@@ -1,4 +1,4 @@
-"""counterlight-doctor: what this machine has, what is missing, and the exact fix for each.
+"""counterlight doctor: what this machine has, what is missing, and the exact fix for each.
 
 Nothing that it needs may be what it is there to report, so that packages are imported late, one at a time, and OpenGL
 and GLFW run in children (player.gl.probe): a driver that crashes is a line of the report.
@@ -20,8 +20,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
 
-from player.command import BAD_INPUT, DONE, Parser, run
-from tools.system_packages import PLAY, PYTHON_FLOOR, TEST, apt_line, missing, runs
+from counterlight.command import BAD_INPUT, DONE, Parser, run
+from counterlight.tools.system_packages import PLAY, PYTHON_FLOOR, TEST, apt_line, missing, runs
 
 PROBE_S = 60.0  # a software renderer's first context on a busy machine takes seconds
 SMALLEST_TEXTURE = 4096
@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _main(argv: Sequence[str] | None) -> int:
-    parser = Parser(prog="counterlight-doctor", description="Says what this machine has and what is missing.")
+    parser = Parser(prog="doctor", description="Says what this machine has and what is missing.")
     parser.add_argument("--json", action="store_true", help="the same as JSON")
     options = parser.parse_args(argv)
     findings = examine()
@@ -116,7 +116,7 @@ def check_package(requirement: str) -> Finding:
     if _numbers(version) < _numbers(floor):
         return Finding(name, "missing", f"{version}, {floor} or newer is needed", fix)
     module = IMPORT_NAMES.get(name, name)
-    if module not in ("moderngl", "glfw"):  # those two are imported by player.gl alone, in a child
+    if module not in ("moderngl", "glfw"):  # those two are imported by counterlight.gl alone, in a child
         try:
             with warnings.catch_warnings(record=True):  # colour-science says what optional packages it misses
                 warnings.simplefilter("ignore")
@@ -181,7 +181,7 @@ def screen_fix() -> str:
 
 def probe(what: str) -> dict[str, Any]:
     """Ask a child; what happened to the child if it cannot answer, as `{"error": …}`."""
-    command = [sys.executable, "-m", "player.gl.probe", what]
+    command = [sys.executable, "-m", "counterlight.gl.probe", what]
     try:
         child = subprocess.run(command, capture_output=True, text=True, timeout=PROBE_S, check=False)
     except subprocess.TimeoutExpired:
@@ -216,7 +216,7 @@ def check_openexr() -> list[Finding]:
     try:
         import numpy as np
 
-        from player.exr import read_channels, write_channels
+        from counterlight.exr import read_channels, write_channels
 
         written = np.linspace(-1, 1e4, 35, dtype=np.float32).reshape(5, 7)
         with tempfile.TemporaryDirectory() as folder:

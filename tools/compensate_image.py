@@ -1,12 +1,12 @@
-"""compensate-image: one picture by a CPU solver, and what the camera sees of it; the reference for the player."""
+"""counterlight compensate: one picture by a CPU solver, and what the camera sees of it; the reference for the player."""
 
 import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from player.command import Parser, run
-from tools.solve.compensate import METHODS, CompensateOptions, compensate
+from counterlight.command import Parser, run
+from counterlight.tools.solve.compensate import METHODS, CompensateOptions, compensate
 
 MEANING = """none: uncorrected; direct: one camera pixel per projector pixel; map: the correction map, as the player
 applies it; qr, svd: least squares per cluster; nnls: non-negative; box: the best that a projector can show (0 to 1).
@@ -26,7 +26,7 @@ def _main(argv: Sequence[str] | None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("compensate-image", description=__doc__, epilog=MEANING)
+    parser = Parser("compensate", description=__doc__, epilog=MEANING)
     parser.add_argument("calibration", type=Path, help="a calibration folder")
     parser.add_argument(
         "picture", type=Path, help="what the camera is to see, fitted into its frame; .exr is radiance, pixel by pixel"

@@ -1,16 +1,16 @@
-"""fit-projector-response: a projector's response from measured grey levels, for --response of the other commands."""
+"""counterlight fit-response: a projector's response from measured grey levels, for --response of the other commands."""
 
 import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from player.command import Parser, run
-from player.writing.outputs import check_file
-from tools.acquisition.room_options import named_response
-from tools.hdr.grey_ramp import read_ramp
-from tools.hdr.projector_response import fit_projector_response
-from tools.hdr.response_table import SUFFIXES, write_response
+from counterlight.command import Parser, run
+from counterlight.tools.acquisition.room_options import named_response
+from counterlight.tools.hdr.grey_ramp import read_ramp
+from counterlight.tools.hdr.projector_response import fit_projector_response
+from counterlight.tools.hdr.response_table import SUFFIXES, write_response
+from counterlight.writing.outputs import check_file
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -27,12 +27,12 @@ def _main(argv: Sequence[str] | None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("fit-projector-response", description=__doc__)
+    parser = Parser("fit-response", description=__doc__)
     parser.add_argument(
         "source",
         type=Path,
         help="a table with the columns level,red,green,blue or level,grey (.csv; levels 0 to 255, linear light), or a "
-        "folder of pictures named by their level (ramp_000.png … ramp_255.png; .png, .jpg, or .exr of merge-exposures)",
+        "folder of pictures named by their level (ramp_000.png … ramp_255.png; .png, .jpg, or .exr of counterlight merge-exposures)",
     )
     parser.add_argument(
         "--camera-response",

@@ -1,4 +1,4 @@
-"""import-graycode: a calibration folder from photographs of Gray-code patterns, by direct mapping."""
+"""counterlight import-graycode: a calibration folder from photographs of Gray-code patterns, by direct mapping."""
 
 import argparse
 import sys
@@ -6,11 +6,11 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from player.calibration import Device
-from player.command import Parser, parse_size, run
-from tools.acquisition.captures import ORDERS
-from tools.acquisition.graycode_room import GraycodeOptions, import_graycode_room
-from tools.acquisition.room_options import add_room_options, named_response
+from counterlight.calibration import Device
+from counterlight.command import Parser, parse_size, run
+from counterlight.tools.acquisition.captures import ORDERS
+from counterlight.tools.acquisition.graycode_room import GraycodeOptions, import_graycode_room
+from counterlight.tools.acquisition.room_options import add_room_options, named_response
 
 
 def main(argv: Sequence[str] | None = None) -> int:

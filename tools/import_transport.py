@@ -1,15 +1,15 @@
-"""import-transport: a calibration folder from light transport matrices that somebody else measured."""
+"""counterlight import-transport: a calibration folder from light transport matrices that somebody else measured."""
 
 import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from player.calibration import Device
-from player.command import Parser, parse_size, run
-from player.response import Response
-from tools.acquisition.matrices_room import MatrixFiles, import_matrices_room
-from tools.acquisition.room_options import add_room_options, named_response
+from counterlight.calibration import Device
+from counterlight.command import Parser, parse_size, run
+from counterlight.response import Response
+from counterlight.tools.acquisition.matrices_room import MatrixFiles, import_matrices_room
+from counterlight.tools.acquisition.room_options import add_room_options, named_response
 
 
 def main(argv: Sequence[str] | None = None) -> int:

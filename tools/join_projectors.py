@@ -1,12 +1,12 @@
-"""join-projectors: one calibration of several projectors, from calibrations of each with the same camera."""
+"""counterlight join: one calibration of several projectors, from calibrations of each with the same camera."""
 
 import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from player.command import Parser, run
-from tools.transport.joining import join_rooms
+from counterlight.command import Parser, run
+from counterlight.tools.transport.joining import join_rooms
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -19,7 +19,7 @@ def _main(argv: Sequence[str] | None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("join-projectors", description=__doc__)
+    parser = Parser("join", description=__doc__)
     parser.add_argument("rooms", type=Path, nargs="+", metavar="ROOM", help="calibration folders, from left to right")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="the joint calibration")
     parser.add_argument(
@@ -27,7 +27,7 @@ def _parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="NAME",
-        help="the monitor that a projector is, once for each in their order (play-corrected --list-monitors)",
+        help="the monitor that a projector is, once for each in their order (counterlight play --list-monitors)",
     )
     parser.add_argument("--name", help="what to call it (default: the folder's name)")
     parser.add_argument("--force", action="store_true", help="replace a calibration that is there already")

@@ -1,4 +1,4 @@
-"""merge-exposures: a radiance map from photographs of one scene with different exposure times."""
+"""counterlight merge-exposures: a radiance map from photographs of one scene with different exposure times."""
 
 import argparse
 import sys
@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 
-from player.command import Parser, run
-from tools.hdr.estimators import METHODS
-from tools.hdr.merging import ResponseSource, merge_bracket
-from tools.hdr.radiance import MergeOptions
-from tools.hdr.weights import WEIGHTINGS
+from counterlight.command import Parser, run
+from counterlight.tools.hdr.estimators import METHODS
+from counterlight.tools.hdr.merging import ResponseSource, merge_bracket
+from counterlight.tools.hdr.radiance import MergeOptions
+from counterlight.tools.hdr.weights import WEIGHTINGS
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from player.command import Parser, run
-from tools.relighting.relight import VIEWS, RelightOptions, relight
+from counterlight.command import Parser, run
+from counterlight.tools.relighting.relight import VIEWS, RelightOptions, relight
 
 MEANING = """camera: T p + e, the room under a projector picture; dual: Tᵀ c', the scene from the projector's
 place, lit by the camera; inverse-camera: the column sums of T⁺ in camera space; inverse-dual: T⁺ c', what the projector

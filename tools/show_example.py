@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from player import app, calibration
-from player.command import Parser, run
-from player.content import camera_psnr
-from player.errors import InputError
-from player.headless import FRAME_TIMEOUT_S
-from player.output import write_picture
-from player.png import write_png
-from player.renderer import Room
-from player.video import MediaReader
-from player.writing.replacing import replacing_file
-from tools import build_correction_map, simulate_transport
+from counterlight import app, calibration
+from counterlight.command import Parser, run
+from counterlight.content import camera_psnr
+from counterlight.errors import InputError
+from counterlight.headless import FRAME_TIMEOUT_S
+from counterlight.output import write_picture
+from counterlight.png import write_png
+from counterlight.renderer import Room
+from counterlight.tools import build_correction_map, simulate_transport
+from counterlight.video import MediaReader
+from counterlight.writing.replacing import replacing_file
 
 DATA = Path(__file__).resolve().parents[1] / "calib_data"
 CLIP = DATA / "media" / "big_buck_bunny.mp4"
@@ -82,7 +82,7 @@ def compare(room: Room, folder: Path) -> tuple[float, float, float]:
 def play(room: Path, folder: Path) -> None:
     """Play the clip in a window, or without a screen render the camera's view, half without, half with compensation."""
     try:
-        from player.gl.monitors import list_monitors
+        from counterlight.gl.monitors import list_monitors
 
         list_monitors()
     except InputError as error:
@@ -100,7 +100,7 @@ def _or_stop(code: int) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("python -m tools.show_example", description=__doc__)
+    parser = Parser("python -m counterlight.tools.show_example", description=__doc__)
     parser.add_argument("--scene", default="corner", help="a scene of calib_data/scenes (default corner)")
     parser.add_argument("--folder", type=Path, default=DATA / "example", help="where the room and the pictures go")
     return parser

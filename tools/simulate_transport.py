@@ -1,4 +1,4 @@
-"""simulate-transport: a calibration folder from a described room, with only the effects that it calls for."""
+"""counterlight simulate: a calibration folder from a described room, with only the effects that it calls for."""
 
 import argparse
 import sys
@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from player import calibration
-from player.command import Parser, parse_size, run
-from player.errors import InputError
-from tools.simulation.room import fill_simulated_room
-from tools.simulation.scene import Scene, load_scene
-from tools.simulation.simulate import Simulated, simulate
+from counterlight import calibration
+from counterlight.command import Parser, parse_size, run
+from counterlight.errors import InputError
+from counterlight.tools.simulation.room import fill_simulated_room
+from counterlight.tools.simulation.scene import Scene, load_scene
+from counterlight.tools.simulation.simulate import Simulated, simulate
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -21,7 +21,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     if options.output is None and not options.explain:
-        raise InputError("simulate-transport: nothing to do; give -o FOLDER, --explain or both")
+        raise InputError("counterlight simulate: nothing to do; give -o FOLDER, --explain or both")
     if options.output is None:
         _simulate(options)
         return
@@ -42,7 +42,7 @@ def _simulate(options: argparse.Namespace) -> tuple[Scene, Simulated]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("simulate-transport", description=__doc__)
+    parser = Parser("simulate", description=__doc__)
     parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="the room; see calib_data/scenes")
     parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="the calibration folder")
     parser.add_argument("--camera", type=parse_size, metavar="WxH", help="camera pixels, instead of the scene's")

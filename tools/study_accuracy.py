@@ -1,15 +1,15 @@
-"""study-accuracy: what accuracy costs in time, measured on scenes and calibrations; figures, plots and a report."""
+"""counterlight study: what accuracy costs in time, measured on scenes and calibrations; figures, plots and a report."""
 
 import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from player.command import Parser, parse_size, run
-from player.writing.outputs import check_folder
-from tools.study.pictures import BUILT_IN, DEFAULT, find_pictures
-from tools.study.rooms import find_places, shipped_scenes
-from tools.study.study import StudyOptions, check_output, run_study
+from counterlight.command import Parser, parse_size, run
+from counterlight.tools.study.pictures import BUILT_IN, DEFAULT, find_pictures
+from counterlight.tools.study.rooms import find_places, shipped_scenes
+from counterlight.tools.study.study import StudyOptions, check_output, run_study
+from counterlight.writing.outputs import check_folder
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -32,7 +32,7 @@ def _main(argv: Sequence[str] | None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("study-accuracy", description=__doc__)
+    parser = Parser("study", description=__doc__)
     parser.add_argument(
         "rooms",
         nargs="*",

@@ -1,8 +1,8 @@
 """What pip cannot bring: system libraries and programs, their Debian packages, and the line that installs them.
 
-Standard library only: the Makefile runs this before there is an environment, and counterlight-doctor shows the same.
+Standard library only: the Makefile runs this before there is an environment, and counterlight doctor shows the same.
 
-    python3 -m tools.system_packages play|test      installs what is missing (as root), or prints the one line to run
+    python3 -m counterlight.tools.system_packages play|test      installs what is missing (as root), or prints the one line to run
 """
 
 import ctypes

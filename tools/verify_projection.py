@@ -1,4 +1,4 @@
-"""verify-projection: project a compensated picture, photograph it, compare with the prediction and with the picture.
+"""counterlight verify: project a compensated picture, photograph it, compare with the prediction and with the picture.
 
 The camera stands where it stood when the calibration was made, with the same settings.
 """
@@ -10,17 +10,17 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from player import calibration as calibrations
-from player.command import Parser, run
-from player.errors import InputError
-from player.png import write_png
-from player.writing.outputs import check_folder
-from player.writing.replacing import replacing_folder
-from tools.acquisition.cameras.live import LiveCamera
-from tools.acquisition.preflight import preflight, refuse_bad
-from tools.acquisition.rig_options import add_rig_options, open_rig
-from tools.acquisition.verify import SOLVERS, Verification, Verified
-from tools.relighting.pictures import read_placed, write_view
+from counterlight import calibration as calibrations
+from counterlight.command import Parser, run
+from counterlight.errors import InputError
+from counterlight.png import write_png
+from counterlight.tools.acquisition.cameras.live import LiveCamera
+from counterlight.tools.acquisition.preflight import preflight, refuse_bad
+from counterlight.tools.acquisition.rig_options import add_rig_options, open_rig
+from counterlight.tools.acquisition.verify import SOLVERS, Verification, Verified
+from counterlight.tools.relighting.pictures import read_placed, write_view
+from counterlight.writing.outputs import check_folder
+from counterlight.writing.replacing import replacing_folder
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -83,7 +83,7 @@ def _whole(text: str) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser("verify-projection", description=__doc__)
+    parser = Parser("verify", description=__doc__)
     parser.add_argument("calibration", type=Path, help="a calibration folder")
     parser.add_argument("picture", type=Path, help="what the camera is to see; .exr is radiance, pixel by pixel")
     parser.add_argument("--solver", choices=SOLVERS, default="box", help="default box; map: as the player does it")

@@ -1,4 +1,4 @@
-"""The audio decoder process: `python -m player.decoding.audio_decoder`, started by player/audio.py alone.
+"""The audio decoder process: `python -m counterlight.decoding.audio_decoder`, started by player/audio.py alone.
 
 Reads the medium, then orders (JSON lines {"serial": n, "time_s": t, "speed": v}), from stdin; writes blocks to stdout:
 HEADER (serial, samples), then as many stereo pairs of float32 at RATE, the first one at `time_s` of the medium, `speed`
@@ -20,11 +20,11 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
-from player.decoding.child import limit_memory, private_stdout
-from player.decoding.ffmpeg_log import log_natively
-from player.decoding.opening import open_file
-from player.errors import InputError
-from player.medium import Medium
+from counterlight.decoding.child import limit_memory, private_stdout
+from counterlight.decoding.ffmpeg_log import log_natively
+from counterlight.decoding.opening import open_file
+from counterlight.errors import InputError
+from counterlight.medium import Medium
 
 RATE, CHANNELS = 48_000, 2
 HEADER = struct.Struct("<qI")

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO
 
-from player.errors import InputError
+from counterlight.errors import InputError
 
 MAX_ADDRESS_SPACE = 6 << 30
 MAX_UNSENT = 1 << 20  # bytes

@@ -1,4 +1,4 @@
-"""The decoder process: `python -m player.decoding.decoder`, started by player/video.py alone.
+"""The decoder process: `python -m counterlight.decoding.decoder`, started by player/video.py alone.
 
 Reads its arguments and then commands (JSON lines) from stdin, writes events to stdout:
 
@@ -19,8 +19,8 @@ import sys
 import threading
 import traceback
 
-from player.decoding.child import limit_memory, private_stdout
-from player.decoding.mailbox import Events, Mailbox
+from counterlight.decoding.child import limit_memory, private_stdout
+from counterlight.decoding.mailbox import Events, Mailbox
 
 
 def main() -> None:
@@ -29,7 +29,7 @@ def main() -> None:
     arguments = json.loads(sys.stdin.buffer.readline())
     mailbox = Mailbox(sys.stdin.buffer)
     threading.Thread(target=events.beat, args=(mailbox,), daemon=True).start()
-    from player.decoding.laps import decode
+    from counterlight.decoding.laps import decode
 
     decode(arguments, mailbox, events)
 

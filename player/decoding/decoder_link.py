@@ -17,9 +17,9 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from player.decoding.child import Letters, bury, start_child
-from player.errors import InputError
-from player.frames import PixelFormat, slot_bytes, slot_planes
+from counterlight.decoding.child import Letters, bury, start_child
+from counterlight.errors import InputError
+from counterlight.frames import PixelFormat, slot_bytes, slot_planes
 
 FIRST_SIGN_S = 5.0  # Python starts in a tenth of a second, on a busy machine in one
 SILENCE_S = 2.0  # four heartbeats: the process is stopped
@@ -45,7 +45,7 @@ class DecoderLink:
                 self._errors = stack.enter_context(tempfile.TemporaryFile())
             except OSError as error:
                 raise InputError(f"no decoder can be started ({error.strerror}); free some memory or disk") from None
-            self.process = start_child("player.decoding.decoder", self._errors, [self._memory])
+            self.process = start_child("counterlight.decoding.decoder", self._errors, [self._memory])
             stack.pop_all()
         self._letters = Letters(self.process)
         self.send(arguments | {"ring": self._memory})

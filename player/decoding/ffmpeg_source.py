@@ -8,12 +8,21 @@ from pathlib import Path
 
 import av
 
-from player.decoding.opening import open_file, open_sequence, reason
-from player.decoding.pixels import MAX_PIXELS, UNTAGGED, Samples, Tags, describe, display_rotation, hdr_notice, unpack
-from player.decoding.source import TIME_SLACK_S, Decoded, Sequence, is_wanted
-from player.errors import InputError
-from player.frames import MediaInfo
-from player.medium import Medium
+from counterlight.decoding.opening import open_file, open_sequence, reason
+from counterlight.decoding.pixels import (
+    MAX_PIXELS,
+    UNTAGGED,
+    Samples,
+    Tags,
+    describe,
+    display_rotation,
+    hdr_notice,
+    unpack,
+)
+from counterlight.decoding.source import TIME_SLACK_S, Decoded, Sequence, is_wanted
+from counterlight.errors import InputError
+from counterlight.frames import MediaInfo
+from counterlight.medium import Medium
 
 DEFAULT_RATE = 25.0
 _PICTURE_CODECS = {"gif", "apng", "webp", "webp_anim"}

@@ -8,14 +8,14 @@ from typing import Any, NoReturn
 
 import av
 
-from player.decoding.ffmpeg_log import log_natively
-from player.decoding.mailbox import Events, Mailbox, Order
-from player.decoding.media import open_source
-from player.decoding.pixels import store
-from player.decoding.source import FormatChangedError, Source
-from player.errors import InputError
-from player.frames import MediaInfo, describe_info, slot_bytes, slot_planes
-from player.medium import Medium
+from counterlight.decoding.ffmpeg_log import log_natively
+from counterlight.decoding.mailbox import Events, Mailbox, Order
+from counterlight.decoding.media import open_source
+from counterlight.decoding.pixels import store
+from counterlight.decoding.source import FormatChangedError, Source
+from counterlight.errors import InputError
+from counterlight.frames import MediaInfo, describe_info, slot_bytes, slot_planes
+from counterlight.medium import Medium
 
 RING_SLOTS = 8
 LIVE_SLOTS = 3

@@ -8,12 +8,12 @@ from itertools import count
 
 import av
 
-from player.decoding.ffmpeg_source import FfmpegSource
-from player.decoding.live import STEADY_S, LiveAddress
-from player.decoding.opening import open_live, reason
-from player.decoding.source import Decoded, FormatChangedError
-from player.errors import InputError
-from player.medium import Medium
+from counterlight.decoding.ffmpeg_source import FfmpegSource
+from counterlight.decoding.live import STEADY_S, LiveAddress
+from counterlight.decoding.opening import open_live, reason
+from counterlight.decoding.source import Decoded, FormatChangedError
+from counterlight.errors import InputError
+from counterlight.medium import Medium
 
 RETRY_S = (0.5, 1.0, 2.0, 5.0)  # between attempts to open it again; the last one for ever
 MUTE_S = 10.0  # without a picture in what arrives: the sender has changed what it sends

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from player import exr
-from player.decoding.ffmpeg_source import FfmpegSource
-from player.decoding.live_source import LiveSource
-from player.decoding.pixels import MAX_PIXELS, UNTAGGED, Samples, Tags, check_finite, describe
-from player.decoding.source import Decoded, Sequence, Source, is_wanted
-from player.errors import InputError
-from player.frames import MediaInfo
-from player.medium import Medium
-from player.writing.numbered import number_of
-from player.writing.stage import finish
+from counterlight import exr
+from counterlight.decoding.ffmpeg_source import FfmpegSource
+from counterlight.decoding.live_source import LiveSource
+from counterlight.decoding.pixels import MAX_PIXELS, UNTAGGED, Samples, Tags, check_finite, describe
+from counterlight.decoding.source import Decoded, Sequence, Source, is_wanted
+from counterlight.errors import InputError
+from counterlight.frames import MediaInfo
+from counterlight.medium import Medium
+from counterlight.writing.numbered import number_of
+from counterlight.writing.stage import finish
 
 SEQUENCE_RATE = 25.0
 

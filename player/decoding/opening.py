@@ -10,9 +10,9 @@ from pathlib import Path
 import av
 from av.container import InputContainer
 
-from player.decoding.live import LiveAddress
-from player.errors import InputError
-from player.medium import Medium
+from counterlight.decoding.live import LiveAddress
+from counterlight.errors import InputError
+from counterlight.medium import Medium
 
 OPEN_S, READ_S = 10.0, 5.0  # FFmpeg's patience with a network
 _PICTURES = "image2"  # by their names' endings; with a `*.y` it opens the files beside it that end in u and v, too

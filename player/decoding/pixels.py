@@ -15,8 +15,8 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from player.frames import PixelFormat, PlaneShape
+from counterlight.errors import InputError
+from counterlight.frames import PixelFormat, PlaneShape
 
 Plane = NDArray[Any]
 

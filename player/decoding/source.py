@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-from player.decoding.pixels import Samples
-from player.frames import MediaInfo
+from counterlight.decoding.pixels import Samples
+from counterlight.frames import MediaInfo
 
 TIME_SLACK_S = 1e-6  # far below one frame, far above the rounding of a float64 time
 

@@ -9,8 +9,8 @@ from typing import TypeAlias
 import moderngl
 import numpy as np
 
-from player.content import OFFSETS, SCALES, TILES, Succession, approach, tile_grid
-from player.gl.passes import Owner, Pass, Uniform, float_texture, picture_texture, table_texture
+from counterlight.content import OFFSETS, SCALES, TILES, Succession, approach, tile_grid
+from counterlight.gl.passes import Owner, Pass, Uniform, float_texture, picture_texture, table_texture
 
 PERCENT = 0.01
 NearLight: TypeAlias = Callable[[moderngl.Texture], moderngl.Texture]

@@ -1,4 +1,4 @@
-"""python -m player.gl.black [MONITOR…]: monitors filled with black, the safe picture when the player cannot run.
+"""python -m counterlight.gl.black [MONITOR…]: monitors filled with black, the safe picture when the player cannot run.
 
 Needs neither a calibration nor a shader, and beats like the player.
 """
@@ -12,10 +12,10 @@ from typing import Any
 import glfw
 import moderngl
 
-from player.command import run
-from player.errors import InputError
-from player.gl.monitors import Monitor, find_monitor, list_monitors, monitor_handle
-from player.unattended.heartbeat import INTERVAL_S, Heartbeat, Notifier
+from counterlight.command import run
+from counterlight.errors import InputError
+from counterlight.gl.monitors import Monitor, find_monitor, list_monitors, monitor_handle
+from counterlight.unattended.heartbeat import INTERVAL_S, Heartbeat, Notifier
 
 
 def main(argv: Sequence[str] | None = None) -> int:

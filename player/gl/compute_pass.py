@@ -3,12 +3,12 @@
 import moderngl
 import numpy as np
 
-from player.errors import InputError
-from player.gl.passes import Owner, float_texture
-from player.gl.shaders import build_compute_program
-from player.renderer import LONG_BYTES
-from player.row_map import RowMap
-from player.sliced_map import GROUP, Part, lanes_of, parts
+from counterlight.errors import InputError
+from counterlight.gl.passes import Owner, float_texture
+from counterlight.gl.shaders import build_compute_program
+from counterlight.renderer import LONG_BYTES
+from counterlight.row_map import RowMap
+from counterlight.sliced_map import GROUP, Part, lanes_of, parts
 
 VERSION = 430
 PART_ENTRIES = 1 << 23  # of a buffer, though drivers would take larger ones: the player arranges a part at a time

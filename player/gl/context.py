@@ -6,7 +6,7 @@ from typing import Any
 
 import moderngl
 
-from player.errors import InputError
+from counterlight.errors import InputError
 
 
 @contextmanager
@@ -24,7 +24,7 @@ def headless_context() -> Iterator[moderngl.Context]:
     except Exception as error:
         raise InputError(
             f"no OpenGL through EGL ({' '.join(str(error).split())}); install it with: apt-get install libegl1 libgl1, "
-            "ask counterlight-doctor what is missing, or use --backend cpu"
+            "ask counterlight doctor what is missing, or use --backend cpu"
         ) from None
     try:
         yield context

@@ -7,12 +7,12 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from player.colour import decoding_of
-from player.gl.passes import Owner, Pass, Uniform, float_texture, plane_texture, table_texture
-from player.picture import NEUTRAL, Picture, adjusted_decoding, adjusted_transfer
-from player.renderer import shown_shape
-from player.response import transfer_table
-from player.video import PixelFormat
+from counterlight.colour import decoding_of
+from counterlight.gl.passes import Owner, Pass, Uniform, float_texture, plane_texture, table_texture
+from counterlight.picture import NEUTRAL, Picture, adjusted_decoding, adjusted_transfer
+from counterlight.renderer import shown_shape
+from counterlight.response import transfer_table
+from counterlight.video import PixelFormat
 
 LAYOUTS = {"yuv": "LAYOUT_YUV", "rgb": "LAYOUT_RGB", "radiance": "LAYOUT_RADIANCE"}
 

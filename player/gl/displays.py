@@ -9,11 +9,11 @@ from contextlib import ExitStack, contextmanager
 import glfw
 import moderngl
 
-from player.calibration import Region
-from player.errors import InputError
-from player.gl.monitors import Monitor, find_monitor, list_monitors
-from player.gl.window import REDRAW, Window, wait_for_events
-from player.show.osd import Page
+from counterlight.calibration import Region
+from counterlight.errors import InputError
+from counterlight.gl.monitors import Monitor, find_monitor, list_monitors
+from counterlight.gl.window import REDRAW, Window, wait_for_events
+from counterlight.show.osd import Page
 
 
 class Displays:

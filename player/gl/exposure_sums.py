@@ -7,8 +7,8 @@ import moderngl
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from player.errors import InputError
-from player.gl.passes import Pass, ScreenPass, float_texture
+from counterlight.errors import InputError
+from counterlight.gl.passes import Pass, ScreenPass, float_texture
 
 BATCH = 16  # exposures a pass at most: the sums cross the memory bus once for all of them
 BATCH_BYTES = 1 << 28  # of code values that wait for a pass
@@ -20,11 +20,11 @@ SPARE_UNIFORMS = 256  # components beside the curve
 
 
 class GlSums:
-    """Adds pictures of one shape; the counterpart of tools.hdr.sums.CpuSums, float32.
+    """Adds pictures of one shape; the counterpart of counterlight.tools.hdr.sums.CpuSums, float32.
 
     table : (levels, channels, 2), p and q of each code value (tools.hdr.estimators), 256 or 65536 levels.
     shape : (height, width, channels).
-    exponential : the estimate is the exponential of the quotient of the sums.  slack : see tools.hdr.estimators.
+    exponential : the estimate is the exponential of the quotient of the sums.  slack : see counterlight.tools.hdr.estimators.
     Raises InputError for pictures beyond the largest texture. The caller owns the context.
     """
 

@@ -5,7 +5,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
-from player.command import BAD_INPUT, tell
+from counterlight.command import BAD_INPUT, tell
 
 _farewells: list[Callable[[], object]] = []
 

@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 import glfw
 
-from player.errors import InputError
-from player.gl import lost_screen
+from counterlight.errors import InputError
+from counterlight.gl import lost_screen
 
 WITHOUT_SCREEN = "use --output FILE to render without one, or start one with: xvfb-run -a COMMAND"
 

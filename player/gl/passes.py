@@ -8,8 +8,8 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from player.gl.shaders import build_program
+from counterlight.errors import InputError
+from counterlight.gl.shaders import build_program
 
 Uniform: TypeAlias = float | int | tuple[float, ...] | tuple[int, ...]
 FLOAT_COMPONENTS = 4  # three-component float textures need not be renderable

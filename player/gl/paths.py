@@ -10,15 +10,15 @@ from typing import Protocol, TypeAlias
 import moderngl
 import numpy as np
 
-from player.errors import InputError
-from player.gl.compute_pass import MapBuffers, supports_compute
-from player.gl.passes import Owner, float_texture
-from player.gl.row_map_pass import MapTextures
-from player.maps import FarMaps
-from player.renderer import LONG_BYTES, SHORT_BYTES, PathReport, Room
-from player.row_map import RowMap
-from player.short_map import rounding_of
-from player.sliced_map import spans_fit
+from counterlight.errors import InputError
+from counterlight.gl.compute_pass import MapBuffers, supports_compute
+from counterlight.gl.passes import Owner, float_texture
+from counterlight.gl.row_map_pass import MapTextures
+from counterlight.maps import FarMaps
+from counterlight.renderer import LONG_BYTES, SHORT_BYTES, PathReport, Room
+from counterlight.row_map import RowMap
+from counterlight.short_map import rounding_of
+from counterlight.sliced_map import spans_fit
 
 WARM_UP, FRAMES = 1, 5
 

@@ -4,9 +4,9 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from player.gl.monitors import Monitor
-from player.gl.window import Window
+from counterlight.errors import InputError
+from counterlight.gl.monitors import Monitor
+from counterlight.gl.window import Window
 
 ESCAPE = "escape"
 

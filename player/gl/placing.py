@@ -2,11 +2,11 @@
 
 import moderngl
 
-from player.gl.passes import Pass, float_texture
-from player.picture_reference import MOST_TAPS
-from player.placement import Corners, homography
-from player.renderer import place, shown_shape
-from player.video import PixelFormat
+from counterlight.gl.passes import Pass, float_texture
+from counterlight.picture_reference import MOST_TAPS
+from counterlight.placement import Corners, homography
+from counterlight.renderer import place, shown_shape
+from counterlight.video import PixelFormat
 
 
 class Fitter:

@@ -6,10 +6,10 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from player.calibration import Region
-from player.gl.passes import ScreenPass
-from player.show.osd import Page, draw, scale_for
-from player.show.outline import Points, draw_outline
+from counterlight.calibration import Region
+from counterlight.gl.passes import ScreenPass
+from counterlight.show.osd import Page, draw, scale_for
+from counterlight.show.outline import Points, draw_outline
 
 Box: TypeAlias = tuple[int, int, int, int]  # left, top, width, height
 

@@ -1,6 +1,6 @@
 """What this machine's OpenGL and screens offer, as JSON, for a parent that must survive a driver that crashes.
 
-Run as `python -m player.gl.probe opengl` or `… screen`.
+Run as `python -m counterlight.gl.probe opengl` or `… screen`.
 """
 
 import dataclasses
@@ -9,8 +9,8 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from player.gl.context import headless_context
-from player.gl.monitors import list_monitors
+from counterlight.gl.context import headless_context
+from counterlight.gl.monitors import list_monitors
 
 
 def probe_opengl() -> dict[str, Any]:

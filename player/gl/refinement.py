@@ -4,11 +4,11 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from player.gl.passes import Owner, Pass, ScreenPass, float_texture, integer_texture, picture_texture
-from player.gl.paths import FarPass, StoredMaps
-from player.gl.starts import Iterate
-from player.maps import RefinementMaps
-from player.refinement import OVER_RELAXATION, Certificate, momentum
+from counterlight.gl.passes import Owner, Pass, ScreenPass, float_texture, integer_texture, picture_texture
+from counterlight.gl.paths import FarPass, StoredMaps
+from counterlight.gl.starts import Iterate
+from counterlight.maps import RefinementMaps
+from counterlight.refinement import OVER_RELAXATION, Certificate, momentum
 
 BLOCK = 16
 

@@ -8,29 +8,29 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from player.content import SceneCuts
-from player.gl.adaptation import Damper
-from player.gl.decoding import Decoder
-from player.gl.passes import Owner, Pass, float_texture, picture_texture
-from player.gl.paths import FarPass, Product, StoredMap, StoredMaps, store_maps
-from player.gl.refinement import Refiner
-from player.gl.request import Request, read
-from player.gl.starts import DirectStart, GreyStart, MapStart, PreviousStart, Start
-from player.gl.views import Encoder, Maps, Observer
-from player.maps import RefinementMaps
-from player.picture import NEUTRAL, Picture
-from player.refinement import Certificate
-from player.renderer import Room, check_radiance_size
-from player.response import Response
-from player.video import Frame, PixelFormat
+from counterlight.content import SceneCuts
+from counterlight.gl.adaptation import Damper
+from counterlight.gl.decoding import Decoder
+from counterlight.gl.passes import Owner, Pass, float_texture, picture_texture
+from counterlight.gl.paths import FarPass, Product, StoredMap, StoredMaps, store_maps
+from counterlight.gl.refinement import Refiner
+from counterlight.gl.request import Request, read
+from counterlight.gl.starts import DirectStart, GreyStart, MapStart, PreviousStart, Start
+from counterlight.gl.views import Encoder, Maps, Observer
+from counterlight.maps import RefinementMaps
+from counterlight.picture import NEUTRAL, Picture
+from counterlight.refinement import Certificate
+from counterlight.renderer import Room, check_radiance_size
+from counterlight.response import Response
+from counterlight.video import Frame, PixelFormat
 
 
 class GlRenderer:
-    """Renderer in OpenGL 3.3, or 4.3 where it is the faster; see player.renderer.Renderer. The caller owns the context.
+    """Renderer in OpenGL 3.3, or 4.3 where it is the faster; see counterlight.renderer.Renderer. The caller owns the context.
 
     No part of it refers back to it, so that a reload frees the room that it replaces, and not some later collection.
 
-    path : one of player.renderer.PATHS.
+    path : one of counterlight.renderer.PATHS.
     """
 
     def __init__(self, context: moderngl.Context, room: Room, path: str = "fragment") -> None:

@@ -7,14 +7,14 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from player.gl.adaptation import Adapter, NearLight
-from player.gl.passes import Owner, Pass, float_texture, picture_texture
-from player.gl.placing import Fitter, Pinner
-from player.gl.views import Maps
-from player.picture import NEUTRAL, Picture
-from player.renderer import Room, shown_shape
-from player.test_cards import card
-from player.video import PixelFormat
+from counterlight.gl.adaptation import Adapter, NearLight
+from counterlight.gl.passes import Owner, Pass, float_texture, picture_texture
+from counterlight.gl.placing import Fitter, Pinner
+from counterlight.gl.views import Maps
+from counterlight.picture import NEUTRAL, Picture
+from counterlight.renderer import Room, shown_shape
+from counterlight.test_cards import card
+from counterlight.video import PixelFormat
 
 
 class Request:

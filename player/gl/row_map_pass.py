@@ -2,8 +2,8 @@
 
 import moderngl
 
-from player.gl.passes import Pass, float_texture, integer_texture
-from player.row_map import RowMap
+from counterlight.gl.passes import Pass, float_texture, integer_texture
+from counterlight.row_map import RowMap
 
 
 class MapTextures:

@@ -1,4 +1,4 @@
-"""Build programs from the GLSL files of player.shaders: defines in, errors out with the file's own line numbers."""
+"""Build programs from the GLSL files of counterlight.shaders: defines in, errors out with the file's own line numbers."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -16,7 +16,7 @@ class ShaderError(RuntimeError):
 
 def read_source(name: str) -> str:
     """The text of a shader as installed."""
-    return resources.files("player.shaders").joinpath(name).read_text(encoding="utf-8")
+    return resources.files("counterlight.shaders").joinpath(name).read_text(encoding="utf-8")
 
 
 def with_defines(source: str, defines: Mapping[str, int | None]) -> str:

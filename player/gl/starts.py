@@ -6,9 +6,9 @@ from typing import NamedTuple, Protocol, TypeAlias
 import moderngl
 import numpy as np
 
-from player.gl.passes import Owner, Pass, float_texture, picture_texture
-from player.gl.paths import Product, StoredMap
-from player.refinement import GREY
+from counterlight.gl.passes import Owner, Pass, float_texture, picture_texture
+from counterlight.gl.paths import Product, StoredMap
+from counterlight.refinement import GREY
 
 Correct: TypeAlias = Callable[[moderngl.Texture], moderngl.Texture]
 

@@ -5,11 +5,11 @@ from functools import cached_property
 import moderngl
 import numpy as np
 
-from player.gl.passes import Owner, Pass, Uniform, float_texture, integer_texture, picture_texture, table_texture
-from player.gl.paths import Chain, FarPass, Product, StoredMap
-from player.renderer import Room
-from player.response import Response
-from player.views import (
+from counterlight.gl.passes import Owner, Pass, Uniform, float_texture, integer_texture, picture_texture, table_texture
+from counterlight.gl.paths import Chain, FarPass, Product, StoredMap
+from counterlight.renderer import Room
+from counterlight.response import Response
+from counterlight.views import (
     CLIP_FAINT,
     CLIP_SPAN,
     ERROR_SPAN,

@@ -7,10 +7,10 @@ from typing import Any
 import glfw
 import moderngl
 
-from player.calibration import Region
-from player.errors import InputError
-from player.gl.monitor_labels import MonitorLabels
-from player.gl.monitors import (
+from counterlight.calibration import Region
+from counterlight.errors import InputError
+from counterlight.gl.monitor_labels import MonitorLabels
+from counterlight.gl.monitors import (
     Monitor,
     after_a_change,
     find_monitor,
@@ -19,8 +19,8 @@ from player.gl.monitors import (
     raising,
     start_glfw,
 )
-from player.gl.presenter import Presenter
-from player.show.osd import Page
+from counterlight.gl.presenter import Presenter
+from counterlight.show.osd import Page
 
 REDRAW = "redraw"  # not a key: the window was resized or uncovered
 CURSOR_S = 1.0  # how long a cursor that rests is seen in a window; full screen it never is

@@ -2,6 +2,6 @@
 
 session.py joins the rest, from loop to loop: playlist.py says what comes, playback.py which frame is due, controls.py
 what keys.py, settings.py and a control socket can do, osd.py and stats_page.py what is written over the picture.
-options.py holds play-corrected's options. Knows no OpenGL: a display, a renderer and a clock are handed in.
+options.py holds counterlight play's options. Knows no OpenGL: a display, a renderer and a clock are handed in.
 Read next: session.py.
 """

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from player.errors import InputError
+from counterlight.errors import InputError
 
 
 class CommandError(ValueError):

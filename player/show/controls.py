@@ -7,20 +7,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from player.command import tell
-from player.output import write_picture
-from player.picture import CONTROL, MOST_BLACK, MOST_FLICKER
-from player.refinement import MOST_STEPS
-from player.renderer import VIEWS, Renderer
-from player.show.commands import Anything, Choice, Command, CommandError, Commands, Flag, Number, Property
-from player.show.placing import Placing
-from player.show.playback import Playback
-from player.show.stats_page import position
-from player.test_cards import CARDS
-from player.writing.replacing import replacing_file
+from counterlight.command import tell
+from counterlight.output import write_picture
+from counterlight.picture import CONTROL, MOST_BLACK, MOST_FLICKER
+from counterlight.refinement import MOST_STEPS
+from counterlight.renderer import VIEWS, Renderer
+from counterlight.show.commands import Anything, Choice, Command, CommandError, Commands, Flag, Number, Property
+from counterlight.show.placing import Placing
+from counterlight.show.playback import Playback
+from counterlight.show.stats_page import position
+from counterlight.test_cards import CARDS
+from counterlight.writing.replacing import replacing_file
 
 if TYPE_CHECKING:
-    from player.show.session import Session
+    from counterlight.show.session import Session
 
 ANY_NUMBER = Number(-1e9, 1e9)
 TIME = Number(0, 1e9)
@@ -287,7 +287,7 @@ def _sound(session: "Session", name: str, kind: Any, text: str) -> Property:
 
 
 def _picture(session: "Session") -> dict[str, Property]:
-    """Of player.picture.Picture."""
+    """Of counterlight.picture.Picture."""
 
     def field(name: str, kind: Any, text: str, unit: str = "") -> Property:
         return Property(
@@ -345,7 +345,7 @@ def _showing(session: "Session") -> dict[str, Property]:
 
     def refine(steps: Any) -> None:
         if steps and session.site is not None and not session.site.refinable():
-            raise CommandError("no refinement: the maps were built without it; build-correction-map adds it")
+            raise CommandError("no refinement: the maps were built without it; counterlight build adds it")
         session.set_refine(steps)
 
     return {

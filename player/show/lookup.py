@@ -5,7 +5,7 @@ from collections.abc import Callable
 from queue import Empty, SimpleQueue
 from typing import Generic, TypeVar
 
-from player.errors import InputError
+from counterlight.errors import InputError
 
 MOST_WAITING = 8  # threads that a dead disk holds; what is looked up then is not there yet
 _waiting = threading.BoundedSemaphore(MOST_WAITING)

@@ -1,12 +1,12 @@
 """The media of a show: found within a border, opened by processes of their own."""
 
-from player.medium import Border, Medium
-from player.show.playlist import is_list, read_list
-from player.video import MediaReader
+from counterlight.medium import Border, Medium
+from counterlight.show.playlist import is_list, read_list
+from counterlight.video import MediaReader
 
 
 class Media:
-    """See player.show.programme.Opener.  frames_per_second : of numbered pictures."""
+    """See counterlight.show.programme.Opener.  frames_per_second : of numbered pictures."""
 
     def __init__(self, border: Border, frames_per_second: float | None = None) -> None:
         self._border, self._frames_per_second = border, frames_per_second

@@ -1,4 +1,4 @@
-"""The options of play-corrected, what they take, and the settings file that gives their defaults."""
+"""The options of counterlight play, what they take, and the settings file that gives their defaults."""
 
 import argparse
 import os
@@ -7,18 +7,18 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from player.calibration import RADIANCE
-from player.command import Parser
-from player.errors import InputError
-from player.medium import Border, Medium
-from player.picture import CONTROL, MOST_BLACK, MOST_FLICKER, Picture
-from player.refinement import DEFAULT_STEPS, MOST_STEPS, STARTS, STEPS_WITHOUT_MAP
-from player.renderer import DITHERS, PATHS, VIEWS
-from player.show.keys import KEYS
-from player.show.playlist import expand
-from player.show.settings import Several, apply_settings, default_path
-from player.test_cards import CARDS
-from player.unattended.supervisor import SAFE
+from counterlight.calibration import RADIANCE
+from counterlight.command import Parser
+from counterlight.errors import InputError
+from counterlight.medium import Border, Medium
+from counterlight.picture import CONTROL, MOST_BLACK, MOST_FLICKER, Picture
+from counterlight.refinement import DEFAULT_STEPS, MOST_STEPS, STARTS, STEPS_WITHOUT_MAP
+from counterlight.renderer import DITHERS, PATHS, VIEWS
+from counterlight.show.keys import KEYS
+from counterlight.show.playlist import expand
+from counterlight.show.settings import Several, apply_settings, default_path
+from counterlight.test_cards import CARDS
+from counterlight.unattended.supervisor import SAFE
 
 Steps: TypeAlias = int | Literal["auto"] | None
 LISTED_IMAGE_S = 5.0  # how long a picture in a list is shown if nobody says
@@ -27,7 +27,7 @@ LISTED_IMAGE_S = 5.0  # how long a picture in a list is shown if nobody says
 def read_options(argv: Sequence[str] | None, description: str) -> argparse.Namespace:
     """Options over settings over defaults.
 
-    keys : the settings' key bindings.  media : player.medium.Medium, `lists` expanded.  border : what others may name.
+    keys : the settings' key bindings.  media : counterlight.medium.Medium, `lists` expanded.  border : what others may name.
     lasting : whether nobody is there to start the show again.
     """
     parser = _parser(description)
@@ -66,7 +66,7 @@ def image_display_duration(options: argparse.Namespace) -> float | None:
 
 def _parser(description: str) -> argparse.ArgumentParser:
     parser = Parser(
-        "play-corrected",
+        "play",
         description=description,
         epilog=_keys(),
         formatter_class=argparse.RawTextHelpFormatter,

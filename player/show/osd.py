@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from player.show.outline import Outline
+from counterlight.show.outline import Outline
 
 SHOWN_S, FADING_S = 1.0, 0.3
 MOST_LETTERS = 1000  # of a message: drawing them takes 5 ms

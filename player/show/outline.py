@@ -11,8 +11,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from player.placement import Corners
-from player.row_map import RowMap
+from counterlight.placement import Corners
+from counterlight.row_map import RowMap
 
 Points: TypeAlias = NDArray[np.float64]  # (n, 2), x and y in shares of a picture from its upper left
 LINE, HANDLE, EDGE = 1, 6, 2  # half widths and what is added around them, in pixels of a window of REFERENCE_HEIGHT

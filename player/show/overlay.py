@@ -4,12 +4,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from player.show.osd import MESSAGE_SIZE, Page
-from player.show.outline import Outline, moved, outline_of
-from player.show.stats_page import stats_page
+from counterlight.show.osd import MESSAGE_SIZE, Page
+from counterlight.show.outline import Outline, moved, outline_of
+from counterlight.show.stats_page import stats_page
 
 if TYPE_CHECKING:
-    from player.show.session import Session
+    from counterlight.show.session import Session
 
 PAGE_INTERVAL_S = 0.2
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Protocol
 
-from player.frames import Frame, MediaInfo
+from counterlight.frames import Frame, MediaInfo
 
 MORE_THAN_ROUNDING_S = 1e-3
 TOLERATED_S = 0.02  # frames may be that late whatever their rate
@@ -13,7 +13,7 @@ HURRIED_S = 2.0  # how long none waits after that was in vain
 
 
 class Reader(Protocol):
-    """player.video.MediaReader, as far as playback goes."""
+    """counterlight.video.MediaReader, as far as playback goes."""
 
     @property
     def info(self) -> MediaInfo: ...
@@ -30,7 +30,7 @@ class Reader(Protocol):
 
 
 class Sound(Protocol):
-    """player.audio.Track, as far as playback goes."""
+    """counterlight.audio.Track, as far as playback goes."""
 
     def seek(self, time_s: float, speed: float) -> None: ...
     def play(self, time_s: float, at_s: float) -> None: ...

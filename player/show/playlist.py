@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from player.decoding.live import live_address
-from player.errors import InputError
-from player.medium import Border, Medium
-from player.writing.numbered import number_of
+from counterlight.decoding.live import live_address
+from counterlight.errors import InputError
+from counterlight.medium import Border, Medium
+from counterlight.writing.numbered import number_of
 
 LISTS = (".m3u", ".m3u8", ".txt")
 MAX_LIST_BYTES = 4 << 20

@@ -10,11 +10,11 @@ from contextlib import suppress
 from functools import partial
 from typing import NamedTuple, Protocol
 
-from player.errors import InputError
-from player.medium import Medium
-from player.show.lookup import LookUp
-from player.show.playback import Reader
-from player.show.playlist import Playlist, is_list
+from counterlight.errors import InputError
+from counterlight.medium import Medium
+from counterlight.show.lookup import LookUp
+from counterlight.show.playback import Reader
+from counterlight.show.playlist import Playlist, is_list
 
 LOOK_S = 0.1  # how long a command waits for the disk; what is not known by then shows when the medium is opened
 LIST_S = 10.0  # how long a list may take to be read

@@ -8,25 +8,25 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from player.command import tell
-from player.errors import InputError, printable
-from player.frames import Frame, MediaInfo, PixelFormat
-from player.medium import Medium
-from player.picture import Picture
-from player.refinement import Certificate, StepBudget
-from player.renderer import Renderer
-from player.show import controls
-from player.show.keys import Keys
-from player.show.memory import give_back, short_collections
-from player.show.osd import Message, Page
-from player.show.overlay import Overlay
-from player.show.placing import Placing
-from player.show.playback import Playback, Sound
-from player.show.playlist import Playlist
-from player.show.programme import Opener, Opening, Programme
-from player.show.session_inputs import Audio, Display, Heartbeat, Remote, Setup, Site, Steps
-from player.show.stats_page import facts
-from player.stats import Stats
+from counterlight.command import tell
+from counterlight.errors import InputError, printable
+from counterlight.frames import Frame, MediaInfo, PixelFormat
+from counterlight.medium import Medium
+from counterlight.picture import Picture
+from counterlight.refinement import Certificate, StepBudget
+from counterlight.renderer import Renderer
+from counterlight.show import controls
+from counterlight.show.keys import Keys
+from counterlight.show.memory import give_back, short_collections
+from counterlight.show.osd import Message, Page
+from counterlight.show.overlay import Overlay
+from counterlight.show.placing import Placing
+from counterlight.show.playback import Playback, Sound
+from counterlight.show.playlist import Playlist
+from counterlight.show.programme import Opener, Opening, Programme
+from counterlight.show.session_inputs import Audio, Display, Heartbeat, Remote, Setup, Site, Steps
+from counterlight.show.stats_page import facts
+from counterlight.stats import Stats
 
 CERTIFICATE_INTERVAL_S = 0.5
 LONGEST_WAIT_S = 0.05  # between looks at the decoder and the remotes; keys wake the window at once

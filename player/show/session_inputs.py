@@ -5,16 +5,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol, TypeAlias
 
-from player.frames import PixelFormat
-from player.medium import Medium
-from player.picture import Picture
-from player.placement import Corners
-from player.refinement import Certificate
-from player.renderer import Renderer
-from player.show.commands import Commands
-from player.show.osd import Page
-from player.show.outline import Points
-from player.show.playback import Sound
+from counterlight.frames import PixelFormat
+from counterlight.medium import Medium
+from counterlight.picture import Picture
+from counterlight.placement import Corners
+from counterlight.refinement import Certificate
+from counterlight.renderer import Renderer
+from counterlight.show.commands import Commands
+from counterlight.show.osd import Page
+from counterlight.show.outline import Points
+from counterlight.show.playback import Sound
 
 Steps: TypeAlias = int | Literal["auto"]
 

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from player.errors import InputError, shown
-from player.reading import read_toml
-from player.show.commands import CommandError, nearest
-from player.show.keys import check_bindings
-from player.tables import LONGEST_TEXT
+from counterlight.errors import InputError, shown
+from counterlight.reading import read_toml
+from counterlight.show.commands import CommandError, nearest
+from counterlight.show.keys import check_bindings
+from counterlight.tables import LONGEST_TEXT
 
 NOT_SETTINGS = ("help", "config", "list-monitors", "output", "supervised")
 KEYS_TABLE = "keys"

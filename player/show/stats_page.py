@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from player.show.osd import Histogram, Page
-from player.stats import LATE_LABELS
+from counterlight.show.osd import Histogram, Page
+from counterlight.stats import LATE_LABELS
 
 if TYPE_CHECKING:
-    from player.show.session import Session
+    from counterlight.show.session import Session
 
 STAGES = ("decode", "upload", "gpu", "present")
 

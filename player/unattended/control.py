@@ -16,10 +16,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-from player.command import tell
-from player.errors import InputError
-from player.unattended.json_lines import encode
-from player.unattended.listening import listen
+from counterlight.command import tell
+from counterlight.errors import InputError
+from counterlight.unattended.json_lines import encode
+from counterlight.unattended.listening import listen
 
 VERSION = 1 << 16  # of this protocol, as mpv counts: major << 16 | minor
 MAX_CLIENTS = 16
@@ -31,7 +31,7 @@ _CHUNK = 16 << 10
 
 
 class CommandsProtocol(Protocol):
-    """What the player can do: player.show.commands.Commands. A refusal is a ValueError of one line."""
+    """What the player can do: counterlight.show.commands.Commands. A refusal is a ValueError of one line."""
 
     def names(self) -> Mapping[str, str]: ...
 

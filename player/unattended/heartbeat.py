@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from player.errors import InputError, printable
-from player.unattended.inbox import INHERITED
-from player.unattended.json_lines import encode
+from counterlight.errors import InputError, printable
+from counterlight.unattended.inbox import INHERITED
+from counterlight.unattended.json_lines import encode
 
 INTERVAL_S = 1.0
 MAX_LOG_BYTES = 16 << 20  # then FILE becomes FILE.1: a show of months fills no disk

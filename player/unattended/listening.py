@@ -8,7 +8,7 @@ import stat
 from contextlib import suppress
 from pathlib import Path
 
-from player.errors import InputError
+from counterlight.errors import InputError
 
 MAX_ADDRESS = 107  # bytes of a path, of Linux; others have a few less
 _UNBORN = re.compile(r"\.([0-9a-f]{1,7})\.new")  # a socket that is not listening yet, and whose it is

@@ -1,4 +1,4 @@
-"""play-corrected --supervise: the player as a child process that is started again whenever it dies or hangs.
+"""counterlight play --supervise: the player as a child process that is started again whenever it dies or hangs.
 
 The supervisor is the player's service manager: it hears the READY=1, WATCHDOG=1 and facts of heartbeat.py at an
 inbox (inbox.py), and tells systemd in turn. It holds no picture and no codec, so that little can end it.
@@ -22,9 +22,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from player.command import BAD_INPUT, DONE, INTERRUPTED, tell
-from player.unattended.heartbeat import INTERVAL_S, Notifier, read_facts
-from player.unattended.inbox import Inbox
+from counterlight.command import BAD_INPUT, DONE, INTERRUPTED, tell
+from counterlight.unattended.heartbeat import INTERVAL_S, Notifier, read_facts
+from counterlight.unattended.inbox import Inbox
 
 SILENCE_S = 3.0  # three beats; with the longest back-off, 5 s from the last beat to the next player
 START_S = 60.0  # to read the maps and compile the shaders
@@ -246,7 +246,7 @@ class Supervisor:
 
 
 def supervise(arguments: Sequence[str], *, safe: str, monitors: Sequence[str], notify_socket: str | None) -> int:
-    """Run `play-corrected ARGUMENTS` under supervision; returns its exit code.
+    """Run `counterlight play ARGUMENTS` under supervision; returns its exit code.
 
     arguments : the whole command line, `--supervise` included; the player is told behind it that it is supervised.
     safe : one of SAFE.  monitors : where black is shown; none for the primary one.
@@ -255,13 +255,17 @@ def supervise(arguments: Sequence[str], *, safe: str, monitors: Sequence[str], n
     plain_options = "--no-compensation", "--refine=0", "--view=projector"
 
     def play(resume: Sequence[str], *options: str) -> list[str]:
-        return [*python, "player.app", *with_options(arguments, "--no-supervise", "--supervised", *options, *resume)]
+        return [
+            *python,
+            "counterlight.app",
+            *with_options(arguments, "--no-supervise", "--supervised", *options, *resume),
+        ]
 
     def plain(resume: Sequence[str]) -> list[str]:
         return play(resume, *plain_options)
 
     def black(_: Sequence[str]) -> list[str]:
-        return [*python, "player.gl.black", *monitors]
+        return [*python, "counterlight.gl.black", *monitors]
 
     notifier = Notifier(notify_socket)
     try:

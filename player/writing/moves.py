@@ -16,8 +16,8 @@ import stat
 from contextlib import suppress
 from pathlib import Path
 
-from player.writing import disk
-from player.writing.numbered import number_of
+from counterlight.writing import disk
+from counterlight.writing.numbered import number_of
 
 NEW, OLD, OLD_FRAMES = "new", "old", "old_frames"
 CONTENTS = (NEW, OLD, OLD_FRAMES)

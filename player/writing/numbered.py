@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from player.errors import InputError
+from counterlight.errors import InputError
 
 _FIELD = re.compile(r"%%|%0?(\d{0,2})d")  # the number, with its least digits, or a percent sign
 

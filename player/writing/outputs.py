@@ -7,9 +7,9 @@ from fnmatch import fnmatchcase
 from itertools import combinations
 from pathlib import Path
 
-from player.errors import InputError
-from player.writing.numbered import number_of, sequence_at
-from player.writing.stage import finish, is_stage
+from counterlight.errors import InputError
+from counterlight.writing.numbered import number_of, sequence_at
+from counterlight.writing.stage import finish, is_stage
 
 # Folders that are replaced as a whole or not at all, by two files or folders that each of them has.
 KEPT = {

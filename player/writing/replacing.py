@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from player.errors import InputError
-from player.writing import disk, moves
-from player.writing.numbered import sequence_at
-from player.writing.outputs import kind_of
-from player.writing.stage import Stage, clean_up, staged
+from counterlight.errors import InputError
+from counterlight.writing import disk, moves
+from counterlight.writing.numbered import sequence_at
+from counterlight.writing.outputs import kind_of
+from counterlight.writing.stage import Stage, clean_up, staged
 
 # What only writing can meet; these errors often do not say where.
 _OF_WRITING = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)

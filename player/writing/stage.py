@@ -15,8 +15,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from player.errors import InputError
-from player.writing import disk, moves
+from counterlight.errors import InputError
+from counterlight.writing import disk, moves
 
 PID = "pid"
 SUFFIX = ".counterlight-partial"

@@ -17,7 +17,7 @@ def small_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Projector 36x28, camera 40x30; each module has its own, as a placement is saved in it."""
     folder = tmp_path_factory.mktemp("small") / "wall"
     write_blurred_room(folder, np.random.default_rng(7), (30, 40), (28, 36))
-    succeed("build-correction-map", folder, "--regularize", "0.1")
+    succeed("build", folder, "--regularize", "0.1")
     return folder
 
 
@@ -26,7 +26,7 @@ def plain_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Projector 100x75, camera 120x90, without the maps of refinement."""
     folder = tmp_path_factory.mktemp("plain") / "wall"
     write_blurred_room(folder, np.random.default_rng(7), (90, 120), (75, 100))
-    succeed("build-correction-map", folder, "--regularize", "0.1", "--no-refine")
+    succeed("build", folder, "--regularize", "0.1", "--no-refine")
     return folder
 
 
@@ -35,7 +35,7 @@ def joint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two projectors (tests/joint_rooms.py)."""
     folder = tmp_path_factory.mktemp("joint")
     room = join(write_halves(folder), folder / "joint")
-    succeed("build-correction-map", room, "--regularize", "0.1")
+    succeed("build", room, "--regularize", "0.1")
     return room
 
 

@@ -105,7 +105,7 @@ def test_a_room_that_was_replaced_is_refused_and_the_show_goes_on(
         room.rename(folder / "before")
         if trap == "other size":
             write_blurred_room(room, np.random.default_rng(7), (30, 40), (24, 32))
-            succeed("build-correction-map", room, "--regularize", "0.1")
+            succeed("build", room, "--regularize", "0.1")
         elif trap != "gone":
             shutil.copytree(small_room, room)
             (room / "correction" / "entries.exr").unlink()

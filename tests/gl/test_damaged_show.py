@@ -13,7 +13,7 @@ def test_a_show_goes_on_where_a_file_is_refused(xvfb: str, plain_room: Path, tmp
     clip, stats = write_h264(tmp_path / "clip.mkv", COUNT), tmp_path / "stats.json"
     damage(clip, 2 * KEY, 2 * KEY)
     options = "--no-config", "--no-audio", "--stats", stats
-    done = command("play-corrected", plain_room, clip, *options, **on(xvfb))
+    done = command("play", plain_room, clip, *options, **on(xvfb))
     assert done.returncode == 0, done.stderr
     numbers = json.loads(stats.read_text())
     (notice,) = numbers["notices"]
@@ -21,5 +21,5 @@ def test_a_show_goes_on_where_a_file_is_refused(xvfb: str, plain_room: Path, tmp
     assert notice in done.stderr
     assert numbers["dropped"] >= 1
     assert numbers["frames"] + numbers["dropped"] == COUNT
-    assert "cannot be decoded" in fail("play-corrected", plain_room, clip, "--output", tmp_path / "out.mkv")
+    assert "cannot be decoded" in fail("play", plain_room, clip, "--output", tmp_path / "out.mkv")
     assert not (tmp_path / "out.mkv").exists()

@@ -22,7 +22,7 @@ def monitors_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     sizes = [(height, width) for _, _, width, height in MONITORS.values()]
     names = [part for name in MONITORS for part in ("--monitor", name)]
     room = join(write_monitors(folder, sizes), folder / "joint", *names)
-    succeed("build-correction-map", room, "--regularize", "0.01", "--no-refine")
+    succeed("build", room, "--regularize", "0.01", "--no-refine")
     return room
 
 
@@ -103,7 +103,7 @@ def test_each_monitor_is_filled_with_its_own_picture(
 def test_the_safe_picture_covers_all_monitors(two_monitors: str) -> None:
     """Of the monitors that are named, those that are there."""
     names = ["DUMMY1", "HDMI-7", "DUMMY0"]
-    with running(sys.executable, "-m", "player.gl.black", *names, folder=ROOT, **on(two_monitors)) as process:
+    with running(sys.executable, "-m", "counterlight.gl.black", *names, folder=ROOT, **on(two_monitors)) as process:
         wait_until(lambda: mapped_windows(two_monitors) == set(MONITORS.values()), "a window on each", process)
 
 
@@ -137,11 +137,11 @@ def test_windows_are_moved_by_the_names_of_their_monitors(
 def test_monitors_that_do_not_suit(
     two_monitors: str, joint: Path, picture: Path, arguments: list[str], complaint: str
 ) -> None:
-    assert complaint in fail("play-corrected", joint, picture, *arguments, **on(two_monitors))
+    assert complaint in fail("play", joint, picture, *arguments, **on(two_monitors))
 
 
 def test_more_projectors_than_monitors(xvfb: str, joint: Path, picture: Path) -> None:
-    line = fail("play-corrected", joint, picture, "--fullscreen", "--any-size", **on(xvfb))
+    line = fail("play", joint, picture, "--fullscreen", "--any-size", **on(xvfb))
     assert "2 projectors need as many monitors, found: 0 screen (1280x720" in line
     with playing(xvfb, joint, picture) as process:  # in windows, and they stay that when `f` is pressed
         wait_until(lambda: len(mapped_windows(xvfb)) == 2, "two windows", process)

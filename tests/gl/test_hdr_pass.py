@@ -4,14 +4,14 @@ import moderngl
 import numpy as np
 import pytest
 
-from player.errors import InputError
-from player.gl import exposure_sums
-from player.gl.exposure_sums import BATCH, TEXELS, GlSums
-from player.response import Response
-from tools.hdr.camera_response import exposure_table
-from tools.hdr.estimators import METHODS, SLACK, Estimator, make_estimator
-from tools.hdr.sums import CpuSums, ExposureSums
-from tools.hdr.weights import weight_table
+from counterlight.errors import InputError
+from counterlight.gl import exposure_sums
+from counterlight.gl.exposure_sums import BATCH, TEXELS, GlSums
+from counterlight.response import Response
+from counterlight.tools.hdr.camera_response import exposure_table
+from counterlight.tools.hdr.estimators import METHODS, SLACK, Estimator, make_estimator
+from counterlight.tools.hdr.sums import CpuSums, ExposureSums
+from counterlight.tools.hdr.weights import weight_table
 
 RTOL = 1e-5  # ln E as a float32 sum of up to 17 terms of size 10, then its exponential: 2e-6 measured
 

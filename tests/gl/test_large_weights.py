@@ -4,9 +4,9 @@ import moderngl
 import numpy as np
 import pytest
 
-from player.gl.passes import float_texture
-from player.gl.row_map_pass import MapTextures, RowMapPass
-from player.row_map import SparseRows, pack
+from counterlight.gl.passes import float_texture
+from counterlight.gl.row_map_pass import MapTextures, RowMapPass
+from counterlight.row_map import SparseRows, pack
 
 OUTPUT, SOURCE = (6, 9), (15, 20)
 UNIT_ROUNDOFF = 2.0**-24

@@ -10,11 +10,11 @@ import moderngl
 import numpy as np
 import pytest
 
-from player.gl.renderer import GlRenderer
-from player.picture import Picture
-from player.refinement import STARTS
-from player.renderer import VIEWS
-from player.unattended.heartbeat import rss_bytes
+from counterlight.gl.renderer import GlRenderer
+from counterlight.picture import Picture
+from counterlight.refinement import STARTS
+from counterlight.renderer import VIEWS
+from counterlight.unattended.heartbeat import rss_bytes
 from tests.media import numbered, write_video
 from tests.programs import descendants, wait_until
 from tests.refined_rooms import physical_room

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from player.errors import printable
+from counterlight.errors import printable
 from tests.canaries import canary
 from tests.desktop import playing, press
 from tests.media import numbered, write_video
@@ -116,7 +116,7 @@ def test_names_that_are_no_text_end_no_show_and_command_no_terminal(xvfb: str, s
     lines = errors.splitlines()
     assert [line.partition(": ")[0] for line in lines] == [r"\udcff\udcfe.mkv", r"a\x1b]0;mine\x07\n.mkv"]
     for name in names:
-        done = command("play-corrected", small_room, folder / f"{name}.gone", "--no-config", **on(xvfb))
+        done = command("play", small_room, folder / f"{name}.gone", "--no-config", **on(xvfb))
         assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
         assert done.stderr.strip().isprintable()
 
@@ -126,7 +126,7 @@ def test_a_list_on_the_command_line_cannot_write_files(xvfb: str, small_room: Pa
     graph = f"testsrc=d=1,metadata=mode=add:key=a:value=b,metadata=mode=print:file={written}"
     (folder / "list.m3u").write_text(f"lavfi:{graph}\nclip.mkv\n")
     listed = folder / "list.m3u"
-    done = command("play-corrected", small_room, listed, "--no-config", "--no-audio", "--frames", "3", **on(xvfb))
+    done = command("play", small_room, listed, "--no-config", "--no-audio", "--frames", "3", **on(xvfb))
     assert done.returncode == 0, done.stderr
     assert "only the command line may name devices and filters" in done.stderr
     assert not written.exists()
@@ -159,7 +159,7 @@ def test_a_list_without_a_remote_ends_and_says_whether_it_ended_well(
     write_video(good, [numbered(n) for n in range(5)])
     bad.write_bytes(b"no video at all" * 100)
     media = (bad, good) if last == "good" else (good, bad)
-    done = command("play-corrected", small_room, *media, "--no-config", "--no-audio", **on(xvfb))
+    done = command("play", small_room, *media, "--no-config", "--no-audio", **on(xvfb))
     (line,) = done.stderr.splitlines()
     assert "bad.mkv: FFmpeg cannot read it" in line
     assert (done.returncode, line.startswith("error: ")) == ((0, False) if last == "good" else (2, True))

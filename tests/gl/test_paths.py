@@ -8,23 +8,23 @@ import moderngl
 import numpy as np
 import pytest
 
-from player import app, exr
-from player.errors import InputError
-from player.gl import compute_pass, paths
-from player.gl.compute_pass import MapBuffers, supports_compute
-from player.gl.passes import Owner, picture_texture
-from player.gl.paths import StoredMap, short_scale, store_maps
-from player.gl.row_map_pass import MapTextures
-from player.reference import PreparedRows
-from player.refinement import STARTS
-from player.renderer import Room
-from player.row_map import RowMap, SparseRows, pack
-from player.short_map import half_scale, in_half, rounding_of
+from counterlight import app, exr
+from counterlight.errors import InputError
+from counterlight.gl import compute_pass, paths
+from counterlight.gl.compute_pass import MapBuffers, supports_compute
+from counterlight.gl.passes import Owner, picture_texture
+from counterlight.gl.paths import StoredMap, short_scale, store_maps
+from counterlight.gl.row_map_pass import MapTextures
+from counterlight.reference import PreparedRows
+from counterlight.refinement import STARTS
+from counterlight.renderer import Room
+from counterlight.row_map import RowMap, SparseRows, pack
+from counterlight.short_map import half_scale, in_half, rounding_of
+from counterlight.tools import build_correction_map
+from counterlight.tools.inverse.inverse import InverseOptions
 from tests.refined_rooms import physical_room
 from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_map, random_room, write_one_to_one_room, yuv_frame
-from tools import build_correction_map
-from tools.inverse.inverse import InverseOptions
 
 ATOL = 1e-5  # the bound; float32 sums of at most 20 terms of size 3 are far below
 PATHS = ("fragment", "compute")

@@ -12,7 +12,7 @@ from tests.rooms import write_blurred_room
 SHOW = """
 import numpy as np, sys
 from PIL import ImageGrab
-from player.gl.pattern_window import PatternWindow
+from counterlight.gl.pattern_window import PatternWindow
 codes = np.random.default_rng(3).integers(0, 256, (51, 67, 3)).astype(np.uint8)
 window = PatternWindow((51, 67), None)
 window.show(codes)
@@ -36,8 +36,8 @@ def test_an_acquisition_through_a_window_is_bit_identical_to_one_in_memory(xvfb:
     room = tmp_path / "room"
     write_blurred_room(room, np.random.default_rng(5), (18, 26), (21, 30))
     words = ["--camera", f"simulated:{room}", "--scheme", "graycode", "--name", "twin"]
-    succeed("acquire-transport", *words, "-o", tmp_path / "memory")
-    printed = succeed("acquire-transport", *words, "--window", "-o", tmp_path / "window", **on(xvfb))
+    succeed("acquire", *words, "-o", tmp_path / "memory")
+    printed = succeed("acquire", *words, "--window", "-o", tmp_path / "window", **on(xvfb))
     assert "own pattern good" in printed
     for folder in ("memory", "memory.captures/captures"):
         one, other = tmp_path / folder, tmp_path / folder.replace("memory", "window")
@@ -50,6 +50,6 @@ def test_the_desktop_itself_is_no_projector(two_monitors: str, tmp_path: Path) -
     room = tmp_path / "room"
     write_blurred_room(room, np.random.default_rng(5), (18, 26), (21, 30))
     here = on(two_monitors)
-    words = ["acquire-transport", "--camera", f"simulated:{room}", "-o", tmp_path / "out", "--monitor"]
+    words = ["acquire", "--camera", f"simulated:{room}", "-o", tmp_path / "out", "--monitor"]
     assert "DUMMY0 is the desktop itself" in fail(*words, "DUMMY0", **here)
     assert "1024x768, the calibration is for" in fail(*words, "DUMMY1", **here)

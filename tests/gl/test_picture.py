@@ -6,20 +6,20 @@ import moderngl
 import numpy as np
 import pytest
 
-from player import picture_reference
-from player.colour import decoding_of
-from player.content import approach
-from player.gl import shaders
-from player.gl.adaptation import Adapter
-from player.gl.decoding import Decoder
-from player.gl.passes import Pass, float_texture, picture_texture, table_texture
-from player.gl.placing import Fitter
-from player.gl.renderer import GlRenderer
-from player.gl.row_map_pass import MapTextures, RowMapPass
-from player.picture import NEUTRAL, Picture
-from player.renderer import VIEWS
-from player.test_cards import CARDS, card
-from player.video import Frame
+from counterlight import picture_reference
+from counterlight.colour import decoding_of
+from counterlight.content import approach
+from counterlight.gl import shaders
+from counterlight.gl.adaptation import Adapter
+from counterlight.gl.decoding import Decoder
+from counterlight.gl.passes import Pass, float_texture, picture_texture, table_texture
+from counterlight.gl.placing import Fitter
+from counterlight.gl.renderer import GlRenderer
+from counterlight.gl.row_map_pass import MapTextures, RowMapPass
+from counterlight.picture import NEUTRAL, Picture
+from counterlight.renderer import VIEWS
+from counterlight.test_cards import CARDS, card
+from counterlight.video import Frame
 from tests.refined_rooms import physical_room
 from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_room, rgb_frame, yuv_frame

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from player.picture import Picture
-from player.show.commands import Commands
-from player.show.keys import KEYS, PLACING
-from player.show.session_inputs import Setup
+from counterlight.picture import Picture
+from counterlight.show.commands import Commands
+from counterlight.show.keys import KEYS, PLACING
+from counterlight.show.session_inputs import Setup
 from tests.desktop import press
 from tests.player_page import ARGUMENTS, table
 from tests.programs import PATIENCE_S, ROOT, on, running

@@ -6,16 +6,16 @@ import moderngl
 import numpy as np
 import pytest
 
-from player import reference
-from player.cpu_renderer import CpuRenderer
-from player.errors import InputError
-from player.gl.passes import Pass, float_texture, table_texture
-from player.gl.renderer import GlRenderer
-from player.gl.row_map_pass import MapTextures, RowMapPass
-from player.gl.shaders import ShaderError, build_program
-from player.reference import PreparedRows
-from player.response import parse_response
-from player.row_map import RowMap, SparseRows, pack
+from counterlight import reference
+from counterlight.cpu_renderer import CpuRenderer
+from counterlight.errors import InputError
+from counterlight.gl.passes import Pass, float_texture, table_texture
+from counterlight.gl.renderer import GlRenderer
+from counterlight.gl.row_map_pass import MapTextures, RowMapPass
+from counterlight.gl.shaders import ShaderError, build_program
+from counterlight.reference import PreparedRows
+from counterlight.response import parse_response
+from counterlight.row_map import RowMap, SparseRows, pack
 from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_map, random_room, rgb_frame, yuv_frame
 
@@ -212,7 +212,7 @@ def test_a_texture_that_the_gpu_cannot_hold_is_an_error_with_a_way_out(gl_contex
 
 
 def test_a_shader_error_names_file_and_line(gl_context: moderngl.Context, monkeypatch: pytest.MonkeyPatch) -> None:
-    from player.gl import shaders
+    from counterlight.gl import shaders
 
     source = shaders.read_source("desired.frag").replace("b = vec4(light, 1.0);", "b = vec5(light);")
     line = source[: source.index("vec5")].count("\n") + 1

@@ -24,7 +24,7 @@ SECOND_MONITOR = (1280, 0, 1024, 768)
 def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("window") / "wall"
     write_blurred_room(folder, np.random.default_rng(7), (44, 60), (37, 50))
-    succeed("build-correction-map", folder, "--regularize", "0.1")
+    succeed("build", folder, "--regularize", "0.1")
     return folder
 
 
@@ -33,7 +33,7 @@ def large_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A projector of the second monitor's size, pixel for pixel in front of the camera; nothing needs refinement."""
     folder = tmp_path_factory.mktemp("window") / "large"
     write_one_to_one_room(folder, (SECOND_MONITOR[3], SECOND_MONITOR[2]))
-    succeed("build-correction-map", folder, "--regularize", "0.01", "--no-refine")
+    succeed("build", folder, "--regularize", "0.01", "--no-refine")
     return folder
 
 
@@ -49,7 +49,7 @@ def test_full_screen_on_the_chosen_monitor_shows_the_exact_pixels(
     two_monitors: str, large_room: Path, picture: Path, tmp_path: Path
 ) -> None:
     expected = expected_picture(large_room, picture, tmp_path)
-    listed = command("play-corrected", "--list-monitors", **on(two_monitors))
+    listed = command("play", "--list-monitors", **on(two_monitors))
     assert listed.returncode == 0
     assert [line.split()[1] for line in listed.stdout.splitlines()] == ["DUMMY0", "DUMMY1"]
     for monitor in ("DUMMY1", "1"):
@@ -67,10 +67,10 @@ def test_full_screen_on_the_chosen_monitor_shows_the_exact_pixels(
 
 
 def test_a_monitor_that_is_not_there_or_of_another_size(two_monitors: str, room: Path, picture: Path) -> None:
-    line = fail("play-corrected", room, picture, "--monitor", "HDMI-7", **on(two_monitors))
+    line = fail("play", room, picture, "--monitor", "HDMI-7", **on(two_monitors))
     assert "HDMI-7" in line
     assert "DUMMY0" in line
-    line = fail("play-corrected", room, picture, "--fullscreen", "--monitor", "DUMMY1", **on(two_monitors))
+    line = fail("play", room, picture, "--fullscreen", "--monitor", "DUMMY1", **on(two_monitors))
     assert "1024x768, the calibration is for a projector of 50x37" in line
 
 
@@ -104,7 +104,7 @@ def test_keys_in_a_window(xvfb: str, room: Path, picture: Path, tmp_path: Path) 
 
 def test_a_clip_plays_to_its_end_in_a_window(xvfb: str, room: Path, tmp_path: Path) -> None:
     stats = tmp_path / "stats.json"
-    done = command("play-corrected", room, CLIP, "--stats", stats, "--start", "4", **on(xvfb))
+    done = command("play", room, CLIP, "--stats", stats, "--start", "4", **on(xvfb))
     assert done.returncode == 0, done.stderr
     numbers = json.loads(stats.read_text())
     assert numbers["frames"] + numbers["dropped"] == pytest.approx(32, abs=1)  # 5.28 s at 25 per second, from 4 s
@@ -174,7 +174,7 @@ def test_a_damaged_map_does_not_replace_the_one_that_plays(
         press(xvfb, "c")
         wait_until(shows(corrected), "the old map's picture", process)
         entries.write_bytes(whole)
-        succeed("build-correction-map", folder, "--regularize", "0.5")
+        succeed("build", folder, "--regularize", "0.5")
         smoother = expected_picture(folder, picture, tmp_path, *steps)
         assert np.abs(smoother - corrected).max() > 5
         press(xvfb, "r", "Control_L")
@@ -191,7 +191,7 @@ def test_pictures_of_a_list_follow_each_other(xvfb: str, room: Path, tmp_path: P
     listed, stats = tmp_path / "list.m3u", tmp_path / "stats.json"
     listed.write_text("0.png\ngone.png\n1.png\n2.png\n")
     options = "--image-display-duration", "0.5", "--stats", stats
-    done = command("play-corrected", room, listed, *options, **on(xvfb))
+    done = command("play", room, listed, *options, **on(xvfb))
     assert done.returncode == 0, done.stderr
     numbers = json.loads(stats.read_text())
     assert numbers["frames"] == 3

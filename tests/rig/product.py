@@ -50,7 +50,7 @@ def acquire(rig: Rig, folder: Path, *options: str, seed: int = 0) -> str:
         *options,
     ]
     log = folder / "acquire.log"
-    with log.open("w") as errors, running(script("acquire-transport"), *words, errors=errors.fileno()) as process:
+    with log.open("w") as errors, running(script("acquire"), *words, errors=errors.fileno()) as process:
         while process.poll() is None:
             _photograph_new(rig, exchange, seed)
             time.sleep(POLL_S)
@@ -67,13 +67,13 @@ def write_response(path: Path, table: list[list[float]]) -> Path:
 
 
 def build(folder: Path) -> str:
-    return succeed("build-correction-map", folder / "room")
+    return succeed("build", folder / "room")
 
 
 def show(folder: Path, picture: Path, *options: str) -> Shown:
     """`picture` through the room's correction, as eight bits."""
     drive = folder / "drive.png"
-    said = succeed("play-corrected", folder / "room", picture, "--no-config", "--output", drive, *options)
+    said = succeed("play", folder / "room", picture, "--no-config", "--output", drive, *options)
     found = WHITE.search(said)
     assert found, said
     codes = cv2.imread(str(drive), cv2.IMREAD_COLOR)

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from player.errors import InputError
-from tools.acquisition.cameras.camera import Camera
-from tools.acquisition.movement import refuse_moved
-from tools.acquisition.plan import Level, MakeScheme, Measured, Pattern, Reference, measure_noise
-from tools.acquisition.store import CaptureStore
+from counterlight.errors import InputError
+from counterlight.tools.acquisition.cameras.camera import Camera
+from counterlight.tools.acquisition.movement import refuse_moved
+from counterlight.tools.acquisition.plan import Level, MakeScheme, Measured, Pattern, Reference, measure_noise
+from counterlight.tools.acquisition.store import CaptureStore
 
 FloatArray = NDArray[np.float64]
 LOG_INTERVAL_S = 10.0

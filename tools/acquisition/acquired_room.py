@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from player import calibration
-from player.calibration import Calibration, Device
-from player.errors import InputError
-from player.files import sha256_of
-from tools.acquisition.acquire import Acquisition, acquire
-from tools.acquisition.cameras.camera import LINEAR, Camera
-from tools.acquisition.cameras.folder import FolderCamera
-from tools.acquisition.plan import MakeScheme
-from tools.acquisition.store import CaptureStore, Wanted, open_store
-from tools.clusters.components import Clusters, find_clusters
-from tools.transport.mask import lit_pixels
-from tools.transport.storage import write_transport
-from tools.transport.transport import Transport, shared_pattern
+from counterlight import calibration
+from counterlight.calibration import Calibration, Device
+from counterlight.errors import InputError
+from counterlight.files import sha256_of
+from counterlight.tools.acquisition.acquire import Acquisition, acquire
+from counterlight.tools.acquisition.cameras.camera import LINEAR, Camera
+from counterlight.tools.acquisition.cameras.folder import FolderCamera
+from counterlight.tools.acquisition.plan import MakeScheme
+from counterlight.tools.acquisition.store import CaptureStore, Wanted, open_store
+from counterlight.tools.clusters.components import Clusters, find_clusters
+from counterlight.tools.transport.mask import lit_pixels
+from counterlight.tools.transport.storage import write_transport
+from counterlight.tools.transport.transport import Transport, shared_pattern
 
 SUSPECT = 3.0  # times the camera's noise that the check may be off
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from player.errors import InputError
-from player.picture_files import SUFFIXES
+from counterlight.errors import InputError
+from counterlight.picture_files import SUFFIXES
 
 ORDERS = ("opencv", "sltk")
 _NAMED = re.compile(r"(?:.*_)?(?P<axis>[xy])_bit(?P<bit>\d{1,2})_(?P<sign>pos|inv)", re.IGNORECASE)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, sparse
 
-from tools.transport.transport import Csr, Transport
+from counterlight.tools.transport.transport import Csr, Transport
 
 NOBODY = -1
 Cells = TypeVar("Cells", bound=np.generic)

@@ -18,11 +18,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from player.command import track
-from player.errors import InputError
-from player.picture_files import read_picture
-from player.response import Response
-from tools.acquisition.captures import Captures, Pair
+from counterlight.command import track
+from counterlight.errors import InputError
+from counterlight.picture_files import read_picture
+from counterlight.response import Response
+from counterlight.tools.acquisition.captures import Captures, Pair
 
 WIDE_STRIPES = 8  # cells; defocus and the eye of the camera blur stripes that are narrower
 EIGHT_BIT = 255.0

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from player import calibration
-from player.calibration import Calibration, Device
-from player.errors import InputError
-from player.response import Response
-from tools.acquisition.captures import ORDERS, Captures, find_captures
-from tools.acquisition.direct_mapping import NOBODY, Mapping, direct_mapping, direct_transport
-from tools.acquisition.graycode import Decoded, decode
-from tools.transport.mask import lit_pixels
-from tools.transport.storage import write_transport
-from tools.transport.transport import Transport
+from counterlight import calibration
+from counterlight.calibration import Calibration, Device
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.tools.acquisition.captures import ORDERS, Captures, find_captures
+from counterlight.tools.acquisition.direct_mapping import NOBODY, Mapping, direct_mapping, direct_transport
+from counterlight.tools.acquisition.graycode import Decoded, decode
+from counterlight.tools.transport.mask import lit_pixels
+from counterlight.tools.transport.storage import write_transport
+from counterlight.tools.transport.transport import Transport
 
 LINEAR = Response("linear")
 MAX_STEP, MAX_FILL_RADIUS = 64, 256
@@ -177,7 +177,7 @@ def _nothing_decoded(folder: Path, captures: Captures, decoded: Decoded, options
 def _provenance(folder: Path, captures: Captures, options: GraycodeOptions) -> str:
     floodlight = "white and black captured" if captures.white and captures.black else "white or black from the pairs"
     return (
-        f"import-graycode of {folder.resolve().name}: {captures.order} order, "
+        f"counterlight import-graycode of {folder.resolve().name}: {captures.order} order, "
         f"{len(captures.columns)} + {len(captures.rows)} bits of {options.step} projector pixels, {floodlight}, "
         f"camera {_name(options.camera_response)}, least contrast {options.min_contrast:g}, "
         f"fill radius {options.fill_radius}, direct mapping"

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from player import calibration, exr
-from player.calibration import Calibration, Device
-from player.errors import InputError
-from tools.transport.arrays import opened_array
-from tools.transport.mask import lit_pixels
-from tools.transport.storage import read_matrix, write_transport
-from tools.transport.transport import CHANNELS, Csr, Transport
+from counterlight import calibration, exr
+from counterlight.calibration import Calibration, Device
+from counterlight.errors import InputError
+from counterlight.tools.transport.arrays import opened_array
+from counterlight.tools.transport.mask import lit_pixels
+from counterlight.tools.transport.storage import read_matrix, write_transport
+from counterlight.tools.transport.transport import CHANNELS, Csr, Transport
 
 
 @dataclass(frozen=True)
@@ -137,4 +137,4 @@ def _mask(path: Path | None, camera: Device, transport: Transport, ambient: NDAr
 
 
 def _provenance(files: MatrixFiles) -> str:
-    return "import-transport of " + ", ".join(path.name for path in files.all)
+    return "counterlight import-transport of " + ", ".join(path.name for path in files.all)

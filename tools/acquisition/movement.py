@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from tools.acquisition.plan import Noise
+from counterlight.errors import InputError
+from counterlight.tools.acquisition.plan import Noise
 
 FloatArray = NDArray[np.float64]
 MOST_MOVED, MOST_DIMMED = 0.03, 0.05  # relative change of the floodlit room, and of its brightness alone

@@ -12,7 +12,7 @@ from typing import TypeAlias, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.transport.transport import Transport
+from counterlight.tools.transport.transport import Transport
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

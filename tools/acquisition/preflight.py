@@ -11,9 +11,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from tools.acquisition.cameras.camera import Shot
-from tools.acquisition.cameras.live import Codes, LiveCamera, codes_of
+from counterlight.errors import InputError
+from counterlight.tools.acquisition.cameras.camera import Shot
+from counterlight.tools.acquisition.cameras.live import Codes, LiveCamera, codes_of
 
 FloatArray = NDArray[np.float64]
 Grade = Literal["good", "doubtful", "bad"]

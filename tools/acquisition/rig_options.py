@@ -5,14 +5,14 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from player.calibration import Device
-from player.command import parse_size
-from player.errors import InputError
-from player.response import Response
-from tools.acquisition.cameras.camera import Camera, Exposures
-from tools.acquisition.cameras.folder import FolderCamera
-from tools.acquisition.cameras.live import Eye, LiveCamera
-from tools.acquisition.cameras.simulated import (
+from counterlight.calibration import Device
+from counterlight.command import parse_size
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.tools.acquisition.cameras.camera import Camera, Exposures
+from counterlight.tools.acquisition.cameras.folder import FolderCamera
+from counterlight.tools.acquisition.cameras.live import Eye, LiveCamera
+from counterlight.tools.acquisition.cameras.simulated import (
     MOST_LAG,
     Sensor,
     SimulatedCamera,
@@ -20,7 +20,7 @@ from tools.acquisition.cameras.simulated import (
     VisibleScreen,
     simulated_room,
 )
-from tools.acquisition.room_options import named_response
+from counterlight.tools.acquisition.room_options import named_response
 
 MOST_SHOTS = 256
 CAMERAS = "simulated:SCENE.toml, simulated:CALIBRATION, folder:DIR, v4l2:NUMBER or gphoto2"
@@ -103,17 +103,17 @@ def _simulated(
 
 
 def _screen(options: argparse.Namespace, shape: tuple[int, int] | None, opened: ExitStack) -> VisibleScreen:
-    from tools.acquisition.cameras.window import open_screen  # OpenGL, for those who show something
+    from counterlight.tools.acquisition.cameras.window import open_screen  # OpenGL, for those who show something
 
     return opened.enter_context(open_screen(shape, options.monitor, desktop=options.desktop))
 
 
 def _eye(kind: str, source: str, opened: ExitStack) -> Eye:
     if kind == "v4l2":
-        from tools.acquisition.cameras.video import open_video_eye
+        from counterlight.tools.acquisition.cameras.video import open_video_eye
 
         return opened.enter_context(open_video_eye(source))
-    from tools.acquisition.cameras.tethered import open_tethered_eye
+    from counterlight.tools.acquisition.cameras.tethered import open_tethered_eye
 
     return opened.enter_context(open_tethered_eye())
 

@@ -3,9 +3,9 @@
 import argparse
 from pathlib import Path
 
-from player.errors import InputError
-from player.reading import read_toml
-from player.response import Response, parse_response
+from counterlight.errors import InputError
+from counterlight.reading import read_toml
+from counterlight.response import Response, parse_response
 
 FIX = "a response file holds: response = [[0, 0, 0], …, [1, 1, 1]], as in a calibration.toml"
 

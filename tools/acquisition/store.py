@@ -20,15 +20,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from player.calibration import TOML
-from player.errors import InputError, shown
-from player.files import sha256_of, write_toml
-from player.picture_files import read_picture
-from player.png import encode_png
-from player.reading import read_toml
-from player.writing.outputs import check_folder, is_vacant
-from player.writing.replacing import filling_folder, holding, replacing_file
-from tools.acquisition.cameras.camera import Exposures, Shot
+from counterlight.calibration import TOML
+from counterlight.errors import InputError, shown
+from counterlight.files import sha256_of, write_toml
+from counterlight.picture_files import read_picture
+from counterlight.png import encode_png
+from counterlight.reading import read_toml
+from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
+from counterlight.writing.outputs import check_folder, is_vacant
+from counterlight.writing.replacing import filling_folder, holding, replacing_file
 
 SESSION, NEXT = "session.toml", "next.toml"
 CAPTURES = ("captures", "captures_2")

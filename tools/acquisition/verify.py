@@ -11,18 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from player import reference
-from player.calibration import Calibration, StoredCalibration
-from player.content import camera_psnr, reachable_white
-from player.errors import InputError
-from player.maps import read_maps
-from tools.acquisition.cameras.live import Codes, LiveCamera
-from tools.acquisition.movement import refuse_moved
-from tools.acquisition.plan import measure_noise
-from tools.relighting.views import composition, inverse_dual
-from tools.solve.registry import solve_channels
-from tools.solve.system import channel_system
-from tools.transport.storage import read_transport
+from counterlight import reference
+from counterlight.calibration import Calibration, StoredCalibration
+from counterlight.content import camera_psnr, reachable_white
+from counterlight.errors import InputError
+from counterlight.maps import read_maps
+from counterlight.tools.acquisition.cameras.live import Codes, LiveCamera
+from counterlight.tools.acquisition.movement import refuse_moved
+from counterlight.tools.acquisition.plan import measure_noise
+from counterlight.tools.relighting.views import composition, inverse_dual
+from counterlight.tools.solve.registry import solve_channels
+from counterlight.tools.solve.system import channel_system
+from counterlight.tools.transport.storage import read_transport
 
 FloatArray = NDArray[np.float64]
 SOLVERS = ("box", "map")

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.clusters.components import Clusters
-from tools.transport.transport import Csr
+from counterlight.tools.clusters.components import Clusters
+from counterlight.tools.transport.transport import Csr
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from tools.transport.transport import Csr
+from counterlight.tools.transport.transport import Csr
 
 
 @dataclass(frozen=True)

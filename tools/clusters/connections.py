@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from player.errors import InputError
-from tools.transport.mask import LUMINANCE
-from tools.transport.transport import CHANNELS, Csr, shared_pattern
+from counterlight.errors import InputError
+from counterlight.tools.transport.mask import LUMINANCE
+from counterlight.tools.transport.transport import CHANNELS, Csr, shared_pattern
 
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
@@ -79,5 +79,5 @@ def _check(name: str, matrix: Csr, shape: tuple[int, int]) -> None:
     if bad:
         raise InputError(
             f"transport_{name}: {bad} of {matrix.nnz} entries are negative, NaN or infinite, expected radiance ≥ 0; "
-            "import the measurement again with: import-transport"
+            "import the measurement again with: counterlight import-transport"
         )

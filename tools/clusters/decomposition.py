@@ -24,11 +24,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from player.errors import InputError
-from tools.clusters.components import find_clusters
-from tools.clusters.connections import BoolArray, Connections, IntArray, connections_of
-from tools.clusters.energy import fit_composition
-from tools.transport.transport import Csr
+from counterlight.errors import InputError
+from counterlight.tools.clusters.components import find_clusters
+from counterlight.tools.clusters.connections import BoolArray, Connections, IntArray, connections_of
+from counterlight.tools.clusters.energy import fit_composition
+from counterlight.tools.transport.transport import Csr
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.clusters.connections import BoolArray, Connections, FloatArray
+from counterlight.tools.clusters.connections import BoolArray, Connections, FloatArray
 
 
 def fit_composition(graph: Connections, keep: BoolArray) -> NDArray[np.float32]:

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from tools.clusters.components import Clusters, find_clusters
-from tools.transport.transport import Csr
+from counterlight.errors import InputError
+from counterlight.tools.clusters.components import Clusters, find_clusters
+from counterlight.tools.transport.transport import Csr
 
 FLOAT32 = np.finfo(np.float32)  # what T and pictures are stored in; squares of its numbers fit float64
 CAUSES = "likely causes: a division by a black floodlight picture, a saturated capture, or another unit of radiance"

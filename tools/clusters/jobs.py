@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from player.command import track
+from counterlight.command import track
 
 T = TypeVar("T")
 

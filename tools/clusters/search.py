@@ -7,11 +7,18 @@ from itertools import chain, count
 
 import numpy as np
 
-from player.errors import InputError
-from tools.clusters.components import find_clusters
-from tools.clusters.connections import BoolArray, Connections, IntArray, connections_of
-from tools.clusters.decomposition import Decomposition, Parameters, by_strength, cut, decomposed, strongest_of_block
-from tools.transport.transport import Csr
+from counterlight.errors import InputError
+from counterlight.tools.clusters.components import find_clusters
+from counterlight.tools.clusters.connections import BoolArray, Connections, IntArray, connections_of
+from counterlight.tools.clusters.decomposition import (
+    Decomposition,
+    Parameters,
+    by_strength,
+    cut,
+    decomposed,
+    strongest_of_block,
+)
+from counterlight.tools.transport.transport import Csr
 
 FIRST_RADII = (1, 2, 3, 5, 7, 10, 15)  # the thesis' figure 4.8 shows 3 to 15
 WIDER_RADII = 2  # tried beyond the first that suffices: they may do with a smaller τ₁

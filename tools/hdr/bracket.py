@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from player.picture_files import read_picture
-from tools.hdr.exif import exposure_times
+from counterlight.errors import InputError
+from counterlight.picture_files import read_picture
+from counterlight.tools.hdr.exif import exposure_times
 
 FloatArray = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 """The camera's response as a table: code value -> exposure E·Δt relative to what the highest code stands for.
 
 Recovery knows f⁻¹ only up to a factor a channel (thesis eq. 3.3), and knows nothing of codes whose weight is 0. The
-table is made to rise strictly from 0 to 1, as player.response.Response wants it, so that one kind of file serves
+table is made to rise strictly from 0 to 1, as counterlight.response.Response wants it, so that one kind of file serves
 cameras and projectors.
 """
 
@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-from player.errors import InputError
-from player.response import Response
-from tools.hdr.response_table import table_response
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.tools.hdr.response_table import table_response
 
 FloatArray = NDArray[np.float64]
 

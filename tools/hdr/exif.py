@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
-from player.errors import InputError
-from player.reading import opened
+from counterlight.errors import InputError
+from counterlight.reading import opened
 
 GIVE_TIMES = "give --times, one for each picture, in seconds"
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError, shown
-from player.exr import read_rgb
-from player.picture_files import SUFFIXES, read_picture
-from player.reading import read_bytes
-from player.response import Response
-from tools.hdr.camera_response import exposure_table
+from counterlight.errors import InputError, shown
+from counterlight.exr import read_rgb
+from counterlight.picture_files import SUFFIXES, read_picture
+from counterlight.reading import read_bytes
+from counterlight.response import Response
+from counterlight.tools.hdr.camera_response import exposure_table
 
 FloatArray = NDArray[np.float64]
 

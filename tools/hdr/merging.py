@@ -6,18 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
-from player.errors import InputError
-from player.exr import write_rgb
-from player.response import Response
-from player.writing.outputs import check_file
-from player.writing.replacing import replacing_file
-from tools.acquisition.room_options import named_response
-from tools.hdr.bracket import Bracket, open_bracket
-from tools.hdr.radiance import MergeOptions, RadianceMap, merge
-from tools.hdr.recovery import METHODS as RECOVERIES
-from tools.hdr.recovery import NAME_IT, recover_response
-from tools.hdr.response_table import SUFFIXES as RESPONSES
-from tools.hdr.response_table import write_response
+from counterlight.errors import InputError
+from counterlight.exr import write_rgb
+from counterlight.response import Response
+from counterlight.tools.acquisition.room_options import named_response
+from counterlight.tools.hdr.bracket import Bracket, open_bracket
+from counterlight.tools.hdr.radiance import MergeOptions, RadianceMap, merge
+from counterlight.tools.hdr.recovery import METHODS as RECOVERIES
+from counterlight.tools.hdr.recovery import NAME_IT, recover_response
+from counterlight.tools.hdr.response_table import SUFFIXES as RESPONSES
+from counterlight.tools.hdr.response_table import write_response
+from counterlight.writing.outputs import check_file
+from counterlight.writing.replacing import replacing_file
 
 
 @dataclass(frozen=True)

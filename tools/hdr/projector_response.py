@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import isotonic_regression
 
-from player.errors import InputError
-from player.response import Response
-from tools.hdr.response_table import NODES, table_response
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.tools.hdr.response_table import NODES, table_response
 
 FloatArray = NDArray[np.float64]
 

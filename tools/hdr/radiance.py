@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from player.response import Response
-from tools.hdr.camera_response import exposure_table
-from tools.hdr.estimators import METHODS, USUAL_WEIGHTING, Estimator, make_estimator
-from tools.hdr.sums import ExposureSums, summing
-from tools.hdr.weights import WEIGHTINGS, weight_table
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.tools.hdr.camera_response import exposure_table
+from counterlight.tools.hdr.estimators import METHODS, USUAL_WEIGHTING, Estimator, make_estimator
+from counterlight.tools.hdr.sums import ExposureSums, summing
+from counterlight.tools.hdr.weights import WEIGHTINGS, weight_table
 
 LEAST_MEASURED = 1e-3  # of all values; less is a bracket at the wrong end
 Shot = tuple[NDArray[Any], float]

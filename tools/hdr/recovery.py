@@ -3,13 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from player.response import Response
-from tools.hdr import debevec, robertson
-from tools.hdr.camera_response import rising_response
-from tools.hdr.estimators import MARGIN
-from tools.hdr.response_table import NODES
-from tools.hdr.weights import weight_table
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.tools.hdr import debevec, robertson
+from counterlight.tools.hdr.camera_response import rising_response
+from counterlight.tools.hdr.estimators import MARGIN
+from counterlight.tools.hdr.response_table import NODES
+from counterlight.tools.hdr.weights import weight_table
 
 FloatArray = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from player.response import Response
-from player.writing.replacing import replacing_file
+from counterlight.response import Response
+from counterlight.writing.replacing import replacing_file
 
 FloatArray = NDArray[np.float64]
 

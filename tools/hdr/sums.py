@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.hdr.estimators import SLACK, Estimator
+from counterlight.tools.hdr.estimators import SLACK, Estimator
 
 CHUNK_PIXELS = 1 << 15  # the part of the sums that is at hand stays in the cache
 
@@ -23,7 +23,7 @@ class ExposureSums(Protocol):
 
 
 class CpuSums:
-    """ExposureSums in numpy, float64: the twin of player.gl.exposure_sums.GlSums. 20 bytes a pixel and channel."""
+    """ExposureSums in numpy, float64: the twin of counterlight.gl.exposure_sums.GlSums. 20 bytes a pixel and channel."""
 
     def __init__(self, estimator: Estimator, shape: tuple[int, int, int]) -> None:
         self._estimator, self._shape = estimator, shape
@@ -66,8 +66,8 @@ def summing(estimator: Estimator, shape: tuple[int, int, int], *, gpu: bool) -> 
     if not gpu:
         yield CpuSums(estimator, shape)
         return
-    from player.gl.context import headless_context  # here: without it, OpenGL is not needed
-    from player.gl.exposure_sums import GlSums
+    from counterlight.gl.context import headless_context  # here: without it, OpenGL is not needed
+    from counterlight.gl.exposure_sums import GlSums
 
     with headless_context() as context, GlSums(context, estimator.table, shape, estimator.exponential, SLACK) as sums:
         yield sums

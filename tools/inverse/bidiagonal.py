@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from tools.transport.transport import Csr
+from counterlight.tools.transport.transport import Csr
 
 FloatArray = NDArray[np.float64]
 CHECK_EVERY = 10

@@ -6,11 +6,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.clusters.blocks import Batch, ClusterBlocks, Entries
-from tools.clusters.components import Clusters
-from tools.inverse.noise import cut_off
-from tools.inverse.pieces import Piece, Truncation, truncated_piece
-from tools.transport.transport import Csr
+from counterlight.tools.clusters.blocks import Batch, ClusterBlocks, Entries
+from counterlight.tools.clusters.components import Clusters
+from counterlight.tools.inverse.noise import cut_off
+from counterlight.tools.inverse.pieces import Piece, Truncation, truncated_piece
+from counterlight.tools.transport.transport import Csr
 
 FloatArray = NDArray[np.float64]
 BATCH_VALUES = 1 << 22  # float64 values of one batch of blocks (32 MiB); see memory.py for what a batch needs at work

@@ -10,10 +10,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.clusters.jobs import run_jobs
-from tools.inverse.bidiagonal import Products, bidiagonalise, largest_singular_value
-from tools.inverse.pictures import typical_pictures
-from tools.transport.transport import Csr
+from counterlight.tools.clusters.jobs import run_jobs
+from counterlight.tools.inverse.bidiagonal import Products, bidiagonalise, largest_singular_value
+from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.transport.transport import Csr
 
 FloatArray = NDArray[np.float64]
 CANDIDATES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.4)

@@ -11,8 +11,8 @@ with M', and subtract what U scatters (the Woodbury identity, if S⁺ = S⁻¹).
 import numpy as np
 from scipy import sparse
 
-from player.errors import InputError
-from tools.transport.transport import Csr, FarLight, FloatArray
+from counterlight.errors import InputError
+from counterlight.tools.transport.transport import Csr, FarLight, FloatArray
 
 LARGEST = 1e30  # of a factor's entry: times light and summed up, it stays within float32
 ADVICE = "give more --regularize, or look for what is extreme in far_light.npz"

@@ -9,24 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from player.calibration import Region
-from player.errors import InputError
-from player.row_map import SparseRows
-from tools.clusters.components import Clusters, find_clusters
-from tools.clusters.decomposition import Parameters, Report
-from tools.clusters.finite import refuse_not_finite
-from tools.clusters.jobs import run_jobs
-from tools.clusters.search import decompose_to
-from tools.inverse import memory
-from tools.inverse.bidiagonal import largest_singular_value
-from tools.inverse.clustered import clustered_jobs
-from tools.inverse.damping import DampingChoice, choose_damping
-from tools.inverse.method import METHODS, Method, choose_method
-from tools.inverse.noise import noise_of_matrix
-from tools.inverse.pieces import Piece, Truncation, join
-from tools.inverse.windowed import FINEST_TOLERANCE, WindowedChannel, plan_windows, windowed_jobs
-from tools.transport.mask import LUMINANCE
-from tools.transport.transport import CHANNELS, Csr, shared_pattern
+from counterlight.calibration import Region
+from counterlight.errors import InputError
+from counterlight.row_map import SparseRows
+from counterlight.tools.clusters.components import Clusters, find_clusters
+from counterlight.tools.clusters.decomposition import Parameters, Report
+from counterlight.tools.clusters.finite import refuse_not_finite
+from counterlight.tools.clusters.jobs import run_jobs
+from counterlight.tools.clusters.search import decompose_to
+from counterlight.tools.inverse import memory
+from counterlight.tools.inverse.bidiagonal import largest_singular_value
+from counterlight.tools.inverse.clustered import clustered_jobs
+from counterlight.tools.inverse.damping import DampingChoice, choose_damping
+from counterlight.tools.inverse.method import METHODS, Method, choose_method
+from counterlight.tools.inverse.noise import noise_of_matrix
+from counterlight.tools.inverse.pieces import Piece, Truncation, join
+from counterlight.tools.inverse.windowed import FINEST_TOLERANCE, WindowedChannel, plan_windows, windowed_jobs
+from counterlight.tools.transport.mask import LUMINANCE
+from counterlight.tools.transport.transport import CHANNELS, Csr, shared_pattern
 
 FloatArray = NDArray[np.float64]
 GOLDEN_RATIO = (np.sqrt(5) - 1) / 2

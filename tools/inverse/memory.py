@@ -9,14 +9,14 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from player.memory import check
-from tools.clusters.components import Clusters
-from tools.inverse.bidiagonal import bytes_of_basis
-from tools.inverse.damping import MOST_STEPS
-from tools.inverse.pictures import PICTURES
-from tools.inverse.pieces import Piece
-from tools.inverse.windowed import BLOCKS, HALOS
-from tools.transport.transport import Csr
+from counterlight.memory import check
+from counterlight.tools.clusters.components import Clusters
+from counterlight.tools.inverse.bidiagonal import bytes_of_basis
+from counterlight.tools.inverse.damping import MOST_STEPS
+from counterlight.tools.inverse.pictures import PICTURES
+from counterlight.tools.inverse.pieces import Piece
+from counterlight.tools.inverse.windowed import BLOCKS, HALOS
+from counterlight.tools.transport.transport import Csr
 
 WORK_BYTES = 24 * 8  # of a block inverted whole, per entry: three channels, their inverses, what truncation sorts
 ENTRY_BYTES = 70  # of T⁺, per entry: pieces, joined rows, the packed texture (58 measured, far light apart)

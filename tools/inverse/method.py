@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from tools.clusters.components import Clusters
+from counterlight.errors import InputError
+from counterlight.tools.clusters.components import Clusters
 
 METHODS = ("auto", "clustered", "windowed")
 # Projector pixels of a cluster that is inverted whole. Damped, windows are faster beyond (2475 pixels: 33 s whole, 7 s

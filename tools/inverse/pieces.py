@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from player.row_map import SparseRows
-from tools.inverse.truncation import entries_to_keep
+from counterlight.errors import InputError
+from counterlight.row_map import SparseRows
+from counterlight.tools.inverse.truncation import entries_to_keep
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -1,6 +1,6 @@
-"""Settings of the inverse by what is wished for, found by study-accuracy on the shipped scenes (docs/accuracy.md)."""
+"""Settings of the inverse by what is wished for, found by counterlight study on the shipped scenes (docs/accuracy.md)."""
 
-from tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.inverse import InverseOptions
 
 PRESETS = {
     "fast": InverseOptions(max_cluster=200),

@@ -6,17 +6,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from player import maps
-from player.calibration import Calibration, StoredCalibration
-from player.content import reachable_white
-from player.maps import FarMaps, RoomMaps
-from player.row_map import RowMap, pack
-from tools.inverse.far_light import undo_far_light
-from tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
-from tools.packing.refinement_maps import refinement_maps
-from tools.packing.row_maps import pack_matrices
-from tools.transport.storage import read_transport
-from tools.transport.transport import Csr, FarLight, Transport
+from counterlight import maps
+from counterlight.calibration import Calibration, StoredCalibration
+from counterlight.content import reachable_white
+from counterlight.maps import FarMaps, RoomMaps
+from counterlight.row_map import RowMap, pack
+from counterlight.tools.inverse.far_light import undo_far_light
+from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
+from counterlight.tools.packing.refinement_maps import refinement_maps
+from counterlight.tools.packing.row_maps import pack_matrices
+from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.transport import Csr, FarLight, Transport
 
 FloatArray = NDArray[np.float64]
 

@@ -19,10 +19,10 @@ from scipy import ndimage, sparse
 from scipy.linalg import cho_factor, solve_triangular
 from scipy.linalg.lapack import dtrtri
 
-from player.calibration import Region
-from tools.clusters.jobs import run_jobs
-from tools.inverse.pieces import Piece, Truncation, truncated_piece
-from tools.transport.transport import Csr
+from counterlight.calibration import Region
+from counterlight.tools.clusters.jobs import run_jobs
+from counterlight.tools.inverse.pieces import Piece, Truncation, truncated_piece
+from counterlight.tools.transport.transport import Csr
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

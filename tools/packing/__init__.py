@@ -1,1 +1,1 @@
-"""From scipy's matrices to the player's row maps. May import player and tools.transport; see row_maps.py."""
+"""From scipy's matrices to the player's row maps. May import player and counterlight.tools.transport; see row_maps.py."""

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from player.calibration import Calibration
-from player.maps import FarMaps, RefinementMaps
-from player.row_map import SparseRows, pack
-from tools.packing.row_maps import pack_matrices
-from tools.transport.mask import LUMINANCE
-from tools.transport.transport import Csr, Transport, shared_pattern
+from counterlight.calibration import Calibration
+from counterlight.maps import FarMaps, RefinementMaps
+from counterlight.row_map import SparseRows, pack
+from counterlight.tools.packing.row_maps import pack_matrices
+from counterlight.tools.transport.mask import LUMINANCE
+from counterlight.tools.transport.transport import Csr, Transport, shared_pattern
 
 FloatArray = NDArray[np.float64]
 FAINTEST = 1e-12  # of the largest: a projector pixel whose TᵀT·1 is below lights nothing, and its step would overflow

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from player.row_map import RowMap, SparseRows, pack
-from tools.transport.transport import Csr, shared_pattern
+from counterlight.row_map import RowMap, SparseRows, pack
+from counterlight.tools.transport.transport import Csr, shared_pattern
 
 
 def pack_matrices(matrices: Sequence[Csr], output_shape: tuple[int, int], source_shape: tuple[int, int]) -> RowMap:

@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from player import exr, reference
-from player.colour import decoding_of
-from player.errors import InputError
-from player.headless import FRAME_TIMEOUT_S
-from player.png import write_png
-from player.renderer import place
-from player.response import Response, transfer_table
-from player.video import Frame, MediaReader
+from counterlight import exr, reference
+from counterlight.colour import decoding_of
+from counterlight.errors import InputError
+from counterlight.headless import FRAME_TIMEOUT_S
+from counterlight.png import write_png
+from counterlight.renderer import place
+from counterlight.response import Response, transfer_table
+from counterlight.video import Frame, MediaReader
 
 FloatArray = NDArray[np.float64]
 SUFFIXES = (".png", ".exr")

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from player import calibration as calibrations
-from player.calibration import StoredCalibration
-from player.errors import InputError
-from player.maps import read_maps
-from player.writing.outputs import check_file
-from player.writing.replacing import replacing_file
-from tools.relighting.pictures import SUFFIXES, read_placed, white_level, write_view
-from tools.relighting.views import composition, dual, inverse_composition, inverse_dual
-from tools.transport.storage import read_transport
+from counterlight import calibration as calibrations
+from counterlight.calibration import StoredCalibration
+from counterlight.errors import InputError
+from counterlight.maps import read_maps
+from counterlight.tools.relighting.pictures import SUFFIXES, read_placed, white_level, write_view
+from counterlight.tools.relighting.views import composition, dual, inverse_composition, inverse_dual
+from counterlight.tools.transport.storage import read_transport
+from counterlight.writing.outputs import check_file
+from counterlight.writing.replacing import replacing_file
 
 FloatArray = NDArray[np.float64]
 VIEWS = ("camera", "dual", "inverse-camera", "inverse-dual")

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from player.calibration import Calibration
-from player.maps import FarMaps, RoomMaps
-from player.reference import PreparedRows
-from player.row_map import RowMap, unpack
-from tools.transport.transport import Transport
+from counterlight.calibration import Calibration
+from counterlight.maps import FarMaps, RoomMaps
+from counterlight.reference import PreparedRows
+from counterlight.row_map import RowMap, unpack
+from counterlight.tools.transport.transport import Transport
 
 FloatArray = NDArray[np.float64]
 

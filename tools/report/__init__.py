@@ -1,4 +1,4 @@
-"""What `build-correction-map --report` shows a person: one page, its pictures, and the same figures as JSON.
+"""What `counterlight build --report` shows a person: one page, its pictures, and the same figures as JSON.
 
 spectra.py and impossible.py measure, pictures.py and charts.py draw, page.py lays out, report.py joins and writes.
 May import player and tools.{transport,clusters,inverse,relighting}. Read next: report.py.

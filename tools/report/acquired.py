@@ -7,24 +7,24 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from player import calibration as calibrations
-from player.calibration import Calibration
-from player.content import reachable_white
-from player.writing.replacing import replacing_folder
-from tools.acquisition.acquired_room import AcquisitionReport
-from tools.acquisition.preflight import Finding
-from tools.inverse.pictures import typical_pictures
-from tools.relighting.pictures import encoded, white_level
-from tools.relighting.views import composition, dual
-from tools.report import charts, pictures
-from tools.report.page import Figure, Section, page, table
-from tools.report.report import FORMAT, PAGE, check_report_folder, write_page
-from tools.solve.quality import psnr
-from tools.solve.registry import solve_channels
-from tools.solve.system import channel_system
-from tools.transport.mask import LUMINANCE
-from tools.transport.storage import read_transport
-from tools.transport.transport import Transport
+from counterlight import calibration as calibrations
+from counterlight.calibration import Calibration
+from counterlight.content import reachable_white
+from counterlight.tools.acquisition.acquired_room import AcquisitionReport
+from counterlight.tools.acquisition.preflight import Finding
+from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.relighting.pictures import encoded, white_level
+from counterlight.tools.relighting.views import composition, dual
+from counterlight.tools.report import charts, pictures
+from counterlight.tools.report.page import Figure, Section, page, table
+from counterlight.tools.report.report import FORMAT, PAGE, check_report_folder, write_page
+from counterlight.tools.solve.quality import psnr
+from counterlight.tools.solve.registry import solve_channels
+from counterlight.tools.solve.system import channel_system
+from counterlight.tools.transport.mask import LUMINANCE
+from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.transport import Transport
+from counterlight.writing.replacing import replacing_folder
 
 FloatArray = NDArray[np.float64]
 PROMISED = ("photograph", "letters")  # the first two typical pictures

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from player.calibration import Calibration
-from player.maps import RoomMaps
-from tools.relighting.views import far_light, inverse_dual
-from tools.transport.transport import Transport
+from counterlight.calibration import Calibration
+from counterlight.maps import RoomMaps
+from counterlight.tools.relighting.views import far_light, inverse_dual
+from counterlight.tools.transport.transport import Transport
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

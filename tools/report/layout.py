@@ -3,9 +3,9 @@
 from html import escape
 from typing import Any
 
-from tools.report import charts
-from tools.report.impossible import REASONS, SERVED
-from tools.report.page import Figure, Section, legend, page, table
+from counterlight.tools.report import charts
+from counterlight.tools.report.impossible import REASONS, SERVED
+from counterlight.tools.report.page import Figure, Section, legend, page, table
 
 
 def report_page(figures: dict[str, Any]) -> str:

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from player.row_map import RowMap
-from tools.inverse.inverse import Inverse
-from tools.transport.transport import Csr
+from counterlight.row_map import RowMap
+from counterlight.tools.inverse.inverse import Inverse
+from counterlight.tools.transport.transport import Csr
 
 Picture = NDArray[np.uint8]
 IntArray = NDArray[np.int64]

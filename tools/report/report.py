@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from player.errors import InputError
-from player.png import write_png
-from player.writing.outputs import check_folder, is_vacant, refuse_strangers
-from player.writing.replacing import replacing_folder
-from tools.inverse.room import BuiltRoom
-from tools.relighting.pictures import encoded, white_level
-from tools.relighting.views import composition, dual, inverse_composition, inverse_dual
-from tools.report import layout, pictures, spectra
-from tools.report.charts import bins_of
-from tools.report.impossible import Impossible, find_impossible
-from tools.report.spectra import Spectrum
-from tools.transport.mask import LUMINANCE
-from tools.transport.transport import Csr
+from counterlight.errors import InputError
+from counterlight.png import write_png
+from counterlight.tools.inverse.room import BuiltRoom
+from counterlight.tools.relighting.pictures import encoded, white_level
+from counterlight.tools.relighting.views import composition, dual, inverse_composition, inverse_dual
+from counterlight.tools.report import layout, pictures, spectra
+from counterlight.tools.report.charts import bins_of
+from counterlight.tools.report.impossible import Impossible, find_impossible
+from counterlight.tools.report.spectra import Spectrum
+from counterlight.tools.transport.mask import LUMINANCE
+from counterlight.tools.transport.transport import Csr
+from counterlight.writing.outputs import check_folder, is_vacant, refuse_strangers
+from counterlight.writing.replacing import replacing_folder
 
 FORMAT = 1
 JSON, PAGE = "report.json", "index.html"

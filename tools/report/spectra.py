@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import svdvals
 
-from tools.clusters.components import Clusters
-from tools.inverse.method import LARGEST_DENSE
-from tools.inverse.windowed import BLOCKS, Windows
-from tools.transport.transport import Csr
+from counterlight.tools.clusters.components import Clusters
+from counterlight.tools.inverse.method import LARGEST_DENSE
+from counterlight.tools.inverse.windowed import BLOCKS, Windows
+from counterlight.tools.transport.transport import Csr
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from tools.simulation.shapes.shape import FloatArray, IntArray
-from tools.transport.transport import Csr
+from counterlight.errors import InputError
+from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray
+from counterlight.tools.transport.transport import Csr
 
 MAX_BYTES = 6 << 30
 BYTES_AN_ENTRY = 4 + 3 * 4

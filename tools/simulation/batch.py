@@ -7,7 +7,7 @@ from typing import Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.simulation.shapes.shape import IntArray
+from counterlight.tools.simulation.shapes.shape import IntArray
 
 
 class Batch:

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tools.simulation.paths import Deposits, Samples
-from tools.simulation.shapes.parallelogram import Parallelogram
-from tools.simulation.shapes.shape import FloatArray, IntArray, Shape, shape_area
-from tools.simulation.shapes.triangles import Triangles
-from tools.simulation.surfaces import Surface
+from counterlight.tools.simulation.paths import Deposits, Samples
+from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
+from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray, Shape, shape_area
+from counterlight.tools.simulation.shapes.triangles import Triangles
+from counterlight.tools.simulation.surfaces import Surface
 
 Shares = list[tuple[IntArray, FloatArray]]
 POINTS = 3  # an axis and cell

@@ -6,9 +6,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from player.response import Response
-from player.tables import Table, Vector
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.tables import Table, Vector
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tools.simulation.needs import Need
+from counterlight.tools.simulation.needs import Need
 
 
 class EffectsOn:
@@ -21,7 +21,7 @@ class EffectsOn:
     def __init__(self, needs: Mapping[str, Need]) -> None:
         names = [name for name, need in needs.items() if need.on]
         self._modules: dict[str, ModuleType] = {
-            name: importlib.import_module(f"tools.simulation.effects.{name}") for name in names
+            name: importlib.import_module(f"counterlight.tools.simulation.effects.{name}") for name in names
         }
         self._calling: list[str] = []
         self.seconds = dict.fromkeys(names, 0.0)

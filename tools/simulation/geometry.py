@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.simulation.batch import Batch
-from tools.simulation.shapes.shape import FloatArray, IntArray
-from tools.simulation.surfaces import Surface
+from counterlight.tools.simulation.batch import Batch
+from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray
+from counterlight.tools.simulation.surfaces import Surface
 
 
 @dataclass(frozen=True)

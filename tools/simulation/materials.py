@@ -7,11 +7,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from player import memory
-from player.errors import InputError
-from player.picture_files import read_picture
-from player.response import Response
-from player.tables import Table
+from counterlight import memory
+from counterlight.errors import InputError
+from counterlight.picture_files import read_picture
+from counterlight.response import Response
+from counterlight.tables import Table
 
 FloatArray = NDArray[np.float64]
 PATTERNS = ("bricks", "stripes", "checker")

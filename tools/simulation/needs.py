@@ -7,13 +7,13 @@ from difflib import get_close_matches
 import cv2
 import numpy as np
 
-from player.errors import InputError
-from tools.simulation.devices import Device
-from tools.simulation.optics_needs import OPTICS
-from tools.simulation.scene import Scene
-from tools.simulation.shapes.parallelogram import Parallelogram
-from tools.simulation.shapes.shape import FloatArray, sample_places
-from tools.simulation.surfaces import Surface
+from counterlight.errors import InputError
+from counterlight.tools.simulation.devices import Device
+from counterlight.tools.simulation.optics_needs import OPTICS
+from counterlight.tools.simulation.scene import Scene
+from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
+from counterlight.tools.simulation.shapes.shape import FloatArray, sample_places
+from counterlight.tools.simulation.surfaces import Surface
 
 AHEAD = 1e-9  # metres
 OVERLAP = 1e-3  # projector pixels²

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from tools.simulation.scene import Scene
+    from counterlight.tools.simulation.scene import Scene
 
 Rule = Callable[["Scene"], tuple[bool, str]]
 
@@ -36,7 +36,7 @@ def _gloss(scene: "Scene") -> tuple[bool, str]:
 
 
 def _caustics(scene: "Scene") -> tuple[bool, str]:
-    from tools.simulation.needs import facing_pairs  # which imports this module
+    from counterlight.tools.simulation.needs import facing_pairs  # which imports this module
 
     for surface in scene.surfaces:
         if surface.material.dielectric is not None:

@@ -2,15 +2,15 @@
 
 from pathlib import Path
 
-from player import calibration
-from player.calibration import Calibration, Device
-from player.errors import InputError
-from player.response import Response
-from tools.simulation.scene import Scene
-from tools.simulation.simulate import Simulated
-from tools.transport.mask import lit_pixels
-from tools.transport.storage import write_transport
-from tools.transport.transport import Transport
+from counterlight import calibration
+from counterlight.calibration import Calibration, Device
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.tools.simulation.scene import Scene
+from counterlight.tools.simulation.simulate import Simulated
+from counterlight.tools.transport.mask import lit_pixels
+from counterlight.tools.transport.storage import write_transport
+from counterlight.tools.transport.transport import Transport
 
 
 def write_simulated_room(scene: Scene, result: Simulated, folder: Path) -> None:
@@ -33,7 +33,7 @@ def fill_simulated_room(scene: Scene, result: Simulated, stage: Path) -> str:
         )
     room = Calibration(
         name=scene.name,
-        provenance=f"simulated from the scene {scene.name} by simulate-transport",
+        provenance=f"simulated from the scene {scene.name} by counterlight simulate",
         projectors=(Device(scene.projector.height, scene.projector.width, scene.projector.response),),
         camera=Device(scene.camera.height, scene.camera.width, Response("linear")),
         ambient=result.ambient,

@@ -62,13 +62,13 @@ from pathlib import Path
 
 import numpy as np
 
-from player.errors import InputError
-from player.reading import read_toml
-from player.tables import Table, Vector
-from tools.simulation.devices import Camera, Projector, read_camera, read_projector
-from tools.simulation.materials import read_material
-from tools.simulation.shapes.read import read_shapes
-from tools.simulation.surfaces import Surface
+from counterlight.errors import InputError
+from counterlight.reading import read_toml
+from counterlight.tables import Table, Vector
+from counterlight.tools.simulation.devices import Camera, Projector, read_camera, read_projector
+from counterlight.tools.simulation.materials import read_material
+from counterlight.tools.simulation.shapes.read import read_shapes
+from counterlight.tools.simulation.surfaces import Surface
 
 MAX_SAMPLES, MAX_CELLS = 16, 4000
 
@@ -123,7 +123,7 @@ def _surfaces(table: Table, folder: Path, eye: Vector) -> list[Surface]:
 
 def inside_of(scene: Scene, point: Vector) -> Surface | None:
     """The solid that a point is in, if any: the one whose inner side the nearest crossing along a ray meets."""
-    from tools.simulation.geometry import trace
+    from counterlight.tools.simulation.geometry import trace
 
     solids = [surface for surface in scene.surfaces if surface.shape.closed]
     direction = np.array([[0.36, 0.48, 0.8]])

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from player.command import track
-from player.errors import InputError
-from tools.simulation.assembly import ADVICE, NearLight, summed
-from tools.simulation.camera_side import albedo_of, camera_samples, paint_of
-from tools.simulation.effects_on import EffectsOn
-from tools.simulation.needs import MOVES, TAKES, Need, chosen, needs_of
-from tools.simulation.paths import Arrivals, Deposits, Samples
-from tools.simulation.projector_side import arrivals, deposits
-from tools.simulation.scene import Scene, inside_of
-from tools.simulation.shapes.shape import FloatArray, IntArray
-from tools.transport.transport import FarLight, Transport
+from counterlight.command import track
+from counterlight.errors import InputError
+from counterlight.tools.simulation.assembly import ADVICE, NearLight, summed
+from counterlight.tools.simulation.camera_side import albedo_of, camera_samples, paint_of
+from counterlight.tools.simulation.effects_on import EffectsOn
+from counterlight.tools.simulation.needs import MOVES, TAKES, Need, chosen, needs_of
+from counterlight.tools.simulation.paths import Arrivals, Deposits, Samples
+from counterlight.tools.simulation.projector_side import arrivals, deposits
+from counterlight.tools.simulation.scene import Scene, inside_of
+from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray
+from counterlight.tools.transport.transport import FarLight, Transport
 
 BAND_RAYS = 1 << 18  # traced at once
 SAMPLES_AT_ONCE = 1 << 15  # lit at once: a light map may send a hundred arrivals to a sample

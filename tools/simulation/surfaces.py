@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from tools.simulation.materials import Material
-from tools.simulation.shapes.shape import Shape
+from counterlight.tools.simulation.materials import Material
+from counterlight.tools.simulation.shapes.shape import Shape
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,11 +13,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from player.command import track
-from player.products import LARGE, compiled
-from tools.solve.products import CHANNELS, ChannelProducts
-from tools.solve.solution import Solution
-from tools.solve.system import LinearSystem
+from counterlight.command import track
+from counterlight.products import LARGE, compiled
+from counterlight.tools.solve.products import CHANNELS, ChannelProducts
+from counterlight.tools.solve.solution import Solution
+from counterlight.tools.solve.system import LinearSystem
 
 FloatArray = NDArray[np.float64]
 TOLERANCE = 1e-4

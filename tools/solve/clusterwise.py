@@ -6,12 +6,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.clusters.blocks import Batch, ClusterBlocks
-from tools.clusters.finite import CAUSES, NonFiniteError, describe_cluster
-from tools.clusters.jobs import run_jobs
-from tools.solve.krylov import least_squares
-from tools.solve.solution import Solution
-from tools.solve.system import LinearSystem
+from counterlight.tools.clusters.blocks import Batch, ClusterBlocks
+from counterlight.tools.clusters.finite import CAUSES, NonFiniteError, describe_cluster
+from counterlight.tools.clusters.jobs import run_jobs
+from counterlight.tools.solve.krylov import least_squares
+from counterlight.tools.solve.solution import Solution
+from counterlight.tools.solve.system import LinearSystem
 
 FloatArray = NDArray[np.float64]
 DenseSolver = Callable[[FloatArray, FloatArray], tuple[FloatArray, NDArray[np.bool_]]]

@@ -9,24 +9,24 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from player import calibration as calibrations
-from player import exr, reference
-from player.calibration import RADIANCE, StoredCalibration
-from player.content import reachable_white
-from player.errors import InputError
-from player.maps import read_maps
-from player.png import write_png
-from player.writing.outputs import check_file
-from player.writing.replacing import replacing_file
-from tools.clusters.search import decompose_to
-from tools.relighting.pictures import SUFFIXES, read_placed
-from tools.relighting.views import inverse_dual
-from tools.solve.quality import Quality, measure
-from tools.solve.registry import solve_channels
-from tools.solve.solution import Solution
-from tools.solve.system import LinearSystem, channel_system
-from tools.transport.storage import read_transport
-from tools.transport.transport import CHANNELS
+from counterlight import calibration as calibrations
+from counterlight import exr, reference
+from counterlight.calibration import RADIANCE, StoredCalibration
+from counterlight.content import reachable_white
+from counterlight.errors import InputError
+from counterlight.maps import read_maps
+from counterlight.png import write_png
+from counterlight.tools.clusters.search import decompose_to
+from counterlight.tools.relighting.pictures import SUFFIXES, read_placed
+from counterlight.tools.relighting.views import inverse_dual
+from counterlight.tools.solve.quality import Quality, measure
+from counterlight.tools.solve.registry import solve_channels
+from counterlight.tools.solve.solution import Solution
+from counterlight.tools.solve.system import LinearSystem, channel_system
+from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.transport import CHANNELS
+from counterlight.writing.outputs import check_file
+from counterlight.writing.replacing import replacing_file
 
 FloatArray = NDArray[np.float64]
 METHODS = ("none", "direct", "map", "qr", "svd", "nnls", "box")

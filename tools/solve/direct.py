@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from tools.solve.solution import Solution
-from tools.solve.system import LinearSystem
+from counterlight.tools.solve.solution import Solution
+from counterlight.tools.solve.system import LinearSystem
 
 
 def solve_direct(system: LinearSystem) -> Solution:

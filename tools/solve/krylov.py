@@ -4,8 +4,8 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator, lsmr
 from threadpoolctl import threadpool_limits
 
-from tools.solve.solution import Solution
-from tools.solve.system import LinearSystem
+from counterlight.tools.solve.solution import Solution
+from counterlight.tools.solve.system import LinearSystem
 
 TOLERANCE = 1e-8
 MOST_STEPS = 1000

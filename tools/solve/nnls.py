@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from tools.solve.box import projected_gradient
-from tools.solve.clusterwise import solve_clusters
-from tools.solve.solution import Solution
-from tools.solve.system import LinearSystem
+from counterlight.tools.solve.box import projected_gradient
+from counterlight.tools.solve.clusterwise import solve_clusters
+from counterlight.tools.solve.solution import Solution
+from counterlight.tools.solve.system import LinearSystem
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

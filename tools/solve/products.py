@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from player.products import product_of_channels
-from tools.solve.system import LinearSystem
-from tools.transport.transport import shared_pattern
+from counterlight.products import product_of_channels
+from counterlight.tools.solve.system import LinearSystem
+from counterlight.tools.transport.transport import shared_pattern
 
 FloatArray = NDArray[np.float64]
 CHANNELS = 3

@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.solve.clusterwise import solve_clusters
-from tools.solve.solution import Solution
-from tools.solve.svd import FLOAT32_EPS, minimum_norm
-from tools.solve.system import LinearSystem
+from counterlight.tools.solve.clusterwise import solve_clusters
+from counterlight.tools.solve.solution import Solution
+from counterlight.tools.solve.svd import FLOAT32_EPS, minimum_norm
+from counterlight.tools.solve.system import LinearSystem
 
 FloatArray = NDArray[np.float64]
 

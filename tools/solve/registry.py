@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Sequence
 
-from tools.solve.box import solve_box
-from tools.solve.direct import solve_direct
-from tools.solve.nnls import solve_nnls
-from tools.solve.qr import solve_qr
-from tools.solve.solution import Solution
-from tools.solve.svd import solve_svd
-from tools.solve.system import LinearSystem
+from counterlight.tools.solve.box import solve_box
+from counterlight.tools.solve.direct import solve_direct
+from counterlight.tools.solve.nnls import solve_nnls
+from counterlight.tools.solve.qr import solve_qr
+from counterlight.tools.solve.solution import Solution
+from counterlight.tools.solve.svd import solve_svd
+from counterlight.tools.solve.system import LinearSystem
 
 Solver = Callable[[Sequence[LinearSystem]], list[Solution]]
 

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.solve.clusterwise import solve_clusters
-from tools.solve.solution import Solution
-from tools.solve.system import LinearSystem
+from counterlight.tools.solve.clusterwise import solve_clusters
+from counterlight.tools.solve.solution import Solution
+from counterlight.tools.solve.system import LinearSystem
 
 FloatArray = NDArray[np.float64]
 FLOAT32_EPS = float(np.finfo(np.float32).eps)  # T is stored in float32: singular values below σ₁ · n · eps are noise

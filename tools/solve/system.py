@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from tools.clusters.components import Clusters, find_clusters
-from tools.clusters.finite import refuse_not_finite
-from tools.transport.transport import Csr, Transport
+from counterlight.tools.clusters.components import Clusters, find_clusters
+from counterlight.tools.clusters.finite import refuse_not_finite
+from counterlight.tools.transport.transport import Csr, Transport
 
 FloatArray = NDArray[np.float64]
 

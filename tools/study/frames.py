@@ -8,11 +8,11 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from player.app import headless_renderer
-from player.frames import Frame, PixelFormat, PlaneShape
-from player.gl.probe import probe_opengl
-from player.reference import PreparedRows
-from player.renderer import Renderer, Room
+from counterlight.app import headless_renderer
+from counterlight.frames import Frame, PixelFormat, PlaneShape
+from counterlight.gl.probe import probe_opengl
+from counterlight.reference import PreparedRows
+from counterlight.renderer import Renderer, Room
 
 FloatArray = NDArray[np.float64]
 SOFTWARE = ("llvmpipe", "softpipe", "swrast")

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from player.command import track
-from player.errors import InputError
-from tools.study.methods import OURS, PLAIN, UNCUT, Method, Prepared
-from tools.study.pictures import Picture
-from tools.study.results import Row, Skipped, label
-from tools.study.rooms import StudyRoom, Task
+from counterlight.command import track
+from counterlight.errors import InputError
+from counterlight.tools.study.methods import OURS, PLAIN, UNCUT, Method, Prepared
+from counterlight.tools.study.pictures import Picture
+from counterlight.tools.study.results import Row, Skipped, label
+from counterlight.tools.study.rooms import StudyRoom, Task
 
 FloatArray = NDArray[np.float64]
 SHOWN_PICTURES = 2

@@ -11,19 +11,19 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from player.maps import RoomMaps
-from player.refinement import DEFAULT_STEPS
-from player.short_map import in_half
-from tools.inverse.inverse import InverseOptions
-from tools.inverse.method import LARGEST_DENSE
-from tools.solve.box import projected_gradient
-from tools.solve.clusterwise import LARGEST_BLOCK
-from tools.solve.registry import solve_channels
-from tools.solve.solution import Solution
-from tools.solve.system import LinearSystem
-from tools.study.frames import Bench, repeated_s
-from tools.study.rooms import StudyRoom, Task, processor_seconds
+from counterlight.errors import InputError
+from counterlight.maps import RoomMaps
+from counterlight.refinement import DEFAULT_STEPS
+from counterlight.short_map import in_half
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.method import LARGEST_DENSE
+from counterlight.tools.solve.box import projected_gradient
+from counterlight.tools.solve.clusterwise import LARGEST_BLOCK
+from counterlight.tools.solve.registry import solve_channels
+from counterlight.tools.solve.solution import Solution
+from counterlight.tools.solve.system import LinearSystem
+from counterlight.tools.study.frames import Bench, repeated_s
+from counterlight.tools.study.rooms import StudyRoom, Task, processor_seconds
 
 FloatArray = NDArray[np.float64]
 FLOAT32_ENTRY, HALF_ENTRY = 16, 10  # bytes: three weights of 4 or 2 and an index of 4
@@ -88,7 +88,7 @@ class Uncompensated:
     family: str = "uncompensated"
     knob: str = ""
     value: float | None = None
-    command: str = "play-corrected --no-compensation"
+    command: str = "counterlight play --no-compensation"
 
     def prepare(self, room: StudyRoom) -> Prepared:
         gl = _direct_bench(room).gl
@@ -107,7 +107,7 @@ class Direct:
     family: str = "direct"
     knob: str = ""
     value: float | None = None
-    command: str = "compensate-image --solver direct"
+    command: str = "counterlight compensate --solver direct"
 
     def prepare(self, room: StudyRoom) -> Prepared:
         maps, seconds = room.refinement
@@ -116,7 +116,7 @@ class Direct:
 
 @dataclass(frozen=True)
 class Map:
-    """The correction map of build-correction-map, then steps of refinement by the player.
+    """The correction map of counterlight build, then steps of refinement by the player.
 
     start : where refinement begins.  half : weights rounded to 16 bits; the cost in accuracy is measured by rounding,
     the size computed. The player does so by compute shaders where the bound stays within --max-error.
@@ -138,7 +138,7 @@ class Map:
         if self.options.max_cluster is not None:
             words.append(f"--max-cluster {self.options.max_cluster}")
         start = f" --refine-from {self.start}" if self.steps and self.start != "map" else ""
-        return f"{' '.join(['build-correction-map', *words])}; play-corrected --refine {self.steps}{start}"
+        return f"{' '.join(['build-correction-map', *words])}; counterlight play --refine {self.steps}{start}"
 
     def prepare(self, room: StudyRoom) -> Prepared:
         if self.options.damping == 0 and self.options.max_cluster is None and room.largest_cluster > LARGEST_DENSE:
@@ -171,7 +171,7 @@ class Solver:
 
     @property
     def command(self) -> str:
-        return f"compensate-image --solver {self.name}"
+        return f"counterlight compensate --solver {self.name}"
 
     def prepare(self, room: StudyRoom) -> Prepared:
         seconds: dict[str, float] = {}

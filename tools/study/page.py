@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from tools.report.page import Figure, Section, page
-from tools.study.recommend import Wish
-from tools.study.results import Mean, Row, Skipped, pareto
-from tools.study.table_6_1 import DIFFERENCES, HEADER, THESIS_ROWS, OurRow, cells
+from counterlight.tools.report.page import Figure, Section, page
+from counterlight.tools.study.recommend import Wish
+from counterlight.tools.study.results import Mean, Row, Skipped, pareto
+from counterlight.tools.study.table_6_1 import DIFFERENCES, HEADER, THESIS_ROWS, OurRow, cells
 
 FORMULAS = (
     "All compare what the camera sees, c = T p + e through the whole, undecomposed T with its far light, with the "
@@ -140,7 +140,7 @@ def _advice(advice: Sequence[Wish]) -> Section:
     ]
     note = (
         "<p class='note'>Measured at the sizes above: a frame's milliseconds grow with the number of pixels. "
-        "build-correction-map --preset fast, balanced or best is what the study of the shipped scenes led to.</p>"
+        "counterlight build --preset fast, balanced or best is what the study of the shipped scenes led to.</p>"
     )
     return Section("Recommended", [], html_table(("wish", "method", "commands", "here"), body) + note)
 

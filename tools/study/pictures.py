@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage import data
 
-from player.errors import InputError
-from player.response import Response
-from tools.relighting.pictures import read_placed
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.tools.relighting.pictures import read_placed
 
 FloatArray = NDArray[np.float64]
 Shape = tuple[int, int]

@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tools.study.recommend import FRAME_MS
-from tools.study.results import UNSEEN_DB, Mean, Row, everywhere, means, pareto, visible_db
+from counterlight.tools.study.recommend import FRAME_MS
+from counterlight.tools.study.results import UNSEEN_DB, Mean, Row, everywhere, means, pareto, visible_db
 
 Cost = Callable[[Mean], float | None]
 STYLES = {  # colour, marker

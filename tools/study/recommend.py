@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tools.study.results import Mean, visible_db
+from counterlight.tools.study.results import Mean, visible_db
 
 CLOSE_DB = 1.0
 FRAME_MS = 1000 / 60

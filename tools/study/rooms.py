@@ -11,29 +11,29 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from player import calibration as calibrations
-from player import maps
-from player.calibration import StoredCalibration
-from player.content import reachable_white
-from player.errors import InputError
-from player.maps import RefinementMaps, RoomMaps
-from player.refinement import Certificate
-from player.renderer import Room
-from player.row_map import RowMap
-from tools.inverse.inverse import InverseOptions
-from tools.inverse.room import BuiltRoom, build_room_maps
-from tools.packing.refinement_maps import refinement_maps
-from tools.packing.row_maps import pack_matrices
-from tools.simulation.room import write_simulated_room
-from tools.simulation.scene import Scene, load_scene
-from tools.simulation.simulate import simulate
-from tools.solve.box import certificate
-from tools.solve.quality import Quality, measure
-from tools.solve.registry import solve_channels
-from tools.solve.system import LinearSystem, channel_system
-from tools.study.frames import Bench
-from tools.study.pictures import Picture
-from tools.transport.storage import read_transport
+from counterlight import calibration as calibrations
+from counterlight import maps
+from counterlight.calibration import StoredCalibration
+from counterlight.content import reachable_white
+from counterlight.errors import InputError
+from counterlight.maps import RefinementMaps, RoomMaps
+from counterlight.refinement import Certificate
+from counterlight.renderer import Room
+from counterlight.row_map import RowMap
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.room import BuiltRoom, build_room_maps
+from counterlight.tools.packing.refinement_maps import refinement_maps
+from counterlight.tools.packing.row_maps import pack_matrices
+from counterlight.tools.simulation.room import write_simulated_room
+from counterlight.tools.simulation.scene import Scene, load_scene
+from counterlight.tools.simulation.simulate import simulate
+from counterlight.tools.solve.box import certificate
+from counterlight.tools.solve.quality import Quality, measure
+from counterlight.tools.solve.registry import solve_channels
+from counterlight.tools.solve.system import LinearSystem, channel_system
+from counterlight.tools.study.frames import Bench
+from counterlight.tools.study.pictures import Picture
+from counterlight.tools.transport.storage import read_transport
 
 FloatArray = NDArray[np.float64]
 R = TypeVar("R")
@@ -131,7 +131,7 @@ class StudyRoom:
         return int(self.systems[1].clusters.projector_sizes.max(initial=0))
 
     def build(self, options: InverseOptions) -> tuple[BuiltRoom, float]:
-        """The maps as build-correction-map makes them, refinement's apart, and processor seconds; the last is kept."""
+        """The maps as counterlight build makes them, refinement's apart, and processor seconds; the last is kept."""
         if self._built is None or self._built[0] != options:
             self.close()
             self._built = None

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from player.errors import InputError
-from player.writing.outputs import check_folder, is_vacant, refuse_strangers
-from player.writing.replacing import replacing_folder, scratch_folder
-from tools.study import page, summary
-from tools.study.frames import graphics, in_software
-from tools.study.measure import NNLS_LABEL, OURS_LABEL, THESIS_LABEL, RoomFigures, study_room
-from tools.study.methods import catalogue, uncut_knobs
-from tools.study.pictures import Picture
-from tools.study.recommend import wishes
-from tools.study.results import everywhere, write_csv, write_json
-from tools.study.rooms import open_room
-from tools.study.table_6_1 import OurRow, measure_at_thesis_size, table_row, to_markdown
+from counterlight.errors import InputError
+from counterlight.tools.study import page, summary
+from counterlight.tools.study.frames import graphics, in_software
+from counterlight.tools.study.measure import NNLS_LABEL, OURS_LABEL, THESIS_LABEL, RoomFigures, study_room
+from counterlight.tools.study.methods import catalogue, uncut_knobs
+from counterlight.tools.study.pictures import Picture
+from counterlight.tools.study.recommend import wishes
+from counterlight.tools.study.results import everywhere, write_csv, write_json
+from counterlight.tools.study.rooms import open_room
+from counterlight.tools.study.table_6_1 import OurRow, measure_at_thesis_size, table_row, to_markdown
+from counterlight.writing.outputs import check_folder, is_vacant, refuse_strangers
+from counterlight.writing.replacing import replacing_folder, scratch_folder
 
 CSV, JSON, PAGE, SUMMARY, TABLE = "results.csv", "results.json", "report.html", "summary.md", "table_6_1.md"
 SOFTWARE_NOTE = "OpenGL runs on the processor here: milliseconds are of processor time, all cores together."
@@ -46,7 +46,7 @@ def check_output(folder: Path) -> None:
         import matplotlib  # noqa: F401
     except ImportError:
         raise InputError(
-            "study-accuracy draws with matplotlib, which is not installed; install it with: pip install "
+            "counterlight study draws with matplotlib, which is not installed; install it with: pip install "
             "'counterlight[study]'"
         ) from None
 
@@ -91,7 +91,7 @@ def _study(options: StudyOptions, stage: Path) -> Iterator[str]:
 
 def write_study(stage: Path, figures: Sequence[RoomFigures], table: Sequence[OurRow]) -> list[str]:
     """Everything that a report holds, into an existing folder; returns the advice, a line per wish."""
-    from tools.study.plots import draw_all
+    from counterlight.tools.study.plots import draw_all
 
     rows = [row for found in figures for row in found.rows]
     skipped = [entry for found in figures for entry in found.skipped]
@@ -116,7 +116,7 @@ def write_study(stage: Path, figures: Sequence[RoomFigures], table: Sequence[Our
 
 
 def _draw_pictures(stage: Path, figures: Sequence[RoomFigures]) -> dict[str, str]:
-    from tools.study import sheets
+    from counterlight.tools.study import sheets
 
     files = {f"sheet {found.name}": sheets.sheet(stage / f"pictures_{found.name}.png", found) for found in figures}
     counterparts: dict[str, tuple[str, Callable[[Path, RoomFigures], str], set[str]]] = {

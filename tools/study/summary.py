@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tools.study.recommend import Wish
-from tools.study.results import Mean, Row
+from counterlight.tools.study.recommend import Wish
+from counterlight.tools.study.results import Mean, Row
 
 HEADER = (
     "| method | dB below the best | worst room | RMSE, % of white | SSIM | CIEDE2000 | clipped, % | ms a picture "

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from tools.simulation.scene import load_scene
-from tools.study.measure import RoomFigures, study_room
-from tools.study.methods import CUT, PLAIN, Method, Solver
-from tools.study.pictures import Picture
-from tools.study.results import label
-from tools.study.rooms import resized, shipped_scenes, simulated_room
+from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.study.measure import RoomFigures, study_room
+from counterlight.tools.study.methods import CUT, PLAIN, Method, Solver
+from counterlight.tools.study.pictures import Picture
+from counterlight.tools.study.results import label
+from counterlight.tools.study.rooms import resized, shipped_scenes, simulated_room
 
 CAMERA, PROJECTOR = (480, 640), (512, 512)  # the sizes that 4.2 and 5.2 name
 FOCUS_CAMERA, FOCUS_PROJECTOR = (48, 48), (52, 52)  # 4.3.3 solves about 2304 equations for 2700 unknowns

@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from player import memory
-from player.errors import InputError, one_line, shown
-from player.reading import Source, opened
+from counterlight import memory
+from counterlight.errors import InputError, one_line, shown
+from counterlight.reading import Source, opened
 
 HEADER_BYTES = 512  # numpy writes 128
 MOST_MEMBERS, MOST_DIMENSIONS = 64, 3

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from player import calibration as calibrations
-from player.calibration import Calibration, Device, StoredCalibration
-from player.errors import InputError
-from tools.transport.mask import BRIGHT_PERCENTILE, FRACTION_OF_AMBIENT, LUMINANCE
-from tools.transport.storage import read_transport, write_transport
-from tools.transport.transport import Csr, FarLight, Transport
+from counterlight import calibration as calibrations
+from counterlight.calibration import Calibration, Device, StoredCalibration
+from counterlight.errors import InputError
+from counterlight.tools.transport.mask import BRIGHT_PERCENTILE, FRACTION_OF_AMBIENT, LUMINANCE
+from counterlight.tools.transport.storage import read_transport, write_transport
+from counterlight.tools.transport.transport import Csr, FarLight, Transport
 
 # Of the brightest floodlit pixels: a display's black level, which one measurement may hold and another not.
 FRACTION_OF_BRIGHT = 0.005
@@ -49,7 +49,7 @@ def _join(folders: Sequence[Path], monitors: Sequence[str], name: str) -> tuple[
     rooms = [one.calibration for one in stored]
     _check_cameras(stored)
     projectors = _with_monitors([device for room in rooms for device in room.projectors], monitors)
-    provenance = "joined by join-projectors: " + "; ".join(f"{room.name} ({room.provenance})" for room in rooms)
+    provenance = "joined by counterlight join: " + "; ".join(f"{room.name} ({room.provenance})" for room in rooms)
     first = rooms[0]
     mask = np.any([room.mask for room in rooms], axis=0)
     joint = Calibration(name, provenance, projectors, first.camera, first.ambient, mask)

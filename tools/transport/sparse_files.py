@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from tools.transport.arrays import ArrayError, Members, StoredArray
-from tools.transport.transport import Csr
+from counterlight.tools.transport.arrays import ArrayError, Members, StoredArray
+from counterlight.tools.transport.transport import Csr
 
 Shape: TypeAlias = tuple[int, int]
 FORMATS = ("csr", "csc", "bsr", "coo", "dia")

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from player.calibration import RADIANCE, REBUILD, StoredCalibration
-from player.errors import InputError
-from player.reading import Source
-from tools.transport.arrays import ArrayError, opened_archive
-from tools.transport.sparse_files import Shape, read_compressed, read_sparse
-from tools.transport.transport import CHANNELS, Csr, FarLight, Transport
+from counterlight.calibration import RADIANCE, REBUILD, StoredCalibration
+from counterlight.errors import InputError
+from counterlight.reading import Source
+from counterlight.tools.transport.arrays import ArrayError, opened_archive
+from counterlight.tools.transport.sparse_files import Shape, read_compressed, read_sparse
+from counterlight.tools.transport.transport import CHANNELS, Csr, FarLight, Transport
 
 FAR_LIGHT = "far_light.npz"
 MOST_CELLS = 1 << 15

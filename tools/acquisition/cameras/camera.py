@@ -12,9 +12,9 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from player.response import Response
-from tools.acquisition.plan import Pattern
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.tools.acquisition.plan import Pattern
 
 FloatArray = NDArray[np.float64]
 Shot: TypeAlias = NDArray[Any]  # (height, width) or (height, width, 3), uint8 or uint16, as stored

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from player.errors import InputError
-from player.files import write_toml
-from player.picture_files import SUFFIXES, read_picture
-from player.png import encode_png
-from player.reading import read_toml
-from player.writing.replacing import filling_folder, replacing_file
-from tools.acquisition.cameras.camera import Exposures, Shot
-from tools.acquisition.plan import Pattern
+from counterlight.errors import InputError
+from counterlight.files import write_toml
+from counterlight.picture_files import SUFFIXES, read_picture
+from counterlight.png import encode_png
+from counterlight.reading import read_toml
+from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
+from counterlight.tools.acquisition.plan import Pattern
+from counterlight.writing.replacing import filling_folder, replacing_file
 
 ACQUISITION = "acquisition.toml"
 POLL_S = 0.2

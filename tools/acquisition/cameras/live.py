@@ -6,8 +6,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.acquisition.cameras.camera import Exposures, Shot
-from tools.acquisition.plan import Pattern
+from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
+from counterlight.tools.acquisition.plan import Pattern
 
 Codes = NDArray[np.uint8]  # (projector height, projector width, 3), code values as the projector gets them
 

@@ -8,15 +8,15 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from player import calibration
-from player.errors import InputError
-from player.response import Response
-from tools.acquisition.cameras.camera import LINEAR, Exposures, Shot
-from tools.acquisition.cameras.live import Codes, LiveCamera, Screen
-from tools.simulation.scene import load_scene
-from tools.simulation.simulate import simulate
-from tools.transport.storage import read_transport
-from tools.transport.transport import Transport
+from counterlight import calibration
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.tools.acquisition.cameras.camera import LINEAR, Exposures, Shot
+from counterlight.tools.acquisition.cameras.live import Codes, LiveCamera, Screen
+from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.simulation.simulate import simulate
+from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.transport import Transport
 
 FloatArray = NDArray[np.float64]
 HEADROOM = 1.25  # full scale of an exposure of 1, above the floodlit room's brightest pixel

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from player.errors import InputError
-from player.picture_files import decode
-from tools.acquisition.cameras.camera import Shot
+from counterlight.errors import InputError
+from counterlight.picture_files import decode
+from counterlight.tools.acquisition.cameras.camera import Shot
 
 SHUTTERS = ("shutterspeed", "shutterspeed2")
 OBEYED = 0.1  # relative difference to the nearest shutter time

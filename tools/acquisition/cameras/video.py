@@ -12,8 +12,8 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from player.errors import InputError
-from tools.acquisition.cameras.camera import Shot
+from counterlight.errors import InputError
+from counterlight.tools.acquisition.cameras.camera import Shot
 
 MANUAL = 1.0  # V4L2_EXPOSURE_MANUAL
 UNIT_S = 1e-4  # of V4L2_CID_EXPOSURE_ABSOLUTE

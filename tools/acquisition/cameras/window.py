@@ -6,10 +6,10 @@ from contextlib import contextmanager
 import numpy as np
 from PIL import ImageGrab
 
-from player.errors import InputError
-from player.gl.monitors import Monitor, find_monitor, list_monitors
-from player.gl.pattern_window import PatternWindow
-from tools.acquisition.cameras.live import Codes
+from counterlight.errors import InputError
+from counterlight.gl.monitors import Monitor, find_monitor, list_monitors
+from counterlight.gl.pattern_window import PatternWindow
+from counterlight.tools.acquisition.cameras.live import Codes
 
 
 class WindowScreen:

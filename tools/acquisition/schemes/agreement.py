@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.acquisition.schemes.blocks import NO_CHILD, BlockGrid, BlockLight
+from counterlight.tools.acquisition.schemes.blocks import NO_CHILD, BlockGrid, BlockLight
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

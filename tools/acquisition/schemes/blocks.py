@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from tools.acquisition.plan import Pattern
-from tools.transport.transport import Csr, FarLight, Transport
+from counterlight.tools.acquisition.plan import Pattern
+from counterlight.tools.transport.transport import Csr, FarLight, Transport
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

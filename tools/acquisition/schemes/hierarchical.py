@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from player.errors import InputError
-from tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Pattern, Reference, Scheme
-from tools.acquisition.schemes.agreement import Reading, agree, keep_measurable
-from tools.acquisition.schemes.blocks import (
+from counterlight.errors import InputError
+from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Pattern, Reference, Scheme
+from counterlight.tools.acquisition.schemes.agreement import Reading, agree, keep_measurable
+from counterlight.tools.acquisition.schemes.blocks import (
     NO_CHILD,
     BlockGrid,
     BlockLight,
@@ -24,7 +24,7 @@ from tools.acquisition.schemes.blocks import (
     as_transport,
     grids,
 )
-from tools.acquisition.schemes.schedule import colour_graph, conflict_graph
+from counterlight.tools.acquisition.schemes.schedule import colour_graph, conflict_graph
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -18,12 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from player.errors import InputError
-from tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Reference, Scheme
-from tools.acquisition.schemes.blocks import BlockGrid, BlockLight, KnownLight, as_transport, fit_to_floodlight
-from tools.acquisition.schemes.codes import code_length, s_inverse, s_matrix
-from tools.acquisition.schemes.stripes import Stripe, locate, stripes
-from tools.transport.mask import LUMINANCE
+from counterlight.errors import InputError
+from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Reference, Scheme
+from counterlight.tools.acquisition.schemes.blocks import (
+    BlockGrid,
+    BlockLight,
+    KnownLight,
+    as_transport,
+    fit_to_floodlight,
+)
+from counterlight.tools.acquisition.schemes.codes import code_length, s_inverse, s_matrix
+from counterlight.tools.acquisition.schemes.stripes import Stripe, locate, stripes
+from counterlight.tools.transport.mask import LUMINANCE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from tools.transport.transport import Csr
+from counterlight.tools.transport.transport import Csr
 
 IntArray = NDArray[np.int64]
 UNCOLOURED = -1

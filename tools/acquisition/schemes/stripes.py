@@ -1,6 +1,6 @@
 """Gray-coded stripes: where in the projector's picture a camera pixel looks, in log₂ many pictures.
 
-Other than import-graycode's captures, these are compared with half of the floodlight, not with an inverse picture:
+Other than counterlight import-graycode's captures, these are compared with half of the floodlight, not with an inverse picture:
 half of the pictures, and nothing is lost where a pixel's light comes from one place. (Half of the far light reaches a
 pixel in every picture of narrow stripes, so that half of the floodlight stays the right threshold.)
 """
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.acquisition.plan import Pattern
+from counterlight.tools.acquisition.plan import Pattern
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

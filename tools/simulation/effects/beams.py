@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.simulation.batch import Batch
-from tools.simulation.geometry import Hits, trace
-from tools.simulation.paths import Deposits, Rays
-from tools.simulation.projector_side import pixel_flux
-from tools.simulation.scene import Scene
-from tools.simulation.shapes.shape import FloatArray, IntArray, Shape
+from counterlight.tools.simulation.batch import Batch
+from counterlight.tools.simulation.geometry import Hits, trace
+from counterlight.tools.simulation.paths import Deposits, Rays
+from counterlight.tools.simulation.projector_side import pixel_flux
+from counterlight.tools.simulation.scene import Scene
+from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray, Shape
 
 if TYPE_CHECKING:
-    from tools.simulation.effects_on import EffectsOn
+    from counterlight.tools.simulation.effects_on import EffectsOn
 
 CELLS = 2  # of the lattice, an axis and projector pixel
 MOST_FACES = 10

@@ -9,10 +9,10 @@ scattered beyond the picture is lost.
 import numpy as np
 from scipy import sparse
 
-from tools.simulation.devices import Camera
-from tools.simulation.scene import Scene
-from tools.simulation.shapes.shape import FloatArray
-from tools.transport.transport import Csr, FarLight, Transport
+from counterlight.tools.simulation.devices import Camera
+from counterlight.tools.simulation.scene import Scene
+from counterlight.tools.simulation.shapes.shape import FloatArray
+from counterlight.tools.transport.transport import Csr, FarLight, Transport
 
 MAX_CELLS = 1600
 REACH = 8  # radii: 0.3 % of the halo lie further out

@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import sparse
 
-from tools.simulation.assembly import summed, thinned
-from tools.simulation.effects.beams import COARSER, LEVELS, deposits
-from tools.simulation.effects.sequence import even_pairs
-from tools.simulation.paths import Arrivals, Deposits, Samples
-from tools.simulation.scene import Scene
-from tools.simulation.shapes.shape import FloatArray, IntArray, Shape
-from tools.simulation.shapes.triangles import Triangles
-from tools.transport.transport import Csr
+from counterlight.tools.simulation.assembly import summed, thinned
+from counterlight.tools.simulation.effects.beams import COARSER, LEVELS, deposits
+from counterlight.tools.simulation.effects.sequence import even_pairs
+from counterlight.tools.simulation.paths import Arrivals, Deposits, Samples
+from counterlight.tools.simulation.scene import Scene
+from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray, Shape
+from counterlight.tools.simulation.shapes.triangles import Triangles
+from counterlight.tools.transport.transport import Csr
 
 if TYPE_CHECKING:
-    from tools.simulation.effects_on import EffectsOn
+    from counterlight.tools.simulation.effects_on import EffectsOn
 
 FINENESS = 2.0  # texels for a projector pixel's width
 MOST_TEXELS = 2048  # an axis

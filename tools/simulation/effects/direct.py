@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from tools.simulation.paths import Arrivals, Samples
-from tools.simulation.projector_side import irradiance
-from tools.simulation.scene import Scene
+from counterlight.tools.simulation.paths import Arrivals, Samples
+from counterlight.tools.simulation.projector_side import irradiance
+from counterlight.tools.simulation.scene import Scene
 
 
 def arrivals(scene: Scene, samples: Samples) -> Arrivals:

@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.simulation.effects.sequence import even_pairs, tangents
-from tools.simulation.geometry import Hits
-from tools.simulation.paths import Rays, Samples
-from tools.simulation.scene import Scene
-from tools.simulation.surfaces import Surface
+from counterlight.tools.simulation.effects.sequence import even_pairs, tangents
+from counterlight.tools.simulation.geometry import Hits
+from counterlight.tools.simulation.paths import Rays, Samples
+from counterlight.tools.simulation.scene import Scene
+from counterlight.tools.simulation.surfaces import Surface
 
 if TYPE_CHECKING:
-    from tools.simulation.effects_on import EffectsOn
+    from counterlight.tools.simulation.effects_on import EffectsOn
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.simulation.cells import Grid, cut_into_cells, spread_places
-from tools.simulation.geometry import blocked
-from tools.simulation.paths import Deposits, Samples
-from tools.simulation.scene import Scene
-from tools.simulation.shapes.parallelogram import Parallelogram
-from tools.simulation.shapes.shape import FloatArray, IntArray
-from tools.simulation.surfaces import Surface
-from tools.transport.transport import Csr, FarLight
+from counterlight.tools.simulation.cells import Grid, cut_into_cells, spread_places
+from counterlight.tools.simulation.geometry import blocked
+from counterlight.tools.simulation.paths import Deposits, Samples
+from counterlight.tools.simulation.scene import Scene
+from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
+from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray
+from counterlight.tools.simulation.surfaces import Surface
+from counterlight.tools.transport.transport import Csr, FarLight
 
 ALBEDO_POINTS = 8  # an axis and cell
 Entries = tuple[IntArray, IntArray, FloatArray]

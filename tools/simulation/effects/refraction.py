@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.simulation.batch import joined
-from tools.simulation.geometry import Hits
-from tools.simulation.paths import Rays
-from tools.simulation.scene import Scene
+from counterlight.tools.simulation.batch import joined
+from counterlight.tools.simulation.geometry import Hits
+from counterlight.tools.simulation.paths import Rays
+from counterlight.tools.simulation.scene import Scene
 
 if TYPE_CHECKING:
-    from tools.simulation.effects_on import EffectsOn
+    from counterlight.tools.simulation.effects_on import EffectsOn
 
 FloatArray = NDArray[np.float64]
 

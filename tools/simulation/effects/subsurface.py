@@ -15,9 +15,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.simulation.effects.sequence import even_pairs, tangents
-from tools.simulation.paths import Samples
-from tools.simulation.scene import Scene
+from counterlight.tools.simulation.effects.sequence import even_pairs, tangents
+from counterlight.tools.simulation.paths import Samples
+from counterlight.tools.simulation.scene import Scene
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

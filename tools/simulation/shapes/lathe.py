@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from tools.simulation.shapes.shape import FloatArray
-from tools.simulation.shapes.triangles import Triangles, over_grid
+from counterlight.tools.simulation.shapes.shape import FloatArray
+from counterlight.tools.simulation.shapes.triangles import Triangles, over_grid
 
 
 def turned(

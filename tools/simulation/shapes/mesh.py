@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from player.errors import InputError, one_line
-from player.reading import read_bytes
-from tools.simulation.shapes.shape import FloatArray, IntArray
-from tools.simulation.shapes.triangles import Triangles
+from counterlight.errors import InputError, one_line
+from counterlight.reading import read_bytes
+from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray
+from counterlight.tools.simulation.shapes.triangles import Triangles
 
 MAX_BYTES = 256 << 20
 MAX_TRIANGLES, LONGEST_LINE = 1 << 22, 1 << 16

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.simulation.shapes.shape import TOO_CLOSE, FloatArray, Meeting
+from counterlight.tools.simulation.shapes.shape import TOO_CLOSE, FloatArray, Meeting
 
 PARALLEL = 1e-12
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from player.errors import InputError
-from player.tables import Table, Vector
-from tools.simulation.shapes.parallelogram import Parallelogram
-from tools.simulation.shapes.quadrics import Cylinder, Sphere
-from tools.simulation.shapes.shape import FloatArray, Shape
+from counterlight.errors import InputError
+from counterlight.tables import Table, Vector
+from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
+from counterlight.tools.simulation.shapes.quadrics import Cylinder, Sphere
+from counterlight.tools.simulation.shapes.shape import FloatArray, Shape
 
 KINDS = ("plane", "card", "sphere", "cylinder", "relief", "lathe", "mesh")
 FIGURES = ("statuette", "skull", "waves")
@@ -77,7 +77,7 @@ def _frame(table: Table, axis: Vector) -> tuple[Vector, Vector]:
 
 
 def _relief(table: Table, folder: Path, eye: Vector) -> Shape:
-    from tools.simulation.shapes.relief import read_heights, relief
+    from counterlight.tools.simulation.shapes.relief import read_heights, relief
 
     base = _plane(table, folder, eye)
     height = table.number("height", None, *SIZE)
@@ -87,7 +87,7 @@ def _relief(table: Table, folder: Path, eye: Vector) -> Shape:
         raise InputError(f"{table.where}: expected one of figure and heights")
     if "figure" in table:
         name = table.choice("figure", FIGURES)
-        figure = importlib.import_module(f"tools.simulation.shapes.figures.{name}")
+        figure = importlib.import_module(f"counterlight.tools.simulation.shapes.figures.{name}")
         heights = figure.heights(*np.meshgrid(np.linspace(0, 1, columns), np.linspace(0, 1, rows)))
     else:
         heights = read_heights(table.path("heights", folder), f"{table.where}, heights", columns, rows)
@@ -106,7 +106,7 @@ def _grid(base: Parallelogram, detail: int) -> tuple[int, int]:
 
 
 def _lathe(table: Table, folder: Path, eye: Vector) -> Shape:
-    from tools.simulation.shapes.lathe import turned
+    from counterlight.tools.simulation.shapes.lathe import turned
 
     axis = table.vector("axis", (0.0, 1.0, 0.0))
     profile: FloatArray = table.rows("profile", None, 2, -SIZE[1], SIZE[1])
@@ -119,7 +119,7 @@ def _lathe(table: Table, folder: Path, eye: Vector) -> Shape:
 
 
 def _mesh(table: Table, folder: Path, eye: Vector) -> Shape:
-    from tools.simulation.shapes.mesh import read_obj
+    from counterlight.tools.simulation.shapes.mesh import read_obj
 
     place = table.vector("at", (0.0, 0.0, 0.0)), table.number("scale", 1.0, 1e-6, 1e6)
     return read_obj(table.path("file", folder), f"{table.where}, file", *place)
