@@ -19,3 +19,8 @@ def one_line(text: object, longest: int = LONGEST_REASON) -> str:
     """A text or an error in one line, cut where it has no end; the kind of error where it says nothing."""
     line = " ".join(str(text).split()) or type(text).__name__
     return line if len(line) <= longest else f"{line[:longest]}…"
+
+
+def printable(text: str) -> str:
+    """A text whose every character a terminal shows, and obeys none: what a file is called is not ours to say."""
+    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
