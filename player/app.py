@@ -83,6 +83,8 @@ def _check_outputs(options: argparse.Namespace) -> None:
     """InputError, before anything is read or shown, for outputs that cannot be written or would overwrite an input."""
     heartbeat = None if options.heartbeat in (None, "-") else Path(options.heartbeat)
     check_apart(options.output, options.stats, heartbeat, options.control)
+    if options.output is options.stats is heartbeat is None:
+        return
     inputs = [path for medium in (*options.lists, *options.media) for path in files_of(medium)]
     if options.output is not None:
         check_output(options.output, inputs=inputs)
@@ -172,7 +174,7 @@ def _render(options: argparse.Namespace, room: Room, picture: Picture) -> Stats:
             reader.seek(options.start)
         stats = _render_medium(options, reader, room, picture)
         for notice in reader.notices():
-            print(notice, file=sys.stderr)
+            tell(notice)
             stats.notice(notice)
     return stats
 

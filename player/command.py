@@ -2,6 +2,7 @@
 
 import argparse
 import errno
+import io
 import os
 import select
 import signal
@@ -12,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn, TextIO, TypeVar
 
-from counterlight.errors import InputError, nearest
+from counterlight.errors import InputError, nearest, printable
 
 DONE, FAULT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 SCRIPTS = {"play": "play-corrected", "build": "build-correction-map"}  # verbs that have one
@@ -63,6 +64,8 @@ class Parser(argparse.ArgumentParser):
 
 def run(body: Callable[[Sequence[str] | None], int | None], argv: Sequence[str] | None = None) -> int:
     """Run a command's body and turn its outcome into an exit code (0 done, 1 fault, 2 bad input, 130 interrupted)."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # as stderr: names of files need not be text
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # clean up on `kill` as on Ctrl-C
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # which nohup asks for
         signal.signal(signal.SIGHUP, signal.default_int_handler)  # and when the terminal goes
@@ -105,7 +108,7 @@ def tell(line: str, stream: TextIO | None = None, *, patience_s: float = 0.0) ->
         return
     with suppress(OSError, ValueError):
         if select.select([], [descriptor], [], patience_s)[1]:  # a pipe then takes PIPE_BUF bytes
-            os.write(descriptor, line.encode(errors="backslashreplace")[: select.PIPE_BUF - 1] + b"\n")
+            os.write(descriptor, printable(line).encode()[: select.PIPE_BUF - 1] + b"\n")
 
 
 def parse_size(text: str) -> tuple[int, int]:

@@ -28,3 +28,8 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """`; did you mean NAME?` if a known name is close, else nothing."""
     close = difflib.get_close_matches(name, list(known), 1, 0.5)
     return f"; did you mean {close[0]!r}?" if close else ""
+
+
+def printable(text: str) -> str:
+    """A text whose every character a terminal shows, and obeys none: what a file is called is not ours to say."""
+    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)

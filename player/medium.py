@@ -5,7 +5,6 @@ docs/security.md says who is trusted with what.
 """
 
 import os
-import re
 import stat
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -14,9 +13,9 @@ from typing import Self
 
 from counterlight.decoding.live import LiveAddress, is_device, live_address
 from counterlight.errors import InputError
+from counterlight.writing.numbered import is_numbered
 
 MAX_NAME = 4096  # bytes: the longest path that Linux opens
-NUMBER = re.compile(r"%0?(\d*)d")  # in the name of a sequence
 INSIDE = "a list or a remote may name files below its folder or a --media-root only"
 
 
@@ -58,7 +57,7 @@ class Medium:
     def is_sequence(self) -> bool:
         """Whether it is numbered pictures: a pattern of their names, and no file of that very name."""
         path = Path(self.name)
-        return self.live() is None and NUMBER.search(path.name) is not None and not os.path.lexists(path)
+        return self.live() is None and is_numbered(path) and not os.path.lexists(path)
 
     def look(self) -> None:
         """Raise InputError if it is plain that it cannot be opened: not allowed, not there, no file. May take long."""

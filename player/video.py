@@ -12,6 +12,7 @@ from typing import Any, Self
 
 from counterlight.decoding.child import all_buried
 from counterlight.decoding.decoder_link import DecoderLink
+from counterlight.decoding.live import STEADY_S
 from counterlight.errors import InputError
 from counterlight.frames import Frame, MediaInfo, PixelFormat, PlaneShape, format_from_json
 from counterlight.medium import Medium
@@ -24,7 +25,6 @@ PATIENT_OPENING_S = 60.0  # for whoever has nothing else to do
 MAX_DEATHS = 5
 SKIP_S = 1.0
 LIVE_RETRY_S = (0.0, 1.0, 2.0, 5.0)  # from a live source's decoder to the next; the last one for ever
-STEADY_S = 10.0  # a live source that has lasted as long gets its next decoder at once
 HUNG = "decoder hung"
 _POLL_S = 0.1
 

@@ -6,6 +6,7 @@ A missing OpenGL or X server is a failure, never a skip: the product is nothing 
 import gc
 import os
 import signal
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from counterlight.gl.context import headless_context
 from tests import screens
 from tests.gl_objects import live_objects
 from tests.media import rings
-from tests.programs import descendants
+from tests.programs import PATIENCE_S, descendants
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -98,3 +99,12 @@ def nothing_is_left() -> Iterator[None]:
     all_buried()
     assert rings() == []
     assert descendants(os.getpid()) == set()
+
+
+@pytest.fixture
+def manager(tmp_path: Path) -> Iterator[socket.socket]:
+    """A service manager's socket, at tmp_path/notify."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as inbox:
+        inbox.bind(str(tmp_path / "notify"))
+        inbox.settimeout(PATIENCE_S)
+        yield inbox

@@ -8,6 +8,7 @@ import re
 import socket
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import av
@@ -16,10 +17,11 @@ import numpy as np
 import pytest
 
 from counterlight.decoding import opening
+from counterlight.decoding.audio_decoder import decoded
 from counterlight.errors import InputError
 from counterlight.medium import Border, Medium
 from counterlight.show.options import read_options
-from counterlight.show.playlist import expand
+from counterlight.show.playlist import expand, files_of
 from counterlight.video import MediaReader
 from tests.canaries import Canary, canary
 from tests.media import copies, numbered, write_video
@@ -117,9 +119,27 @@ def test_what_a_list_names_that_is_no_file(media: Path, bird: Canary) -> None:
         "subfile,,start,0,end,0,,:clip.mkv",
         "data:image/png;base64,AAAA",
         "fd:0",
+        "pipe:0",
+        "unix:socket.mkv",
+        f"async:tcp://127.0.0.1:{bird.port}",
+        f"cache:http://127.0.0.1:{bird.port}/x.mkv",
+        f"tee:file:{written}",
+        "crypto:clip.mkv",
         "file:clip.mkv",
+        f"FILE:{media / 'clip.mkv'}",
+        f"file://{media / 'clip.mkv'}",
+        f"LAVFI:movie={media / 'clip.mkv'}",
+        f" tcp://127.0.0.1:{bird.port}",
+        f"TCP://127.0.0.1:{bird.port}",
+        "udp://127.0.0.1:5004?localport=5004",
         "v4l2:/dev/video0",
+        "x11grab::0",
+        "X11GRAB::0",
         "/dev/zero",
+        "/dev/../dev/stdin",
+        "/proc/self/fd/0",
+        "%2e/clip.mkv",
+        "clip.mkv\0.png",
         "pipe.mkv",
         "socket.mkv",
     ]
@@ -145,6 +165,22 @@ def text(pattern: str) -> Write:
     return lambda path, target: path.write_text(pattern.format(target))
 
 
+def write_reference_movie(path: Path, target: str) -> None:
+    """A QuickTime film whose pictures are in another file, as its data reference (dref) says by an alias."""
+    write_video(path, [numbered(n) for n in range(3)], codec="libx264")
+    data, name, whole = bytearray(path.read_bytes()), target.encode(), f"/x/{target}".encode()
+    volume = bytes(4 + 10 + 1 + 27 + 12)
+    alias = b"alis" + volume + bytes([len(name)]) + name.ljust(63, b"\0") + bytes(16)
+    alias += b"\0\1\0\1" + bytes(16)  # one folder up, one down
+    alias += b"\0\2" + len(whole).to_bytes(2, "big") + whole + bytes(len(whole) % 2) + b"\xff\xff\0\0"
+    at = data.rindex(b"url ") - 4  # "in this file": 12 bytes
+    data[at : at + 12] = (len(alias) + 4).to_bytes(4, "big") + alias
+    for box in (b"dref", b"dinf", b"minf", b"mdia", b"trak", b"moov"):
+        size = data.rindex(box, 0, at) - 4
+        data[size : size + 4] = (int.from_bytes(data[size : size + 4], "big") + len(alias) + 4 - 12).to_bytes(4, "big")
+    path.write_bytes(data)
+
+
 IN_DISGUISE: dict[str, tuple[str, Write, str]] = {
     "ffconcat": ("list.mp4", text(FFCONCAT), "clip.mkv"),
     "hls": ("list.hls", text(HLS), "clip.mkv"),
@@ -153,6 +189,7 @@ IN_DISGUISE: dict[str, tuple[str, Write, str]] = {
     "vobsub": ("clip.idx", text(VOBSUB), "clip.sub"),
     "mlv": ("clip.mlv", write_mlv, "clip.M00"),
     "planes": ("clip.y", text("{}" + 3000 * "y"), "clip.u"),
+    "quicktime": ("film.mov", write_reference_movie, "clip.mkv"),
     "svg": ("clip.svg", text('<svg><image href="{}"/></svg>'), "clip.mkv"),
 }
 
@@ -160,6 +197,7 @@ IN_DISGUISE: dict[str, tuple[str, Write, str]] = {
 @pytest.mark.parametrize("trusted", [False, True])
 @pytest.mark.parametrize("kind", IN_DISGUISE)
 def test_a_film_that_is_a_list_opens_nothing(kind: str, trusted: bool, media: Path, bird: Canary) -> None:
+    """Neither for its pictures nor for its sound, whoever has named it."""
     name, write, target = IN_DISGUISE[kind]
     for path in (media / "clip.mkv", media / "clip.sub", media / "clip.M00", media / "clip.u"):
         path.write_bytes((media / "clip.mkv").read_bytes())
@@ -167,7 +205,9 @@ def test_a_film_that_is_a_list_opens_nothing(kind: str, trusted: bool, media: Pa
     bird.touched()
     write(media / name, target.format(port=bird.port))
     line = refusal(Medium(str(media / name)) if trusted else limited(media / name, media))
-    assert "FFmpeg cannot read it" in line
+    assert re.search("FFmpeg (cannot read it|decodes no picture)", line)
+    with suppress(av.FFmpegError, InputError):
+        assert not list(decoded(limited(media / name, media), 0.0, 1.0))  # its sound
     assert bird.touched() == set()
 
 
@@ -177,6 +217,10 @@ def test_the_canary_sings(media: Path, bird: Canary) -> None:
     bird.watch(media / "clip.mkv")
     with av.open(f"file:{media / 'list.mp4'}", options={"protocol_whitelist": "file"}) as container:
         assert len(list(container.decode(video=0))) == 5
+    assert bird.touched() == {"clip.mkv"}
+    write_reference_movie(media / "film.mov", "clip.mkv")
+    with suppress(av.FFmpegError), av.open(str(media / "film.mov"), options={"enable_drefs": "1"}) as container:
+        list(container.decode(video=0))
     assert bird.touched() == {"clip.mkv"}
     with socket.create_connection(("127.0.0.1", bird.port)):
         assert bird.touched() == {"port"}
@@ -199,6 +243,25 @@ def test_a_peer_cannot_send_the_player_elsewhere(bird: Canary) -> None:
     assert bird.touched() == set()
 
 
+def test_a_server_cannot_send_the_player_elsewhere(bird: Canary) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            connection, _ = server.accept()
+            for status in ("200 OK", f"302 Found\r\nLocation: rtsp://127.0.0.1:{bird.port}/x"):  # OPTIONS, DESCRIBE
+                number = re.search(rb"CSeq: (\d+)", connection.recv(4096))
+                assert number is not None
+                connection.sendall(f"RTSP/1.0 {status}\r\nCSeq: {number[1].decode()}\r\n\r\n".encode())
+            connection.recv(4096)
+            connection.close()
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        assert "FFmpeg cannot open it" in refusal(Medium(f"rtsp://127.0.0.1:{server.getsockname()[1]}/x"))
+        thread.join()
+    assert bird.touched() == set()
+
+
 def test_numbered_pictures_stay_inside_too(media: Path, bird: Canary) -> None:
     for index in range(3):
         cv2.imwrite(str(media / f"{index:03}.png"), np.full((8, 9, 3), index, np.uint8))
@@ -212,6 +275,15 @@ def test_numbered_pictures_stay_inside_too(media: Path, bird: Canary) -> None:
     (media / "001.png").unlink()
     os.mkfifo(media / "001.png")
     assert "not a regular file" in refusal(limited(media / "%03d.png", media))
+    assert bird.touched() == set()
+
+
+def test_only_what_was_looked_at_is_opened_of_numbered_pictures(media: Path, bird: Canary) -> None:
+    """7 may be written 07, which FFmpeg does not open: it opens 7."""
+    for folder, name in (("media", "07.png"), ("media", "007.png"), ("outside", "7.png")):
+        cv2.imwrite(str(media.parent / folder / name), np.full((8, 9, 3), 7, np.uint8))
+    (media / "7.png").symlink_to(bird.watch(media.parent / "outside" / "7.png"))
+    assert "below its folder or a --media-root only" in refusal(limited(media / "%d.png", media))
     assert bird.touched() == set()
 
 
@@ -242,11 +314,21 @@ def test_options_draw_the_border(media: Path, tmp_path: Path) -> None:
     assert not any(action in options for action in ("media_roots", "live"))
 
 
+def test_folders_that_a_list_may_not_name_are_not_listed(media: Path, bird: Canary) -> None:
+    """Not even to see whether an output is among the files that are played."""
+    (media / "list.m3u").write_text("../outside/%d.mkv\n../outside/clip.mkv\nclip.mkv\n")
+    bird.watch(media.parent / "outside")
+    options = read_options(["room", str(media / "list.m3u"), "--no-config"], "")
+    assert [path for medium in options.media for path in files_of(medium)] == [media / "clip.mkv"]
+    assert bird.touched() == set()
+
+
 def test_every_opening_of_the_player_goes_through_one_door() -> None:
-    """`av.open` for reading is called in one place, which sets both of FFmpeg's white lists."""
+    """`av.open` for reading is called in one place, which sets both of FFmpeg's white lists; no tool calls it."""
     calls = {
         path.relative_to(ROOT).as_posix(): re.findall(r"\bav\.open\(([^)]*)\)", path.read_text())
-        for path in (ROOT / "player").rglob("*.py")
+        for folder in ("player", "tools")
+        for path in (ROOT / folder).rglob("*.py")
     }
     calls = {path: found for path, found in calls.items() if found}
     assert calls.keys() == {"player/decoding/opening.py", "player/output.py"}

@@ -189,3 +189,15 @@ def test_no_file_of_the_checkout_is_large() -> None:
     paths = [ROOT / name for name in listing.split("\0") if name]
     assert paths
     assert [path for path in paths if path.is_file() and path.stat().st_size > LARGEST_FILE] == []
+
+
+def test_every_promise_of_docs_security_has_a_test() -> None:
+    rows = [line for line in (ROOT / "docs" / "security.md").read_text().splitlines() if line.startswith("|")]
+    promises = [row for row in rows if not re.match(r"\| (said by|by|who) \||\|---", row)]
+    named = [re.findall(r"`(test_\w+)`", row.rpartition(" | ")[2]) for row in promises]
+    assert len(named) > 20
+    assert [row for row, names in zip(promises, named, strict=True) if not names] == []
+    there = {
+        node.name for path in sources("tests") for node in ast.walk(parsed(path)) if isinstance(node, ast.FunctionDef)
+    }
+    assert {name for names in named for name in names} - there == set()

@@ -14,7 +14,7 @@ from counterlight.medium import Border, Medium
 from counterlight.show.commands import CommandError
 from counterlight.show.lookup import MOST_WAITING, LookUp
 from counterlight.show.media import Media
-from counterlight.show.programme import LIST_S, LONGEST_RETRY_S, RETRY_S
+from counterlight.show.programme import HURRY_S, LIST_S, LONGEST_RETRY_S, RETRY_S
 from counterlight.show.session_inputs import Setup
 from counterlight.stats import MOST_NOTICES
 from tests.stage import Reader, Stage
@@ -86,10 +86,25 @@ def test_the_last_wish_counts(wish: str) -> None:
     stage = playing(Reader("a", count=1000), Reader("b", opens_s=SLOW_S), Reader("c", count=1000, opens_s=SLOW_S))
     for name in "bc":
         stage.commands.run(wish, *([name] if wish == "loadfile" else []))
-    stage.advance(0.1)
+        stage.advance(0.1)
     assert stage.readers["b"].closed
-    stage.advance(SLOW_S)
+    stage.advance(HURRY_S + SLOW_S)
     assert stage.commands.get("path") == "c"
+
+
+def test_of_the_wishes_of_one_loop_only_the_last_is_opened_and_of_a_hurry_few() -> None:
+    stage = playing(Reader("a", count=1000), *(Reader(name, opens_s=SLOW_S) for name in "bcde"))
+    stage.advance(1.0)
+    for name in "bcd":
+        stage.commands.run("loadfile", name)
+    stage.advance(0.01)
+    assert stage.begun == ["a", "d"]
+    for _ in range(10):
+        stage.commands.run("loadfile", "e")
+        stage.advance(0.01)
+    assert len(stage.begun) <= 3
+    stage.advance(HURRY_S + SLOW_S)
+    assert stage.commands.get("path") == "e"
 
 
 def test_a_wish_that_fails_gives_way_to_the_one_before(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""The heartbeat and the supervisor: what is told to whom, and real players that are killed, stopped and told to end."""
+"""The supervisor: real players that are killed, stopped and told to end, and what is left of them."""
 
 import configparser
 import contextlib
@@ -17,9 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterlight.errors import InputError
 from counterlight.unattended import heartbeat
-from counterlight.unattended.heartbeat import FACTS, Heartbeat, Notifier, read_facts
 from counterlight.unattended.supervisor import (
     BACK_OFF_S,
     ENDING_S,
@@ -36,106 +34,14 @@ from tests.desktop import mapped_windows
 from tests.media import numbered, write_video
 from tests.programs import CLIP, PATIENCE_S, descendants, fail, is_running, on, running, succeed, verb, wait_until
 from tests.rooms import write_blurred_room
+from tests.stage import Clock
+from tests.test_heartbeat import received
 
 SOON_S = 5.0  # the issue's bound: from a player's death or silence to the next player
 
 
-class Clock:
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
-@pytest.fixture
-def clock() -> Clock:
-    return Clock()
-
-
-@pytest.fixture
-def manager(tmp_path: Path) -> Iterator[socket.socket]:
-    """A service manager's socket, at tmp_path/notify."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as inbox:
-        inbox.bind(str(tmp_path / "notify"))
-        inbox.settimeout(PATIENCE_S)
-        yield inbox
-
-
-def received(inbox: socket.socket) -> dict[str, str]:
-    return dict(line.split("=", 1) for line in inbox.recv(1 << 16).decode().splitlines())
-
-
-def test_a_line_a_second_with_the_frames_since_the_last(tmp_path: Path, clock: Clock) -> None:
-    heart = Heartbeat(tmp_path / "log", Notifier(None), clock=clock)
-    for frames in range(0, 101):
-        heart.beat({"frames": frames, "gap": float("inf"), "path": "a\nb"})
-        clock.now += 0.04
-    heart.close()
-    lines = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
-    assert [line["frames"] for line in lines] == [0, 25, 50, 75, 100]
-    assert [line.get("fps") for line in lines] == [None, 25, 25, 25, 25]
-    assert {line["pid"] for line in lines} == {os.getpid()}
-    assert all(line["gap"] is None and line["path"] == "a\nb" and line["rss_bytes"] > 1 << 20 for line in lines)
-
-
-def test_the_service_manager_hears_it(tmp_path: Path, manager: socket.socket, clock: Clock) -> None:
-    heart = Heartbeat(None, Notifier(str(tmp_path / "notify")), clock=clock)
-    heart.beat({"path": "a\nREADY=0", "time_pos": 2.5})
-    heart.beat({"time_pos": 3.5})
-    clock.now += 1
-    heart.beat({"time_pos": 4.5})
-    heart.close()
-    first, second, last = (received(manager) for _ in range(3))
-    assert first["READY"] == first["WATCHDOG"] == second["WATCHDOG"] == last["STOPPING"] == "1"
-    assert "READY" not in second
-    assert read_facts(first) == {"path": "a\nREADY=0", "time_pos": 2.5}
-    assert read_facts(second) == {"time_pos": 4.5}
-    assert read_facts({FACTS: "{"}) == read_facts({FACTS: "[]"}) == read_facts({}) == {}
-
-
-def test_an_abstract_socket_and_one_that_is_not_there() -> None:
-    name = f"counterlight-test-{os.getpid()}"
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as inbox:
-        inbox.bind("\0" + name)
-        notifier = Notifier("@" + name)
-        notifier.send(WATCHDOG="1")
-        assert inbox.recv(100) == b"WATCHDOG=1"
-    notifier.send(WATCHDOG="1")  # nobody hears it, nothing happens
-    notifier.close()
-
-
-def test_a_log_is_bounded(tmp_path: Path, clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(heartbeat, "MAX_LOG_BYTES", 1000)
-    heart = Heartbeat(tmp_path / "log", Notifier(None), clock=clock)
-    for number in range(200):
-        clock.now += 1
-        heart.beat({"number": number})
-    heart.close()
-    assert {path.name for path in tmp_path.iterdir()} == {"log", "log.1"}
-    assert all(path.stat().st_size < 1200 for path in tmp_path.iterdir())
-    numbers = [
-        json.loads(line)["number"] for name in ("log.1", "log") for line in (tmp_path / name).read_text().splitlines()
-    ]
-    assert numbers == list(range(200 - len(numbers), 200))
-
-
-def test_a_reader_that_does_not_read_stops_nothing(tmp_path: Path, clock: Clock) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
-    heart = Heartbeat(tmp_path / "pipe", Notifier(None), clock=clock)
-    for _ in range(2000):  # 64 KiB are full after about 700
-        clock.now += 1
-        heart.beat({})
-    os.close(reader)
-    clock.now += 1
-    heart.beat({})  # nor one that has gone
-    heart.close()
-    with pytest.raises(InputError, match="no heartbeat can be written here"):
-        Heartbeat(tmp_path / "no" / "log", Notifier(None))
-
-
-def test_back_off_doubles_up_to_its_limit_and_crashes_are_forgiven(clock: Clock) -> None:
-    crashes = Crashes(clock)
+def test_back_off_doubles_up_to_its_limit_and_crashes_are_forgiven() -> None:
+    crashes = Crashes(clock := Clock())
     waits = []
     for number in range(8):
         waits.append(crashes.add())
@@ -266,17 +172,18 @@ def test_a_screen_that_goes_and_comes_back(room: Path, tmp_path: Path, manager: 
     assert not (tmp_path / "socket").exists()
 
 
-def test_nothing_is_left_of_a_supervisor_that_is_killed_and_strangers_are_not_heard(
+def test_nothing_is_left_of_a_supervisor_that_is_killed_and_strangers_have_nowhere_to_talk_to(
     xvfb: str, room: Path, tmp_path: Path, manager: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
     (tmp_path / "temporary").mkdir()
     with supervised(xvfb, tmp_path, room, CLIP, "--loop") as show:
         pid = show.player()
-        address = Path(f"/proc/{pid}/environ").read_bytes().partition(b"NOTIFY_SOCKET=")[2].partition(b"\0")[0].decode()
-        stranger = Notifier(address)
-        assert stranger.send(STOPPING="1", **{FACTS: '{"playlist_pos": 7, "time_pos": 70.0}'})
-        stranger.close()
+        sockets = {link.name: os.readlink(link) for link in Path(f"/proc/{show.process.pid}/fd").iterdir()}
+        inodes = {name[8:-1] for name in sockets.values() if name.startswith("socket:")}
+        assert len(inodes) == 2  # the inbox, and what speaks to its own manager
+        table = [line.split() for line in Path("/proc/net/unix").read_text().splitlines()]
+        assert [line[7:] for line in table if line[6] in inodes] == [[], []]
         os.kill(pid, signal.SIGKILL)
         show.player(other_than=pid)
         show.process.kill()

@@ -14,6 +14,7 @@ import av
 import numpy as np
 import pytest
 
+from counterlight.decoding.child import MAX_ADDRESS_SPACE
 from counterlight.errors import InputError
 from counterlight.video import MediaReader
 from tests.media import (
@@ -121,6 +122,15 @@ def test_a_decoder_that_never_gives_a_sign_of_life(cause: signal.Signals, tmp_pa
         assert len(copies(reader)) == 40
         (notice,) = reader.notices()
     assert "decoder hung after" in notice
+
+
+def test_a_decoder_is_bounded_and_its_medium_is_nobody_elses_to_know(tmp_path: Path) -> None:
+    with MediaReader.open(write_h264(tmp_path / "clip.mp4", 40)) as reader:
+        process = Path(f"/proc/{reader.decoder_pid}")
+        limits = {line[:25].strip(): line.split()[-3:-1] for line in (process / "limits").read_text().splitlines()}
+        assert limits["Max address space"][0] == str(MAX_ADDRESS_SPACE)
+        assert limits["Max core file size"][0] == "0"
+        assert b"clip" not in (process / "cmdline").read_bytes()  # which everybody can read
 
 
 def test_a_medium_that_does_not_open_in_its_time_is_refused_and_its_decoder_ended() -> None:

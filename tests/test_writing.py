@@ -12,6 +12,7 @@ import pytest
 
 from counterlight import calibration, maps
 from counterlight.errors import InputError
+from counterlight.writing.stage import SUFFIX, finish
 from tests import written
 from tests.faults import KILL, REFUSE, Fault, Runner
 from tests.programs import CLIP, ROOT, fail, running
@@ -196,6 +197,34 @@ def test_what_was_not_made_by_us_is_left_alone(strange: str, tmp_path: Path) -> 
         written.write_file(str(tmp_path / "notes.txt"), 1)
     written.write_file(str(tmp_path / "other.txt"), 1)
     assert (stage / "gold" if strange == "folder" else stage if strange == "file" else treasure / "gold").read_text()
+
+
+@pytest.mark.parametrize("trap", ["new is a link", "the stage is a link", "the journal is a pipe", "endless"])
+def test_what_came_with_a_folder_moves_nothing_of_others_and_holds_nobody(trap: str, tmp_path: Path) -> None:
+    """A folder from elsewhere looks as if a killed command had begun to put frames there."""
+    others, folder, pattern = tmp_path / "others", tmp_path / "folder", "%d.png"
+    others.mkdir()
+    folder.mkdir()
+    (others / "0.png").write_text("precious")
+    stage = (others if trap == "the stage is a link" else folder) / f".{pattern}{SUFFIX}"
+    for name in ("old_frames", "new"):
+        (stage / name).mkdir(parents=True)
+    (stage / "pid").write_text("1")
+    (stage / "new" / "1.png").write_text("new")
+    if trap == "new is a link":
+        shutil.rmtree(stage / "new")
+        (stage / "new").symlink_to(others)
+    if trap == "the journal is a pipe":
+        os.mkfifo(stage / "out")
+    else:
+        (stage / "in").touch()
+    if trap == "endless":
+        os.truncate(stage / "in", 1 << 40)
+    if trap == "the stage is a link":
+        (folder / stage.name).symlink_to(stage)
+    before = sorted(path for path in tmp_path.rglob("*"))
+    finish(folder / pattern)
+    assert sorted(path for path in tmp_path.rglob("*")) == before
 
 
 def test_a_second_build_is_refused_at_once_and_leaves_nothing(tmp_path: Path) -> None:

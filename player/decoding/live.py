@@ -5,6 +5,7 @@ import stat
 from dataclasses import dataclass
 from pathlib import Path
 
+STEADY_S = 10.0  # what lasts as long may break off, or its decoder die, again: it is tried again as soon
 _DEVICES = re.compile(r"(v4l2|lavfi|dshow|avfoundation|x11grab):(.+)", re.DOTALL)
 _STREAMS = re.compile(r"(rtsp|rtsps|rtmp|rtp|udp|srt|tcp)://.+")
 # What a stream of each kind is made of; FFmpeg opens nothing else for it, whatever the other end sends.

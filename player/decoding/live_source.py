@@ -9,14 +9,13 @@ from itertools import count
 import av
 
 from counterlight.decoding.ffmpeg_source import FfmpegSource
-from counterlight.decoding.live import LiveAddress
+from counterlight.decoding.live import STEADY_S, LiveAddress
 from counterlight.decoding.opening import open_live, reason
 from counterlight.decoding.source import Decoded, FormatChangedError
 from counterlight.errors import InputError
 from counterlight.medium import Medium
 
 RETRY_S = (0.5, 1.0, 2.0, 5.0)  # between attempts to open it again; the last one for ever
-STEADY_S = 10.0  # a source that lasts as long may break off again: it is tried again as soon
 MUTE_S = 10.0  # without a picture in what arrives: the sender has changed what it sends
 DAMAGE_TOLD_S = 60.0  # between two lines on damaged pictures
 _FIX = "check the address, and that nobody else uses the device"

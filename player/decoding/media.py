@@ -1,7 +1,6 @@
 """A name -> the source that decodes it: OpenEXR pictures here, the rest by FFmpeg."""
 
 import os
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +13,8 @@ from counterlight.decoding.pixels import MAX_PIXELS, UNTAGGED, Samples, Tags, ch
 from counterlight.decoding.source import Decoded, Sequence, Source, is_wanted
 from counterlight.errors import InputError
 from counterlight.frames import MediaInfo
-from counterlight.medium import NUMBER, Medium
+from counterlight.medium import Medium
+from counterlight.writing.numbered import number_of
 from counterlight.writing.stage import finish
 
 SEQUENCE_RATE = 25.0
@@ -79,14 +79,12 @@ def _sequence(pattern: Path) -> tuple[int, list[Path]]:
     What a killed command had begun to put there is completed first.
     """
     finish(pattern)
-    before, width, after = NUMBER.split(pattern.name, maxsplit=1)
-    digits = re.compile(re.escape(before) + rf"(\d{{{width or 1},}})" + re.escape(after.replace("%%", "%")))
     try:
         entries = os.listdir(pattern.parent)
     except OSError as error:
         raise InputError(f"{pattern.parent}: {error.strerror}; check the sequence's folder and its rights") from None
-    names = [match for entry in entries if (match := digits.fullmatch(entry))]
-    numbered = {int(match[1]): pattern.parent / match[0] for match in names}
+    found = {number_of(pattern.name, entry): pattern.parent / entry for entry in entries}
+    numbered = {number: path for number, path in found.items() if number is not None}
     if not numbered:
         raise InputError(f"{pattern}: no file matches this pattern; check its name and its number of digits")
     first, last = min(numbered), max(numbered)

@@ -44,7 +44,8 @@ def open_sequence(medium: Medium, pattern: Path, options: Mapping[str, str]) -> 
     """Open numbered pictures, each of which the caller has looked at with Medium.file."""
     if pattern.name.lower().endswith(".y"):
         raise InputError(f"{pattern}: planes in files of their own are not read; convert it to PNG")
-    address = f"file:{medium.inside(pattern.parent) / pattern.name}"
+    folder = str(medium.inside(pattern.parent)).replace("%", "%%")  # FFmpeg looks for the number in the whole path
+    address = f"file:{folder}/{pattern.name}"
     return _open(address, _PICTURES, {"pattern_type": "sequence", **options}, format=_PICTURES)
 
 

@@ -86,9 +86,8 @@ class _Actions:
 
     def playlist(self, by: int) -> str:
         session = self._session
-        if not session.playlist.loop and not 0 <= session.playlist.position + by < len(session.playlist.media):
+        if not session.programme.go(by):
             raise CommandError("no further medium in the list" if by > 0 else "no medium before this one")
-        session.programme.go(by)
         return (
             f"{session.playlist.position + 1}/{len(session.playlist.media)} {Path(session.playlist.current.name).name}"
         )

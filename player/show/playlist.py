@@ -73,8 +73,13 @@ def expand(media: Sequence[Medium], border: Border, *, patient: bool = False) ->
 
 
 def files_of(medium: Medium) -> list[Path]:
-    """The files that a medium is: itself, those that a numbered pattern matches, or none of a live source."""
+    """The files that a medium is: itself, those that a numbered pattern matches; none if it is live or out of reach."""
     path = Path(medium.name)
+    try:
+        medium.check()
+        medium.inside(path.parent)
+    except InputError:
+        return []
     if medium.live() is not None:
         return []
     if medium.is_sequence and path.parent.is_dir():

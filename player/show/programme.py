@@ -199,7 +199,7 @@ class Programme:
 
     def _wish(self, before: _Return, by: int = 1) -> None:
         """Open what the list is at now, as somebody wants, and nothing that was wanted before."""
-        overtakes = self._opening is not None
+        overtakes = self._opening is not None or self._open_at_s is not None
         self._stop_opening()
         self._failures = self._rounds = self._tries = 0
         self._by = by

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from counterlight.command import tell
-from counterlight.errors import InputError
+from counterlight.errors import InputError, printable
 from counterlight.frames import Frame, MediaInfo, PixelFormat
 from counterlight.medium import Medium
 from counterlight.picture import Picture
@@ -186,7 +186,7 @@ class Session:
 
     def notice(self, text: str) -> None:
         """Something that went wrong without stopping the show: for the log, the statistics and the screen."""
-        text = " ".join(text.splitlines())  # whatever a file is called
+        text = printable(text)
         tell(text)
         self.stats.notice(text)
         self.say(text, 3.0)
@@ -260,7 +260,7 @@ class Session:
         self.placing = None
         self._budget = self._new_budget()
         self.stats.interrupted()
-        self.display.set_title(f"{medium} - Counterlight")
+        self.display.set_title(printable(f"{medium} - Counterlight"))
 
     def _open_renderer(self, pixels: PixelFormat) -> None:
         """Have frames of a format drawn from now on; what is on the screen stays until one comes."""

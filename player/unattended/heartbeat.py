@@ -10,7 +10,8 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from counterlight.errors import InputError
+from counterlight.errors import InputError, printable
+from counterlight.unattended.inbox import INHERITED
 from counterlight.unattended.json_lines import encode
 
 INTERVAL_S = 1.0
@@ -22,18 +23,25 @@ class Notifier:
     """Tells a service manager at a datagram socket how we are; nobody there is no fault of the show's."""
 
     def __init__(self, address: str | None) -> None:
-        """Address : the value of NOTIFY_SOCKET, a path or `@` and an abstract name; None tells nobody."""
-        self._address = address and ("\0" + address[1:] if address.startswith("@") else address)
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) if self._address else None
+        """Address : the value of NOTIFY_SOCKET, a path, `@` and an abstract name, or an Inbox's; None tells nobody."""
+        self._address: str | None = None
+        self._socket: socket.socket | None = None
+        if address and address.startswith(INHERITED):
+            with suppress(OSError, ValueError):
+                self._socket = socket.socket(fileno=int(address.removeprefix(INHERITED)))
+        elif address:
+            self._address = "\0" + address[1:] if address.startswith("@") else address
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         if self._socket is not None:
             self._socket.setblocking(False)
 
     def send(self, **variables: str) -> bool:
         """Tell it; whether it was taken (the manager may have no room just now)."""
-        if self._socket is not None and self._address:
-            message = "\n".join(f"{name}={value}" for name, value in variables.items())
+        if self._socket is not None:
+            message = "\n".join(f"{name}={value}" for name, value in variables.items()).encode()
             with suppress(OSError):
-                return self._socket.sendto(message.encode(), self._address) > 0
+                sent = self._socket.sendto(message, self._address) if self._address else self._socket.send(message)
+                return sent > 0
         return False
 
     def close(self) -> None:
@@ -133,7 +141,7 @@ def read_facts(message: Mapping[str, str]) -> dict[str, object]:
 
 def _status(facts: Mapping[str, object]) -> str:
     told = (f"{name} {facts[name]}" for name in ("path", "time_pos", "fps", "dropped") if name in facts)
-    return " ".join(", ".join(told).split())  # one line, whatever a file is called
+    return printable(", ".join(told))  # one line, whatever a file is called
 
 
 def _open(path: Path) -> int:

@@ -1,48 +1,36 @@
-"""Where a supervisor hears its player: a datagram socket without a file, so that nothing is left of it."""
+"""Where a supervisor hears its player: a pair of sockets without a name. Nobody else is heard, and nothing is left."""
 
 import socket
-import struct
-import sys
-import tempfile
-from contextlib import ExitStack, suppress
-from pathlib import Path
+from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
-_CREDENTIALS = struct.Struct("3i")  # pid, uid and gid of who has sent a message, as the kernel tells (unix(7))
+INHERITED = "fd:"  # of heartbeat.Notifier's addresses: the number of a socket that its process was given follows
+MOST = 64  # messages a look: whoever never stops is not listened to for ever
 
 
 class Inbox:
-    """Messages of sd_notify(3).  address : for NOTIFY_SOCKET.
-
-    On Linux its name is an abstract one, which everybody may write to: what others have sent is thrown away. Elsewhere
-    it is a file in a folder of ours.
-    """
+    """Messages of sd_notify(3) from one process, which is to inherit `theirs` and find `address` in NOTIFY_SOCKET."""
 
     def __init__(self) -> None:
-        self._stack = ExitStack()
-        self._socket = self._stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
-        self._socket.setblocking(False)
-        if sys.platform == "linux":
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_PASSCRED, 1)
-            self._socket.bind("")  # the kernel finds a name
-            self.address = "@" + self._socket.getsockname()[1:].decode()
-        else:
-            folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix="counterlight-"))
-            self.address = str(Path(folder, "notify"))
-            self._socket.bind(self.address)
+        self._ours, self._theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._ours.setblocking(False)
+        self.theirs = self._theirs.fileno()
+        self.address = f"{INHERITED}{self.theirs}"
+
+    def handed_over(self) -> None:
+        """The process has been started."""
+        self._theirs.close()
 
     def fileno(self) -> int:
-        return self._socket.fileno()
+        return self._ours.fileno()
 
-    def drain(self, pid: int) -> dict[str, str]:
-        """The variables that a process has told since the last call, the newest of each."""
+    def drain(self) -> dict[str, str]:
+        """The variables told since the last call, the newest of each."""
         told: dict[str, str] = {}
-        with suppress(BlockingIOError):
-            while True:
-                message, ancillary, _, _ = self._socket.recvmsg(1 << 16, socket.CMSG_SPACE(_CREDENTIALS.size))
-                senders = [_CREDENTIALS.unpack(data)[0] for _, _, data in ancillary]
-                lines = message.decode(errors="replace").splitlines() if senders in ([], [pid]) else []
+        with suppress(OSError):  # nothing more, or the process has gone
+            for _ in range(MOST):
+                lines = self._ours.recv(1 << 16).decode(errors="replace").splitlines()
                 told |= dict(line.split("=", 1) for line in lines if "=" in line)
         return told
 
@@ -50,4 +38,5 @@ class Inbox:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, _: TracebackType | None) -> None:
-        self._stack.close()
+        self._ours.close()
+        self._theirs.close()

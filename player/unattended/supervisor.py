@@ -1,7 +1,7 @@
 """counterlight play --supervise: the player as a child process that is started again whenever it dies or hangs.
 
-The supervisor is the player's service manager: it hears the READY=1, WATCHDOG=1 and facts of heartbeat.py at a
-socket of its own, and tells systemd in turn. It holds no picture and no codec, so that little can end it.
+The supervisor is the player's service manager: it hears the READY=1, WATCHDOG=1 and facts of heartbeat.py at an
+inbox (inbox.py), and tells systemd in turn. It holds no picture and no codec, so that little can end it.
 
     crash        the player ends with a signal or an exit code that is not clean, or is silent for SILENCE_S
     back-off     0.1, 0.2, 0.4 … 2 s, doubled with every crash of the last WINDOW_S
@@ -89,7 +89,7 @@ class Place:
 
 
 class Child:
-    """One player process, and what it says of itself."""
+    """One player process, and what it says of itself at an inbox."""
 
     def __init__(self, command: Sequence[str], inbox: Inbox) -> None:
         self.ready = self.ending = self._killed = False
@@ -99,14 +99,16 @@ class Child:
             command,
             env=environment | {"NOTIFY_SOCKET": inbox.address},
             stdin=subprocess.DEVNULL,
+            pass_fds=[inbox.theirs],
             process_group=0,  # Ctrl-C is for us to pass on
             preexec_fn=_end_with_parent(os.getpid()),
         )
+        inbox.handed_over()
         self._heard = self._looked = time.monotonic()
 
     def listen(self) -> dict[str, str]:
         """The variables told since the last call, the newest of each."""
-        told = self._inbox.drain(self.process.pid)
+        told = self._inbox.drain()
         now = time.monotonic()
         if (told and not self.ending) or now - self._looked > 10 * _POLL_S:  # the latter: we were stopped ourselves
             self._heard = now
@@ -155,16 +157,16 @@ class Supervisor:
         _prctl(_SET_CHILD_SUBREAPER, 1)
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, self._on_signal)
-        with Inbox() as inbox:
-            while True:
+        while True:
+            with Inbox() as inbox:
                 code = self._play(inbox)
-                if self._is_final(code):
-                    return code
-                if not self._again:
-                    self._rest(self._crashes.add())
-                if self._signal is not None:
-                    return INTERRUPTED
-                self._choose()
+            if self._is_final(code):
+                return code
+            if not self._again:
+                self._rest(self._crashes.add())
+            if self._signal is not None:
+                return INTERRUPTED
+            self._choose()
 
     def _play(self, inbox: Inbox) -> int:
         """Run one player to its end; its exit code, negative for a signal."""

@@ -12,6 +12,7 @@ name, or what the stage holds says how to go on:
 """
 
 import os
+import stat
 from contextlib import suppress
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from counterlight.writing.numbered import number_of
 NEW, OLD, OLD_FRAMES = "new", "old", "old_frames"
 CONTENTS = (NEW, OLD, OLD_FRAMES)
 _OUT, _IN = "out", "in"
+MAX_JOURNAL = 1 << 28  # bytes: a million of the longest names
 _END = b"\0"  # of a name in the journal: no name holds it
 
 
@@ -63,10 +65,13 @@ def put_sequence(stage: Path, pattern: Path, there: list[str]) -> None:
 
 
 def is_interrupted(stage: Path, target: Path) -> bool:
-    """Whether a move was begun and not completed."""
-    if _has_journal(stage):
-        return True
-    return os.path.isdir(stage / OLD) and os.path.isdir(stage / NEW) and not os.path.lexists(target)
+    """Whether a move was begun and not completed.
+
+    A folder from elsewhere may hold what looks like a stage: nothing is moved through links, no pipe is a journal.
+    """
+    if not (_is_folder(stage) and _is_folder(stage / NEW)):
+        return False
+    return _has_journal(stage) or (_is_folder(stage / OLD) and not os.path.lexists(target))
 
 
 def complete(stage: Path, target: Path) -> None:
@@ -78,7 +83,19 @@ def complete(stage: Path, target: Path) -> None:
 
 
 def _has_journal(stage: Path) -> bool:
-    return os.path.exists(stage / _OUT) or os.path.exists(stage / _IN)  # no error for names that are too long
+    return _is_folder(stage / OLD_FRAMES) and any(_is_journal(stage / name) for name in (_OUT, _IN))
+
+
+def _is_folder(path: Path) -> bool:
+    return os.path.isdir(path) and not os.path.islink(path)  # no error for names that are too long
+
+
+def _is_journal(path: Path) -> bool:
+    try:
+        status = os.lstat(path)
+    except OSError:  # none, or somebody has just done what it says
+        return False
+    return stat.S_ISREG(status.st_mode) and status.st_size <= MAX_JOURNAL
 
 
 def _move_frames(stage: Path, pattern: Path) -> None:

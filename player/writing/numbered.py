@@ -1,27 +1,29 @@
-"""Numbered names such as `name%05d.png`: which files of a folder are one sequence."""
+"""Numbered names such as `name%05d.png`, as C and FFmpeg read them: which files of a folder are one sequence."""
 
 import re
 from pathlib import Path
 
 from counterlight.errors import InputError
 
-NUMBER = re.compile(r"%0?\d{0,2}d")
+_FIELD = re.compile(r"%%|%0?(\d{0,2})d")  # the number, with its least digits, or a percent sign
 
 
 def is_numbered(path: Path) -> bool:
-    return NUMBER.search(path.name) is not None
+    return any(field[0] != "%%" for field in _FIELD.finditer(path.name))
 
 
 def name_of(pattern: str, number: int) -> str:
     """The name of a frame: `name00012.png`."""
-    return NUMBER.sub(lambda match: match.group() % number, pattern)
+    return _FIELD.sub(lambda field: "%" if field[0] == "%%" else str(number).zfill(int(field[1] or 0)), pattern)
 
 
 def number_of(pattern: str, name: str) -> int | None:
-    """The number of a frame; None for a name that is not of the pattern."""
-    digits = r"(\d+)".join(re.escape(part) for part in NUMBER.split(pattern))
-    match = re.fullmatch(digits, name)
-    if match is None:
+    """The number of a frame; None for a name that is not of the pattern, such as `007.png` of `%d.png`."""
+    literals, widths = _FIELD.split(pattern)[::2], _FIELD.split(pattern)[1::2]
+    fields = ["%" if width is None else "([0-9]+)" for width in widths]
+    expression = "".join(re.escape(text) + field for text, field in zip(literals, [*fields, ""], strict=True))
+    match = re.fullmatch(expression, name)
+    if match is None or not match.groups():
         return None
     number = int(match[1])
     return number if name_of(pattern, number) == name else None

@@ -1,13 +1,17 @@
 """--control of a player that plays in a window: what docs/player.md lists, by the socket, and random lines."""
 
 import json
+import os
+import shutil
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tests.player_page import ARGUMENTS, table
-from tests.programs import PATIENCE_S, wait_until
+from tests.programs import PATIENCE_S, succeed, wait_until
 from tests.remote import show
+from tests.rooms import write_blurred_room
 
 WITHOUT_SOUND = {"volume", "mute"}
 RANDOM_LINES, OUTSTANDING = 10_000, 100
@@ -48,6 +52,72 @@ def test_every_documented_command_and_property_by_the_socket(xvfb: str, small_ro
         assert client.ending()[-1] == "shutdown"
         assert process.wait(PATIENCE_S) == 0
     assert not (folder / "show.socket").exists()
+
+
+def contents(*folders: Path) -> dict[Path, bytes | None]:
+    """What is there, and what files hold but for the socket and the log."""
+    paths = (path for folder in folders for path in sorted(folder.rglob("*")))
+    return {path: path.read_bytes() if path.is_file() else None for path in paths}
+
+
+def test_a_remote_writes_screenshots_and_a_placement_and_nothing_else(
+    xvfb: str, small_room: Path, folder: Path
+) -> None:
+    """Whatever else it asks for: options of the command line are no properties, commands take no names of files."""
+    room = folder / "room"
+    shutil.copytree(small_room, room)
+    (folder / "shots").mkdir()
+    outside = folder / "outside"
+    options = "--loop", "--screenshot-directory", folder / "shots"
+    with show(xvfb, folder, room, "clip.mkv", *options) as (process, client):
+        before = contents(folder)
+        for name in ("output", "stats", "heartbeat", "control", "screenshot-directory", "config", "media-root", "path"):
+            assert client.ask("set_property", name, str(outside))["error"] != "success"
+            assert client.ask("set", name, str(outside))["error"] != "success"
+        for words in (
+            ("screenshot", str(outside)),
+            ("screenshot-to-file", str(outside)),
+            ("place-save", str(outside)),
+            ("run", "/usr/bin/touch", str(outside)),
+            ("subprocess", ["/usr/bin/touch", str(outside)]),
+            ("load-script", str(outside)),
+            ("reload", str(outside)),
+        ):
+            assert client.ask(*words)["error"] in ("invalid parameter", "error running command"), words
+        client.ask("set_property", "stats", True)  # the page of that name, no file
+        for words in (("screenshot",), ("place",), ("place-move", 0.01, 0), ("place-save",), ("reload",)):
+            assert client.ask(*words)["error"] == "success"
+        new = contents(folder)
+        shots = {path for path in new if path.parent == folder / "shots"}
+        assert {path: new.get(path) for path in before} == before
+        assert new.keys() - before.keys() == shots | {room / "placement.toml"}
+        assert [path.suffix for path in shots] == [".png"]
+        assert process.poll() is None
+
+
+@pytest.mark.parametrize("trap", ["pipe", "device", "other size", "gone"])
+def test_a_room_that_was_replaced_is_refused_and_the_show_goes_on(
+    trap: str, xvfb: str, small_room: Path, folder: Path
+) -> None:
+    room = folder / "room"
+    shutil.copytree(small_room, room)
+    with show(xvfb, folder, room, "clip.mkv", "--loop") as (process, client):
+        room.rename(folder / "before")
+        if trap == "other size":
+            write_blurred_room(room, np.random.default_rng(7), (30, 40), (24, 32))
+            succeed("build", room, "--regularize", "0.1")
+        elif trap != "gone":
+            shutil.copytree(small_room, room)
+            (room / "correction" / "entries.exr").unlink()
+            if trap == "pipe":
+                os.mkfifo(room / "correction" / "entries.exr")
+            else:
+                (room / "correction" / "entries.exr").symlink_to("/dev/zero")
+        answer = client.ask("reload")
+        assert answer["error"] == "error running command"
+        assert answer["message"].startswith("not reloaded: ")
+        frames = client.get("frames")
+        wait_until(lambda: client.get("frames") > frames + 5, "the show goes on", process)
 
 
 def test_after_ten_thousand_random_lines_it_answers_and_plays(

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from counterlight.errors import printable
 from tests.canaries import canary
 from tests.desktop import playing, press
 from tests.media import numbered, write_video
@@ -95,6 +96,29 @@ def test_a_remote_names_files_below_its_roots_and_nothing_else(xvfb: str, small_
         plays_on(client, process)
         assert bird.touched() == set()
     assert not written.exists()
+
+
+def test_names_that_are_no_text_end_no_show_and_command_no_terminal(xvfb: str, small_room: Path, folder: Path) -> None:
+    names = os.fsdecode(b"\xff\xfe.mkv"), "a\x1b]0;mine\x07\n.mkv"
+    for name in names:
+        (folder / name).write_bytes((folder / "clip.mkv").read_bytes())
+    with show(xvfb, folder, small_room, "clip.mkv", "--loop") as (process, client):
+        for name in names:
+            assert client.ask("loadfile", name)["error"] == "success"
+            wait_until(lambda name=name: client.get("path") == name, "it plays", process)
+            (folder / name).write_bytes(b"no video at all" * 100)
+            client.ask("loadfile", name)
+            wait_until(told(client, f"{printable(name)}: FFmpeg cannot read it"), "it is told", process)
+            plays_on(client, process)
+        client.ask("quit")
+        _, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0
+    lines = errors.splitlines()
+    assert [line.partition(": ")[0] for line in lines] == [r"\udcff\udcfe.mkv", r"a\x1b]0;mine\x07\n.mkv"]
+    for name in names:
+        done = command("play", small_room, folder / f"{name}.gone", "--no-config", **on(xvfb))
+        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+        assert done.stderr.strip().isprintable()
 
 
 def test_a_list_on_the_command_line_cannot_write_files(xvfb: str, small_room: Path, folder: Path) -> None:
