@@ -13,6 +13,7 @@ from scipy import sparse
 from player import exr
 from player.calibration import Device, read_mask_picture
 from player.decoding.media import open_source
+from player.medium import Medium
 from player.picture_files import read_picture
 from player.response import Response
 from player.show.options import read_options
@@ -83,7 +84,7 @@ def samples(folder: Path) -> dict[str, Sample]:
         "cube.obj": Sample(CUBE.encode(), lambda p: read_obj(p, "here", np.zeros(3), 1.0)),
         "ambient.npy": Sample(_saved(rgb), lambda p: read_ambient(p, CAMERA)),
         "ambient.exr": Sample(picture, lambda p: read_ambient(p, CAMERA)),
-        "medium.exr": Sample(picture, lambda p: open_source(str(p), None)),
+        "medium.exr": Sample(picture, lambda p: open_source(Medium.of(p), None)),
         "mask.png": Sample(_encoded(".png", rgb[..., 0] > 0.5), lambda p: read_mask_picture(p, CAMERA)),
         "deep.png": Sample(_encoded(".png", (65535 * rgb).astype(np.uint16)), read_picture),
         "heights.png": Sample(_encoded(".png", smooth[..., 0]), lambda p: read_heights(p, "here", 9, 9)),
