@@ -10,11 +10,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tests.fuzz.calibrations import Calibrations
+from tests.fuzz.kills import Kills
 from tests.fuzz.media import Media
 from tests.fuzz.tables import Tables
 from tests.fuzz.tally import Campaign, Plan, Tally
 
-KINDS: tuple[type[Campaign], ...] = (Tables, Calibrations, Media)
+KINDS: tuple[type[Campaign], ...] = (Tables, Calibrations, Media, Kills)
 FOUND = 1
 
 

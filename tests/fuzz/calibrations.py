@@ -1,7 +1,7 @@
 """Damaged rooms: every file of a calibration with far light, its maps and a placement.
 
-Under its old checksum a changed file must be refused. With its checksum made anew, as an attacker would, the room may be
-read; then it can be built, and what it shows is finite.
+Under its old checksum a changed file must be refused. With its checksum made anew, as an attacker would, the room may
+be read; then it can be built, and what it shows is finite.
 """
 
 import shutil
@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from player import calibration, maps
+from player import calibration
 from player.app import read_room
 from player.cpu_renderer import CpuRenderer
 from player.errors import InputError
 from player.maps import FOLDER
-from player.placement import read_placement, write_placement
 from player.picture import Picture
+from player.placement import read_placement, write_placement
 from tests.fuzz.tally import LEFT, READ, REFUSED, WRONG, Trial
 from tests.fuzz.warden import Case, FileCampaign
 from tests.mutants import MANIFEST_NAME, DamagedRoom, mutant, outcome

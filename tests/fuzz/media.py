@@ -1,6 +1,6 @@
 """Damaged media: small clips of many containers and codecs, pictures and sequences, through the real decoder's process.
 
-A decoder may die of a medium; the player may not, and says so in one line. What is shown keeps the format that was told.
+A decoder may die of a medium; the player may not, and says so in one line. What is shown keeps the format that it told.
 """
 
 import contextlib

@@ -78,7 +78,7 @@ class Prisoner:
 
     def __init__(self, campaign: FileCampaign, plan: Plan) -> None:
         self._campaign, self._plan = campaign, plan
-        self._errors = tempfile.TemporaryFile()
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the prisoner)
         self._process: subprocess.Popen[bytes] | None = None
         self._age = 0
 
