@@ -11,11 +11,12 @@ from pathlib import Path
 
 from tests.fuzz.calibrations import Calibrations
 from tests.fuzz.kills import Kills
+from tests.fuzz.lists import Lists
 from tests.fuzz.media import Media
 from tests.fuzz.tables import Tables
 from tests.fuzz.tally import Campaign, Plan, Tally
 
-KINDS: tuple[type[Campaign], ...] = (Tables, Calibrations, Media, Kills)
+KINDS: tuple[type[Campaign], ...] = (Tables, Calibrations, Media, Lists, Kills)
 FOUND = 1
 
 

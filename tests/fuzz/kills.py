@@ -14,6 +14,7 @@ from tests.writing_commands import COMMANDS, contents, furnish, is_whole, words_
 
 MARK = ".counterlight-partial"  # in the name of every hidden folder of a writer
 SEQUENCE, CAPTURES = "f%02d.png", "made.captures"
+REPORT = "made.report/"  # which tells seconds
 Unit: TypeAlias = Mapping[str, bytes | None]
 HOWS = (KILL, True), (KILL, False), (REFUSE, True)  # and whether folders can be exchanged
 
@@ -104,7 +105,8 @@ class Bench:
             runs.append(self._run(name, out, Fault()))
             files.append(contents(out))
             assert runs[-1].code == 0, runs[-1].words
-        vague = frozenset(key for key in files[0].keys() | files[1].keys() if files[0].get(key) != files[1].get(key))
+        differs = {key for key in files[0].keys() | files[1].keys() if files[0].get(key) != files[1].get(key)}
+        vague = frozenset(differs | {key for key in files[0] if key.startswith(REPORT)})
         return Clean(range(1, runs[0].steps + 1), units_of(out, vague), vague)
 
     def _resumed(self, name: str, out: Path, clean: Clean) -> tuple[str, str] | None:
