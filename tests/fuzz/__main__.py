@@ -13,11 +13,12 @@ from tests.fuzz.calibrations import Calibrations
 from tests.fuzz.kills import Kills
 from tests.fuzz.lists import Lists
 from tests.fuzz.media import Media
+from tests.fuzz.memory import Loadfiles, Reloads, Seconds
 from tests.fuzz.remotes import Remotes
 from tests.fuzz.tables import Tables
 from tests.fuzz.tally import Campaign, Plan, Tally
 
-KINDS: tuple[type[Campaign], ...] = (Tables, Calibrations, Media, Lists, Remotes, Kills)
+KINDS: tuple[type[Campaign], ...] = (Tables, Calibrations, Media, Lists, Remotes, Kills, Reloads, Loadfiles, Seconds)
 FOUND = 1
 
 

@@ -33,7 +33,7 @@ INTERVAL_S = 1.0
 PATIENCE_S = 60.0
 PAUSE_S = 0.03  # between requests whose answers are waited for
 FLOOD = 500  # lines that nobody waits for
-NOT_SAID = {"quit", "place-save"}  # the show ends by us; the room stays as it is
+NOT_SAID = {"quit", "loop-playlist", "place-save"}  # the show ends by us; the room stays as it is
 PLAYING = ("pause", False), ("speed", 1), ("blackout", False)  # that somebody wants to see a show, too
 VALUES: tuple[object, ...] = (
     *(
@@ -116,7 +116,7 @@ class _Show:
         self.minutes = 0.0
         with Client(self.control) as client:
             self.commands = [entry["name"] for entry in client.get("command-list") if entry["name"] not in NOT_SAID]
-            self.properties = list(client.get("property-list"))
+            self.properties = [name for name in client.get("property-list") if name not in NOT_SAID]
 
     def look(self) -> None:
         """Take the beats since the last look."""
