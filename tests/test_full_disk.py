@@ -11,9 +11,8 @@ from player.show.commands import CommandError
 from player.show.session_inputs import Setup
 from tests.faults import Runner, can_mount, no_file_above, small_disk
 from tests.stage import Stage
-from tests.writing_commands import COMMANDS, contents, furnish, is_whole, words_of, write_inputs
+from tests.writing_commands import COMMANDS, PAGE, contents, furnish, is_whole, room_for, words_of, write_inputs
 
-PAGE = 4096  # what a tmpfs gives room in
 TOO_SMALL = (0.0, 0.5, 0.9, 1.0)  # of what the output takes; the last leaves none for the lock
 
 
@@ -28,11 +27,6 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("full") / "room"
     write_inputs(folder)
     return folder
-
-
-def room_for(files: dict[str, bytes]) -> int:
-    """Bytes of the pages that files fill."""
-    return sum(-(-len(content) // PAGE) * PAGE for content in files.values())
 
 
 @pytest.mark.skipif(not can_mount(), reason="mounting a small file system needs the right to")

@@ -1,6 +1,7 @@
 """Every command that writes, small: its words, what was there before under the names that it writes, what it left."""
 
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -40,6 +41,7 @@ COMMANDS = {
     "play.mkv": "player.app ROOM CLIP --frames 8 --output OUT/o.mkv",
     "play%d.png": "player.app ROOM CLIP --frames 8 --output OUT/f%02d.png",
 }
+PAGE = 4096  # what a tmpfs gives room in
 OLD = "o.png", "o.exr", "o.mp4", "o.webm", "o.mkv", "r.toml", "s.json", "f00.png", "f01.png"
 
 
@@ -81,6 +83,11 @@ def furnish(out: Path, room: Path) -> dict[str, bytes]:
 
 def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def room_for(files: Mapping[str, bytes]) -> int:
+    """Bytes of the pages that files fill."""
+    return sum(-(-len(content) // PAGE) * PAGE for content in files.values())
 
 
 def is_whole(folder: Path, name: str) -> bool:

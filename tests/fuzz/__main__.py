@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tests.fuzz.calibrations import Calibrations
+from tests.fuzz.disks import Disks
 from tests.fuzz.kills import Kills
 from tests.fuzz.lists import Lists
 from tests.fuzz.media import Media
@@ -18,7 +19,18 @@ from tests.fuzz.remotes import Remotes
 from tests.fuzz.tables import Tables
 from tests.fuzz.tally import Campaign, Plan, Tally
 
-KINDS: tuple[type[Campaign], ...] = (Tables, Calibrations, Media, Lists, Remotes, Kills, Reloads, Loadfiles, Seconds)
+KINDS: tuple[type[Campaign], ...] = (
+    Tables,
+    Calibrations,
+    Media,
+    Lists,
+    Remotes,
+    Kills,
+    Disks,
+    Reloads,
+    Loadfiles,
+    Seconds,
+)
 FOUND = 1
 
 
