@@ -16,6 +16,7 @@ from tests.fuzz.lists import Lists
 from tests.fuzz.media import Media
 from tests.fuzz.memory import Loadfiles, Reloads, Seconds
 from tests.fuzz.remotes import Remotes
+from tests.fuzz.signals import Signals
 from tests.fuzz.tables import Tables
 from tests.fuzz.tally import Campaign, Plan, Tally
 
@@ -27,6 +28,7 @@ KINDS: tuple[type[Campaign], ...] = (
     Remotes,
     Kills,
     Disks,
+    Signals,
     Reloads,
     Loadfiles,
     Seconds,

@@ -75,11 +75,12 @@ def _unit(name: str) -> str:
 class Bench:
     """Inputs of every command, and what each makes of them when nothing disturbs it.
 
+    out : the folder that commands write into, the same for every run.
     furnished : bytes of the pages of what is there before.
     """
 
     def __init__(self, runner: Runner, scratch: Path) -> None:
-        self._runner, self._room, self._scratch = runner, scratch / "inputs" / "room", scratch
+        self._runner, self._room, self.out = runner, scratch / "inputs" / "room", scratch / "out"
         write_inputs(self._room)
         self.furnished = room_for(furnish(self._emptied(), self._room))
         self.clean = {name: self._undisturbed(name) for name in COMMANDS}
@@ -136,10 +137,9 @@ class Bench:
         return (WRONG, f"the next run leaves another {wrong}") if wrong else None
 
     def _emptied(self) -> Path:
-        out = self._scratch / "out"
-        shutil.rmtree(out, ignore_errors=True)
-        out.mkdir()
-        return out
+        shutil.rmtree(self.out, ignore_errors=True)
+        self.out.mkdir()
+        return self.out
 
 
 def _struck(run: Run, blow: Blow, out: Path, before: Mapping[str, Unit], clean: Clean) -> tuple[str, str] | None:
