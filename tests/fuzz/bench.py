@@ -97,7 +97,7 @@ class Bench:
         if found is None and blow.resumed:
             found = self._resumed(command, out, clean)
         verdict, words = found or (REFUSED if struck.code == 2 else READ, "")
-        return Trial(verdict, f"{command}, {blow.words}: {words}", seconds)
+        return Trial(verdict, f"{command}, {blow.words}: {words}", seconds, prompt=False)
 
     def run(self, command: str, out: Path, fault: Fault | None = None, more: Sequence[str] = ()) -> Run:
         function, (words,) = words_of(COMMANDS[command], out, self._room)

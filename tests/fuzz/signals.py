@@ -69,7 +69,7 @@ def _command(bench: Bench, rng: np.random.Generator, index: int) -> Trial:
     late_s: list[float] = []
     act = partial(_signalled, bench.program(name, bench.out), sent, after_s, late_s)
     blow = Blow(f"{sent.name} after {after_s:.2f} s", act, ends.get(sent, (0, ASKED, *BEFORE_MAIN)))
-    return replace(bench.trial(name, blow), seconds=late_s[0] if sent in ENDING else 0.0)
+    return replace(bench.trial(name, blow), seconds=late_s[0] if sent in ENDING else 0.0, prompt=True)
 
 
 def _signalled(program: Sequence[str], sent: signal.Signals, after_s: float, late_s: list[float], out: Path) -> Run:

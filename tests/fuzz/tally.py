@@ -22,18 +22,22 @@ MOST_BYTES = 384 << 20  # that a file of a few kilobytes may cost
 
 @dataclass(frozen=True)
 class Trial:
-    """One trial's verdict, what was said, and what it cost: seconds, and bytes above what the process had before."""
+    """One trial's verdict, what was said, and what it cost: seconds, and bytes above what the process had before.
+
+    prompt : whether it must take less than HANG_S; a whole command has its work to do.
+    """
 
     verdict: str
     words: str = ""
     seconds: float = 0.0
     peak: int = 0
+    prompt: bool = True
 
     def checked(self) -> "Trial":
         """The same, or a fault if it cost too much."""
         if self.verdict in FAULTS:
             return self
-        if self.seconds > HANG_S:
+        if self.prompt and self.seconds > HANG_S:
             return Trial(HUNG, f"{self.seconds:.1f} s; {self.words}", self.seconds, self.peak)
         if self.peak > MOST_BYTES:
             return Trial(GREEDY, f"{self.peak >> 20} MiB; {self.words}", self.seconds, self.peak)
