@@ -156,7 +156,7 @@ def _struck(run: Run, blow: Blow, out: Path, before: Mapping[str, Unit], clean: 
         if complaint and not (run.code == KILLED and _may_be_absent(unit, after, blow)):
             return WRONG, f"{unit}: {complaint}"
     left = _left(out)
-    return (LEFT, f"by a command that ended with {run.code}: {left}") if left and run.code != KILLED else None
+    return (LEFT, f"by a command that ended with {run.code}: {left}") if left and run.code not in (KILLED, 0) else None
 
 
 def _left(out: Path) -> list[str]:

@@ -84,7 +84,7 @@ class Rules:
 OURS = tuple(
     {Path(sys.prefix), Path(sys.base_prefix), ROOT / "player", ROOT / "tools", ROOT / "tests", ROOT / "shaders"}
 )
-OURS += Path("/usr"), Path("/lib"), Path("/lib64"), Path(os.devnull)
+OURS += Path("/usr"), Path("/lib"), Path("/lib64"), Path(os.devnull), Path("/sys/devices/system/cpu")
 
 
 def _calls(line: str) -> Iterator[Call]:
