@@ -79,11 +79,11 @@ class Bench:
     furnished : bytes of the pages of what is there before.
     """
 
-    def __init__(self, runner: Runner, scratch: Path) -> None:
+    def __init__(self, runner: Runner, scratch: Path, commands: Sequence[str] = tuple(COMMANDS)) -> None:
         self._runner, self._room, self.out = runner, scratch / "inputs" / "room", scratch / "out"
         write_inputs(self._room)
         self.furnished = room_for(furnish(self._emptied(), self._room))
-        self.clean = {name: self._undisturbed(name) for name in COMMANDS}
+        self.clean = {name: self._undisturbed(name) for name in commands}
 
     def trial(self, command: str, blow: Blow) -> Trial:
         clean, out = self.clean[command], self._emptied()
