@@ -35,7 +35,7 @@ HARMLESS = Name("clip.mkv"), Name("nope.mkv"), Name("harmless.mp4", b"no video" 
 class Lists:
     """Names by the score: the lines of a list that is played to its end, or one `loadfile` after the other."""
 
-    name, count = "lists", 240
+    name, count = "lists", 120
     purpose = "hostile names in lists and over the socket, under a system-call watch"
 
     def run(self, plan: Plan) -> Tally:

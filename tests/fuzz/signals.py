@@ -44,7 +44,7 @@ time.time = lambda: _now() + _random.uniform(-1e8, 1e8)
 class Signals:
     """A signal, perhaps two, somewhere between the start and a little after the end."""
 
-    name, count = "signals", 32
+    name, count = "signals", 16
     purpose = "signals at random moments of commands and shows, clocks that jump"
 
     def run(self, plan: Plan) -> Tally:
@@ -86,7 +86,12 @@ def _signalled(program: Sequence[str], sent: signal.Signals, after_s: float, lat
         code = NO_END if process.poll() is None else process.returncode
         _end(process)
         errors.seek(0)
-        return Run(0, 0, code, errors.read())
+        return Run(0, 0, code, _beyond_imports(code, errors.read()))
+
+
+def _beyond_imports(code: int, said: str) -> str:
+    """Without the traceback of Ctrl-C while Python still imports the command: nothing has been begun then."""
+    return "" if code == -signal.SIGINT and ", in <module>" in said and ", in main" not in said else said
 
 
 class _Show:
@@ -137,7 +142,7 @@ class _Show:
             code, late = process.poll(), [pid for pid in family if not _gone(pid)]
             _end(process)
             errors.seek(0)
-            said = errors.read()
+            said = _beyond_imports(process.returncode, errors.read())
         seconds = 0.0 if sent == signal.SIGSTOP else seconds
         return _judged(words, code, said, complaint, late, sent, seconds, self._leftovers(sent))
 
