@@ -91,7 +91,8 @@ def _signalled(program: Sequence[str], sent: signal.Signals, after_s: float, lat
 
 def _beyond_imports(code: int, said: str) -> str:
     """Without the traceback of Ctrl-C while Python still imports the command: nothing has been begun then."""
-    return "" if code == -signal.SIGINT and ", in <module>" in said and ", in main" not in said else said
+    ended = code in (-signal.SIGINT, ASKED) and said.rstrip().endswith("KeyboardInterrupt")
+    return "" if ended and ", in <module>" in said and ", in main" not in said else said
 
 
 class _Show:
