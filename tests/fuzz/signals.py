@@ -19,7 +19,7 @@ import numpy as np
 
 from tests import screens
 from tests.faults import Run, Runner
-from tests.fuzz.bench import KILLED, NO_END, Bench, Blow
+from tests.fuzz.bench import ASKED, KILLED, NO_END, Bench, Blow
 from tests.fuzz.tally import CRASHED, HANG_S, HUNG, LEFT, READ, Plan, Tally, Trial
 from tests.media import numbered, write_video
 from tests.programs import ROOT, descendants, is_running, on, script
@@ -28,7 +28,6 @@ from tests.writing_commands import COMMANDS
 from tools import build_correction_map
 
 ENDING = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
-ASKED = 130
 BEFORE_MAIN = tuple(-number for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))  # Python itself was starting
 START_S = 1.0  # of Python and a command's imports
 STOPPED_S = 3.0  # longer than the decoder's watch is patient
