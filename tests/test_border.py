@@ -19,7 +19,7 @@ from counterlight.decoding import opening
 from counterlight.errors import InputError
 from counterlight.medium import Border, Medium
 from counterlight.show.options import read_options
-from counterlight.show.playlist import expand
+from counterlight.show.playlist import expand, files_of
 from counterlight.video import MediaReader
 from tests.canaries import Canary, canary
 from tests.media import copies, numbered, write_video
@@ -213,6 +213,19 @@ def test_numbered_pictures_stay_inside_too(media: Path, bird: Canary) -> None:
     os.mkfifo(media / "001.png")
     assert "not a regular file" in refusal(limited(media / "%03d.png", media))
     assert bird.touched() == set()
+
+
+def test_a_sequence_beyond_the_border_is_not_even_counted(media: Path, bird: Canary) -> None:
+    outside = media.parent / "outside"
+    for index in range(2):
+        (outside / f"{index:03}.png").write_bytes(b"secret")
+    pattern = outside / "%03d.png"
+    assert len(files_of(Medium(str(pattern)))) == 2
+    bird.watch(outside)
+    assert files_of(limited(pattern, media)) == [pattern]
+    assert bird.touched() == set()
+    assert len(files_of(Medium(str(pattern)))) == 2
+    assert bird.touched() == {"outside"}  # the canary sings
 
 
 @pytest.mark.parametrize("name", ["a%03d.png", "a?.png", "a{1}.png", "a*.png", "a:b.png"])

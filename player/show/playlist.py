@@ -1,6 +1,7 @@
 """What is played one after the other: media of the command line, and lists of media in .m3u and .txt files."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from counterlight.decoding.live import live_address
@@ -73,12 +74,16 @@ def expand(media: Sequence[Medium], border: Border, *, patient: bool = False) ->
 
 
 def files_of(medium: Medium) -> list[Path]:
-    """The files that a medium is: itself, those that a numbered pattern matches, or none of a live source."""
+    """The files that a medium is: itself, those that a numbered pattern matches, or none of a live source.
+
+    Folders that it may not reach are not looked into.
+    """
     path = Path(medium.name)
     if medium.live() is not None:
         return []
-    if medium.is_sequence and path.parent.is_dir():
-        return [entry for entry in path.parent.iterdir() if number_of(path.name, entry.name) is not None]
+    with suppress(InputError, OSError):
+        if medium.is_sequence and medium.inside(path.parent).is_dir():
+            return [entry for entry in path.parent.iterdir() if number_of(path.name, entry.name) is not None]
     return [path]
 
 
