@@ -1,5 +1,6 @@
 # Each target does all of its own set-up.
-# Overrides: PYTHON= (3.11 or newer), VENV= (where the environment goes), WORKERS= (test files run at a time, 0: none).
+# Overrides: PYTHON= (3.11 or newer), VENV= (where the environment goes), WORKERS= (test files run at a time, 0: none),
+# FUZZ= (campaigns and their options).
 PYTHON ?= python3
 VENV ?= .venv
 WORKERS ?= 2
@@ -10,7 +11,7 @@ folders := $(shell find player tools shaders calib_data -type d ! -name __pycach
 .DEFAULT_GOAL := help
 # apt and pip are run one at a time, whatever -j says.
 .NOTPARALLEL:
-.PHONY: help play test lint bench study hard-cases clean system-play system-test
+.PHONY: help play test lint fuzz bench study hard-cases clean system-play system-test
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST))
@@ -26,6 +27,9 @@ lint: $(ready) ## style and types
 	$(python) -m ruff format --check .
 	$(python) -m mypy
 
+fuzz: system-test $(ready) ## campaigns of damage, kills and floods, minutes: FUZZ="kills --seed 7 --count 500"
+	$(python) -m tests.fuzz $(FUZZ)
+
 bench: $(ready) ## timings, beside scipy's on this machine
 	$(python) -m tests.bench
 
@@ -37,7 +41,7 @@ hard-cases: $(ready) ## how every method takes near-singular, contradictory and 
 
 clean: ## remove the environment and everything that was built
 	[ ! -f $(VENV)/pyvenv.cfg ] || rm -rf $(VENV)
-	rm -rf study build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis calib_data/example
+	rm -rf study fuzz build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis calib_data/example
 	find . -name __pycache__ -not -path './.git/*' -prune -exec rm -rf {} +
 
 system-play system-test:

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from counterlight import calibration
+from counterlight.errors import InputError
 from counterlight.tools import acquire_transport
+from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, simulated_room
-from counterlight.tools.acquisition.store import Wanted, open_store
+from counterlight.tools.acquisition.store import SESSION, Wanted, open_store
 from counterlight.tools.transport.storage import read_transport
 from tests.acquired_rooms import CAMERA, PROJECTOR
 from tests.faults import Fault, Runner
@@ -182,3 +184,14 @@ def photograph(command: list[str], exchange: Path, eye: SimulatedCamera) -> None
                 cv2.imwrite(str(capture), shot[..., ::-1])
         if len(shown) == 54:
             return
+
+
+@pytest.mark.parametrize("value", ["2", "true", "3.0", f'"{"x" * 5000}"'])
+def test_a_session_of_another_format_is_refused_in_a_short_line(value: str, tmp_path: Path) -> None:
+    (tmp_path / SESSION).write_text(f'format = {value}\nid = "a"\ncaptures = "captures"\n')
+    with (
+        pytest.raises(InputError, match=r"session\.toml: format .*, this version reads 3; name another") as caught,
+        open_store(tmp_path, {}, Exposures((0.1,)), Wanted(tmp_path.with_name("room"))),
+    ):
+        pass
+    assert len(str(caught.value)) < 400

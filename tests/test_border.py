@@ -287,6 +287,19 @@ def test_only_what_was_looked_at_is_opened_of_numbered_pictures(media: Path, bir
     assert bird.touched() == set()
 
 
+def test_a_sequence_beyond_the_border_is_not_even_counted(media: Path, bird: Canary) -> None:
+    outside = media.parent / "outside"
+    for index in range(2):
+        (outside / f"{index:03}.png").write_bytes(b"secret")
+    pattern = outside / "%03d.png"
+    assert len(files_of(Medium(str(pattern)))) == 2
+    bird.watch(outside)
+    assert files_of(limited(pattern, media)) == []
+    assert bird.touched() == set()
+    assert len(files_of(Medium(str(pattern)))) == 2
+    assert bird.touched() == {"outside"}  # the canary sings
+
+
 @pytest.mark.parametrize("name", ["a%03d.png", "a?.png", "a{1}.png", "a*.png", "a:b.png"])
 def test_a_name_that_looks_like_a_pattern_is_one_file(name: str, media: Path, bird: Canary) -> None:
     for each in (name, "a001.png", "ab.png", "a1.png"):

@@ -9,6 +9,7 @@ import shlex
 import sys
 from argparse import RawDescriptionHelpFormatter
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib.metadata import version
 from typing import NamedTuple
 
@@ -45,18 +46,31 @@ VERBS = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    words = sys.argv[1:] if argv is None else list(argv)
-    if "_ARGCOMPLETE" in os.environ:
-        words = _being_completed()
-    verb = VERBS.get(words[0]) if words else None
-    if verb is None:
-        return run(_main, words)
-    body: Callable[[Sequence[str]], int] = importlib.import_module(f"counterlight.{verb.module}").main
-    return body(words[1:])
+    return run(_main, argv)
+
+
+def play(argv: Sequence[str] | None = None) -> int:
+    """The script play-corrected."""
+    return run(partial(_verb, "play"), argv)
+
+
+def build(argv: Sequence[str] | None = None) -> int:
+    """The script build-correction-map."""
+    return run(partial(_verb, "build"), argv)
+
+
+def _verb(name: str, argv: Sequence[str] | None) -> int:
+    """Run a verb, imported here, where Ctrl-C is an end like any other."""
+    body: Callable[[Sequence[str] | None], int] = importlib.import_module(f"counterlight.{VERBS[name].module}").main
+    return body(argv)
 
 
 def _main(argv: Sequence[str] | None) -> int:
-    words = list(argv or ["--help"])
+    words = list(sys.argv[1:] if argv is None else argv) or ["--help"]
+    if "_ARGCOMPLETE" in os.environ:
+        words = _being_completed()
+    if words[0] in VERBS:
+        return _verb(words[0], words[1:])
     if words[0] == "completion":
         print(_completion(words[1:]))
     elif words[0].startswith("-"):

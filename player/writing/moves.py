@@ -56,8 +56,8 @@ def put_sequence(stage: Path, pattern: Path, there: list[str]) -> None:
     journal = stage / OLD_FRAMES / _OUT  # becomes the journal when it is whole
     journal.write_bytes(_END.join(map(os.fsencode, there)))
     disk.flush(journal)
-    disk.move(journal, stage / _OUT)
     try:
+        disk.move(journal, stage / _OUT)
         _move_frames(stage, pattern)
     except BaseException:
         _take_frames_back(stage, pattern.parent, made)

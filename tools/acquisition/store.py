@@ -26,6 +26,7 @@ from counterlight.files import sha256_of, write_toml
 from counterlight.picture_files import read_picture
 from counterlight.png import encode_png
 from counterlight.reading import read_toml
+from counterlight.tables import Table
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.writing.outputs import check_folder, is_vacant
 from counterlight.writing.replacing import filling_folder, holding, replacing_file
@@ -204,8 +205,7 @@ def _read(path: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
     stored = read_toml(path, FIX)
-    if stored.get("format") != FORMAT:
-        raise InputError(f"{path}: format {stored.get('format')!r}, this version reads {FORMAT}; {FIX}")
+    Table(stored, str(path), FIX).format(FORMAT)
     if stored.get("captures") not in CAPTURES or not isinstance(stored.get("id"), str):
         raise InputError(f"{path}: does not say which captures are of it; {FIX}")
     return stored

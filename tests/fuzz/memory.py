@@ -1,0 +1,125 @@
+"""Memory of a show that is reloaded, given other media, or just goes on: it grows by 10 MiB at most, however long."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from counterlight.tools import build_correction_map
+from counterlight.unattended.heartbeat import rss_bytes
+from tests import screens
+from tests.fuzz.tally import GREEDY, READ, Plan, Tally, Trial
+from tests.media import numbered, write_video
+from tests.programs import descendants, wait_until
+from tests.remote import Client, show
+from tests.rooms import write_blurred_room
+
+MOST_GROWTH = 10 << 20  # the issue's bound
+WARM_UP, SAMPLES = 20, 15  # acts before anything is measured; measurements of which the median counts
+DAY_S = 24 * 3600
+CLIPS = {"0.mkv": (48, 64), "1.mkv": (96, 128)}
+Act = Callable[[], None]
+
+
+class _Growth(ABC):
+    """So many acts; the median of the last measurements against that of the first, as the heap is restless."""
+
+    name: str
+    count: int
+    purpose: str
+
+    @abstractmethod
+    def act(self, client: Client, process: Any) -> Act:
+        """What is done again and again, in a show that loops."""
+
+    def grown(self, sizes: list[int]) -> float:
+        """Bytes that the acts have cost."""
+        return float(np.median(sizes[-SAMPLES:]) - np.median(sizes[:SAMPLES]))
+
+    def run(self, plan: Plan) -> Tally:
+        tally, sizes, held = Tally(self.name, plan), [], []
+        with _looping(plan.scratch) as (process, client):
+            act = self.act(client, process)
+            for _ in range(WARM_UP):
+                act()
+            for index in plan.indices():
+                act()
+                sizes.append(_resident(process.pid))
+                held.append(_held(process.pid))
+                tally.add(index, Trial(READ))
+        grown = self.grown(sizes)
+        tally.notes["grown"] = f"{grown / 2**20:+.2f} MiB"
+        tally.peak = max(sizes)
+        if grown > MOST_GROWTH or max(held[-SAMPLES:]) > max(held[:SAMPLES]) + 5:
+            tally.add(
+                plan.first, Trial(GREEDY, f"{grown / 2**20:.1f} MiB, {held[0]} to {held[-1]} threads and descriptors")
+            )
+        return tally
+
+
+class Reloads(_Growth):
+    name, count = "reloads", 100
+    purpose = "reload of the maps and shaders; memory must stay flat"
+
+    def act(self, client: Client, process: Any) -> Act:
+        def reload() -> None:
+            assert client.ask("reload")["error"] == "success"
+            before = client.get("frames")
+            wait_until(lambda: client.get("frames") > before, "a frame", process, every_s=0.005)
+
+        return reload
+
+
+class Loadfiles(_Growth):
+    name, count = "loadfiles", 100
+    purpose = "another medium of another size; memory must stay flat"
+
+    def act(self, client: Client, process: Any) -> Act:
+        names = list(CLIPS)
+
+        def load() -> None:
+            names.append(names.pop(0))
+            assert client.ask("loadfile", names[-1])["error"] == "success"
+            wait_until(lambda: client.get("path") == names[-1], "the medium", process, every_s=0.005)
+
+        return load
+
+
+class Seconds(_Growth):
+    name, count = "seconds", 45
+    purpose = "a show that loops; memory extrapolated to 24 hours must stay flat"
+
+    def act(self, client: Client, process: Any) -> Act:
+        def second() -> None:
+            before = client.get("frames")
+            wait_until(lambda: client.get("frames") >= before + 25, "a second of frames", process, every_s=0.2)
+
+        return second
+
+    def grown(self, sizes: list[int]) -> float:
+        """In a day, by the line through the later half: before, caches fill. A quarter of a MiB may be noise."""
+        late = np.array(sizes[len(sizes) // 2 :], float)
+        slope = np.polyfit(np.arange(late.size), late, 1)[0]
+        return float(slope * DAY_S) if abs(slope) * late.size > 256 << 10 else 0.0
+
+
+@contextmanager
+def _looping(folder: Path) -> Iterator[tuple[Any, Client]]:
+    write_blurred_room(folder / "room", np.random.default_rng(7), (30, 40), (28, 36))
+    assert build_correction_map.main([str(folder / "room"), "--regularize", "0.1"]) == 0
+    for name, shape in CLIPS.items():
+        write_video(folder / name, [numbered(i, *shape) for i in range(50)])
+    with screens.one_screen(folder) as display, show(display, folder, folder / "room", "0.mkv", "--loop") as found:
+        yield found
+
+
+def _resident(pid: int) -> int:
+    """Of the player and its decoder."""
+    return sum(rss_bytes(each) or 0 for each in (pid, *descendants(pid)))
+
+
+def _held(pid: int) -> int:
+    return sum(len(list(Path(f"/proc/{pid}/{kind}").iterdir())) for kind in ("task", "fd"))
