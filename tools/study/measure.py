@@ -116,7 +116,7 @@ def _facts(room: StudyRoom) -> dict[str, float | int | str]:
         "camera": f"{calibration.camera.width}x{calibration.camera.height}",
         "projector": f"{calibration.projector.width}x{calibration.projector.height}",
         "simulation_s": room.simulation_s,
-        "entries_a_camera_pixel": float(np.mean([T.nnz for T in room.transport.near]) / calibration.camera.pixels),
+        "entries_a_camera_pixel": float(np.count_nonzero(room.transport.near.weights) / 3 / calibration.camera.pixels),
         "largest_cluster_projector_pixels": room.largest_cluster,
         "far_light": "yes" if far is not None else "no",
         "white": room.white,

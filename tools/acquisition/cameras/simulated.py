@@ -150,7 +150,7 @@ class SimulatedCamera(LiveCamera):
     """
 
     def __init__(self, room: SimulatedRoom, sensor: Sensor, screen: VisibleScreen | None = None) -> None:
-        brightest = float((room.transport.composition().reshape(room.ambient.shape) + room.ambient).max())
+        brightest = float(room.transport.floodlight(room.ambient).max())
         times = tuple(time / (HEADROOM * brightest) for time in sensor.exposures)
         shown: VisibleScreen = MemoryScreen(room.projector) if screen is None else screen
         eye = SimulatedEye(room, sensor, shown)

@@ -15,7 +15,7 @@ from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, M
 from counterlight.tools.acquisition.schemes.blocks import BlockGrid, BlockLight, as_transport, fit_to_floodlight
 from counterlight.tools.acquisition.schemes.hierarchical import DEFAULT, Threshold
 from counterlight.tools.acquisition.schemes.stripes import Stripe, locate, stripes
-from counterlight.tools.transport.mask import LUMINANCE
+from counterlight.tools.transport.transport import LUMINANCE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -163,7 +163,8 @@ def as_transport(parts: Sequence[BlockLight], camera_pixels: int) -> Transport:
         away = part.select(~close)
         coarse.append(BlockLight(cells, away.camera, ancestor[~close], away.light))
     coarse = [part for part in coarse if part.camera.size]
-    return Transport(_spread(near, camera_pixels, projector), _far_light(coarse, camera_pixels) if coarse else None)
+    far = _far_light(coarse, camera_pixels) if coarse else None
+    return Transport.from_matrices(_spread(near, camera_pixels, projector), far)
 
 
 def _least_cell(projector: tuple[int, int]) -> int:
@@ -211,7 +212,7 @@ def _far_light(parts: Sequence[BlockLight], camera_pixels: int) -> FarLight:
     D = sparse.csr_array(sparse.vstack([_averages(finest), sparse.csr_array((senders.shape[1], finest.labels.size))]))
     places = camera, gathering + sender.ravel()
     U = tuple(sparse.csr_array((light[:, i], places), shape=(camera_pixels, cells)) for i in range(3))
-    return FarLight((D, D, D), np.stack([mix] * 3), U)
+    return FarLight.from_matrices([D] * 3, np.stack([mix] * 3), U)
 
 
 def _cell_shares(grid: BlockGrid, cells: BlockGrid) -> Csr:

@@ -29,7 +29,7 @@ from counterlight.tools.acquisition.schemes.blocks import (
 )
 from counterlight.tools.acquisition.schemes.codes import code_length, s_inverse, s_matrix
 from counterlight.tools.acquisition.schemes.stripes import Stripe, locate, stripes
-from counterlight.tools.transport.mask import LUMINANCE
+from counterlight.tools.transport.transport import LUMINANCE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
