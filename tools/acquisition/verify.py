@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from counterlight import reference
+from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration, StoredCalibration
 from counterlight.content import camera_psnr, reachable_white
 from counterlight.errors import InputError
@@ -23,7 +23,6 @@ from counterlight.tools.acquisition.plan import measure_noise
 from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.storage import read_transport
 
-FloatArray = NDArray[np.float64]
 SOLVERS = ("box", "map")
 REFERENCES = 2  # captures of black and of white each
 AGAIN = "put them back, or acquire again"

@@ -6,13 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.row_map import SparseRows
 from counterlight.tools.transport.transport import CHANNELS, Csr, luminance
-
-BoolArray = NDArray[np.bool_]
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,11 @@ from itertools import chain, count
 
 import numpy as np
 
+from counterlight.arrays import BoolArray, IntArray
 from counterlight.errors import InputError
 from counterlight.row_map import SparseRows
 from counterlight.tools.clusters.components import find_clusters
-from counterlight.tools.clusters.connections import BoolArray, Connections, IntArray, connections_of
+from counterlight.tools.clusters.connections import Connections, connections_of
 from counterlight.tools.clusters.decomposition import (
     Decomposition,
     Parameters,

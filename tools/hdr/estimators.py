@@ -19,9 +19,8 @@ from dataclasses import dataclass
 from math import log
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from counterlight.arrays import FloatArray
 
 METHODS = ("debevec", "robertson", "average")
 MARGIN = 0.02  # of the range, above which codes count as clipped

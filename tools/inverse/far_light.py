@@ -11,9 +11,10 @@ with M', and subtract what U scatters (the Woodbury identity, if S⁺ = S⁻¹).
 import numpy as np
 from scipy import sparse
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.row_map import SparseRows
-from counterlight.tools.transport.transport import Csr, FarLight, FloatArray, channels, stacked
+from counterlight.tools.transport.transport import Csr, FarLight, channels, stacked
 
 LARGEST = 1e30  # of a factor's entry: times light and summed up, it stays within float32
 ADVICE = "give more --regularize, or look for what is extreme in far_light.npz"

@@ -8,6 +8,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.row_map import SparseRows
@@ -26,7 +27,6 @@ from counterlight.tools.inverse.pieces import Piece, Truncation, join
 from counterlight.tools.inverse.windowed import FINEST_TOLERANCE, WindowedChannel, plan_windows, windowed_jobs
 from counterlight.tools.transport.transport import CHANNELS, Csr, channels, luminance_matrix
 
-FloatArray = NDArray[np.float64]
 GOLDEN_RATIO = (np.sqrt(5) - 1) / 2
 
 

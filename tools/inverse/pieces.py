@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.row_map import SparseRows
 from counterlight.tools.inverse.truncation import entries_to_keep
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 FLOAT32_ROUNDING = 2.0**-24  # relative, of a weight
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 

@@ -4,7 +4,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from counterlight import maps
 from counterlight.calibration import Calibration, StoredCalibration
@@ -16,8 +15,6 @@ from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_n
 from counterlight.tools.packing.refinement_maps import pack_far, refinement_maps
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration
 from counterlight.maps import FarMaps, RefinementMaps
 from counterlight.row_map import RowMap, SparseRows, pack
 from counterlight.tools.transport.transport import FarLight, Transport, dense_rows, luminance
 
-FloatArray = NDArray[np.float64]
 FAINTEST = 1e-12  # of the largest: a projector pixel whose TᵀT·1 is below lights nothing, and its step would overflow
 
 

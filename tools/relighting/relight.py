@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
+from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.maps import read_maps
@@ -24,7 +24,6 @@ from counterlight.tools.transport.storage import read_transport
 from counterlight.writing.outputs import check_file
 from counterlight.writing.replacing import replacing_file
 
-FloatArray = NDArray[np.float64]
 VIEWS = ("camera", "dual", "inverse-camera", "inverse-dual")
 LIT_BY_PROJECTOR = ("camera", "inverse-camera")  # their picture is a projector picture, the others' a camera picture
 ROUNDING = 1e-6  # what resampling adds to a full white

@@ -22,7 +22,6 @@ from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport, luminance
 from counterlight.writing.replacing import replacing_folder
 
-FloatArray = NDArray[np.float64]
 PROMISED = ("photograph", "letters")  # the first two typical pictures
 MOST_PREDICTED = 1 << 17  # camera pixels up to which the optimum is computed for the report
 SMOOTH = 6  # camera pixels a picture pixel: little detail, so that faults of T show

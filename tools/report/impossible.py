@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight import views
+from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration
 from counterlight.maps import RoomMaps
 from counterlight.operators import chained, compensation
@@ -17,8 +18,6 @@ from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.transport import Transport
 from counterlight.views import MID_GREY
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 BLACK_SHARE = 0.1  # of white: brighter than this, black reads as dark grey
 CONFLICT_SHARE = 0.1  # of mid grey: a difference that is seen beside an even grey
 BOX_STEPS = 60

@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import IntArray
 from counterlight.row_map import RowMap
 from counterlight.tools.transport.transport import Csr
 
 Picture = NDArray[np.uint8]
-IntArray = NDArray[np.int64]
 MATRIX_SIDE = 512
 TEXTURE_SIDE = 512
 GOLDEN = 0.6180339887  # successive labels get hues far apart

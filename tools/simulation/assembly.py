@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.row_map import SparseRows
-from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray
 
 MAX_BYTES = 6 << 30
 BYTES_AN_ENTRY = 4 + 3 * 4

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.command import track
 from counterlight.errors import InputError
 from counterlight.tools.simulation.assembly import ADVICE, NearLight, summed
@@ -17,7 +18,6 @@ from counterlight.tools.simulation.needs import MOVES, TAKES, Need, chosen, need
 from counterlight.tools.simulation.paths import Arrivals, Deposits, Samples
 from counterlight.tools.simulation.projector_side import arrivals, deposits
 from counterlight.tools.simulation.scene import Scene, inside_of
-from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray
 from counterlight.tools.transport.transport import Transport
 
 BAND_RAYS = 1 << 18  # traced at once

@@ -8,15 +8,14 @@ f(p) − f* ≤ Σ max(g p, g (p − 1)), which certifies how far the optimum ca
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.command import track
 from counterlight.products import LARGE, compiled
 from counterlight.refinement import Certificate
 from counterlight.tools.solve.solution import Solution
 from counterlight.tools.transport.transport import CHANNELS, Transport
 
-FloatArray = NDArray[np.float64]
 TOLERANCE = 1e-4
 MOST_STEPS, MOST_CHEAP_STEPS = 2000, 20_000
 CHECK_EVERY = 20

@@ -6,11 +6,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.row_map import SparseRows
 from counterlight.tools.clusters.components import Clusters, find_clusters
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, channel, stacked
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.clusters.blocks import Batch, ClusterBlocks
 from counterlight.tools.clusters.finite import CAUSES, NonFiniteError, describe_cluster
 from counterlight.tools.clusters.jobs import run_jobs
@@ -14,7 +15,6 @@ from counterlight.tools.solve.channel import Channel
 from counterlight.tools.solve.krylov import LeastSquares
 from counterlight.tools.solve.solution import ChannelSolver
 
-FloatArray = NDArray[np.float64]
 Blockwise: TypeAlias = Callable[[FloatArray], tuple[FloatArray, NDArray[np.bool_]]]
 Factorise: TypeAlias = Callable[[FloatArray], Blockwise]
 LARGEST_BLOCK = 1 << 22  # camera times projector pixels of a cluster solved densely; an SVD of that takes some 20 s

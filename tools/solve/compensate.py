@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
 from counterlight import exr, reference
+from counterlight.arrays import FloatArray
 from counterlight.calibration import RADIANCE, Calibration
 from counterlight.content import reachable_white
 from counterlight.errors import InputError
@@ -26,7 +27,6 @@ from counterlight.tools.transport.transport import Transport
 from counterlight.writing.outputs import check_file
 from counterlight.writing.replacing import replacing_file
 
-FloatArray = NDArray[np.float64]
 METHODS = ("none", "direct", "map", "qr", "svd", "nnls", "box")
 FAR_ROUNDS = 20
 FAR_TOLERANCE = 0.1 / 255  # drive

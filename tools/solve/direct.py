@@ -1,11 +1,9 @@
 """Direct mapping: each projector pixel asks one camera pixel (thesis 6.1; SmartProjector, Bimber et al. 2005)."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.solve.channel import Channel
-
-FloatArray = NDArray[np.float64]
 
 
 class Direct:

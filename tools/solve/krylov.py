@@ -1,13 +1,12 @@
 """Least squares of minimum norm without factorisation, for systems too large for dense algebra (LSMR, Fong 2011)."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, lsmr
 from threadpoolctl import threadpool_limits
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.solve.channel import Channel
 
-FloatArray = NDArray[np.float64]
 TOLERANCE = 1e-8
 MOST_STEPS = 1000
 STOPPED_AT_LIMIT = 7

@@ -10,15 +10,13 @@ from functools import partial
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
+from counterlight.arrays import BoolArray, FloatArray
 from counterlight.tools.solve.box import Box
 from counterlight.tools.solve.channel import Channel
 from counterlight.tools.solve.clusterwise import Clusterwise
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 FULL_EXCHANGES = 3  # without progress, before single ones
 MOST_ROUNDS = 100
 RIDGE = 1e-14  # of the largest diagonal value: a singular system gets an answer, which refinement then corrects

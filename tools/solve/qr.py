@@ -3,11 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.solve.channel import Channel
 from counterlight.tools.solve.clusterwise import Blockwise, Clusterwise
 from counterlight.tools.solve.svd import FLOAT32_EPS, minimum_norm
-
-FloatArray = NDArray[np.float64]
 
 
 def qr(T: Channel) -> Clusterwise:

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
+from counterlight.arrays import FloatArray
 from counterlight.content import psnr
 
-FloatArray = NDArray[np.float64]
 SSIM_WINDOW = 11  # pixels that σ = 1.5 reaches, cut at 3.5 σ
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.clusters.finite import refuse_not_finite
 from counterlight.tools.solve.box import Box
 from counterlight.tools.solve.channel import Channel
@@ -14,8 +15,6 @@ from counterlight.tools.solve.qr import qr
 from counterlight.tools.solve.solution import ChannelSolver, Solution, Solver
 from counterlight.tools.solve.svd import svd
 from counterlight.tools.transport.transport import CHANNELS, Transport
-
-FloatArray = NDArray[np.float64]
 
 
 class ChannelByChannel:

@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.solve.channel import Channel
 from counterlight.tools.solve.clusterwise import Blockwise, Clusterwise
 
-FloatArray = NDArray[np.float64]
 FLOAT32_EPS = float(np.finfo(np.float32).eps)  # T is stored in float32: singular values below σ₁ · n · eps are noise
 
 

@@ -6,15 +6,14 @@ from contextlib import ExitStack, contextmanager
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from counterlight.app import headless_renderer
+from counterlight.arrays import FloatArray
 from counterlight.frames import Frame, PixelFormat, PlaneShape
 from counterlight.gl.probe import probe_opengl
 from counterlight.operators import Compensation, compensation
 from counterlight.renderer import Renderer, Room
 
-FloatArray = NDArray[np.float64]
 SOFTWARE = ("llvmpipe", "softpipe", "swrast")
 REPEATS, ENOUGH_S = 15, 0.1
 

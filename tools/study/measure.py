@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.command import track
 from counterlight.errors import InputError
 from counterlight.tools.study.methods import OURS, PLAIN, UNCUT, Method, Prepared
@@ -13,7 +14,6 @@ from counterlight.tools.study.pictures import Picture
 from counterlight.tools.study.results import Row, Skipped, label
 from counterlight.tools.study.rooms import StudyRoom, Task
 
-FloatArray = NDArray[np.float64]
 SHOWN_PICTURES = 2
 THESIS_LABEL, OURS_LABEL = (label(method.family, method.knob, method.value) for method in (PLAIN, OURS))
 NNLS_LABEL = "NNLS"

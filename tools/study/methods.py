@@ -9,8 +9,8 @@ from functools import partial
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.maps import RoomMaps
 from counterlight.refinement import DEFAULT_STEPS
@@ -24,7 +24,6 @@ from counterlight.tools.solve.registry import SOLVERS
 from counterlight.tools.study.frames import Bench, repeated_s
 from counterlight.tools.study.rooms import StudyRoom, Task, processor_seconds
 
-FloatArray = NDArray[np.float64]
 FLOAT32_ENTRY, HALF_ENTRY = 16, 10  # bytes: three weights of 4 or 2 and an index of 4
 NNLS_STEPS = 200  # where clusters are too large to pivot; only drives far above 1, clamped anyway, need more
 STEPS = (1, 2, 4, 8, 16, 32, 64)

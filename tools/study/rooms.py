@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
+from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration
 from counterlight.content import reachable_white
 from counterlight.errors import InputError
@@ -32,7 +32,6 @@ from counterlight.tools.study.pictures import Picture
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport, channel, channels
 
-FloatArray = NDArray[np.float64]
 R = TypeVar("R")
 BEYOND = 0.1 / 255  # drive; less than this outside 0..1 is rounding, not clipping
 

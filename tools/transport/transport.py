@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from counterlight.arrays import FloatArray
 from counterlight.row_map import SparseRows
 
-FloatArray = NDArray[np.float64]
 Csr: TypeAlias = sparse.csr_array  # scipy's stubs make it generic, scipy itself does not
 Shape: TypeAlias = tuple[int, int]
 CHANNELS = ("red", "green", "blue")

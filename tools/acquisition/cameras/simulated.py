@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight import calibration
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Exposures, Shot
@@ -18,7 +19,6 @@ from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
 
-FloatArray = NDArray[np.float64]
 HEADROOM = 1.25  # full scale of an exposure of 1, above the floodlit room's brightest pixel
 ENCODING_STEPS = 1 << 16
 MOST_LAG = 20

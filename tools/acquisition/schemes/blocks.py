@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.acquisition.plan import Pattern
 from counterlight.tools.transport.transport import Csr, FarLight, Transport
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 NO_CHILD = -1
 MOST_FAR_CELLS = 1500  # FarLight mixes cells by a dense matrix
 LEAST_FAR_SIDE = 4  # projector pixels

@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 from scipy import sparse
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.simulation.devices import Camera
 from counterlight.tools.simulation.scene import Scene
-from counterlight.tools.simulation.shapes.shape import FloatArray
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, stacked
 
 MAX_CELLS = 1600

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.row_map import SparseRows
 from counterlight.tools.simulation.cells import Grid, cut_into_cells, spread_places
 from counterlight.tools.simulation.geometry import blocked
 from counterlight.tools.simulation.paths import Deposits, Samples
 from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
-from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray
 from counterlight.tools.simulation.surfaces import Surface
 from counterlight.tools.transport.transport import Csr, FarLight, stacked
 

@@ -6,8 +6,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from counterlight.arrays import FloatArray, IntArray
+
 TOO_CLOSE = 1e-6  # of a direction's length: a ray does not meet the surface that it starts on
 
 
