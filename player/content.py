@@ -22,6 +22,7 @@ from counterlight.errors import InputError
 from counterlight.frames import Frame
 
 REACHABLE_SHARE = 0.9  # of the camera pixels that count
+QUIETEST = 1e-30  # mean squared error that counts as none
 CUT, THUMBNAIL = 0.1, 48  # mean change of the code values, in full scale; samples along the shorter side
 
 SCALES = np.linspace(1, 0.25, 16)  # candidates of s / (1 − o), the preferred first
@@ -101,8 +102,13 @@ def camera_psnr(
 
     desired, seen : (camera height, camera width, 3).  PSNR = 10 log₁₀(white² / mean (seen − desired)²).
     """
-    difference = (np.asarray(seen, np.float64) - desired)[mask]
-    return float(10 * np.log10(white**2 / max(float(np.mean(difference**2)), 1e-30)))
+    difference = (np.asarray(seen, np.float64) - desired)[mask] / white
+    return psnr(float(np.mean(difference**2)))
+
+
+def psnr(mean_square: float) -> float:
+    """10 log₁₀(1 / mean square) in decibels, for errors relative to white."""
+    return float(-10 * np.log10(max(mean_square, QUIETEST)))
 
 
 def tile_grid(shape: tuple[int, int]) -> tuple[tuple[int, int], tuple[int, int]]:

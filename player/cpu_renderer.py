@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from counterlight import picture_reference, reference
 from counterlight.colour import decoding_of
 from counterlight.content import SceneCuts, Succession, approach
-from counterlight.maps import FarMaps, RefinementMaps
+from counterlight.maps import RefinementMaps
+from counterlight.operators import compensation, light
 from counterlight.picture import NEUTRAL, Picture, adjusted_decoding, adjusted_transfer
 from counterlight.picture_reference import Limits
 from counterlight.placement import homography
@@ -28,10 +29,8 @@ class CpuRenderer:
 
     def __init__(self, room: Room) -> None:
         self._room, self.path = room, PathReport("cpu", LONG_BYTES)
-        self._correction = PreparedRows(room.maps.correction)
-        self._transport = PreparedRows(room.maps.transport)
-        self._far = None if room.maps.far is None else _FarChain(room.maps.far)
-        self._undo = None if room.maps.undo is None else _FarChain(room.maps.undo)
+        self._transport, self._T = PreparedRows(room.maps.transport), light(room.maps.transport, room.maps.far)
+        self._T_pinv = compensation(room.maps)
         self._refinement = None if room.maps.refinement is None else _Refinement(room.maps.refinement)
         self._picture = NEUTRAL
         self._adaptation, self._damping = _Carried(lasting=True), _Carried(lasting=False)
@@ -83,9 +82,9 @@ class CpuRenderer:
         if self._refinement is None or self._compensated is None:
             return None
         drive, b = self._compensated
-        residual = b - self._light(drive)
+        residual = b - self._T.apply(drive)
         error = reference.squared_error(residual, self._room.calibration.mask)
-        gap = reference.gap_terms(self._refinement.descent(residual), drive)
+        gap = reference.gap_terms(self._refinement.dual.apply(residual), drive)
         return Certificate(error.sum(axis=(0, 1)), gap.sum(axis=(0, 1)))
 
     def finish(self) -> None:
@@ -193,12 +192,12 @@ class CpuRenderer:
         return Limits(self._near_light(np.ones_like(ambient)), self._near_light(ambient), ambient, most)
 
     def _product(self, b: FloatArray) -> FloatArray:
-        """T⁺ b of the near light, the far light of the compensated picture taken out."""
-        return self._correction.apply(self._near_light(b))
+        """T⁺ b."""
+        return self._T_pinv.apply(b)
 
     def _near_light(self, b: FloatArray) -> FloatArray:
         """b without the far light of the compensated picture."""
-        return b if self._undo is None else b - self._undo.apply(b)
+        return self._T_pinv.near_light(b)
 
     def _refined(self, b: FloatArray, steps: int, refinement: "_Refinement") -> FloatArray:
         if self._room.start == "direct":
@@ -224,17 +223,12 @@ class CpuRenderer:
     def _descend(self, start: "_Iterate", b: FloatArray, steps: int, refinement: "_Refinement") -> "_Iterate":
         p, y, made = start
         for step in range(made + 1, made + steps + 1):
-            descent = refinement.descent(b - self._light(y))
+            descent = refinement.dual.apply(b - self._T.apply(y))
             p, y = reference.refinement_step(descent, y, p, refinement.step_size, momentum(step), OVER_RELAXATION)
         return _Iterate(p, y, made + steps)
 
-    def _light(self, drive: FloatArray) -> FloatArray:
-        """T p."""
-        near = self._transport.apply(drive)
-        return near if self._far is None else near + self._far.apply(drive)
-
     def _observe(self, drive: FloatArray) -> FloatArray:
-        return self._room.calibration.ambient + self._light(drive)
+        return self._room.calibration.ambient + self._T.apply(drive)
 
 
 class _Iterate(NamedTuple):
@@ -276,22 +270,8 @@ class _Refinement:
     """Tᵀ, the step sizes and direct mapping."""
 
     def __init__(self, maps: RefinementMaps) -> None:
-        self._dual, self.direct, self.step_size = PreparedRows(maps.dual), PreparedRows(maps.direct), maps.step_size
-        self._far_dual = None if maps.far_dual is None else _FarChain(maps.far_dual)
-
-    def descent(self, residual: FloatArray) -> FloatArray:
-        """Tᵀ(b − T p) of b − T p."""
-        near = self._dual.apply(residual)
-        return near if self._far_dual is None else near + self._far_dual.apply(residual)
-
-
-class _FarChain:
-    """gather, mix, scatter."""
-
-    def __init__(self, maps: FarMaps) -> None:
-        self._steps = [PreparedRows(packed) for packed in (maps.gather, maps.mix, maps.scatter)]
-
-    def apply(self, picture: FloatArray) -> FloatArray:
-        for step in self._steps:
-            picture = step.apply(picture)
-        return picture
+        self.dual, self.direct, self.step_size = (
+            light(maps.dual, maps.far_dual),
+            PreparedRows(maps.direct),
+            maps.step_size,
+        )

@@ -167,10 +167,14 @@ def error_map(
 
 def impossible(reach: FloatArray, white: float) -> NDArray[np.float64]:
     """The colour of what a camera pixel cannot be asked for (impossible.frag); classes as in player/views.py."""
-    least = reach[..., :3].min(axis=2) * (1 + SLACK)
-    lit = reach[..., 3] > 0
-    kind = np.where(~lit, 1, np.where(least < MID_GREY * white, 2, np.where(least < white, 3, 0)))
-    return np.asarray(white * IMPOSSIBLE[kind])
+    short = np.stack(shortfalls(reach, white))
+    return np.asarray(white * IMPOSSIBLE[np.where(short.any(axis=0), 1 + short.argmax(axis=0), 0)])
+
+
+def shortfalls(reach: FloatArray, white: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Camera pixels that do not count, cannot reach mid grey, cannot reach white: (camera height, camera width)."""
+    least, lit = reach[..., :3].min(axis=2) * (1 + SLACK), reach[..., 3] > 0
+    return ~lit, lit & (least < MID_GREY * white), lit & (least < white)
 
 
 def clipping(view: FloatArray, asked: FloatArray, most: FloatArray | float, white: float) -> NDArray[np.float64]:

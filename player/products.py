@@ -49,3 +49,21 @@ def _product(
 
 
 _PRODUCT = compiled(_product)
+
+
+@numba.njit(cache=True)
+def transpose(
+    indptr: NDArray[np.integer], indices: NDArray[np.integer], weights: FloatArray, columns: int
+) -> tuple[NDArray[np.int64], NDArray[np.int32], FloatArray]:
+    """The transposes as rows: (columns + 1,), (entries,) and (entries, 3); entries of a row as the rows came."""
+    starts = np.zeros(columns + 1, np.int64)
+    for at in indices:
+        starts[at + 1] += 1
+    starts = np.cumsum(starts)
+    place, rows, values = starts[:-1].copy(), np.empty(indices.size, np.int32), np.empty_like(weights)
+    for row in range(indptr.size - 1):
+        for k in range(indptr[row], indptr[row + 1]):
+            to = place[indices[k]]
+            rows[to], values[to] = row, weights[k]
+            place[indices[k]] += 1
+    return starts, rows, values

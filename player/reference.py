@@ -23,24 +23,18 @@ class PreparedRows:
     """
 
     def __init__(self, packed: RowMap) -> None:
-        from counterlight.products import (
-            product_of_channels,  # Numba takes half a second, which a window need not wait for
-        )
-
-        self._product = product_of_channels
-        rows = unpack(packed)
-        self._shape = packed.output_shape
-        self._source_shape = packed.source_shape
-        weights = np.ascontiguousarray(rows.weights)
-        # Unsigned, so that Numba need not look whether they count from the end: a sixth less time.
-        self._rows = rows.indptr.astype(np.uint64), rows.indices.astype(np.uint32), weights
+        self._rows = unpack(packed)
+        self._shape, self._source_shape = packed.output_shape, packed.source_shape
 
     def apply(self, source: FloatArray) -> NDArray[np.float64]:
         """source : (source height, source width, 3).  Returns (output height, output width, 3)."""
         if source.shape[:2] != self._source_shape:
             raise ValueError(f"source of shape {source.shape[:2]}, the row map reads {self._source_shape}")
-        result = self._product(*self._rows, np.ascontiguousarray(source).reshape(-1, 3))
-        return result.reshape(*self._shape, 3)
+        return self._rows.apply(source.reshape(-1, 3)).reshape(*self._shape, 3)
+
+    def apply_transpose(self, picture: FloatArray) -> NDArray[np.float64]:
+        """From a picture of the output's shape to one of the source's."""
+        return self._rows.apply_transpose(picture.reshape(-1, 3)).reshape(*self._source_shape, 3)
 
 
 def planes_to_linear(
@@ -88,11 +82,6 @@ def resample_axis(picture: FloatArray, axis: int, length: int, origin: float, ex
     total = weights.sum(axis=1, keepdims=True)
     weights = np.divide(weights, total, out=np.zeros_like(weights), where=total > 0)
     return np.moveaxis(np.tensordot(weights, picture, axes=(1, axis)), 0, axis)
-
-
-def desired_light(picture: FloatArray, ambient: FloatArray, white: float) -> FloatArray:
-    """What the projector must add: b = white · picture − e (thesis eq. 5.1; desired.frag)."""
-    return white * picture - ambient
 
 
 def combine(first: FloatArray, second: FloatArray, factor: float, *, clamp: bool = False) -> FloatArray:

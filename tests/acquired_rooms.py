@@ -42,7 +42,7 @@ def room_of(transport: Transport, ambient: float = 0.01, projector: tuple[int, i
 def sharp_wall(rng: np.random.Generator, sigma: float = 0.5) -> Transport:
     T = blurred_transport(rng, CAMERA, PROJECTOR, sigma)
     tints = rng.uniform(0.5, 1, (3, SHAPE[0], 1))
-    return Transport(tuple(sparse.csr_array(T.multiply(tint), dtype=np.float32) for tint in tints))
+    return Transport.from_matrices(tuple(sparse.csr_array(T.multiply(tint), dtype=np.float32) for tint in tints))
 
 
 def with_far_light(near: Transport, share: float) -> Transport:
@@ -50,7 +50,7 @@ def with_far_light(near: Transport, share: float) -> Transport:
     flood = near.composition()
     cells = sparse.csr_array(np.full((1, SHAPE[1]), 1 / SHAPE[1]))
     scatter = tuple(sparse.csr_array(share / (1 - share) * flood[:, i : i + 1]) for i in range(3))
-    return Transport(near.near, FarLight((cells,) * 3, np.ones((3, 1, 1)), scatter))
+    return Transport(near.near, FarLight.from_matrices((cells,) * 3, np.ones((3, 1, 1)), scatter))
 
 
 def mirror(rng: np.random.Generator) -> Transport:
@@ -59,7 +59,7 @@ def mirror(rng: np.random.Generator) -> Transport:
     row, column = np.mgrid[: PROJECTOR[0], : PROJECTOR[1]]
     flipped = (row * PROJECTOR[1] + PROJECTOR[1] - 1 - column).ravel()
     half = sparse.diags_array(np.repeat(np.arange(CAMERA[0]) < CAMERA[0] // 2, CAMERA[1]).astype(np.float32))
-    return Transport(tuple(sparse.csr_array(M + 0.6 * (half @ M[:, flipped])) for M in T))
+    return Transport.from_matrices(tuple(sparse.csr_array(M + 0.6 * (half @ M[:, flipped])) for M in T))
 
 
 class Memory:

@@ -250,7 +250,7 @@ def local_map(output: tuple[int, int], source: tuple[int, int], side: int, rng: 
     weights = rng.random((indices.size, 3), np.float32)
     weights /= side**2
     indptr = np.arange(0, indices.size + 1, side**2)
-    return pack(SparseRows(indptr, indices.ravel().astype(np.int64, copy=False), weights), output, source)
+    return pack(SparseRows(indptr, indices.ravel(), weights, source[0] * source[1]), output, source)
 
 
 def frame_ms(renderer: GlRenderer | CpuRenderer, reader: MediaReader) -> dict[str, float]:

@@ -24,7 +24,7 @@ from counterlight.tools.inverse.pieces import Truncation
 from counterlight.tools.inverse.room import build_room_maps
 from counterlight.tools.inverse.windowed import BLOCKS, HALOS, Windows
 from counterlight.tools.transport.storage import write_transport
-from counterlight.tools.transport.transport import Csr, Transport
+from counterlight.tools.transport.transport import Csr, Transport, channels
 from tests.bench_rooms import CAMERA, MAX_CLUSTER, PROJECTOR, wall, wall_decomposed
 from tests.bench_rows import Timed, seconds
 
@@ -36,14 +36,14 @@ def map_decomposed() -> Iterator[object]:
     yield _from_t_to_files(f"clusters of up to {MAX_CLUSTER}", InverseOptions(max_cluster=MAX_CLUSTER), 60)
     yield _peak()
     _, cut = wall_decomposed()
-    clusters = find_clusters(cut.matrices[0])
+    clusters = find_clusters(channels(cut.near)[0])
     everything = np.ones(clusters.count, bool)
     truncation = Truncation(np.full((CAMERA[0] * CAMERA[1], 3), 0.3), 0.5 / 255)
-    jobs = list(clustered_jobs(cut.matrices, clusters, everything, np.full(3, 0.01), 0.0, truncation))
+    jobs = list(clustered_jobs(channels(cut.near), clusters, everything, np.full(3, 0.01), 0.0, truncation))
     ours = seconds(lambda: list(run_jobs(jobs, "inverting")))
     blocks = ClusterBlocks(clusters, everything)
     with threadpool_limits(limits=1):  # numpy's own threads would make small ones slower
-        baseline = seconds(lambda: [_pinv_loop(blocks, T) for T in cut.matrices])
+        baseline = seconds(lambda: [_pinv_loop(blocks, T) for T in channels(cut.near)])
     yield Timed(
         f"  of that, {clusters.count} clusters inverted and truncated", ours, "numpy.linalg.pinv, looped,", baseline
     )

@@ -7,7 +7,7 @@ from scipy import sparse
 
 from counterlight.tools.clusters.decomposition import Decomposition, Parameters
 from counterlight.tools.clusters.search import decompose_to
-from counterlight.tools.transport.transport import Csr
+from counterlight.tools.transport.transport import Csr, stacked
 from tests.rooms import blurred_transport
 
 CAMERA, PROJECTOR = (480, 640), (512, 512)
@@ -48,7 +48,7 @@ def _lit(place: np.ndarray, scale: float, offset: np.ndarray) -> tuple[np.ndarra
 
 @cache
 def wall_decomposed() -> tuple[Parameters, Decomposition]:
-    return decompose_to(wall(), CAMERA, PROJECTOR, MAX_CLUSTER)
+    return decompose_to(stacked(wall()), CAMERA, PROJECTOR, MAX_CLUSTER)
 
 
 @cache

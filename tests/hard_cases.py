@@ -26,7 +26,7 @@ from counterlight.command import track
 from counterlight.errors import InputError
 from counterlight.tools.clusters.components import Clusters, find_clusters
 from counterlight.tools.clusters.search import decompose_to
-from counterlight.tools.transport.transport import Csr
+from counterlight.tools.transport.transport import Csr, channel, stacked
 from tests.hard_systems import CONDITIONS, CUT, METHODS, NOISE, Apply, HardCase, all_cases, defocus, defocused_wall, rng
 
 FloatArray = NDArray[np.float64]
@@ -119,7 +119,11 @@ def decomposition(condition: float, allowed: int | None) -> CutFigures:
     wall = defocused_wall(condition)
     T = wall.T
     if allowed is not None:
-        T = Csr(decompose_to((wall.T,) * 3, wall.camera, wall.projector, allowed)[1].matrices[0].astype(np.float64))
+        T = Csr(
+            channel(decompose_to(stacked((wall.T,) * 3), wall.camera, wall.projector, allowed)[1].near, 0).astype(
+                np.float64
+            )
+        )
     clusters = find_clusters(T)
     worst = max(_condition(T, clusters, label) for label in range(clusters.count)) if allowed else condition
     cut = replace(wall, T=T, truth=wall.T)

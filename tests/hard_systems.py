@@ -12,9 +12,9 @@ from counterlight.content import reachable_white
 from counterlight.tools.inverse.damping import largest_singular_value
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.pictures import typical_pictures
-from counterlight.tools.solve.registry import SOLVERS, solve
-from counterlight.tools.solve.system import linear_system
-from counterlight.tools.transport.transport import Csr
+from counterlight.tools.solve.registry import SOLVERS
+from counterlight.tools.transport.transport import Csr, channels, stacked
+from tests.one_channel import linear_system, solve
 from tests.rooms import blurred_transport
 
 FloatArray = NDArray[np.float64]
@@ -261,7 +261,7 @@ def by_solver(name: str, case: HardCase) -> Apply:
 
 def by_map(damping: float | None, max_cluster: int | None, case: HardCase) -> Apply:
     largest = None if max_cluster is None else min(max_cluster, case.T.shape[1])
-    T_pinv = inverse_of(case, InverseOptions(damping, KEEP_ALL, largest)).matrices(case.T.shape[0])[1]
+    T_pinv = channels(inverse_of(case, InverseOptions(damping, KEEP_ALL, largest)).T_pinv)[1]
     return lambda b: np.asarray(T_pinv @ b)
 
 
@@ -271,7 +271,7 @@ def inverse_of(case: HardCase, options: InverseOptions) -> Inverse:
     white = reachable_white(np.repeat(flood[..., None], 3, axis=2), flood > 0)
     mask = np.ones(case.camera, bool)
     reach = np.full((mask.size, 3), max(white, float(np.abs(case.target).max())))
-    return invert_near_light((case.T,) * 3, mask, case.projector, reach, white, options)
+    return invert_near_light(stacked((case.T,) * 3), mask, case.projector, reach, white, options)
 
 
 METHODS: dict[str, Callable[[HardCase], Apply]] = {

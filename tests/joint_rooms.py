@@ -35,7 +35,7 @@ def write_halves(folder: Path, *, right_camera: tuple[int, int] = CAMERA, right_
         devices = Device(*projector, Response(response)), Device(*camera, Response("linear"))
         ambient = np.full((*camera, 3), 0.01, np.float32)
         with writing(room, Calibration(room.name, "made by a test", devices[:1], devices[1], ambient, lit)) as stage:
-            write_transport(Transport(T), stage)
+            write_transport(Transport.from_matrices(T), stage)
     return rooms
 
 
@@ -57,7 +57,7 @@ def write_monitors(folder: Path, sizes: list[tuple[int, int]]) -> list[Path]:
         dark = np.zeros((*camera, 3), np.float32)
         rooms.append(folder / f"projector{number}")
         with writing(rooms[-1], Calibration("large", "made by a test", devices[:1], devices[1], dark, mask)) as stage:
-            write_transport(Transport((T, T, T)), stage)
+            write_transport(Transport.from_matrices((T, T, T)), stage)
     return rooms
 
 

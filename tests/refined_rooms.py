@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from counterlight.calibration import Calibration, Device
-from counterlight.maps import FarMaps, RoomMaps
+from counterlight.maps import RoomMaps
 from counterlight.renderer import Room
 from counterlight.response import Response
 from counterlight.tools.inverse.far_light import undo_far_light
-from counterlight.tools.packing.refinement_maps import refinement_maps
-from counterlight.tools.packing.row_maps import pack_matrices
-from counterlight.tools.transport.transport import Csr, FarLight, Transport
+from counterlight.tools.packing.refinement_maps import pack_far, refinement_maps
+from counterlight.tools.transport.transport import Csr, FarLight, Transport, stacked
+from tests.packing import pack_matrices
 from tests.rooms import CAMERA, CELLS, PROJECTOR, blurred_transport
 
 DARK = 40  # a projector pixel that lights nothing
@@ -36,7 +36,7 @@ class PhysicalRoom:
 def physical_room(rng: np.random.Generator, *, far: bool = True, start: str = "previous") -> PhysicalRoom:
     """A blurred, textured, tinted surface, a mask with holes, a dark projector pixel and, if asked, far light."""
     near = _near(rng)
-    transport = Transport(near, _far(rng) if far else None)
+    transport = Transport.from_matrices(near, _far(rng) if far else None)
     mask = rng.uniform(size=CAMERA) < 0.85
     device = Device(*PROJECTOR, Response("srgb"))
     ambient = rng.uniform(0, 0.02, (*CAMERA, 3)).astype(np.float32)
@@ -46,8 +46,8 @@ def physical_room(rng: np.random.Generator, *, far: bool = True, start: str = "p
     inverse = tuple(_inverse(T, mask.ravel()) for T in near)
     chain = undo = None
     if transport.far is not None:
-        chain = _pack_far(transport.far, PROJECTOR)
-        undo = _pack_far(undo_far_light(transport.far, inverse), CAMERA)
+        chain = pack_far(transport.far, CAMERA, PROJECTOR)
+        undo = pack_far(undo_far_light(transport.far, stacked(inverse)), CAMERA, CAMERA)
     maps = RoomMaps(
         pack_matrices(inverse, PROJECTOR, CAMERA),
         pack_matrices(near, CAMERA, PROJECTOR),
@@ -72,18 +72,13 @@ def _far(rng: np.random.Generator) -> FarLight:
     gather[:, :, DARK] = 0
     scatter = rng.uniform(0, 1, (3, camera, cells)) * (rng.uniform(size=(camera, cells)) < 0.5)
     mix = rng.uniform(0, 0.3, (3, cells, cells))
-    return FarLight(tuple(map(Csr, gather)), mix, tuple(map(Csr, scatter)))
+    return FarLight.from_matrices(tuple(map(Csr, gather)), mix, tuple(map(Csr, scatter)))
 
 
 def _inverse(T: Csr, inside: NDArray[np.bool_]) -> Csr:
     kept = np.where(inside[:, None], T.toarray(), 0).astype(np.float64)
     damping = (DAMPING * np.linalg.norm(kept, 2)) ** 2
     return Csr(np.linalg.solve(kept.T @ kept + damping * np.eye(kept.shape[1]), kept.T))
-
-
-def _pack_far(far: FarLight, source: tuple[int, int]) -> FarMaps:
-    mix = pack_matrices([Csr(channel) for channel in far.mix], CELLS, CELLS)
-    return FarMaps(pack_matrices(far.gather, CELLS, source), mix, pack_matrices(far.scatter, CAMERA, CELLS))
 
 
 def _written_out(transport: Transport) -> NDArray[np.float64]:

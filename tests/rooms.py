@@ -27,7 +27,7 @@ def random_map(
     indptr = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
     indices = rng.integers(0, source[0] * source[1], indptr[-1])
     weights = (scale * rng.normal(size=(indptr[-1], 3))).astype(np.float32)
-    return pack(SparseRows(indptr, indices, weights), output, source)
+    return pack(SparseRows(indptr, indices, weights, source[0] * source[1]), output, source)
 
 
 def random_room(rng: np.random.Generator, *, far: bool, dither: str = "ordered", response: str = "srgb") -> Room:
@@ -132,7 +132,7 @@ def write_blurred_room(
     blur = blurred_transport(rng, camera, projector, 0.5)
     tints = rng.uniform(0.5, 1, (3, blur.shape[0], 1))
     near = tuple(sparse.csr_array(blur.multiply(tint), dtype=np.float32) for tint in tints)
-    transport = Transport(near, _far_light(rng, blur.shape, cells) if cells else None)
+    transport = Transport.from_matrices(near, _far_light(rng, blur.shape, cells) if cells else None)
     calibration = Calibration(
         "blurred wall",
         "made by a test",
@@ -152,7 +152,7 @@ def _far_light(rng: np.random.Generator, shape: tuple[int, int], cells: int) -> 
     gather = sparse.csr_array((lit / lit.sum(axis=1, keepdims=True)).astype(np.float32))
     scatter = sparse.csr_array(seen.T.astype(np.float32))
     mix = rng.uniform(0.05, 0.15, (3, cells, cells)) / cells
-    return FarLight((gather,) * 3, mix, (scatter,) * 3)
+    return FarLight.from_matrices((gather,) * 3, mix, (scatter,) * 3)
 
 
 def write_one_to_one_room(folder: Path, shape: tuple[int, int]) -> None:
@@ -162,4 +162,4 @@ def write_one_to_one_room(folder: Path, shape: tuple[int, int]) -> None:
     T, device = sparse.csr_array(sparse.diags_array(albedo)), Device(*shape, Response("linear"))
     ambient, mask = np.zeros((*shape, 3), np.float32), np.ones(shape, bool)
     with writing(folder, Calibration("one to one", "made by a test", (device,), device, ambient, mask)) as stage:
-        write_transport(Transport((T, T, T)), stage)
+        write_transport(Transport.from_matrices((T, T, T)), stage)

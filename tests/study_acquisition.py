@@ -33,10 +33,9 @@ from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
-from counterlight.tools.solve.box import projected_gradient
-from counterlight.tools.solve.system import channel_system
-from counterlight.tools.transport.mask import lit_pixels
-from counterlight.tools.transport.transport import Transport
+from counterlight.tools.solve.box import Box
+from counterlight.tools.transport.mask import directly_lit
+from counterlight.tools.transport.transport import Transport, channel
 from tests.acquired_rooms import Memory
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -73,21 +72,19 @@ class StudyRoom:
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        direct = Transport(self.room.transport.near).composition().reshape(self.shape)
-        return lit_pixels(direct, self.room.ambient)
+        return directly_lit(self.room.transport, self.room.ambient)
 
     def compensated(self, transport: Transport, ambient: NDArray[np.floating], detail: int) -> float:
         """Mean PSNR in dB of the box optimum of some T and e, seen in this room."""
         truth = self.room.transport
-        flood = truth.composition().reshape(self.shape) + self.room.ambient
-        white = reachable_white(flood, self.mask)
+        white = reachable_white(truth.floodlight(self.room.ambient), self.mask)
         figures = []
         for small in typical_pictures((self.shape[0] // detail, self.shape[1] // detail))[:2]:
             picture = cv2.resize(small, self.shape[1::-1], interpolation=cv2.INTER_LINEAR)
             desired = white * np.repeat(picture[:, :, None], 3, axis=2)
             target = (desired - ambient).reshape(-1, 3)
-            systems = [channel_system(transport, i, target[:, i], self.mask.ravel()) for i in range(3)]
-            drive = np.stack([found.drive for found in projected_gradient(systems, 1.0, GAP)], axis=1)
+            target[~self.mask.ravel()] = 0
+            drive = Box(transport.inside(self.mask), 1.0, GAP).solve(target).drive
             seen = truth.apply(drive).reshape(self.shape) + self.room.ambient
             figures.append(camera_psnr(desired, seen, self.mask, white))
         return float(np.mean(figures))
@@ -134,13 +131,13 @@ def rooms(
     ambient = np.full((*camera, 3), 0.004, np.float32)
     linear = Response("linear")
     blurred = blurred_strips(rng, camera, projector, 1.3)
-    yield StudyRoom(SimulatedRoom("out of focus", Transport((blurred,) * 3), ambient, projector, linear))
+    yield StudyRoom(SimulatedRoom("out of focus", Transport.from_matrices((blurred,) * 3), ambient, projector, linear))
     sharp = blurred_strips(rng, camera, projector, 0.5)
     row, column = np.mgrid[: projector[0], : projector[1]]
     mirrored = sharp[:, (row * projector[1] + projector[1] - 1 - column).ravel()]
     upper = sparse.diags_array(np.repeat(np.arange(camera[0]) < camera[0] // 2, camera[1]).astype(np.float32))
     both = sparse.csr_array(sharp + 0.5 * (upper @ mirrored), dtype=np.float32)
-    yield StudyRoom(SimulatedRoom("mirror", Transport((both,) * 3), ambient, projector, linear))
+    yield StudyRoom(SimulatedRoom("mirror", Transport.from_matrices((both,) * 3), ambient, projector, linear))
 
 
 def blurred_strips(
@@ -191,19 +188,19 @@ def relative_error(found: Transport, truth: Transport) -> float:
     return float(np.sqrt(max(square, 0.0) / scale))
 
 
-def _square(terms: Sequence[tuple[int, Transport]], channel: int) -> float:
+def _square(terms: Sequence[tuple[int, Transport]], i: int) -> float:
     """‖Σ ± T‖², T = N + V D with V = U M, never made dense.
 
     ‖N‖² + 2 ⟨N Dᵀ, V⟩ + ⟨V D Dᵀ, V⟩, the last over all pairs of terms, some camera pixels at a time.
     """
-    near = sparse.csr_array(sum(sign * T.near[channel].astype(np.float64) for sign, T in terms))
+    near = sparse.csr_array(sum(sign * channel(T.near, i).astype(np.float64) for sign, T in terms))
     fars = [(sign, T.far) for sign, T in terms if T.far is not None]
-    gather = [far.gather[channel] for _, far in fars]
-    send = [sign * sparse.csr_array(far.mix[channel]) for sign, far in fars]
+    gather = [channel(far.gather, i) for _, far in fars]
+    send = [sign * sparse.csr_array(far.mix[i]) for sign, far in fars]
     total = float(np.sum(near.data**2))
     for first in range(0, near.shape[0], STRIP):
         rows = slice(first, first + STRIP)
-        cells = [(far.scatter[channel][rows] @ M).toarray() for (_, far), M in zip(fars, send, strict=True)]
+        cells = [(channel(far.scatter, i)[rows] @ M).toarray() for (_, far), M in zip(fars, send, strict=True)]
         for V, D in zip(cells, gather, strict=True):
             total += 2 * float(np.sum((near[rows] @ D.T).toarray() * V))
             total += sum(float(np.sum((V @ (D @ other.T)) * W)) for W, other in zip(cells, gather, strict=True))

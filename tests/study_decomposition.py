@@ -16,14 +16,16 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from counterlight.content import camera_psnr, reachable_white
+from counterlight.operators import Compensation
+from counterlight.row_map import SparseRows
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
-from counterlight.tools.transport.mask import lit_pixels
-from counterlight.tools.transport.transport import Csr, FarLight, Transport
+from counterlight.tools.transport.mask import directly_lit
+from counterlight.tools.transport.transport import Transport
 from tests.rooms import blurred_transport
 
 FloatArray = NDArray[np.float64]
@@ -52,18 +54,17 @@ class StudyRoom:
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        return lit_pixels(Transport(self.transport.near).composition().reshape(self.ambient.shape), self.ambient)
+        return directly_lit(self.transport, self.ambient)
 
     @property
     def white(self) -> float:
         return reachable_white(self.transport.composition().reshape(self.ambient.shape) + self.ambient, self.mask)
 
     @property
-    def near(self) -> tuple[Csr, ...]:
-        rows = sparse.diags_array(self.mask.ravel().astype(np.float32))
-        return tuple(sparse.csr_array(rows @ T) for T in self.transport.near)
+    def near(self) -> SparseRows:
+        return self.transport.inside(self.mask).near
 
-    def best_inverse(self, near: tuple[Csr, ...]) -> tuple[Inverse, list[float]]:
+    def best_inverse(self, near: SparseRows) -> tuple[Inverse, list[float]]:
         """T⁺ with the λ of the highest mean quality, and its quality."""
         reach = np.maximum(self.white, self.ambient.reshape(-1, 3))
         options = [InverseOptions(damping) for damping in DAMPINGS]
@@ -72,25 +73,16 @@ class StudyRoom:
 
     def quality(self, inverse: Inverse) -> list[float]:
         """Camera PSNR in decibels of each built-in picture: compensated, clamped, seen through the whole T."""
-        matrices = inverse.matrices(self.mask.size)
-        undo = None if self.transport.far is None else undo_far_light(self.transport.far, matrices)
+        undo = None if self.transport.far is None else undo_far_light(self.transport.far, inverse.T_pinv)
+        T_pinv = Compensation(inverse.T_pinv, undo)
         figures = []
         for small in typical_pictures((self.camera[0] // DETAIL, self.camera[1] // DETAIL)):
             picture = cv2.resize(small, self.camera[::-1], interpolation=cv2.INTER_LINEAR)
             desired = self.white * np.repeat(picture[:, :, None], 3, axis=2)
-            drive = compensated((desired - self.ambient).reshape(-1, 3), matrices, undo)
+            drive = np.clip(T_pinv.apply((desired - self.ambient).reshape(-1, 3)), 0, 1)
             seen = self.transport.apply(drive).reshape(desired.shape) + self.ambient
             figures.append(camera_psnr(desired, seen, self.mask, self.white))
         return figures
-
-
-def compensated(b: FloatArray, inverse: tuple[Csr, ...], undo: FarLight | None) -> FloatArray:
-    """p = clamp(S⁺ (b − U M' D' b)); b : (camera pixels, 3)."""
-    near = b
-    if undo is not None:
-        far = [undo.scatter[i] @ (undo.mix[i] @ (undo.gather[i] @ b[:, i])) for i in range(3)]
-        near = b - np.stack(far, axis=1)
-    return np.stack([np.clip(T_pinv @ near[:, i], 0, 1) for i, T_pinv in enumerate(inverse)], axis=1)
 
 
 def rooms() -> Iterator[StudyRoom]:
@@ -101,21 +93,22 @@ def rooms() -> Iterator[StudyRoom]:
         yield StudyRoom(name, PROJECTOR, simulated.transport, simulated.ambient.astype(np.float64))
     T = blurred_transport(np.random.default_rng(2006), BLURRED_CAMERA, BLURRED_PROJECTOR, BLUR)
     white = sparse.csr_array(sparse.diags_array(1 / T.sum(axis=1)) @ T, dtype=np.float32)
-    yield StudyRoom("out of focus", BLURRED_PROJECTOR, Transport((white,) * 3), np.zeros((*BLURRED_CAMERA, 3)))
+    out_of_focus = Transport.from_matrices((white,) * 3)
+    yield StudyRoom("out of focus", BLURRED_PROJECTOR, out_of_focus, np.zeros((*BLURRED_CAMERA, 3)))
 
 
 def row(room: StudyRoom, max_cluster: int | None) -> str:
     near, allowed, settings, kept = room.near, "any", "uncut", 1.0
     if max_cluster is not None:
         parameters, cut = decompose_to(near, room.camera, room.projector, max_cluster)
-        near, allowed, settings = cut.matrices, str(max_cluster), f"{parameters.radius:g}, {parameters.tau_1:.2f}"
+        near, allowed, settings = cut.near, str(max_cluster), f"{parameters.radius:g}, {parameters.tau_1:.2f}"
         kept = cut.report.connections_after / cut.report.connections_before
     inverse, figures = room.best_inverse(near)
     largest = f"{inverse.clusters.projector_sizes.max()}{' (windowed)' if inverse.windowed_clusters else ''}"
     quality = " | ".join(f"{figure:.1f}" for figure in figures)
     return (
         f"| {room.name} | {allowed} | {settings} | {100 * kept:.0f} % | {inverse.clusters.count} | {largest} "
-        f"| {inverse.damping:g} | {inverse.rows.indices.size} | {quality} |"
+        f"| {inverse.damping:g} | {inverse.T_pinv.indices.size} | {quality} |"
     )
 
 

@@ -31,8 +31,7 @@ from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.room import build_room_maps
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
-from counterlight.tools.solve.box import projected_gradient
-from counterlight.tools.solve.system import channel_system
+from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.mask import lit_pixels
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport
@@ -59,8 +58,7 @@ class StudyRoom:
     def best(self, b: FloatArray) -> FloatArray:
         """The optimal drive of the box solver; b : (camera pixels, 3)."""
         mask = self.room.calibration.mask.ravel()
-        systems = [channel_system(self.transport, i, b[:, i], mask) for i in range(3)]
-        return np.stack([found.drive for found in projected_gradient(systems, 1.0, TOLERANCE)], axis=1)
+        return Box(self.transport.inside(mask), 1.0, TOLERANCE).solve(b * mask[:, None]).drive
 
     def psnr(self, drive: FloatArray, b: FloatArray) -> float:
         mask = self.room.calibration.mask.ravel()
@@ -97,7 +95,7 @@ def defocused() -> Transport:
     shape = rows * columns, height * width
     blur = sparse.csr_array((weights[used], at), shape=shape)
     channels = (sparse.diags_array(colours[..., i].ravel()) @ blur for i in range(3))
-    return Transport(tuple(sparse.csr_array(T, dtype=np.float32) for T in channels))
+    return Transport.from_matrices(tuple(sparse.csr_array(T, dtype=np.float32) for T in channels))
 
 
 def _built(

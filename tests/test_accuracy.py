@@ -11,7 +11,7 @@ from counterlight import calibration
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.inverse.room import build_room_maps
-from counterlight.tools.simulation.room import write_simulated_room
+from counterlight.tools.simulation.room import fill_simulated_room
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.compensate import CompensateOptions, CompensationTask
@@ -37,7 +37,8 @@ def test_the_default_map_is_never_worse_than_direct_or_the_plain_inverse(room: s
         scene = load_scene(SCENES / f"{room}.toml")
         small = replace(scene, camera=scene.camera.resized(*CAMERA), projector=scene.projector.resized(*PROJECTOR))
         small = replace(small, cells=150)
-        write_simulated_room(small, simulate(small), tmp_path / room)
+        with calibration.replacing(tmp_path / room) as stage:
+            fill_simulated_room(small, simulate(small), stage)
     stored = calibration.read(tmp_path / room)
     psnr: dict[str, list[float]] = {}
     for name, damping in (("default", None), ("plain", 0.0)):

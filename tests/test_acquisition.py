@@ -23,6 +23,7 @@ from counterlight.calibration import Calibration, Device, writing
 from counterlight.content import camera_psnr, reachable_white
 from counterlight.errors import InputError
 from counterlight.maps import read_maps
+from counterlight.operators import compensation
 from counterlight.tools import acquire_transport, build_correction_map
 from counterlight.tools.acquisition import store
 from counterlight.tools.acquisition.acquire import REPEATS
@@ -34,7 +35,6 @@ from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalSche
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.acquisition.store import CaptureStore
 from counterlight.tools.inverse.pictures import typical_pictures
-from counterlight.tools.relighting.views import inverse_dual
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport
 from tests.acquired_rooms import (
@@ -348,7 +348,7 @@ def small_scene(tmp_path: Path, name: str) -> Path:
 def seen_through_truth(folder: Path, desired: np.ndarray, truth: Transport, room: Calibration) -> np.ndarray:
     """What the camera sees in the true room when the map of `folder` compensates."""
     stored = calibration.read(folder)
-    drive = inverse_dual(read_maps(stored), desired - stored.calibration.ambient)
+    drive = compensation(read_maps(stored)).apply(desired - stored.calibration.ambient)
     light = truth.apply(np.clip(drive, 0, 1).reshape(-1, 3)).reshape(desired.shape)
     return np.asarray(light + room.ambient)
 
@@ -381,7 +381,7 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
 
 
 def test_a_scene_without_a_lit_pixel_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    dark = Transport((sparse.csr_array((SHAPE[0], SHAPE[1]), dtype=np.float32),) * 3)
+    dark = Transport.from_matrices((sparse.csr_array((SHAPE[0], SHAPE[1]), dtype=np.float32),) * 3)
     room = Calibration(
         "dark", "made by a test", (Device(*PROJECTOR, LINEAR),), Device(*CAMERA, LINEAR),
         np.full((*CAMERA, 3), 0.1, np.float32), np.ones(CAMERA, bool),

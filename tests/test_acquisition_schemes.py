@@ -37,7 +37,7 @@ from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalSche
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.acquisition.schemes.schedule import colour_graph, conflict_graph
 from counterlight.tools.acquisition.schemes.stripes import locate, stripes
-from counterlight.tools.transport.transport import Transport
+from counterlight.tools.transport.transport import Transport, channel
 from tests.acquired_rooms import (
     NOISY,
     PROJECTOR,
@@ -173,7 +173,7 @@ def test_a_small_block_far_from_any_spot_goes_to_its_cell() -> None:
     spot = BlockLight(pixels, np.array([7]), np.array([0]), one)
     beside, away = (BlockLight(quads, np.array([7]), np.array([block]), one) for block in (1, 100))
     transport = as_transport([spot, beside, away], SHAPE[0])
-    assert set(transport.near[0].indices) == {0, 2, 3, PROJECTOR[1] + 2, PROJECTOR[1] + 3}
+    assert set(channel(transport.near, 0).indices) == {0, 2, 3, PROJECTOR[1] + 2, PROJECTOR[1] + 3}
     assert transport.far is not None
     row, column = 100 // quads.columns // 2, 100 % quads.columns // 2
     cell = cells.paint(np.array([row * cells.columns + column]))
@@ -242,7 +242,9 @@ def test_noise_is_measured(rng: np.random.Generator) -> None:
 
 
 def test_a_bracket_reaches_where_one_exposure_saturates() -> None:
-    transport = Transport((sparse.csr_array(np.diag(np.geomspace(1e-3, 1, SHAPE[0]))[:, : SHAPE[1]]),) * 3)
+    transport = Transport.from_matrices(
+        (sparse.csr_array(np.diag(np.geomspace(1e-3, 1, SHAPE[0]))[:, : SHAPE[1]]),) * 3
+    )
     room = room_of(transport, 0.0, projector=(1, SHAPE[0]))
     camera = SimulatedCamera(room, replace(QUIET, bits=8, exposures=(8.0, 1.0), response=Response("srgb")))
     shots = camera.capture(0, np.ones((1, SHAPE[0]), bool))
@@ -315,9 +317,9 @@ def test_light_kept_at_coarse_levels_does_not_leak_into_fine_ones(rng: np.random
     truth = with_far_light(near, 0.33)
     done = run(room_of(truth), HierarchicalScheme(Threshold(absolute=0.004)), QUIET)
     transport = done.measured.transport
-    dark = near.near[0].toarray() == 0
-    leaked = transport.near[0].toarray() * dark
-    assert leaked.sum() < 0.02 * transport.near[0].sum()
+    dark = channel(near.near, 0).toarray() == 0
+    leaked = channel(transport.near, 0).toarray() * dark
+    assert leaked.sum() < 0.02 * channel(transport.near, 0).sum()
     assert error(transport, truth) < 0.03
     assert done.check_error < 0.02  # far light in blocks of 8 px where it is below τ
 

@@ -26,7 +26,7 @@ from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.room import build_room_maps
 from counterlight.tools.transport.storage import write_transport
-from counterlight.tools.transport.transport import FarLight, Transport
+from counterlight.tools.transport.transport import FarLight, Transport, stacked
 from tests.hostile import little_memory, without_rights
 from tests.mutants import READ, REFUSED, DamagedRoom, mutant
 from tests.programs import fail
@@ -202,16 +202,17 @@ def test_far_light_that_cannot_be_undone() -> None:
     """1 + M D S⁺ U = 1 − 1: whatever is shown, as much comes back."""
     one = sparse.csr_array([[1.0]])
     for mix, complaint in ((-1.0, "singular"), (1e300, "times it")):
-        far = FarLight((one,) * 3, np.full((3, 1, 1), mix), (sparse.csr_array([[1e-300 if mix > 0 else 1.0]]),) * 3)
+        scatter = sparse.csr_array([[1e-300 if mix > 0 else 1.0]])
+        far = FarLight.from_matrices((one,) * 3, np.full((3, 1, 1), mix), (scatter,) * 3)
         with pytest.raises(InputError, match=complaint):
-            undo_far_light(far, (one,) * 3)
+            undo_far_light(far, stacked((one,) * 3))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_a_map_that_is_not_finite_is_not_packed(value: float) -> None:
     weights = np.ones((5, 3), np.float32)
     weights[3, 1] = value
-    rows = SparseRows(np.array([0, 2, 2, 3, 5]), np.arange(5), weights)
+    rows = SparseRows(np.array([0, 2, 2, 3, 5]), np.arange(5), weights, 5)
     with pytest.raises(InputError, match=r"the row of output pixel \(1, 1\) holds NaN or infinity, or a weight beyond"):
         pack(rows, (2, 2), (1, 5))
 
@@ -221,7 +222,7 @@ def write_room_in_unit(folder: Path, unit: float) -> None:
     device = Device(4, 5, Response("linear"))
     dark = Calibration("unit", "a test", (device,), device, np.zeros((4, 5, 3), np.float32), np.ones((4, 5), bool))
     with calibration.writing(folder, dark) as stage:
-        write_transport(Transport((T, T, T)), stage)
+        write_transport(Transport.from_matrices((T, T, T)), stage)
 
 
 def test_light_in_no_unit_is_refused(tmp_path: Path) -> None:

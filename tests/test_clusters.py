@@ -18,8 +18,7 @@ from counterlight.tools.clusters.decomposition import Decomposition, Parameters,
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
-from counterlight.tools.transport.mask import LUMINANCE
-from counterlight.tools.transport.transport import Csr
+from counterlight.tools.transport.transport import LUMINANCE, Csr, Shape, channels, stacked
 from tests.rooms import blurred_transport
 
 SCENES = Path(__file__).resolve().parents[1] / "calib_data" / "scenes"
@@ -61,7 +60,17 @@ def entries_reversed(T: Csr) -> Csr:
 def simulated_room(name: str) -> Graph:
     scene, camera, projector = load_scene(SCENES / f"{name}.toml"), (27, 48), (24, 40)
     scene = replace(scene, camera=scene.camera.resized(*camera), projector=scene.projector.resized(*projector))
-    return simulate(scene).transport.near, camera, projector
+    return channels(simulate(scene).transport.near), camera, projector
+
+
+def cut(matrices: tuple[Csr, ...], camera: Shape, projector: Shape, parameters: Parameters) -> Decomposition:
+    return decompose(stacked(matrices), camera, projector, parameters)
+
+
+def cut_to(
+    matrices: tuple[Csr, ...], camera: Shape, projector: Shape, max_cluster: int
+) -> tuple[Parameters, Decomposition]:
+    return decompose_to(stacked(matrices), camera, projector, max_cluster)
 
 
 def dense(matrices: tuple[Csr, ...]) -> NDArray[np.float64]:
@@ -75,8 +84,8 @@ def pattern(matrices: tuple[Csr, ...]) -> NDArray[np.bool_]:
 
 def check_invariants(graph: Graph, result: Decomposition) -> None:
     """What a cut may never break, and a report that tells the truth."""
-    before, after = dense(graph[0]), dense(result.matrices)
-    connected, kept = pattern(graph[0]), pattern(result.matrices)
+    before, after = dense(graph[0]), dense(channels(result.near))
+    connected, kept = pattern(graph[0]), pattern(channels(result.near))
     assert not np.any(kept & ~connected), "a connection that never was"
     np.testing.assert_array_equal(kept.any(axis=1), connected.any(axis=1), "camera pixels in the dark")
     np.testing.assert_array_equal(kept.any(axis=0), connected.any(axis=0), "projector pixels cut off")
@@ -127,9 +136,9 @@ def test_random_graphs_are_cut_as_the_pseudo_code_says(
 ) -> None:
     graph = random_graph(np.random.default_rng(seed), levels, density)
     parameters = Parameters(radius, tau_1, tau_2)
-    result = decompose(*graph, parameters)
+    result = cut(*graph, parameters)
     expected, saved = appendix_a(graph, parameters)
-    np.testing.assert_array_equal(pattern(result.matrices), expected)
+    np.testing.assert_array_equal(pattern(channels(result.near)), expected)
     assert result.report.saved_pixels == saved
     check_invariants(graph, result)
 
@@ -138,17 +147,17 @@ def test_random_graphs_are_cut_as_the_pseudo_code_says(
 @pytest.mark.parametrize("sigma", [0.5, 0.9, 1.6])
 def test_blurred_walls_keep_their_light(rng: np.random.Generator, sigma: float, parameters: Parameters) -> None:
     graph = blurred_room(rng, sigma)
-    result = decompose(*graph, parameters)
+    result = cut(*graph, parameters)
     check_invariants(graph, result)
     assert result.report.connections_after < result.report.connections_before
-    np.testing.assert_array_equal(pattern(result.matrices), appendix_a(graph, parameters)[0])
+    np.testing.assert_array_equal(pattern(channels(result.near)), appendix_a(graph, parameters)[0])
 
 
 @pytest.mark.parametrize("name", ["wall", "corner"])
 def test_simulated_rooms_keep_their_light(name: str) -> None:
     graph = simulated_room(name)
     for parameters in CUTS:
-        result = decompose(*graph, parameters)
+        result = cut(*graph, parameters)
         check_invariants(graph, result)
         assert result.report.connections_after < result.report.connections_before
 
@@ -156,19 +165,19 @@ def test_simulated_rooms_keep_their_light(name: str) -> None:
 @pytest.mark.parametrize("parameters", [Parameters(0, 1), Parameters(0.99, 1), Parameters(1e300, 0), Parameters(3, 0)])
 def test_no_neighbours_or_no_threshold_cut_nothing(rng: np.random.Generator, parameters: Parameters) -> None:
     graph = blurred_room(rng)
-    result = decompose(*graph, parameters)
-    np.testing.assert_allclose(dense(result.matrices), dense(graph[0]), rtol=FLOAT32_SUM)
+    result = cut(*graph, parameters)
+    np.testing.assert_allclose(dense(channels(result.near)), dense(graph[0]), rtol=FLOAT32_SUM)
     assert result.report.saved_pixels == 0
 
 
 def test_a_radius_beyond_the_picture_leaves_each_camera_pixel_its_strongest(rng: np.random.Generator) -> None:
     graph = random_weights(rng, blurred_room(rng))
-    result = decompose(*graph, Parameters(1e300, 1))
+    result = cut(*graph, Parameters(1e300, 1))
     report = result.report
     assert report.connections_after == math.prod(CAMERA) + report.saved_pixels
     assert report.saved_pixels > 0
     luminance = np.tensordot(LUMINANCE, dense(graph[0]), 1)
-    kept = pattern(result.matrices)
+    kept = pattern(channels(result.near))
     assert kept[np.arange(kept.shape[0]), luminance.argmax(axis=1)].all()
 
 
@@ -179,9 +188,9 @@ def test_light_from_elsewhere_stays_when_overlap_goes() -> None:
     T[0, [30, 31, 32]] = 0.02, 0.03, 0.01
     graph = (sparse.csr_array(T.astype(np.float32)),) * 3, (1, 1), (1, 40)
     wide = sparse.csr_array(np.vstack([T, np.eye(40)]).astype(np.float32))  # nobody is cut off
-    result = decompose((wide,) * 3, (1, 41), (1, 40), Parameters(3, 0.45))
-    np.testing.assert_array_equal(np.flatnonzero(pattern(result.matrices)[0]), [5, 6, 30, 31])
-    alone = decompose(*graph, Parameters(3, 0.45))  # all are cut off but for those, and all come back
+    result = cut((wide,) * 3, (1, 41), (1, 40), Parameters(3, 0.45))
+    np.testing.assert_array_equal(np.flatnonzero(pattern(channels(result.near))[0]), [5, 6, 30, 31])
+    alone = cut(*graph, Parameters(3, 0.45))  # all are cut off but for those, and all come back
     assert (alone.report.connections_after, alone.report.saved_pixels) == (8, 4)
 
 
@@ -189,18 +198,18 @@ def test_tau_2_reinserts_by_the_pixels_own_strongest() -> None:
     """Projector pixel 1 is never the strongest; its own connections are 0.4, 0.3 and 0.1."""
     T = sparse.csr_array(np.array([[1, 0.4, 0], [0, 0.3, 1], [0, 0.1, 1]], np.float32))
     for tau_2, rows in ((1.0, [0]), (0.7, [0, 1]), (0.2, [0, 1, 2]), (0.0, [0, 1, 2])):
-        result = decompose((T, T, T), (1, 3), (1, 3), Parameters(1, 0.5, tau_2))
-        np.testing.assert_array_equal(np.flatnonzero(pattern(result.matrices)[:, 1]), rows)
+        result = cut((T, T, T), (1, 3), (1, 3), Parameters(1, 0.5, tau_2))
+        np.testing.assert_array_equal(np.flatnonzero(pattern(channels(result.near))[:, 1]), rows)
         assert result.report.saved_pixels == 1
 
 
 def test_a_channel_that_only_cut_connections_carried_stays_in_the_composition() -> None:
     red = sparse.csr_array(np.array([[0.2, 0, 0], [0, 0.5, 0]], np.float32))
     green = sparse.csr_array(np.array([[0, 0.6, 0.3], [0.7, 0.5, 0.1]], np.float32))
-    result = decompose((red, green, red), (2, 1), (1, 3), Parameters(5, 0.4))
-    np.testing.assert_array_equal(pattern(result.matrices), [[False, True, True], [True, True, False]])
+    result = cut((red, green, red), (2, 1), (1, 3), Parameters(5, 0.4))
+    np.testing.assert_array_equal(pattern(channels(result.near)), [[False, True, True], [True, True, False]])
     # Red of camera pixel 0 came from projector pixel 0; what is left shares it by luminance, 0.6 to 0.3.
-    np.testing.assert_allclose(dense(result.matrices)[0, 0], [0, 0.2 * 2 / 3, 0.2 / 3], rtol=FLOAT32_SUM)
+    np.testing.assert_allclose(dense(channels(result.near))[0, 0], [0, 0.2 * 2 / 3, 0.2 / 3], rtol=FLOAT32_SUM)
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
@@ -209,12 +218,14 @@ def test_the_unit_of_light_changes_nothing(rng: np.random.Generator, make, scale
     graph: Graph = make(rng)
     scaled = tuple(sparse.csr_array(T * np.float32(scale)) for T in graph[0]), *graph[1:]
     for parameters in CUTS:
-        reference, result = decompose(*graph, parameters), decompose(*scaled, parameters)
+        reference, result = cut(*graph, parameters), cut(*scaled, parameters)
         assert result.report == reference.report
         # Both sides are float32, and so is the scale.
-        np.testing.assert_allclose(dense(result.matrices), scale * dense(reference.matrices), rtol=FLOAT32_SUM)
+        np.testing.assert_allclose(
+            dense(channels(result.near)), scale * dense(channels(reference.near)), rtol=FLOAT32_SUM
+        )
     if make is blurred_room:
-        assert decompose_to(*scaled, 30)[0] == decompose_to(*graph, 30)[0]
+        assert cut_to(*scaled, 30)[0] == cut_to(*graph, 30)[0]
 
 
 def test_the_order_of_pixels_and_of_entries_changes_nothing(rng: np.random.Generator) -> None:
@@ -223,30 +234,30 @@ def test_the_order_of_pixels_and_of_entries_changes_nothing(rng: np.random.Gener
     mirrored = np.arange(near[0].shape[1]).reshape(projector)[::-1, ::-1].ravel()
     permuted = tuple(entries_reversed(sparse.csr_array(T[shuffled][:, mirrored])) for T in near)
     for parameters in CUTS:
-        reference = dense(decompose(near, camera, projector, parameters).matrices)
-        result = dense(decompose(permuted, camera, projector, parameters).matrices)
+        reference = dense(channels(cut(near, camera, projector, parameters).near))
+        result = dense(channels(cut(permuted, camera, projector, parameters).near))
         expected = reference[:, shuffled][:, :, mirrored]
         np.testing.assert_allclose(result, expected, rtol=FLOAT32_SUM)
 
 
 def test_equal_weights_are_cut_the_same_every_time() -> None:
     ones = sparse.csr_array(np.ones((6, 20), np.float32))
-    first, second = (decompose((ones,) * 3, (2, 3), (4, 5), Parameters(1, 1)).matrices for _ in range(2))
+    first, second = (channels(cut((ones,) * 3, (2, 3), (4, 5), Parameters(1, 1)).near) for _ in range(2))
     np.testing.assert_array_equal(dense(first), dense(second))
     assert pattern(first)[:, 0].all(), "of equal weights, the first pixel is a block's strongest"
 
 
 def test_an_empty_transport_stays_empty() -> None:
     nothing: Csr = sparse.csr_array(np.zeros((6, 20), np.float32))
-    result = decompose((nothing,) * 3, (2, 3), (4, 5), Parameters(2, 0.5))
-    assert (result.report.clusters, result.report.largest_cluster, result.matrices[0].nnz) == (0, 0, 0)
-    assert decompose_to((nothing,) * 3, (2, 3), (4, 5), 1)[1].report == result.report
+    result = cut((nothing,) * 3, (2, 3), (4, 5), Parameters(2, 0.5))
+    assert (result.report.clusters, result.report.largest_cluster, channels(result.near)[0].nnz) == (0, 0, 0)
+    assert cut_to((nothing,) * 3, (2, 3), (4, 5), 1)[1].report == result.report
 
 
 def test_the_matrices_are_independent_copies(rng: np.random.Generator) -> None:
     graph = blurred_room(rng)
     before = dense(graph[0])
-    matrices = decompose(*graph, Parameters(2, 0.5)).matrices
+    matrices = channels(cut(*graph, Parameters(2, 0.5)).near)
     rest = dense(matrices[1:])
     matrices[0].data[:] = 0
     matrices[0].eliminate_zeros()
@@ -260,18 +271,18 @@ def test_the_matrices_are_independent_copies(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("max_cluster", [1000, 60, 20, 6])
 def test_every_cluster_is_within_the_size_asked_for(rng: np.random.Generator, max_cluster: int) -> None:
     graph = blurred_room(rng)
-    parameters, result = decompose_to(*graph, max_cluster)
+    parameters, result = cut_to(*graph, max_cluster)
     check_invariants(graph, result)
     assert result.report.largest_cluster <= max_cluster
-    again = decompose(*graph, parameters)
-    np.testing.assert_array_equal(dense(again.matrices), dense(result.matrices))
+    again = cut(*graph, parameters)
+    np.testing.assert_array_equal(dense(channels(again.near)), dense(channels(result.near)))
     assert again.report == result.report
 
 
 @pytest.mark.parametrize("name", ["wall", "corner"])
 def test_smaller_clusters_keep_fewer_connections(name: str) -> None:
     graph = simulated_room(name)
-    results = [decompose_to(*graph, size)[1] for size in (10_000, 200, 50, 10)]
+    results = [cut_to(*graph, size)[1] for size in (10_000, 200, 50, 10)]
     for result, size in zip(results, (10_000, 200, 50, 10), strict=True):
         check_invariants(graph, result)
         assert result.report.largest_cluster <= size
@@ -282,20 +293,20 @@ def test_smaller_clusters_keep_fewer_connections(name: str) -> None:
 
 def test_clusters_that_are_small_enough_are_not_cut(rng: np.random.Generator) -> None:
     blocks = sparse.csr_array(sparse.block_diag([rng.uniform(0.1, 1, (3, 4)) for _ in range(5)]).astype(np.float32))
-    parameters, result = decompose_to((blocks,) * 3, (3, 5), (4, 5), 4)
+    parameters, result = cut_to((blocks,) * 3, (3, 5), (4, 5), 4)
     assert parameters == Parameters(0, 0)
-    np.testing.assert_allclose(dense(result.matrices)[0], blocks.toarray(), rtol=FLOAT32_SUM)
+    np.testing.assert_allclose(dense(channels(result.near))[0], blocks.toarray(), rtol=FLOAT32_SUM)
 
 
 def test_the_impossible_says_what_is_possible() -> None:
     """One camera pixel sees six projector pixels that nobody else sees: none may be cut off, so they stay together."""
     T = sparse.csr_array(np.array([[6, 5, 4, 3, 2, 1]], np.float32))
     with pytest.raises(InputError, match=r"--max-cluster 5: .* has 6 projector pixels .*expected at least 6"):
-        decompose_to((T,) * 3, (1, 1), (2, 3), 5)
-    assert decompose_to((T,) * 3, (1, 1), (2, 3), 6)[1].report.largest_cluster == 6
+        cut_to((T,) * 3, (1, 1), (2, 3), 5)
+    assert cut_to((T,) * 3, (1, 1), (2, 3), 6)[1].report.largest_cluster == 6
     for size in (0, -3):
         with pytest.raises(InputError, match=f"--max-cluster {size}: expected at least 1"):
-            decompose_to((T,) * 3, (1, 1), (2, 3), size)
+            cut_to((T,) * 3, (1, 1), (2, 3), size)
 
 
 # Bad input
@@ -324,6 +335,6 @@ def test_a_transport_that_is_no_light_is_refused(value: float) -> None:
     bad = good.copy()
     bad.data[7] = value
     with pytest.raises(InputError, match="transport_green: 1 of 120 entries are negative, NaN or infinite"):
-        decompose((good, bad, good), (2, 3), (4, 5), Parameters(1, 0.5))
-    with pytest.raises(InputError, match="transport_red: 6x20 entries, expected 6 camera pixels x 24 projector"):
-        decompose_to((good,) * 3, (2, 3), (4, 6), 5)
+        cut((good, bad, good), (2, 3), (4, 5), Parameters(1, 0.5))
+    with pytest.raises(InputError, match="transport: 6x20 entries, expected 6 camera pixels x 24 projector"):
+        cut_to((good,) * 3, (2, 3), (4, 6), 5)

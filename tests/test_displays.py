@@ -15,7 +15,7 @@ from counterlight.tools.inverse.inverse import InverseOptions, invert_near_light
 from counterlight.tools.solve.quality import psnr
 from counterlight.tools.transport.joining import join_transports
 from counterlight.tools.transport.storage import read_transport
-from counterlight.tools.transport.transport import Transport
+from counterlight.tools.transport.transport import Transport, channel, channels
 from tests.joint_rooms import CAMERA, LEFT, RIGHT, join, write_halves
 from tests.programs import fail, succeed
 from tests.scenes import SCENES
@@ -58,7 +58,7 @@ def test_the_joint_transport_is_the_sum_of_all(tmp_path: Path, rng: np.random.Ge
     expected = sum(part.apply(picture.reshape(-1, 3)) for part, picture in lit)
     found = transport.apply(drive.reshape(-1, 3))
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * expected.max())  # the stored factors are float32
-    below = transport.near[0].sum(axis=0).reshape(joint.projector.shape)[13:, 24:]
+    below = channel(transport.near, 0).sum(axis=0).reshape(joint.projector.shape)[13:, 24:]
     assert below.max() == 0  # beside the lower projector nothing is lit
 
 
@@ -74,7 +74,7 @@ def test_a_projector_beside_its_copy_gives_half_of_the_light(tmp_path: Path, met
         regions = [Region(left, 0, 44, 30) for left in range(0, shape[1], 44)]
         reach = np.ones((mask.size, 3))
         found = invert_near_light(transport.near, mask, shape, reach, 1.0, options, regions)
-        return found.matrices(mask.size)[1].toarray().reshape(*shape, mask.size)
+        return channels(found.T_pinv)[1].toarray().reshape(*shape, mask.size)
 
     alone, together = rows(single, shape), rows(twice, (shape[0], 2 * shape[1]))
     for half in (together[:, : shape[1]], together[:, shape[1] :]):

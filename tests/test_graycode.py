@@ -14,6 +14,7 @@ from counterlight.response import Response
 from counterlight.tools.acquisition.captures import code_bits, find_captures
 from counterlight.tools.acquisition.direct_mapping import NOBODY, cell_owners, direct_mapping, direct_transport
 from counterlight.tools.acquisition.graycode import Decoded, decode
+from counterlight.tools.transport.transport import channel, channels
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 LINEAR = Response("linear")
@@ -253,7 +254,7 @@ def test_no_hole_between_decoded_pixels_stays_dark(rng: np.random.Generator) -> 
     x, y, valid = random_decode(rng)
     mapping = direct_mapping(x, y, valid, PROJECTOR, fill_radius=4)
     T = direct_transport(mapping, rng.uniform(0.1, 1, (x.size, 3)).astype(np.float32))
-    reached = np.asarray(T.near[1].sum(axis=0)).reshape(PROJECTOR) > 0
+    reached = np.asarray(channel(T.near, 1).sum(axis=0)).reshape(PROJECTOR) > 0
     assert not mapping.decoded.reshape(PROJECTOR)[11, 16]
     assert reached[4:20, 6:29].all()
     reached[3:21, 5:30] = False
@@ -274,8 +275,8 @@ def test_row_sums_are_the_weights(rng: np.random.Generator, step: int) -> None:
     weight[::7, 1] = 0
     mapping = direct_mapping(x // step, y // step, valid, PROJECTOR, step=step, fill_radius=3)
     T = direct_transport(mapping, weight)
-    assert all((matrix.data > 0).all() for matrix in T.near)
-    assert all(matrix.has_sorted_indices for matrix in T.near)
+    assert all((matrix.data > 0).all() for matrix in channels(T.near))
+    assert all(matrix.has_sorted_indices for matrix in channels(T.near))
     np.testing.assert_allclose(T.composition(), np.where(valid.reshape(-1, 1), weight, 0), rtol=ONE_ROUNDING)
 
 
@@ -294,7 +295,7 @@ def test_hole_and_owner_get_the_same_drive(rng: np.random.Generator) -> None:
     """Parallel columns: the solution of least norm sends both the same light, and reaches what direct mapping does."""
     x, y, valid = random_decode(rng)
     mapping = direct_mapping(x, y, valid, PROJECTOR, fill_radius=4)
-    T = direct_transport(mapping, rng.uniform(0.1, 1, (x.size, 3)).astype(np.float32)).near[0].toarray()
+    T = channel(direct_transport(mapping, rng.uniform(0.1, 1, (x.size, 3)).astype(np.float32)).near, 0).toarray()
     drive = np.linalg.pinv(T.astype(np.float64)) @ rng.uniform(size=x.size)
     owned = np.flatnonzero(mapping.owner != NOBODY)
     assert (mapping.owner[owned] != owned).any()
@@ -305,7 +306,7 @@ def test_hole_and_owner_get_the_same_drive(rng: np.random.Generator) -> None:
 def test_clusters_stay_one_decoded_cell_each(rng: np.random.Generator) -> None:
     x, y, valid = random_decode(rng)
     mapping = direct_mapping(x, y, valid, PROJECTOR, fill_radius=4)
-    T = direct_transport(mapping, np.ones((x.size, 3), np.float32)).near[0]
+    T = channel(direct_transport(mapping, np.ones((x.size, 3), np.float32)).near, 0)
     for cell in np.flatnonzero(mapping.decoded):
         cameras = T[:, [cell]].nonzero()[0]
         reached = np.unique(T[cameras].indices)

@@ -13,12 +13,12 @@ from counterlight.tools.clusters.finite import NonFiniteError
 from counterlight.tools.inverse.clustered import damped_inverse
 from counterlight.tools.inverse.damping import largest_singular_value
 from counterlight.tools.inverse.inverse import InverseOptions
-from counterlight.tools.solve.box import TOLERANCE, relative_gap
-from counterlight.tools.solve.registry import solve
-from counterlight.tools.solve.system import linear_system
+from counterlight.tools.solve.box import TOLERANCE
+from counterlight.tools.transport.transport import channels
 from tests import hard_cases
 from tests import hard_systems as hard
 from tests.hard_systems import CONDITIONS, KEEP_ALL, METHODS, HardCase
+from tests.one_channel import linear_system, relative_gap, solve
 
 FloatArray = NDArray[np.float64]
 FLOAT32_EPS = float(np.finfo(np.float32).eps)
@@ -44,7 +44,7 @@ def cut_off(T: FloatArray) -> float:
 def matrix_of(case: HardCase, damping: float | None) -> tuple[FloatArray, float]:
     """T⁺ of the green channel, dense, and its λ."""
     inverse = hard.inverse_of(case, InverseOptions(damping, KEEP_ALL))
-    return inverse.matrices(case.T.shape[0])[1].toarray(), inverse.damping * largest_singular_value(case.T)
+    return channels(inverse.T_pinv)[1].toarray(), inverse.damping * largest_singular_value(case.T)
 
 
 # Known answers
@@ -276,7 +276,7 @@ def test_one_cluster_of_thousands_is_inverted_through_windows(large: HardCase) -
     """Against LSMR on the whole damped system; each row comes from one window's inverse, of at most 1/(2λ)."""
     inverse = hard.inverse_of(large, InverseOptions(0.1, KEEP_ALL))
     assert (inverse.clusters.count, inverse.windowed_clusters) == (1, 1)
-    T_pinv, damping = inverse.matrices(large.T.shape[0])[1], 0.1 * largest_singular_value(large.T)
+    T_pinv, damping = channels(inverse.T_pinv)[1], 0.1 * largest_singular_value(large.T)
     whole = lsmr(large.T, large.target, damp=damping, atol=1e-12, btol=1e-12, maxiter=5000)[0]
     change = np.abs(np.clip(T_pinv @ large.target, 0, 1) - np.clip(whole, 0, 1))
     assert change.max() <= inverse.window_tolerance

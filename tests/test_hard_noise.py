@@ -17,12 +17,11 @@ from scipy.optimize import lsq_linear, nnls
 
 from counterlight.tools.inverse.damping import largest_singular_value
 from counterlight.tools.inverse.inverse import InverseOptions
-from counterlight.tools.solve.box import relative_gap
-from counterlight.tools.solve.registry import solve
-from counterlight.tools.solve.system import linear_system
+from counterlight.tools.transport.transport import channels
 from tests import hard_cases
 from tests import hard_systems as hard
 from tests.hard_systems import CONDITIONS, KEEP_ALL
+from tests.one_channel import linear_system, relative_gap, solve
 from tests.test_hard_cases import MAPS, SQUARES, WALLS, cut_off, drive, matrix_of, unclamped
 
 FloatArray = NDArray[np.float64]
@@ -114,7 +113,7 @@ def test_capture_noise_reaches_the_drive_within_the_proven_bound(share: float, f
     for seed in SEEDS:
         noisy = hard.capture_noise(share, seed)
         options = InverseOptions(damping / largest_singular_value(noisy.T), KEEP_ALL)
-        q = hard.inverse_of(noisy, options).matrices(noisy.T.shape[0])[1] @ noisy.target
+        q = channels(hard.inverse_of(noisy, options).T_pinv)[1] @ noisy.target
         E = np.linalg.norm(noisy.dense - wall.dense, 2)
         assert np.linalg.norm(q - p) <= E * (np.linalg.norm(p) / (2 * damping) + r / damping**2) + 1e-4
         moved = np.clip(q, 0, 1) - np.clip(p, 0, 1)
@@ -153,7 +152,7 @@ def test_the_plain_inverse_leaves_out_what_is_noise(share: float) -> None:
         T = numbers.uniform(0.2, 1, (40, 5)) @ numbers.uniform(0.2, 1, (5, 30))
         case = hard.listed("noisy", T * (1 + share * numbers.normal(size=T.shape)), np.ones(40))
         aware, unaware = (
-            hard.inverse_of(case, InverseOptions(0.0, KEEP_ALL, noise=noise)).matrices(40)[1].toarray()
+            channels(hard.inverse_of(case, InverseOptions(0.0, KEEP_ALL, noise=noise)).T_pinv)[1].toarray()
             for noise in (share, 0.0)
         )
         assert np.linalg.matrix_rank(aware, tol=1e-4 * np.linalg.norm(aware, 2)) <= 5

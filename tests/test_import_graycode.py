@@ -14,6 +14,7 @@ from counterlight import calibration
 from counterlight.response import Response
 from counterlight.tools.import_graycode import main
 from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.transport import channel
 from tests.test_graycode import PROJECTOR, make_rig, real_sets, write_named_captures, write_opencv_captures
 
 SIZE = f"{PROJECTOR[1]}x{PROJECTOR[0]}"
@@ -80,7 +81,7 @@ def test_the_summary_counts_what_was_written(
     assert main([str(captures), "--projector", SIZE, "-o", str(tmp_path / "room")]) == 0
     printed = capsys.readouterr().out
     stored = calibration.read(tmp_path / "room")
-    reached = int((read_transport(stored).near[0].sum(axis=0) > 0).sum())
+    reached = int((channel(read_transport(stored).near, 0).sum(axis=0) > 0).sum())
     valid, seen, filled, never = (
         int(re.search(pattern, printed)[1])  # type: ignore[index]
         for pattern in (r"(\d+) of 127x95", r"(\d+) seen", r"(\d+) filled", r"(\d+) never")
@@ -117,7 +118,10 @@ def test_a_step_lights_every_pixel_of_a_cell(rng: np.random.Generator, tmp_path:
     write_named_captures(tmp_path / "captures", make_rig(rng), step=2)
     arguments = [str(tmp_path / "captures"), "--projector", SIZE, "--step", "2", "-o", str(tmp_path / "room")]
     assert main(arguments) == 0
-    reached = np.asarray(read_transport(calibration.read(tmp_path / "room")).near[0].sum(axis=0)).reshape(PROJECTOR) > 0
+    reached = (
+        np.asarray(channel(read_transport(calibration.read(tmp_path / "room")).near, 0).sum(axis=0)).reshape(PROJECTOR)
+        > 0
+    )
     assert reached[4:22, 8:30].all()
 
 

@@ -20,7 +20,7 @@ from counterlight.response import Response
 from counterlight.tools.import_transport import main
 from counterlight.tools.transport.mask import lit_pixels
 from counterlight.tools.transport.storage import read_matrix, read_transport
-from counterlight.tools.transport.transport import CHANNELS
+from counterlight.tools.transport.transport import CHANNELS, channel, channels
 
 CAMERA, PROJECTOR = (9, 13), (7, 11)
 SHAPE = 9 * 13, 7 * 11
@@ -65,7 +65,7 @@ def test_the_command_keeps_every_entry(
     assert re.search(rf"entries: {counts}; \d+\.\d MiB; \d+ of 117 camera pixels lit; 0 negative", ended.stdout)
     stored = calibration.read(tmp_path / "room")
     transport = read_transport(stored)
-    for found, expected in zip(transport.near, matrices, strict=True):
+    for found, expected in zip(channels(transport.near), matrices, strict=True):
         np.testing.assert_array_equal(found.toarray(), expected.toarray())
     room = stored.calibration
     np.testing.assert_array_equal(room.ambient, ambient)
@@ -84,7 +84,7 @@ def test_negative_entries_become_zero_and_are_counted(
     sparse.save_npz(tmp_path / "green.npz", green)
     assert main(arguments(tmp_path)) == 0
     assert "5 negative entries set to 0 (red 0, green 5, blue 0)" in capsys.readouterr().out
-    found = read_transport(calibration.read(tmp_path / "room")).near[1]
+    found = channel(read_transport(calibration.read(tmp_path / "room")).near, 1)
     np.testing.assert_array_equal(found.toarray(), np.maximum(green.toarray(), 0))
 
 
@@ -92,7 +92,7 @@ def test_duplicate_entries_are_summed(tmp_path: Path, matrices: list[sparse.csr_
     rows, columns, values = [4, 4, 60], [3, 3, 70], [0.25, 0.5, 1.0]
     sparse.save_npz(tmp_path / "blue.npz", sparse.coo_array((values, (rows, columns)), shape=SHAPE))
     assert main(arguments(tmp_path)) == 0
-    found = read_transport(calibration.read(tmp_path / "room")).near[2]
+    found = channel(read_transport(calibration.read(tmp_path / "room")).near, 2)
     assert (found.nnz, found[4, 3], found[60, 70]) == (2, 0.75, 1.0)
 
 

@@ -12,8 +12,7 @@ from counterlight.tools.inverse.clustered import damped_inverse
 from counterlight.tools.inverse.damping import choose_damping
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
-from counterlight.tools.transport.mask import LUMINANCE
-from counterlight.tools.transport.transport import Csr, FarLight, Transport, shared_pattern
+from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, luminance_matrix, stacked
 from tests.rooms import blurred_transport
 
 CAMERA, PROJECTOR = (15, 19), (12, 16)
@@ -26,7 +25,7 @@ def three_channels(rng: np.random.Generator, T: Csr) -> tuple[Csr, ...]:
 
 def invert(near: tuple[Csr, ...], options: InverseOptions, mask: NDArray[np.bool_] | None = None) -> Inverse:
     mask = np.ones(CAMERA, bool) if mask is None else mask
-    return invert_near_light(near, mask, PROJECTOR, np.full((mask.size, 3), 0.5), 0.5, options)
+    return invert_near_light(stacked(near), mask, PROJECTOR, np.full((mask.size, 3), 0.5), 0.5, options)
 
 
 @pytest.mark.parametrize("shape", [(8, 8), (13, 5), (5, 13)])
@@ -54,7 +53,7 @@ def test_the_damped_inverse_solves_the_damped_normal_equations(
 def test_what_was_projected_is_recovered(rng: np.random.Generator) -> None:
     near = three_channels(rng, blurred_transport(rng, CAMERA, PROJECTOR, 0.5))
     p = rng.uniform(size=(near[0].shape[1], 3))
-    matrices = invert(near, InverseOptions(0.0, KEEP_ALL)).matrices(near[0].shape[0])
+    matrices = channels(invert(near, InverseOptions(0.0, KEEP_ALL)).T_pinv)
     for channel in range(3):
         recovered = matrices[channel] @ (near[channel] @ p[:, channel])
         np.testing.assert_allclose(recovered, p[:, channel], atol=2e-4)  # float32 weights times their row's L1 norm
@@ -67,11 +66,13 @@ def test_batches_of_clusters_equal_one_dense_inverse(rng: np.random.Generator) -
     mask = np.ones((1, T.shape[0]), bool)
     reach = np.ones((T.shape[0], 3))
     for damping in (0.0, 0.05):
-        result = invert_near_light((T, T, T), mask, (1, T.shape[1]), reach, 1.0, InverseOptions(damping, KEEP_ALL))
+        result = invert_near_light(
+            stacked((T, T, T)), mask, (1, T.shape[1]), reach, 1.0, InverseOptions(damping, KEEP_ALL)
+        )
         assert result.clusters.count == 60
         expected = damped_inverse(T.toarray().astype(float), np.array(damping * largest_singular_value(T)))
         # float32 weights; the largest entry of a plain inverse of such blocks is below 1e3.
-        np.testing.assert_allclose(result.matrices(T.shape[0])[1].toarray(), expected, rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(channels(result.T_pinv)[1].toarray(), expected, rtol=1e-5, atol=1e-5)
 
 
 def test_decomposing_bounds_the_clusters_and_judges_by_the_whole_transport(rng: np.random.Generator) -> None:
@@ -80,17 +81,15 @@ def test_decomposing_bounds_the_clusters_and_judges_by_the_whole_transport(rng: 
     assert cut.decomposition is not None
     assert cut.clusters.projector_sizes.max() <= 20
     assert cut.clusters.count > 5
-    assert cut.rows.indices.size < invert(near, InverseOptions(None, 0.5)).rows.indices.size
-    indptr, indices, weights = shared_pattern(near)
-    luminance = sparse.csr_array((weights @ np.array(LUMINANCE), indices, indptr), shape=near[0].shape)
-    assert cut.damping_errors != choose_damping(luminance, 0.5, np.ones(CAMERA, bool)).errors
+    assert cut.T_pinv.indices.size < invert(near, InverseOptions(None, 0.5)).T_pinv.indices.size
+    assert cut.damping_errors != choose_damping(luminance_matrix(stacked(near)), 0.5, np.ones(CAMERA, bool)).errors
 
 
 def test_rows_outside_the_mask_take_no_part(rng: np.random.Generator) -> None:
     near = three_channels(rng, blurred_transport(rng, CAMERA, PROJECTOR, 0.5))
     mask = rng.uniform(size=CAMERA) > 0.3
     result = invert(near, InverseOptions(0.05, KEEP_ALL), mask)
-    for matrix in result.matrices(mask.size):
+    for matrix in channels(result.T_pinv):
         assert matrix[:, np.flatnonzero(~mask.ravel())].nnz == 0
     with pytest.raises(InputError, match="no camera pixel inside the mask"):
         invert(near, InverseOptions(0.05), np.zeros(CAMERA, bool))
@@ -114,23 +113,23 @@ def test_far_light_is_undone(rng: np.random.Generator) -> None:
     U = sparse.csr_array(rng.uniform(size=(n, cells)))
     D = sparse.csr_array(rng.uniform(size=(cells, n)) / n)
     M = 0.1 * rng.uniform(size=(cells, cells))
-    far = FarLight((D,) * 3, np.stack([M] * 3), (U,) * 3)
+    far = FarLight.from_matrices((D,) * 3, np.stack([M] * 3), (U,) * 3)
     S_inverse = sparse.csr_array(np.linalg.inv(S.toarray()))
-    undo = undo_far_light(far, (S_inverse,) * 3)
+    undo = undo_far_light(far, stacked((S_inverse,) * 3))
     p = rng.uniform(size=(n, 3))
-    b = Transport((S,) * 3, far).apply(p)
-    near_light = b[:, 0] - undo.scatter[0] @ (undo.mix[0] @ (undo.gather[0] @ b[:, 0]))
+    b = Transport.from_matrices((S,) * 3, far).apply(p)
+    near_light = b[:, 0] - undo.apply(b)[:, 0]
     np.testing.assert_allclose(S_inverse @ near_light, p[:, 0], atol=1e-3)  # gathers' tails below 1e-4 are left out
 
 
 def test_transport_is_linear_and_its_transpose_is_one(rng: np.random.Generator) -> None:
     S = blurred_transport(rng, CAMERA, PROJECTOR, 0.7)
-    far = FarLight(
+    far = FarLight.from_matrices(
         tuple(sparse.random_array((7, S.shape[1]), density=0.2, rng=rng, format="csr") for _ in range(3)),
         rng.uniform(size=(3, 7, 7)),
         tuple(sparse.random_array((S.shape[0], 7), density=0.2, rng=rng, format="csr") for _ in range(3)),
     )
-    T = Transport((S,) * 3, far)
+    T = Transport.from_matrices((S,) * 3, far)
     u, w = rng.normal(size=(S.shape[1], 3)), rng.normal(size=(S.shape[1], 3))
     v = rng.normal(size=(S.shape[0], 3))
     np.testing.assert_allclose(T.apply(2 * u - w), 2 * T.apply(u) - T.apply(w), atol=1e-10)  # float64 sums
@@ -138,13 +137,12 @@ def test_transport_is_linear_and_its_transpose_is_one(rng: np.random.Generator) 
     np.testing.assert_allclose(left, right, rtol=1e-9)  # ⟨Tu, v⟩ = ⟨u, Tᵀv⟩, float64 sums of a few thousand terms
 
 
-def test_shared_pattern_is_the_union(rng: np.random.Generator) -> None:
+def test_stacked_channels_share_the_union_of_their_patterns(rng: np.random.Generator) -> None:
     matrices = [sparse.random_array((9, 14), density=0.2, rng=rng, format="csr", dtype=np.float32) for _ in range(3)]
-    indptr, indices, weights = shared_pattern(matrices)
-    for i, matrix in enumerate(matrices):
-        rebuilt = sparse.csr_array((weights[:, i], indices, indptr), shape=(9, 14))
-        np.testing.assert_array_equal(rebuilt.toarray(), matrix.toarray())
-    assert np.all(weights.any(axis=1))
+    rows = stacked(matrices)
+    for found, matrix in zip(channels(rows), matrices, strict=True):
+        np.testing.assert_array_equal(found.toarray(), matrix.toarray())
+    assert np.all(rows.weights.any(axis=1))
 
 
 @pytest.mark.parametrize("options", [{"damping": -0.1}, {"damping": 1.5}, {"max_error": -1}, {"max_error": 300}])

@@ -11,7 +11,7 @@ from counterlight.tools.inverse.clustered import damped_inverse
 from counterlight.tools.inverse.damping import CANDIDATES, choose_damping
 from counterlight.tools.inverse.inverse import InverseOptions, invert_near_light
 from counterlight.tools.inverse.noise import noise_of_matrix
-from counterlight.tools.transport.transport import Csr
+from counterlight.tools.transport.transport import Csr, channels, stacked
 from tests.rooms import blurred_transport
 
 CAMERA, PROJECTOR = (15, 19), (12, 16)
@@ -113,8 +113,8 @@ def test_known_noise_keeps_a_map_from_amplifying_it(rng: np.random.Generator) ->
     reach = np.full((MASK.size, 3), 0.5)
 
     def gain(damping: float | None, noise: float) -> float:
-        found = invert_near_light(near, MASK, PROJECTOR, reach, 0.5, InverseOptions(damping, 0.0, noise=noise))
-        return float(np.linalg.norm(found.matrices(MASK.size)[0].toarray(), 2))
+        found = invert_near_light(stacked(near), MASK, PROJECTOR, reach, 0.5, InverseOptions(damping, 0.0, noise=noise))
+        return float(np.linalg.norm(channels(found.T_pinv)[0].toarray(), 2))
 
     floor = noise_of_matrix(near[0], 0.02)
     assert gain(0.0, 0.02) <= 1 / floor

@@ -22,7 +22,7 @@ from counterlight.tools import build_correction_map
 from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.inverse import InverseOptions, invert_near_light
 from counterlight.tools.transport.storage import write_transport
-from counterlight.tools.transport.transport import Transport
+from counterlight.tools.transport.transport import Transport, stacked
 from tests.programs import command, fail, verb
 from tests.rooms import blurred_transport, write_blurred_room
 
@@ -90,7 +90,7 @@ def test_an_inverse_that_cannot_fit_is_refused_before_the_work(tmp_path: Path) -
     dark = np.zeros((side, side, 3), np.float32)
     large = Calibration("chain", "made by a test", (device,), device, dark, np.ones((side, side), bool))
     with calibration.writing(tmp_path / "chain", large) as stage:
-        write_transport(Transport((sparse.csr_array(chain),) * 3), stage)
+        write_transport(Transport.from_matrices((sparse.csr_array(chain),) * 3), stage)
     line = fail(BUILD, tmp_path / "chain", "--method", "clustered", "--regularize", "0.1")
     assert "inverting clusters of up to 65536 projector pixels whole needs about 768.0 GiB of memory" in line
     assert line.endswith("use --method auto with damping, or a smaller --max-cluster")
@@ -109,7 +109,7 @@ def test_every_need_is_compared_with_what_there_is(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, kib: int, options: InverseOptions, complaint: str | None
 ) -> None:
     monkeypatch.setattr("counterlight.memory.available_bytes", lambda: kib << 10)
-    near = (blurred_transport(rng, CAMERA, PROJECTOR, 0.6),) * 3
+    near = stacked((blurred_transport(rng, CAMERA, PROJECTOR, 0.6),) * 3)
     arguments = near, np.ones(CAMERA, bool), PROJECTOR, np.full((CAMERA[0] * CAMERA[1], 3), 0.5), 0.5, options
     if complaint is None:
         invert_near_light(*arguments)
@@ -121,10 +121,10 @@ def test_every_need_is_compared_with_what_there_is(
 def test_a_map_that_cannot_fit_is_refused_from_its_first_rows(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    near = (blurred_transport(rng, CAMERA, PROJECTOR, 0.6),) * 3
+    near = stacked((blurred_transport(rng, CAMERA, PROJECTOR, 0.6),) * 3)
     arguments = near, np.ones(CAMERA, bool), PROJECTOR, np.full((CAMERA[0] * CAMERA[1], 3), 0.5), 0.5
     short, long = (InverseOptions(0.4, max_error, method="windowed") for max_error in (4.0, 0.0))
-    needs = [invert_near_light(*arguments, each).rows.indices.size * memory.ENTRY_BYTES for each in (short, long)]
+    needs = [invert_near_light(*arguments, each).T_pinv.indices.size * memory.ENTRY_BYTES for each in (short, long)]
     monkeypatch.setattr("counterlight.memory.available_bytes", lambda: sum(needs) // 2)
     monkeypatch.setattr(memory, "check_windows", lambda *_: None)  # room for the work itself
     invert_near_light(*arguments, short)

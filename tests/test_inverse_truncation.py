@@ -17,7 +17,7 @@ from counterlight.tools.inverse.pieces import Truncation, truncated_piece
 from counterlight.tools.inverse.room import build_room_maps
 from counterlight.tools.inverse.truncation import entries_to_keep
 from counterlight.tools.transport.storage import read_transport
-from counterlight.tools.transport.transport import Csr
+from counterlight.tools.transport.transport import Csr, channel, channels, stacked
 from tests.rooms import blurred_transport, write_blurred_room
 
 FloatArray = NDArray[np.float64]
@@ -40,7 +40,9 @@ def reach(rng: np.random.Generator) -> FloatArray:
 
 
 def invert(near: tuple[Csr, ...], reach: FloatArray, max_error: float, damping: float = DAMPING) -> Inverse:
-    return invert_near_light(near, np.ones(CAMERA, bool), PROJECTOR, reach, 0.5, InverseOptions(damping, max_error))
+    return invert_near_light(
+        stacked(near), np.ones(CAMERA, bool), PROJECTOR, reach, 0.5, InverseOptions(damping, max_error)
+    )
 
 
 def exact_inverses(near: tuple[Csr, ...]) -> list[FloatArray]:
@@ -71,9 +73,9 @@ def test_no_picture_in_range_changes_more_than_certified(
 ) -> None:
     found = invert(near, reach, max_error)
     assert found.truncation.max() <= max(max_error / 255, 1e-5)  # float32, rows of L1 norm below 50
-    matrices = found.matrices(len(reach))
-    for channel, exact in enumerate(exact_inverses(near)):
-        u, stored = reach[:, channel], matrices[channel].toarray()
+    matrices = channels(found.T_pinv)
+    for colour, exact in enumerate(exact_inverses(near)):
+        u, stored = reach[:, colour], matrices[colour].toarray()
         signs = np.sign(exact - stored)
         pictures = [u[:, None] * rng.uniform(-1, 1, (u.size, 50)), u[:, None] * rng.choice([-1, 1], (u.size, 50))]
         pictures.append(signs.T * u[:, None])  # the worst one for each row
@@ -81,10 +83,10 @@ def test_no_picture_in_range_changes_more_than_certified(
             assert np.all(np.abs(b) <= u[:, None])
             change = np.abs((exact - stored) @ b)
             clamped = np.abs(np.clip(exact @ b, 0, 1) - np.clip(stored @ b, 0, 1))
-            bound = found.truncation[:, channel, None] + ROUNDING
+            bound = found.truncation[:, colour, None] + ROUNDING
             assert np.all(change <= bound)
             assert np.all(clamped <= bound)
-            T = near[channel].toarray().astype(float)
+            T = near[colour].toarray().astype(float)
             seen = np.abs(T @ (np.clip(exact @ b, 0, 1) - np.clip(stored @ b, 0, 1)))
             assert np.all(seen <= T @ bound)  # T ≥ 0: what the camera sees
 
@@ -92,20 +94,20 @@ def test_no_picture_in_range_changes_more_than_certified(
 @pytest.mark.parametrize("max_error", [0.1, 0.5, 4.0])
 def test_the_worst_picture_comes_near_the_bound(near: tuple[Csr, ...], reach: FloatArray, max_error: float) -> None:
     found = invert(near, reach, max_error)
-    assert found.rows.indices.size < invert(near, reach, 0.0).rows.indices.size
-    matrices = found.matrices(len(reach))
+    assert found.T_pinv.indices.size < invert(near, reach, 0.0).T_pinv.indices.size
+    matrices = channels(found.T_pinv)
     used = []
-    for channel, exact in enumerate(exact_inverses(near)):
-        stored = matrices[channel].toarray()
+    for colour, exact in enumerate(exact_inverses(near)):
+        stored = matrices[colour].toarray()
         for i in range(0, len(exact), 7):
-            u = reach[:, channel]
+            u = reach[:, colour]
             b = worst_picture(exact[i], exact[i] - stored[i], u)
             assert np.all(np.abs(b) <= u * (1 + ROUNDING))
             drive, kept = exact[i] @ b, stored[i] @ b
             assert 0 < min(drive, kept) <= max(drive, kept) < 1  # the clamp hides nothing
             change = abs(drive - kept)
-            assert change <= found.truncation[i, channel] + ROUNDING
-            assert change >= found.truncation[i, channel] / 2
+            assert change <= found.truncation[i, colour] + ROUNDING
+            assert change >= found.truncation[i, colour] / 2
             used.append(found.truncation[i].max())
     assert np.median(used) >= 0.6 * max_error / 255  # the budget is used, though the channels share one pattern
 
@@ -118,11 +120,11 @@ def test_the_bound_in_camera_radiance_is_reached(rng: np.random.Generator) -> No
     near = (sparse.csr_array((weights.ravel().astype(np.float32), (camera, camera // 4)), shape=(240, 60)),) * 3
     reach = np.full((240, 3), 0.02)
     options = InverseOptions(0.001, 4.0)
-    found = invert_near_light(near, np.ones((12, 20), bool), (6, 10), reach, 0.02, options)
+    found = invert_near_light(stacked(near), np.ones((12, 20), bool), (6, 10), reach, 0.02, options)
     T = near[0].toarray().astype(float)
     sigma = largest_singular_value(near[0])
     exact = damped_inverse(T, np.array(0.001 * sigma))
-    stored = found.matrices(240)[0].toarray()
+    stored = channels(found.T_pinv)[0].toarray()
     own = [np.where(row > 0, 0.02, 0.0) for row in exact]
     b = np.sum([worst_picture(a, a - s, u) for a, s, u in zip(exact, stored, own, strict=True)], axis=0)
     assert np.all(np.abs(b) <= 0.02 * (1 + ROUNDING))
@@ -142,7 +144,7 @@ def test_a_room_keeps_the_bounds_of_its_manifest(tmp_path: Path, rng: np.random.
     short = build_room_maps(stored, InverseOptions(DAMPING, 2.0))
     transport = read_transport(stored)
     pixels = stored.calibration.camera.pixels
-    pairs = zip(whole.inverse.matrices(pixels), short.inverse.matrices(pixels), strict=True)
+    pairs = zip(channels(whole.inverse.T_pinv), channels(short.inverse.T_pinv), strict=True)
     white, ambient = short.maps.white, stored.calibration.ambient.reshape(-1, 3).astype(float)
     for i, (exact, kept) in enumerate(pairs):
         c = np.where(rng.integers(0, 2, (pixels, 40)), white, 0.0)  # black and white camera pixels: within the range
@@ -150,7 +152,7 @@ def test_a_room_keeps_the_bounds_of_its_manifest(tmp_path: Path, rng: np.random.
         drives = np.clip(exact @ b, 0, 1), np.clip(kept @ b, 0, 1)
         tolerance = whole.inverse.truncation.max()  # what the whole one rounds
         assert np.abs(drives[0] - drives[1]).max() <= certified["truncation_drive"] + tolerance
-        seen = np.abs(transport.near[i] @ (drives[0] - drives[1]))
+        seen = np.abs(channel(transport.near, i) @ (drives[0] - drives[1]))
         assert 0 < seen.max() <= certified["truncation_camera_radiance"] + tolerance
     assert certified["truncation_drive"] <= 2 / 255
 

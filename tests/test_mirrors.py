@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from counterlight.tools.simulation.simulate import simulate
+from counterlight.tools.transport.transport import channels
 from tests.test_optics import at, room
 
 MIRROR = """
@@ -47,7 +48,7 @@ def test_a_mirror_lights_as_a_mirrored_projector_would(tmp_path: Path) -> None:
     drive[10:26, 14:34] = 1
     pictures = []
     for scene, picture in ((real, drive[:, ::-1]), (virtual, drive)):
-        T = simulate(scene, only=["direct", "shadows", "caustics", "gloss"]).transport.near
+        T = channels(simulate(scene, only=["direct", "shadows", "caustics", "gloss"]).transport.near)
         pictures.append(np.stack([T[i] @ picture[..., i].ravel() for i in range(3)], axis=1))
     seen, expected = (picture.reshape(9, 4, 12, 4, 3).mean(axis=(1, 3)) for picture in pictures)
     assert expected.max() > 0.3

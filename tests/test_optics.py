@@ -27,6 +27,7 @@ from counterlight.tools.simulation.paths import Rays
 from counterlight.tools.simulation.projector_side import pixel_flux
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
+from counterlight.tools.transport.transport import channel, channels
 
 FloatArray = NDArray[np.float64]
 
@@ -149,13 +150,13 @@ def test_a_slab_shifts_what_is_seen_through_it_as_snell_says(tmp_path: Path, abb
     straight = eye - directions * (eye[2] / directions[:, 2])[:, None]
     outward = straight - eye
     run = np.linalg.norm(outward[:, :2], axis=1)
-    for channel, n in enumerate(indices):
+    for colour, n in enumerate(indices):
         strongest, found = np.zeros(len(directions)), np.zeros((len(directions), 3))
         for batch in batches:
-            order = np.argsort(batch.throughput[:, channel])  # the brightest last
-            brighter = batch.throughput[order, channel] > strongest[batch.pixel[order]]
+            order = np.argsort(batch.throughput[:, colour])  # the brightest last
+            brighter = batch.throughput[order, colour] > strongest[batch.pixel[order]]
             rows = order[brighter]
-            found[batch.pixel[rows]], strongest[batch.pixel[rows]] = batch.point[rows], batch.throughput[rows, channel]
+            found[batch.pixel[rows]], strongest[batch.pixel[rows]] = batch.point[rows], batch.throughput[rows, colour]
         i = np.arctan(run / eye[2])
         shift = thickness * (np.tan(i) - np.tan(np.arcsin(np.sin(i) / n)))
         expected = straight[:, :2] - outward[:, :2] / run[:, None] * shift[:, None]
@@ -208,13 +209,13 @@ def test_a_pane_passes_what_its_two_faces_let_through(tmp_path: Path, side: str,
     bare = replace(covered, surfaces=covered.surfaces[:1])
     seen = [simulate(scene).transport.composition().reshape(18, 24, 3)[5:13, 7:17] for scene in (covered, bare)]
     ratio = (seen[0] / seen[1]).mean(axis=(0, 1))
-    for channel, fade in enumerate((0.0, absorption, 0.0)):
+    for colour, fade in enumerate((0.0, absorption, 0.0)):
         face, path = 0.04, np.exp(-fade * 0.1 / np.cos(np.arcsin(np.sin(np.arctan(0.25)) / 1.5)))
         expected = (1 - face) ** 2 * path / (1 - face**2 * path**2)
         if side == "projector":
             expected *= (4 / (4 - 0.1 * (1 - 1 / 1.5))) ** 2
         # The cut-off leaves out the second round trip; at 14° R differs from 0.04 by 1e-4; the map's texels average.
-        assert ratio[channel] == pytest.approx(expected, rel=5e-3)
+        assert ratio[colour] == pytest.approx(expected, rel=5e-3)
 
 
 def test_a_caustic_is_where_light_goes_that_is_traced_ray_by_ray(tmp_path: Path) -> None:
@@ -282,13 +283,14 @@ def test_projector_and_camera_can_change_places(tmp_path: Path) -> None:
     there = room(tmp_path, WALL + ball(0.3), *places)
     back = room(tmp_path, WALL + ball(0.3), *places[::-1])
     T, reverse = (
-        simulate(replace(scene, samples=8, threshold=0.0)).transport.near[0].toarray() for scene in (there, back)
+        channel(simulate(replace(scene, samples=8, threshold=0.0)).transport.near, 0).toarray()
+        for scene in (there, back)
     )
     blocks = [coarse(matrix) for matrix in (T, reverse.T)]
     scale = np.abs(blocks[0]).max()
     assert np.abs(blocks[0] - blocks[1]).max() < 0.1 * scale  # the caustic is sharper than the map's texels
     assert np.abs(blocks[0] - blocks[1]).sum() < 0.05 * blocks[0].sum()
-    glass = simulate(there, only=["direct", "shadows"]).transport.near[0].sum() / T.sum()
+    glass = channel(simulate(there, only=["direct", "shadows"]).transport.near, 0).sum() / T.sum()
     assert glass < 0.9  # enough of it goes through the ball
 
 
@@ -307,8 +309,8 @@ def test_without_an_abbe_number_there_is_no_dispersion(tmp_path: Path) -> None:
     spread = room(tmp_path, WALL + ball(0.3, "dielectric = { index = 1.5, abbe = 30 }"), *places)
     assert not needs_of(plain)["dispersion"].on
     assert needs_of(spread)["dispersion"].on
-    T, without = simulate(plain).transport.near, simulate(spread, without=["dispersion"]).transport.near
-    bent = simulate(spread).transport.near
+    T, without = (channels(s.transport.near) for s in (simulate(plain), simulate(spread, without=["dispersion"])))
+    bent = channels(simulate(spread).transport.near)
     for i in range(3):
         assert T[i].data.tobytes() == without[i].data.tobytes()
     red, blue = T[0] / 0.5 - T[2] / 0.7, bent[0] / 0.5 - bent[2] / 0.7

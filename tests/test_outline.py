@@ -33,6 +33,7 @@ def test_a_point_stands_where_the_projector_lights_it_most(wide: bool) -> None:
         np.concatenate([[0], np.cumsum(lengths)]),
         np.array([1, 2 * 5 + 4, 5]),
         np.array([[0.5, 0, 0.1], [0.1, 0.4, 0.2], [1, 0, 0]], np.float32),
+        PROJECTOR[0] * PROJECTOR[1],
     )
     transport = pack(rows, CAMERA, PROJECTOR)
     if wide:

@@ -37,7 +37,9 @@ def diagonal_room(reach: float, ambient: float, white: float = 1.0, shape: tuple
     device, light = Device(*shape, Response("srgb")), np.full((*shape, 3), ambient, np.float32)
     calibration = Calibration("diagonal", "made by a test", (device,), device, light, np.ones(shape, bool))
     rows = [
-        pack(SparseRows(np.arange(count + 1), np.arange(count), np.full((count, 3), w, np.float32)), shape, shape)
+        pack(
+            SparseRows(np.arange(count + 1), np.arange(count), np.ones((count, 3), np.float32) * w, count), shape, shape
+        )
         for w in (1 / reach, reach)
     ]
     return Room(calibration, RoomMaps(rows[0], rows[1], None, None, white), white)

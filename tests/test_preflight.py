@@ -139,7 +139,7 @@ def test_a_drifting_white_balance_is_told_from_a_drifting_exposure(room: Simulat
 
 
 def test_a_dark_room_has_no_projector() -> None:
-    dark = Transport((sparse.csr_array(SHAPE, dtype=np.float32),) * 3)
+    dark = Transport.from_matrices((sparse.csr_array(SHAPE, dtype=np.float32),) * 3)
     found = findings(SimulatedCamera(room_of(dark, ambient=0.2), NOISY))
     assert list(found) == ["projector"]
     assert found["projector"].grade == "bad"

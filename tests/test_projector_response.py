@@ -24,6 +24,7 @@ from counterlight.tools.acquisition.room_options import named_response
 from counterlight.tools.fit_projector_response import main
 from counterlight.tools.hdr.projector_response import fit_projector_response, level_means
 from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.transport import channel
 from tests.brackets import CURVES, write_picture
 
 LEVELS = np.arange(0, 256, 5) / 255
@@ -234,7 +235,7 @@ def test_photographs_are_predicted_from_response_and_transport(shared_data: Path
     room = tmp_path / "room"
     import_graycode_room(folder, room, GraycodeOptions(Device(1080, 1920, fitted.response), GREY, step=2))
     stored = calibration.read(room)
-    T, mask = read_transport(stored).near[0], stored.calibration.mask
+    T, mask = channel(read_transport(stored).near, 0), stored.calibration.mask
     for axis, phase in SINES:
         drive = fitted.response.to_linear(sine(axis, phase)[..., None].repeat(3, axis=2) / 255.0)[..., 0]
         predicted = (T @ drive.ravel()).reshape(mask.shape) + stored.calibration.ambient[..., 0]

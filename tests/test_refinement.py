@@ -25,8 +25,8 @@ from counterlight.refinement import (
 )
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.room import build_room_maps
-from counterlight.tools.packing.row_maps import pack_matrices
 from counterlight.video import Frame
+from tests.packing import pack_matrices
 from tests.refined_rooms import DARK, PhysicalRoom, physical_room
 from tests.rooms import CAMERA, radiance_frame, rgb_frame, write_blurred_room
 

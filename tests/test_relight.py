@@ -10,11 +10,11 @@ from scipy import sparse
 from counterlight import calibration, exr, maps
 from counterlight.calibration import Calibration, StoredCalibration
 from counterlight.maps import FarMaps, RoomMaps
+from counterlight.operators import compensation
 from counterlight.row_map import RowMap, unpack
 from counterlight.tools import build_correction_map
 from counterlight.tools.relighting.pictures import white_level
-from counterlight.tools.relighting.views import composition, dual, inverse_composition, inverse_dual
-from counterlight.tools.transport.transport import FarLight, Transport
+from counterlight.tools.transport.transport import FarLight, Transport, channels
 from tests.programs import fail, succeed
 from tests.rooms import CAMERA, CELLS, PROJECTOR, random_map, random_room, write_blurred_room
 
@@ -58,8 +58,8 @@ def far_transport(rng: np.random.Generator) -> Transport:
     def part(*shape: int) -> tuple[sparse.csr_array, ...]:
         return tuple(sparse.csr_array(rng.uniform(size=shape) * (rng.uniform(size=shape) < 0.2)) for _ in range(3))
 
-    far = FarLight(part(cells, projector), rng.uniform(size=(3, cells, cells)), part(camera, cells))
-    return Transport(part(camera, projector), far)
+    far = FarLight.from_matrices(part(cells, projector), rng.uniform(size=(3, cells, cells)), part(camera, cells))
+    return Transport.from_matrices(part(camera, projector), far, camera=CAMERA, projector=PROJECTOR)
 
 
 def room_of(rng: np.random.Generator) -> Calibration:
@@ -69,29 +69,32 @@ def room_of(rng: np.random.Generator) -> Calibration:
 def test_composition_and_dual_are_the_matrix_and_its_transpose(rng: np.random.Generator) -> None:
     transport, room = far_transport(rng), room_of(rng)
     assert transport.far is not None
-    T = np.stack([near.toarray() for near in transport.near])
-    U, D = (np.stack([m.toarray() for m in part]) for part in (transport.far.scatter, transport.far.gather))
+    T = np.stack([near.toarray() for near in channels(transport.near)])
+    U, D = (np.stack([m.toarray() for m in channels(part)]) for part in (transport.far.scatter, transport.far.gather))
     T = T + U @ transport.far.mix @ D
     p, c = rng.uniform(size=(*PROJECTOR, 3)), rng.uniform(size=(*CAMERA, 3))
-    seen = composition(transport, room, p, ambient=False)
+    seen = transport @ p
     np.testing.assert_allclose(seen.reshape(-1, 3), times(T, p), rtol=1e-12)  # float64 sums of positive terms
-    lit = dual(transport, room, c)
+    lit = transport.T @ c
     np.testing.assert_allclose(lit.reshape(-1, 3), times(T.transpose(0, 2, 1), c), rtol=1e-12)  # likewise
     assert np.sum(seen * c) == pytest.approx(np.sum(p * lit), rel=1e-12)  # ⟨Tp, c⟩ = ⟨p, Tᵀc⟩, float64
-    floodlit = composition(transport, room, None, ambient=True)
+    floodlit = transport.floodlight(room.ambient)
     np.testing.assert_allclose(floodlit, T.sum(axis=2).T.reshape(*CAMERA, 3) + room.ambient, rtol=1e-12)  # likewise
-    np.testing.assert_allclose(dual(transport, room, None).reshape(-1, 3), T.sum(axis=1).T, rtol=1e-12)  # likewise
+    np.testing.assert_allclose(
+        transport.T @ np.ones((*CAMERA, 3)).reshape(-1, 3), T.sum(axis=1).T, rtol=1e-12
+    )  # likewise
 
 
 @pytest.mark.parametrize("far", [False, True])
 def test_the_inverse_views_sum_the_players_inverse(rng: np.random.Generator, far: bool) -> None:
     room = random_room(rng, far=far).maps
-    T_pinv = dense_inverse(room)
+    T_pinv, found = dense_inverse(room), compensation(room)
+    white, full = np.ones((*CAMERA, 3)), np.ones((*PROJECTOR, 3))
     tolerance = {"rtol": 1e-9, "atol": 1e-9}  # float64 sums of some hundred terms around 1, with cancellation
-    np.testing.assert_allclose(inverse_dual(room, None).reshape(-1, 3), T_pinv.sum(axis=2).T, **tolerance)
-    np.testing.assert_allclose(inverse_composition(room, None).reshape(-1, 3), T_pinv.sum(axis=1).T, **tolerance)
+    np.testing.assert_allclose(found.apply(white).reshape(-1, 3), T_pinv.sum(axis=2).T, **tolerance)
+    np.testing.assert_allclose(found.apply_transpose(full).reshape(-1, 3), T_pinv.sum(axis=1).T, **tolerance)
     p, c = rng.uniform(size=(*PROJECTOR, 3)), rng.uniform(size=(*CAMERA, 3))
-    forth, back = np.sum(inverse_dual(room, c) * p), np.sum(c * inverse_composition(room, p))
+    forth, back = np.sum(found.apply(c) * p), np.sum(c * found.apply_transpose(p))
     assert forth == pytest.approx(back, rel=1e-9, abs=1e-9)  # as above
 
 
@@ -107,8 +110,8 @@ def test_maps_with_far_light_are_random_enough(rng: np.random.Generator) -> None
     """The far case above tests something only if the far light changes the answer."""
     room = random_room(rng, far=True).maps
     assert isinstance(room.undo, FarMaps)
-    plain = RoomMaps(room.correction, room.transport, None, None, room.white)
-    assert np.abs(inverse_dual(room, None) - inverse_dual(plain, None)).max() > 0.1
+    white, plain = np.ones((*CAMERA, 3)), RoomMaps(room.correction, room.transport, None, None, room.white)
+    assert np.abs(compensation(room).apply(white) - compensation(plain).apply(white)).max() > 0.1
     assert random_map(rng, CAMERA, PROJECTOR, 3).count > 0
 
 

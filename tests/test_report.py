@@ -14,13 +14,13 @@ from counterlight.calibration import Calibration, Device
 from counterlight.maps import RoomMaps
 from counterlight.response import Response
 from counterlight.row_map import unpack
-from counterlight.tools.packing.row_maps import pack_matrices
 from counterlight.tools.report import report
 from counterlight.tools.report.charts import bins_of
-from counterlight.tools.report.impossible import REASONS, best_drive, find_impossible
+from counterlight.tools.report.impossible import REASONS, find_impossible
 from counterlight.tools.report.pictures import cluster_picture, matrix_picture, texture_picture
 from counterlight.tools.transport.storage import read_transport
-from counterlight.tools.transport.transport import Transport
+from counterlight.tools.transport.transport import Transport, channels
+from tests.packing import pack_matrices
 from tests.programs import fail, succeed
 from tests.rooms import write_blurred_room
 
@@ -53,7 +53,7 @@ def one_pixel_rooms(T: np.ndarray, ambient: np.ndarray, mask: np.ndarray, white:
     inverse = sparse.csr_array(np.linalg.pinv(T))
     packed = [pack_matrices([m] * 3, a, b) for m, a, b in ((inverse, projector, camera), (matrix, camera, projector))]
     room_maps = RoomMaps(packed[0], packed[1], None, None, white)
-    return find_impossible(Transport((matrix,) * 3), room, room_maps).flags[:, 0]
+    return find_impossible(Transport.from_matrices((matrix,) * 3), room, room_maps).flags[:, 0]
 
 
 def test_each_reason_is_found_where_it_was_put() -> None:
@@ -75,17 +75,6 @@ def test_each_reason_is_found_where_it_was_put() -> None:
         {"conflict"},
         set(),  # the bright one decides: p = 5.5 / 101 by least squares, which misses it by 0.0446 < 0.05
     ]
-
-
-def test_the_best_drive_is_the_box_optimum(rng: np.random.Generator) -> None:
-    """No feasible direction improves it: the projected gradient vanishes."""
-    T = np.where(rng.uniform(size=(30, 12)) < 0.4, rng.uniform(size=(30, 12)), 0)
-    transport = Transport((sparse.csr_array(T),) * 3)
-    b, asked = rng.uniform(0, 2, (30, 3)), np.ones((30, 1), bool)
-    p = best_drive(transport, b, asked, steps=2000)
-    gradient = T.T @ (T @ p - b)
-    np.testing.assert_allclose(np.clip(p - gradient, 0, 1), p, atol=1e-6)  # 2000 steps; float64
-    assert ((p == 0) | (p == 1)).any()
 
 
 def test_the_figures_are_those_of_the_room(reported: tuple[Path, Path]) -> None:
@@ -114,7 +103,7 @@ def test_condition_and_rank_are_numpys(reported: tuple[Path, Path]) -> None:
     folder, where = reported
     transport = read_transport(calibration.read(folder))
     weights = (0.2126, 0.7152, 0.0722)  # ITU-R BT.709
-    luminance = sum(w * T.toarray().astype(float) for w, T in zip(weights, transport.near, strict=True))
+    luminance = sum(w * T.toarray().astype(float) for w, T in zip(weights, channels(transport.near), strict=True))
     sigma = np.linalg.svd(luminance[:, luminance.any(axis=0)], compute_uv=False)
     figures = json.loads((where / "report.json").read_text())
     assert figures["clusters"]["count"] == 1  # the blur joins everything

@@ -22,7 +22,7 @@ def random_rows(rng: np.random.Generator, lengths: np.ndarray, source_pixels: in
     indptr = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
     indices = rng.integers(0, source_pixels, indptr[-1])
     weights = rng.normal(size=(indptr[-1], 3)).astype(np.float32)
-    return SparseRows(indptr, indices, weights)
+    return SparseRows(indptr, indices, weights, source_pixels)
 
 
 def assert_same(a: SparseRows, b: SparseRows) -> None:
@@ -62,13 +62,14 @@ def test_the_texture_is_full(rng: np.random.Generator, name: str) -> None:
 
 
 def test_entries_of_zero_are_left_out() -> None:
-    rows = SparseRows(np.array([0, 3]), np.array([0, 1, 2]), np.array([[1, 0, 0], [0, 0, 0], [0, 0, 2]], np.float32))
+    weights = np.array([[1, 0, 0], [0, 0, 0], [0, 0, 2]], np.float32)
+    rows = SparseRows(np.array([0, 3]), np.array([0, 1, 2]), weights, 3)
     result = unpack(pack(rows, (1, 1), (1, 3)))
     np.testing.assert_array_equal(result.indices, [0, 2])
 
 
 def test_rows_of_nothing_at_all() -> None:
-    empty = SparseRows(np.zeros(7, np.int64), np.empty(0, np.int64), np.empty((0, 3), np.float32))
+    empty = SparseRows(np.zeros(7, np.int64), np.empty(0, np.int64), np.empty((0, 3), np.float32), 16)
     packed = pack(empty, (2, 3), (4, 4))
     assert packed.count == 0
     assert_same(unpack(packed), empty)
@@ -76,7 +77,7 @@ def test_rows_of_nothing_at_all() -> None:
 
 def test_index_is_exact_in_the_alpha_channel_up_to_its_limit() -> None:
     indices = np.array([0, 1, MAX_FLOAT_INDEX // 2 + 1, MAX_FLOAT_INDEX - 2, MAX_FLOAT_INDEX - 1])
-    rows = SparseRows(np.array([0, indices.size]), indices, np.ones((indices.size, 3), np.float32))
+    rows = SparseRows(np.array([0, indices.size]), indices, np.ones((indices.size, 3), np.float32), 4097 * 4096)
     packed = pack(rows, (1, 1), (4096, 4096))
     assert packed.index is None
     np.testing.assert_array_equal(unpack(packed).indices, indices)
@@ -84,7 +85,7 @@ def test_index_is_exact_in_the_alpha_channel_up_to_its_limit() -> None:
 
 def test_more_source_pixels_than_a_float_counts_get_an_index_texture(tmp_path: Path) -> None:
     indices = np.array([0, MAX_FLOAT_INDEX, MAX_FLOAT_INDEX + 1, MAX_FLOAT_INDEX + 4095])
-    rows = SparseRows(np.array([0, indices.size]), indices, np.ones((indices.size, 3), np.float32))
+    rows = SparseRows(np.array([0, indices.size]), indices, np.ones((indices.size, 3), np.float32), 4097 * 4096)
     packed = pack(rows, (1, 1), (4097, 4096))
     assert packed.index is not None
     sizes = row_map.write(packed, tmp_path)
@@ -102,7 +103,7 @@ def test_files_are_bit_exact(tmp_path: Path, rng: np.random.Generator) -> None:
 
 
 def test_a_row_that_no_texture_holds_is_named() -> None:
-    rows = SparseRows(np.array([0, 0, 0, 0, 65]), np.zeros(65, np.int64), np.ones((65, 3), np.float32))
+    rows = SparseRows(np.array([0, 0, 0, 0, 65]), np.zeros(65, np.int64), np.ones((65, 3), np.float32), 1)
     with pytest.raises(InputError, match=r"pixel \(1, 1\) has 65 entries.*holds 64.*--max-error"):
         pack(rows, (2, 2), (1, 1), max_texture_width=64)
 

@@ -16,6 +16,7 @@ from counterlight.tools.simulation.needs import chosen, needs_of
 from counterlight.tools.simulation.projector_side import irradiance
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
+from counterlight.tools.transport.transport import channel, channels
 
 FloatArray = NDArray[np.float64]
 
@@ -74,7 +75,7 @@ def test_the_lobe_is_reciprocal(rng: np.random.Generator) -> None:
 def test_a_glossy_fold_shows_the_other_side_as_many_rays_do(tmp_path: Path) -> None:
     """One camera pixel on a black coated card beside a lit white one, against an integral over the white one."""
     scene = load_scene(scene_file(tmp_path, FOLD, GLOSSY))
-    far = simulate(scene, only=["direct", "shadows", "gloss"]).transport.near[1].sum()
+    far = channel(simulate(scene, only=["direct", "shadows", "gloss"]).transport.near, 1).sum()
     hit = trace(scene.camera.position, scene.camera.forward[None], scene.surfaces)
     assert hit.surface[0] == 1
     side = 400
@@ -196,18 +197,18 @@ def wax(tmp_path: Path) -> Scene:
 def test_a_line_of_light_spreads_as_the_profiles_line_integral(tmp_path: Path) -> None:
     """∫ R dy = (K₀(|x| / d) + K₀(|x| / 3d)) / 4 π d, over the width of a projector column; per channel its own d."""
     scene = wax(tmp_path)
-    T = simulate(scene).transport.near
+    T = channels(simulate(scene).transport.near)
     side = 4  # places an axis of a camera pixel
     points = trace(scene.camera.position, scene.camera.pixel_rays(range(10, 11), side)[0], scene.surfaces).point
     x = points[:, 0].reshape(30, side**2)
     column, half = 30, 3 * np.tan(np.radians(18)) / 60
     middle = (column + 0.5) * 2 * half - 60 * half
     light = np.pi  # brightness 1 at the distance of look_at
-    for channel, (albedo, path) in enumerate(((0.8, 0.08), (0.8, 0.02), (0.6, 0.02))):
+    for colour, (albedo, path) in enumerate(((0.8, 0.08), (0.8, 0.02), (0.6, 0.02))):
         d = path / float(subsurface.scale(np.array(albedo)))
         drive = np.zeros((40, 60))
         drive[:, column] = 1
-        seen = (T[channel] @ drive.ravel()).reshape(20, 30)[4:16].mean(axis=0)
+        seen = (T[colour] @ drive.ravel()).reshape(20, 30)[4:16].mean(axis=0)
         steps = (np.arange(200) + 0.5) / 200 * 2 * half - half
         far = np.abs(x[..., None] - middle - steps)
         line = (special.k0(far / d) + special.k0(far / 3 / d)) / (4 * np.pi * d)

@@ -9,7 +9,7 @@ from scipy import sparse
 from counterlight.maps import RoomMaps
 from counterlight.row_map import RowMap, SparseRows, pack, unpack
 from counterlight.short_map import half_scale, in_half, rounding_of, to_half
-from counterlight.tools.packing.row_maps import pack_matrices
+from tests.packing import pack_matrices
 from tests.rooms import CAMERA, random_room
 
 
@@ -45,7 +45,7 @@ def test_16_bit_weights_fill_their_range_and_never_leave_it(largest: float) -> N
 def test_halves_give_the_map_that_the_bound_was_computed_for(rng: np.random.Generator, size: float) -> None:
     """Weights down to 1e-12 of the largest, which halves cannot hold, are 0 and not denormal."""
     weights = size * 10.0 ** rng.uniform(-12, 0, (200, 3))
-    rows = SparseRows(np.arange(0, 201, 10), rng.integers(0, 45, 200), weights.astype(np.float32))
+    rows = SparseRows(np.arange(0, 201, 10), rng.integers(0, 45, 200), weights.astype(np.float32), 45)
     packed = pack(rows, (4, 5), (5, 9))
     halves = to_half(rows.weights, half_scale(packed))
     assert np.isfinite(halves).all()

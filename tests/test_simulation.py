@@ -15,6 +15,7 @@ from counterlight.tools.simulation.needs import needs_of
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.transport import channel, channels
 from tests.programs import command, fail, succeed
 from tests.scenes import SCENES, flat, plane, rectangle, scene_file, small
 
@@ -59,7 +60,7 @@ def test_effects_are_switched_off_for_a_study() -> None:
     scene = replace(small("corner"), cells=60)
     whole, without = simulate(scene), simulate(scene, without=["inter_reflection"])
     assert without.transport.far is None
-    for a, b in zip(whole.transport.near, without.transport.near, strict=True):
+    for a, b in zip(channels(whole.transport.near), channels(without.transport.near), strict=True):
         assert a.data.tobytes() == b.data.tobytes()
     only = simulate(scene, only=["direct"])
     assert [report.need.effect for report in only.reports if report.need.on] == ["direct"]
@@ -67,7 +68,7 @@ def test_effects_are_switched_off_for_a_study() -> None:
     (report,) = (report for report in without.reports if report.need.effect == "inter_reflection")
     assert str(report).endswith("switched off by --without")
     far = simulate(scene, only=["inter_reflection"]).transport
-    assert far.near[0].nnz == 0
+    assert channel(far.near, 0).nnz == 0
     np.testing.assert_allclose(
         far.composition() + without.transport.composition(), whole.transport.composition(), rtol=1e-6
     )
@@ -83,10 +84,11 @@ def test_the_report_says_what_effects_cost_and_which_are_negligible() -> None:
     assert by_name["ambient_light"].negligible
     assert "negligible" in str(by_name["ambient_light"])
     assert not by_name["direct"].negligible
-    assert by_name["direct"].entries == result.transport.near[0].nnz
+    assert by_name["direct"].entries == channel(result.transport.near, 0).nnz
     far = result.transport.far
     assert far is not None
-    assert by_name["inter_reflection"].entries == far.mix.size + sum(m.nnz for m in (*far.gather, *far.scatter))
+    ends = [*channels(far.gather), *channels(far.scatter)]
+    assert by_name["inter_reflection"].entries == far.mix.size + sum(matrix.nnz for matrix in ends)
     shares = [by_name[name].energy_share for name in ("direct", "inter_reflection", "ambient_light", "black_level")]
     assert sum(shares) == pytest.approx(1, abs=1e-6)  # float32
     assert by_name["direct"].energy_share == pytest.approx(1 - sum(shares[1:]), abs=1e-6)
@@ -95,14 +97,13 @@ def test_the_report_says_what_effects_cost_and_which_are_negligible() -> None:
 def test_thinned_rows_keep_their_light() -> None:
     scene = replace(small("two_planes"), samples=6)
     exact, thin = simulate(replace(scene, threshold=0.0)), simulate(replace(scene, threshold=0.1))
-    assert thin.transport.near[0].nnz < 0.95 * exact.transport.near[0].nnz
+    assert channel(thin.transport.near, 0).nnz < 0.95 * channel(exact.transport.near, 0).nnz
     np.testing.assert_allclose(thin.transport.composition(), exact.transport.composition(), rtol=1e-5)  # float32
-    pixels = np.repeat(np.arange(27 * 48), np.diff(thin.transport.near[0].indptr))
-    relative = []
-    for channel in thin.transport.near:
+    pixels, relative = thin.transport.near.rows, []
+    for weights in thin.transport.near.weights.T:
         largest = np.zeros(27 * 48)
-        np.maximum.at(largest, pixels, channel.data)
-        relative.append(channel.data / largest[pixels])
+        np.maximum.at(largest, pixels, weights)
+        relative.append(weights / largest[pixels])
     assert np.max(relative, axis=0).min() > 0.0999  # float32
 
 
@@ -113,7 +114,7 @@ def test_an_effect_that_is_off_leaves_the_transport_bit_identical() -> None:
     behind = replace(scene.surfaces[0], name="behind", shape=moved)
     both = replace(scene, surfaces=(*scene.surfaces, behind))
     assert not needs_of(both)["inter_reflection"].on
-    for a, b in zip(simulate(scene).transport.near, simulate(both).transport.near, strict=True):
+    for a, b in zip(*(channels(simulate(s).transport.near) for s in (scene, both)), strict=True):
         assert a.data.tobytes() == b.data.tobytes()
         assert a.indices.tobytes() == b.indices.tobytes()
 

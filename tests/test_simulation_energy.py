@@ -13,6 +13,7 @@ from counterlight.tools.simulation.devices import Device
 from counterlight.tools.simulation.effects.inter_reflection import form_factors, mixed
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
+from counterlight.tools.transport.transport import channel
 from tests.scenes import flat, plane, rectangle, scene_file, small
 
 FloatArray = NDArray[np.float64]
@@ -102,7 +103,7 @@ def test_a_card_of_triangles_is_a_card(tmp_path: Path) -> None:
     mesh = load_scene(scene_file(tmp_path, '[[surfaces]]\nshape = "mesh"\nfile = "card.obj"\nalbedo = [1, 1, 1]\n'))
     other = replace(scene.surfaces[0], shape=mesh.surfaces[0].shape)
     both = [simulate(s).transport for s in (scene, replace(scene, surfaces=(other, scene.surfaces[1])))]
-    direct = [T.near[0].toarray() for T in both]
+    direct = [channel(T.near, 0).toarray() for T in both]
     different = np.abs(direct[0] - direct[1]) > 1e-5 * direct[0].max()
     assert different.mean() < 1e-4  # rays within float32 of an edge go to either side
     far = [T.composition()[:, 0] - d.sum(axis=1) for T, d in zip(both, direct, strict=True)]
@@ -128,7 +129,7 @@ def test_camera_and_projector_can_be_exchanged(name: str) -> None:
         unit = room.camera.pixel_area / room.projector.target_distance**2
         transport = simulate(room).transport
         probes = blocks(24, 32, 8)
-        pair.append(unit * probes.T @ transport.near[1].toarray() @ probes)
+        pair.append(unit * probes.T @ channel(transport.near, 1).toarray() @ probes)
         if transport.far is not None:
             far = transport.far.scatter[1] @ transport.far.mix[1] @ transport.far.gather[1].toarray()
             pair[-1] = pair[-1] + unit * probes.T @ far @ probes

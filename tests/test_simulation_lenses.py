@@ -16,7 +16,7 @@ from counterlight.tools.simulation.lens import LensPoints
 from counterlight.tools.simulation.needs import needs_of
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import Simulated, simulate
-from counterlight.tools.transport.transport import Csr
+from counterlight.tools.transport.transport import Csr, channel, channels
 from tests.scenes import plane, rectangle, scene_file, small
 
 FloatArray = NDArray[np.float64]
@@ -62,8 +62,8 @@ def cut_out(T: Csr, cut: Any) -> FloatArray:
 def test_a_blurred_pixel_is_a_disc(tmp_path: Path, device: str) -> None:
     """A uniform disc of diameter d has a variance of d²/16 an axis, on top of the sharp pixel's."""
     scene = fronto_parallel(tmp_path)
-    sharp = simulate(scene).transport.near[1]
-    soft = simulate(blurred(scene, device, 9.0)).transport.near[1]
+    sharp = channel(simulate(scene).transport.near, 1)
+    soft = channel(simulate(blurred(scene, device, 9.0)).transport.near, 1)
     middle = 20 * 41 + 20
     around = middle + np.add.outer(41 * np.arange(-4, 5), np.arange(-4, 5)).ravel()
     for cut in (np.s_[around], np.s_[:, around]):  # what camera pixels see, where projector pixels land
@@ -95,7 +95,7 @@ def test_in_focus_a_lens_is_a_pinhole_to_the_bit(tmp_path: Path, device: str) ->
 
 
 def assert_same_bits(a: Simulated, b: Simulated) -> None:
-    for one, other in zip(a.transport.near, b.transport.near, strict=True):
+    for one, other in zip(channels(a.transport.near), channels(b.transport.near), strict=True):
         assert one.data.tobytes() == other.data.tobytes()
         assert one.indices.tobytes() == other.indices.tobytes()
         assert one.indptr.tobytes() == other.indptr.tobytes()
@@ -134,7 +134,7 @@ def test_lens_points_fill_the_disc_evenly() -> None:
 
 def test_vignetting_dims_columns_and_rows(tmp_path: Path) -> None:
     scene = fronto_parallel(tmp_path, samples=1)  # pixels coincide: T is diagonal
-    even = simulate(scene).transport.near[0].diagonal()
+    even = channel(simulate(scene).transport.near, 0).diagonal()
     projector, camera = (replace(device, vignetting="cos4") for device in (scene.projector, scene.camera))
     y, x = np.mgrid[:41, :41]
     tan = np.hypot(2 * (x + 0.5) / 41 - 1, 2 * (y + 0.5) / 41 - 1).ravel() * scene.projector.tan_half[0]
@@ -142,7 +142,9 @@ def test_vignetting_dims_columns_and_rows(tmp_path: Path) -> None:
     one, two = replace(scene, projector=projector), replace(scene, projector=projector, camera=camera)
     for room, power in ((one, 1), (two, 2)):
         assert needs_of(room)["vignetting"].on
-        np.testing.assert_allclose(simulate(room).transport.near[0].diagonal() / even, expected**power, rtol=1e-5)
+        np.testing.assert_allclose(
+            channel(simulate(room).transport.near, 0).diagonal() / even, expected**power, rtol=1e-5
+        )
     share = transmission(replace(scene.projector, vignetting=0.3).resized(400, 400))
     assert share[0] == pytest.approx(0.7, abs=2e-3)  # half a pixel before the corner
     assert share.max() == pytest.approx(1, abs=1e-4)

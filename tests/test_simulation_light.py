@@ -14,7 +14,7 @@ from counterlight.tools.simulation.needs import needs_of
 from counterlight.tools.simulation.projector_side import irradiance
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
-from counterlight.tools.transport.transport import FarLight
+from counterlight.tools.transport.transport import FarLight, channel
 from tests.scenes import flat, plane, rectangle, scene_file, small
 
 FloatArray = NDArray[np.float64]
@@ -134,7 +134,7 @@ def test_a_white_card_has_the_brightness_and_light_falls_with_the_square(tmp_pat
 
 def test_the_wall_is_warped_as_its_homography_says() -> None:
     scene = small("wall", (54, 96), (48, 80))
-    T = simulate(scene).transport.near[1].tocoo()
+    T = channel(simulate(scene).transport.near, 1).tocoo()
     weights = T.data / np.bincount(T.coords[0], T.data, T.shape[0])[T.coords[0]]
     seen_x = np.bincount(T.coords[0], weights * (T.coords[1] % 80 + 0.5), T.shape[0])
     seen_y = np.bincount(T.coords[0], weights * (T.coords[1] // 80 + 0.5), T.shape[0])
@@ -165,7 +165,7 @@ def test_shadows_are_cast(tmp_path: Path) -> None:
     scene = load_scene(path)
     assert needs_of(scene)["shadows"].on
     moved = replace(scene, camera=replace(scene.camera, position=np.array([0.5, 0.0, 2.0])))  # sees behind the card
-    lit = simulate(moved).transport.near[0].sum(axis=1).reshape(14, 20)
+    lit = channel(simulate(moved).transport.near, 0).sum(axis=1).reshape(14, 20)
     assert (lit == 0).any()
     assert (lit > 0).any()
 
@@ -230,5 +230,5 @@ def test_no_room_returns_more_than_it_gets() -> None:
     assert result.transport.far is not None
     lost = 1 - result.transport.far.mix.sum(axis=2)  # indirect per uniform direct light of 1
     assert lost.max() < 1
-    assert result.transport.near[0].data.min() >= 0
+    assert channel(result.transport.near, 0).data.min() >= 0
     assert result.transport.far.mix.min() >= 0

@@ -62,7 +62,7 @@ def test_every_entry_is_there_once(rng: np.random.Generator, short: bool, lanes:
 
 
 def test_an_empty_map_has_rows_and_no_entries() -> None:
-    empty = SparseRows(np.zeros(7, np.int64), np.zeros(0, np.int64), np.zeros((0, 3), np.float32))
+    empty = SparseRows(np.zeros(7, np.int64), np.zeros(0, np.int64), np.zeros((0, 3), np.float32), 20)
     packed = pack(empty, (2, 3), SOURCE)
     (part,) = parts(packed, lanes_of(packed), 1 << 20, half_scale(packed))
     assert spans_fit(packed)
@@ -90,7 +90,7 @@ def test_rows_of_one_length_go_tile_by_tile() -> None:
 @pytest.mark.parametrize("down", [False, True])
 def test_offsets_of_8_bits_reach_that_far(span: int, fits: bool, down: bool) -> None:
     source, last = (300, 300), (span - 1) * (300 if down else 1)
-    rows = SparseRows(np.array([0, 0, 2, 3]), np.array([5, 5 + last, 299]), np.ones((3, 3), np.float32))
+    rows = SparseRows(np.array([0, 0, 2, 3]), np.array([5, 5 + last, 299]), np.ones((3, 3), np.float32), 90_000)
     assert spans_fit(pack(rows, (1, 3), source)) == fits
 
 

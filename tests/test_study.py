@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterlight import calibration
 from counterlight.files import describe_files
 from counterlight.renderer import Room
 from counterlight.tools.inverse.inverse import InverseOptions
@@ -45,7 +44,7 @@ def method(error: float, ms: float | None, *, on_gpu: bool = True) -> Mean:
 def room(tmp_path_factory: pytest.TempPathFactory) -> StudyRoom:
     folder = tmp_path_factory.mktemp("study") / "blurred"
     write_blurred_room(folder, np.random.default_rng(5), ROOM_CAMERA, ROOM_PROJECTOR)
-    return StudyRoom("blurred", calibration.read(folder), 0.0)
+    return open_room(folder, ROOM_CAMERA)
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +115,9 @@ def test_a_drive_is_judged_as_compensate_image_judges_it(room: StudyRoom, name: 
     task = Task(room, picture)
     options = CompensateOptions((name,), white=room.white)
     expected = next(
-        CompensationTask(room.stored, picture.at(ROOM_CAMERA), radiance=False, options=options).run(task.plain)
+        CompensationTask(
+            room.transport, room.calibration, picture.at(ROOM_CAMERA), radiance=False, options=options
+        ).run(task.plain)
     )
     judged = task.judge(expected.drive.reshape(-1, 3))
     assert judged.quality == expected.quality
@@ -170,8 +171,8 @@ def test_text_has_as_much_ink_at_any_size() -> None:
     assert small == pytest.approx(large, rel=0.15)  # strokes are whole pixels of a page drawn eight times as large
 
 
-def test_a_scenes_camera_is_fitted_and_its_projector_scaled_with_it(tmp_path: Path) -> None:
-    found = open_room(SCENES / "wall.toml", tmp_path, (36, 48)).calibration
+def test_a_scenes_camera_is_fitted_and_its_projector_scaled_with_it() -> None:
+    found = open_room(SCENES / "wall.toml", (36, 48)).calibration
     assert found.camera.shape == (27, 48)  # 480x270 by 1/10
     assert found.projector.shape == (22, 38)  # 384x216
 
@@ -262,8 +263,8 @@ def test_presets_make_smaller_maps_the_faster_they_are(room: StudyRoom) -> None:
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_a_preset_is_its_options_and_those_given_beside_it_prevail(name: str, room: StudyRoom, tmp_path: Path) -> None:
-    shutil.copytree(room.stored.folder, tmp_path / "room")
+def test_a_preset_is_its_options_and_those_given_beside_it_prevail(name: str, tmp_path: Path) -> None:
+    write_blurred_room(tmp_path / "room", np.random.default_rng(5), ROOM_CAMERA, ROOM_PROJECTOR)
     succeed("build", tmp_path / "room", "--preset", name, "--max-error", "3", "--regularize", "0.2")
     options = tomllib.loads((tmp_path / "room" / "correction" / "manifest.toml").read_text())["options"]
     assert options["max_error_codes"] == 3.0

@@ -17,7 +17,7 @@ from counterlight.picture_files import read_picture
 from counterlight.png import write_png
 from counterlight.response import Response
 from counterlight.tools.transport.storage import read_transport, write_transport
-from counterlight.tools.transport.transport import Transport
+from counterlight.tools.transport.transport import Transport, channels
 from counterlight.writing.numbered import name_of
 from counterlight.writing.outputs import check_sequence
 from counterlight.writing.replacing import replacing_file, replacing_sequence
@@ -50,7 +50,7 @@ def write_room(folder: str, generation: int) -> None:
     device = Device(*SHAPE, LINEAR)
     room = Calibration(f"{generation}", "made by a test", (device,), device, ambient, np.ones(SHAPE, bool))
     with calibration.replacing(Path(folder), force=True) as stage:
-        write_transport(Transport((T, T, T)), stage)
+        write_transport(Transport.from_matrices((T, T, T)), stage)
         calibration.write(room, stage)
 
 
@@ -64,7 +64,7 @@ def room_generation(folder: str) -> int | None:
         return None
     generation = int(stored.calibration.name)
     assert (stored.calibration.ambient == generation).all()
-    assert all((matrix.data == 1 + generation).all() for matrix in read_transport(stored).near)
+    assert all((matrix.data == 1 + generation).all() for matrix in channels(read_transport(stored).near))
     return generation
 
 

@@ -25,7 +25,9 @@ def test_large_cancelling_weights_stay_within_the_rows_l1_bound(
     weights = np.stack([half, -half + rng.uniform(-1, 1, half.shape)], axis=1).reshape(-1, 3).astype(np.float32)
     smooth = (0.5 + 1e-4 * rng.uniform(size=(*SOURCE, 3))).astype(np.float32)
 
-    textures = MapTextures(gl_context, pack(SparseRows(indptr, indices, weights), OUTPUT, SOURCE))
+    textures = MapTextures(
+        gl_context, pack(SparseRows(indptr, indices, weights, SOURCE[0] * SOURCE[1]), OUTPUT, SOURCE)
+    )
     rgba = np.concatenate([smooth, np.ones((*SOURCE, 1), np.float32)], axis=2)
     source, step = float_texture(gl_context, SOURCE, rgba), RowMapPass(gl_context, textures)
     shown = np.frombuffer(step.run(source).read(), np.float32).reshape(-1, 4)[:, :3]

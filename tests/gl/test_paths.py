@@ -88,7 +88,7 @@ def test_empty_rows_give_the_base_and_no_row_reads_another_pixel(gl_context: mod
     lengths = np.tile([0, 1, 0, 17, 3], 30)
     indptr = np.concatenate([[0], np.cumsum(lengths)])
     indices = np.arange(indptr[-1]) % 40 + 60
-    packed = pack(SparseRows(indptr, indices, np.ones((indptr[-1], 3), np.float32)), (10, 15), (9, 20))
+    packed = pack(SparseRows(indptr, indices, np.ones((indptr[-1], 3), np.float32), 180), (10, 15), (9, 20))
     picture = np.full((9, 20, 3), np.inf, np.float32)
     picture.reshape(-1, 3)[60:100] = 0.5
     base = np.full((10, 15, 3), 2.0, np.float32)
@@ -98,7 +98,7 @@ def test_empty_rows_give_the_base_and_no_row_reads_another_pixel(gl_context: mod
 
 @pytest.mark.parametrize("path", PATHS)
 def test_a_map_without_entries_gives_black(gl_context: moderngl.Context, path: str) -> None:
-    empty = SparseRows(np.zeros(7, np.int64), np.zeros(0, np.int64), np.zeros((0, 3), np.float32))
+    empty = SparseRows(np.zeros(7, np.int64), np.zeros(0, np.int64), np.zeros((0, 3), np.float32), 20)
     stored = store(gl_context, pack(empty, (2, 3), (4, 5)), path)
     assert not multiply(gl_context, stored, np.ones((4, 5, 3), np.float32)).any()
 
@@ -136,7 +136,7 @@ def test_a_source_beyond_what_a_float_counts_is_read_at_its_corners(gl_context: 
     source = (4097, 4096)
     last = source[0] * source[1] - 1
     indices = np.array([0, 4095, 4096, last - 4096, last - 1, last])
-    packed = pack(SparseRows(np.arange(7), indices, np.ones((6, 3), np.float32)), (1, 6), source)
+    packed = pack(SparseRows(np.arange(7), indices, np.ones((6, 3), np.float32), last + 1), (1, 6), source)
     assert packed.index is not None
     picture = np.zeros((*source, 3), np.float32)
     picture[..., 0], picture[..., 1] = np.arange(source[1]), np.arange(source[0])[:, None]
@@ -205,7 +205,7 @@ def test_weights_have_16_bits_where_the_bound_allows_it(
 def test_rows_that_reach_too_far_keep_16_bytes(rng: np.random.Generator) -> None:
     room = certified_room(rng, 4.0)
     assert short_scale(room) is not None
-    wide = pack(SparseRows(np.array([0, 2]), np.array([0, 256]), np.ones((2, 3), np.float32)), (1, 1), (1, 257))
+    wide = pack(SparseRows(np.array([0, 2]), np.array([0, 256]), np.ones((2, 3), np.float32), 257), (1, 1), (1, 257))
     ambient = np.zeros((1, 257, 3), np.float32)
     far_apart = replace(
         room,

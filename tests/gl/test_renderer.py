@@ -62,7 +62,7 @@ def test_indices_are_exact_up_to_the_last_source_pixel(gl_context: moderngl.Cont
     source = (4096 + wide, 4096)
     last = source[0] * source[1] - 1
     indices = np.array([0, 4095, 4096, last - 4096, last - 1, last, (1 << 24) - 1, (1 << 24) - 4097])
-    rows = SparseRows(np.arange(indices.size + 1), indices, np.ones((indices.size, 3), np.float32))
+    rows = SparseRows(np.arange(indices.size + 1), indices, np.ones((indices.size, 3), np.float32), last + 1)
     packed = pack(rows, (1, indices.size), source)
     assert (packed.index is not None) == wide
     # Each source pixel holds its own coordinates, so that a wrong texel cannot go unnoticed.

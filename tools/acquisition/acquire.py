@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.movement import refuse_moved
 from counterlight.tools.acquisition.plan import Level, MakeScheme, Measured, Pattern, Reference, measure_noise
 from counterlight.tools.acquisition.store import CaptureStore
 
-FloatArray = NDArray[np.float64]
 LOG_INTERVAL_S = 10.0
 MOST_SATURATED = 0.02  # of the camera's pixels
 CLEARLY_LIT = 10  # times the noise of all captures together

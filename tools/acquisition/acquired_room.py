@@ -16,9 +16,9 @@ from counterlight.tools.acquisition.cameras.folder import FolderCamera
 from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.store import CaptureStore, Wanted, open_store
 from counterlight.tools.clusters.components import Clusters, find_clusters
-from counterlight.tools.transport.mask import lit_pixels
+from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.storage import write_transport
-from counterlight.tools.transport.transport import Transport, shared_pattern
+from counterlight.tools.transport.transport import Transport, luminance_matrix
 
 SUSPECT = 3.0  # times the camera's noise that the check may be off
 
@@ -109,8 +109,7 @@ def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> tupl
     done = acquire(camera, store, plan.make_scheme, plan.projector.shape)
     transport, ambient = done.measured.transport, np.maximum(done.room.black, 0).astype(np.float32)
     shape = ambient.shape
-    direct = Transport(transport.near).composition().reshape(shape)
-    mask = lit_pixels(direct, ambient) & ~done.room.saturated
+    mask = directly_lit(transport, ambient) & ~done.room.saturated
     if not mask.any():
         raise InputError(
             "no camera pixel is clearly lit by single projector pixels; lower --threshold, or darken the room"
@@ -127,13 +126,12 @@ def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> tupl
 
 
 def _report(done: Acquisition, mask: np.ndarray[Any, np.dtype[np.bool_]], transport: Transport) -> AcquisitionReport:
-    indptr, indices, _ = shared_pattern(transport.near)
-    pattern = transport.near[0].__class__((np.ones(indices.size), indices, indptr), shape=transport.shape)
+    indices = transport.near.indices
     return AcquisitionReport(
         acquisition=done,
         covered=float(np.unique(indices).size / transport.shape[1]),
         lit=int(mask.sum()),
         camera_pixels=mask.size,
         entries=int(indices.size),
-        clusters=find_clusters(pattern),
+        clusters=find_clusters(luminance_matrix(transport.near)),
     )

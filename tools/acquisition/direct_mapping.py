@@ -11,9 +11,10 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, sparse
+from scipy import ndimage
 
-from counterlight.tools.transport.transport import Csr, Transport
+from counterlight.row_map import SparseRows
+from counterlight.tools.transport.transport import Transport
 
 NOBODY = -1
 Cells = TypeVar("Cells", bound=np.generic)
@@ -77,7 +78,6 @@ def direct_transport(mapping: Mapping, weight: NDArray[np.float32]) -> Transport
     T_iq = weight_i / n if projector pixel q is one of the n that follow the cell which camera pixel i sees.
 
     weight : (camera pixels, 3) ≥ 0, white − black.
-    Returns three float32 matrices (camera pixels, projector pixels), entries of 0 left out.
     """
     shape = mapping.seen_cell.size, mapping.owner.size
     followers = np.flatnonzero(mapping.owner != NOBODY)
@@ -93,15 +93,7 @@ def direct_transport(mapping: Mapping, weight: NDArray[np.float32]) -> Transport
     indices = order[np.repeat(starts[cells], counts[cells]) + within]
     share = weight[counting] / counts[cells][:, None]
     entries = np.repeat(share, counts[cells], axis=0).astype(np.float32)
-    return Transport(tuple(_matrix(entries[:, i], indices, indptr, shape) for i in range(3)))
-
-
-def _matrix(
-    data: NDArray[np.float32], indices: NDArray[np.int64], indptr: NDArray[np.int64], shape: tuple[int, int]
-) -> Csr:
-    matrix = sparse.csr_array((data, indices, indptr), shape=shape, copy=True)
-    matrix.eliminate_zeros()  # works in place: hence the copy, the three channels come with the same indices
-    return matrix
+    return Transport(SparseRows(indptr, indices, entries, shape[1]))
 
 
 def _on_pixels(cells: NDArray[Cells], projector: tuple[int, int], step: int) -> NDArray[Cells]:

@@ -10,7 +10,7 @@ from counterlight import calibration, exr
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.tools.transport.arrays import opened_array
-from counterlight.tools.transport.mask import lit_pixels
+from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.storage import read_matrix, write_transport
 from counterlight.tools.transport.transport import CHANNELS, Csr, Transport
 
@@ -66,7 +66,9 @@ def import_matrices_room(
     with calibration.replacing(folder, force=force, inputs=files.all) as stage:
         shape = camera.pixels, projector.pixels
         read = [_read_channel(path, shape) for path in files.matrices]
-        transport = Transport(tuple(matrix for matrix, _ in read))
+        transport = Transport.from_matrices(
+            [matrix for matrix, _ in read], camera=camera.shape, projector=projector.shape
+        )
         ambient = read_ambient(files.ambient, camera)
         mask = _mask(files.mask, camera, transport, ambient)
         named = folder.name if name is None else name
@@ -129,7 +131,7 @@ def _mask(path: Path | None, camera: Device, transport: Transport, ambient: NDAr
         mask = calibration.read_mask_picture(path, camera)
         fix = "make the pixels that count white"
     else:
-        mask = lit_pixels(transport.composition().reshape(*camera.shape, 3), ambient)
+        mask = directly_lit(transport, ambient)
         fix = "check the unit of --ambient against the matrices, or name the pixels that count with --mask"
     if not mask.any():
         raise InputError(f"{path or 'the default mask'}: no camera pixel counts, expected at least 1; {fix}")

@@ -1,12 +1,11 @@
 """Did camera, projector or scene move? Two pictures of the floodlit room, their brightness apart, tell."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.plan import Noise
 
-FloatArray = NDArray[np.float64]
 MOST_MOVED, MOST_DIMMED = 0.03, 0.05  # relative change of the floodlit room, and of its brightness alone
 
 

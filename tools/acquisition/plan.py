@@ -12,10 +12,9 @@ from typing import TypeAlias, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.transport.transport import Transport
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Pattern: TypeAlias = NDArray[np.bool_]  # (projector height, projector width), lit or dark: no response can bend it
 MAD_TO_SIGMA = 1.4826  # of a normal distribution
 

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.cameras.camera import Shot
 from counterlight.tools.acquisition.cameras.live import Codes, LiveCamera, codes_of
 
-FloatArray = NDArray[np.float64]
 Grade = Literal["good", "doubtful", "bad"]
 SETTLED = 30  # frames after which a picture has surely arrived, and an automatic exposure has surely acted
 TRIALS = 3

@@ -9,22 +9,20 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from counterlight import reference
+from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration, StoredCalibration
 from counterlight.content import camera_psnr, reachable_white
 from counterlight.errors import InputError
 from counterlight.maps import read_maps
+from counterlight.operators import compensation
 from counterlight.tools.acquisition.cameras.live import Codes, LiveCamera
 from counterlight.tools.acquisition.movement import refuse_moved
 from counterlight.tools.acquisition.plan import measure_noise
-from counterlight.tools.relighting.views import composition, inverse_dual
-from counterlight.tools.solve.registry import solve_channels
-from counterlight.tools.solve.system import channel_system
+from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.storage import read_transport
 
-FloatArray = NDArray[np.float64]
 REFERENCES = 2  # captures of black and of white each
 AGAIN = "put them back, or acquire again"
 
@@ -63,8 +61,9 @@ class Verification:
     ) -> None:
         self._camera, self._room, self._solver = camera, stored.calibration, solver
         self._transport = read_transport(stored)
-        self._maps = read_maps(stored) if solver == "map" else None
-        self._flood = composition(self._transport, self._room, None, ambient=True)
+        self._box = prepare("box", self._transport, self._room.mask)
+        self._T_pinv = compensation(read_maps(stored)) if solver == "map" else None
+        self._flood = self._transport.floodlight(self._room.ambient)
         self.white = reachable_white(self._flood, self._room.mask)
         self.desired: FloatArray = picture if radiance else picture * self.white
         self._captures = 0
@@ -75,7 +74,7 @@ class Verification:
         target = self.desired
         for index in range(rounds + 1):
             codes = self._codes(target)
-            predicted = composition(self._transport, self._room, _drive(codes, self._room), ambient=True)
+            predicted = self._transport.apply(_drive(codes, self._room)) + self._room.ambient
             captured = self._capture(codes, repeats)
             pairs = (self.desired, predicted), (self.desired, captured), (predicted, captured)
             figures = [camera_psnr(wanted, seen, self._room.mask, self.white) for wanted, seen in pairs]
@@ -84,12 +83,7 @@ class Verification:
 
     def _codes(self, target: FloatArray) -> Codes:
         light = target - self._room.ambient
-        if self._maps is not None:
-            drive = inverse_dual(self._maps, light)
-        else:
-            mask, rows = self._room.mask.ravel(), light.reshape(-1, 3)
-            systems = [channel_system(self._transport, i, rows[:, i], mask) for i in range(3)]
-            drive = np.stack([found.drive for found in solve_channels("box", systems)], axis=1)
+        drive = self._box.solve(light).drive if self._T_pinv is None else self._T_pinv.apply(light)
         drive = np.clip(drive, 0, 1).reshape(*self._room.projector.shape, 3)
         return reference.encode(drive, self._room.projector.response.inverse_table())
 

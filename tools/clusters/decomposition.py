@@ -24,11 +24,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from counterlight.arrays import BoolArray, IntArray
 from counterlight.errors import InputError
+from counterlight.row_map import SparseRows
 from counterlight.tools.clusters.components import find_clusters
-from counterlight.tools.clusters.connections import BoolArray, Connections, IntArray, connections_of
+from counterlight.tools.clusters.connections import Connections, connections_of
 from counterlight.tools.clusters.energy import fit_composition
-from counterlight.tools.transport.transport import Csr
 
 
 @dataclass(frozen=True)
@@ -68,26 +69,23 @@ class Report:
 
 @dataclass(frozen=True)
 class Decomposition:
-    """T with fewer connections: red, green and blue as float32 CSR of one shared pattern, and what was done."""
+    """T with fewer connections, float32, and what was done."""
 
-    matrices: tuple[Csr, ...]
+    near: SparseRows
     report: Report
 
 
 def decompose(
-    matrices: tuple[Csr, ...],
-    camera_shape: tuple[int, int],
-    projector_shape: tuple[int, int],
-    parameters: Parameters,
+    near: SparseRows, camera_shape: tuple[int, int], projector_shape: tuple[int, int], parameters: Parameters
 ) -> Decomposition:
     """Cut the clusters of T (thesis Appendix A) and fit the energy (4.2.3).
 
-    matrices : T per channel, (camera pixels, projector pixels), float32, ≥ 0; only camera pixels that count may have
-    entries, else the others hold clusters together and save projector pixels that nobody sees.
+    near : T, (camera pixels, projector pixels), float32, ≥ 0; only camera pixels that count may have entries, else
+    the others hold clusters together and save projector pixels that nobody sees.
     camera_shape, projector_shape : (height, width).
-    Raises InputError if a matrix has another size, or entries that are negative or not finite.
+    Raises InputError if T has another size, or entries that are negative or not finite.
     """
-    graph = connections_of(matrices, camera_shape, projector_shape)
+    graph = connections_of(near, camera_shape, projector_shape)
     strongest = strongest_of_block(graph, by_strength(graph), projector_shape[1], parameters.radius)
     return decomposed(graph, *cut(graph, strongest, parameters.tau_1, parameters.tau_2))
 
@@ -139,4 +137,4 @@ def decomposed(graph: Connections, keep: BoolArray, saved_pixels: int) -> Decomp
     clusters = find_clusters(graph.pattern(keep))
     largest = int(clusters.projector_sizes.max(initial=0))
     report = Report(keep.size, int(np.count_nonzero(keep)), saved_pixels, largest, clusters.count)
-    return Decomposition(graph.matrices(keep, fit_composition(graph, keep)), report)
+    return Decomposition(graph.rows(keep, fit_composition(graph, keep)), report)

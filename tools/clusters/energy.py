@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.tools.clusters.connections import BoolArray, Connections, FloatArray
+from counterlight.arrays import BoolArray, FloatArray
+from counterlight.tools.clusters.connections import Connections
 
 
 def fit_composition(graph: Connections, keep: BoolArray) -> NDArray[np.float32]:

@@ -4,8 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.errors import InputError
+from counterlight.row_map import SparseRows
 from counterlight.tools.clusters.components import Clusters, find_clusters
-from counterlight.tools.transport.transport import Csr
+from counterlight.tools.transport.transport import luminance_matrix
 
 FLOAT32 = np.finfo(np.float32)  # what T and pictures are stored in; squares of its numbers fit float64
 CAUSES = "likely causes: a division by a black floodlight picture, a saturated capture, or another unit of radiance"
@@ -15,18 +16,20 @@ class NonFiniteError(InputError):
     """T or b holds NaN or infinity, numbers beyond float32, or such that a solver overflows."""
 
 
-def refuse_not_finite(near: Csr, target: NDArray[np.float64]) -> None:
+def refuse_not_finite(near: SparseRows, target: NDArray[np.float64]) -> None:
     """NonFiniteError naming the first cluster in which T or b is not finite, or beyond float32.
 
-    near : T, (camera pixels, projector pixels).  target : b, (camera pixels,).
+    near : T, (camera pixels, projector pixels).  target : b, (camera pixels, 3).
     """
-    rows = np.repeat(np.arange(near.shape[0]), np.diff(near.indptr))
-    size = np.abs(near.data)
-    usable = (size <= FLOAT32.max) & (np.fmax.reduce(size, initial=0.0) >= FLOAT32.smallest_subnormal)
-    bad = np.union1d(rows[~usable], np.flatnonzero(~(np.abs(target) <= FLOAT32.max)))
+    size = np.abs(near.weights)
+    seen = (size == 0) | (np.fmax.reduce(size, axis=0, initial=0.0) >= FLOAT32.smallest_subnormal)
+    usable = ((size <= FLOAT32.max) & seen).all(axis=1)
+    bad = np.flatnonzero(~(np.abs(target) <= FLOAT32.max).all(axis=1))
+    if not usable.all():
+        bad = np.union1d(near.rows[~usable], bad)
     if not bad.size:
         return
-    clusters = find_clusters(near)
+    clusters = find_clusters(luminance_matrix(near))
     label = clusters.camera[bad[0]]
     cluster = "no cluster" if label < 0 else describe_cluster(clusters, int(label))
     raise NonFiniteError(

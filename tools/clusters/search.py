@@ -7,9 +7,11 @@ from itertools import chain, count
 
 import numpy as np
 
+from counterlight.arrays import BoolArray, IntArray
 from counterlight.errors import InputError
+from counterlight.row_map import SparseRows
 from counterlight.tools.clusters.components import find_clusters
-from counterlight.tools.clusters.connections import BoolArray, Connections, IntArray, connections_of
+from counterlight.tools.clusters.connections import Connections, connections_of
 from counterlight.tools.clusters.decomposition import (
     Decomposition,
     Parameters,
@@ -18,7 +20,6 @@ from counterlight.tools.clusters.decomposition import (
     decomposed,
     strongest_of_block,
 )
-from counterlight.tools.transport.transport import Csr
 
 FIRST_RADII = (1, 2, 3, 5, 7, 10, 15)  # the thesis' figure 4.8 shows 3 to 15
 WIDER_RADII = 2  # tried beyond the first that suffices: they may do with a smaller τ₁
@@ -36,7 +37,7 @@ class _Cut:
 
 
 def decompose_to(
-    matrices: tuple[Csr, ...], camera_shape: tuple[int, int], projector_shape: tuple[int, int], max_cluster: int
+    near: SparseRows, camera_shape: tuple[int, int], projector_shape: tuple[int, int], max_cluster: int
 ) -> tuple[Parameters, Decomposition]:
     """Decompose T so that no cluster has more than `max_cluster` projector pixels, and say with which settings.
 
@@ -52,7 +53,7 @@ def decompose_to(
     """
     if max_cluster < 1:
         raise InputError(f"--max-cluster {max_cluster}: expected at least 1 projector pixel")
-    graph = connections_of(matrices, camera_shape, projector_shape)
+    graph = connections_of(near, camera_shape, projector_shape)
     everything = np.ones(graph.camera.size, bool)
     if _largest(graph, everything) <= max_cluster:
         return Parameters(0, 0), decomposed(graph, everything, 0)

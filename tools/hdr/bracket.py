@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.picture_files import read_picture
 from counterlight.tools.hdr.exif import exposure_times
-
-FloatArray = NDArray[np.float64]
 
 CANDIDATES = 1 << 15  # pixels looked at for a recovery, on a regular grid
 REACH = 2  # pixels around one that must be alike

@@ -6,14 +6,12 @@ cameras and projectors.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.hdr.response_table import table_response
-
-FloatArray = NDArray[np.float64]
 
 TOP_NODES = 16  # the top of the curve continues the power law that these follow
 

@@ -4,10 +4,9 @@ P. E. Debevec and J. Malik, Recovering High Dynamic Range Radiance Maps from Pho
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-FloatArray = NDArray[np.float64]
+from counterlight.arrays import FloatArray
 
 SMOOTHNESS = 20.0  # λ for 1000 values, 100 pixels in 10 pictures; on real JPEGs 10 follows their noise
 USUAL_VALUES = 1000

@@ -19,9 +19,8 @@ from dataclasses import dataclass
 from math import log
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from counterlight.arrays import FloatArray
 
 MARGIN = 0.02  # of the range, above which codes count as clipped
 SLACK = 0.9  # of the bound: what noise and rounding of a correct estimate need

@@ -6,16 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError, shown
 from counterlight.exr import read_rgb
 from counterlight.picture_files import SUFFIXES, read_picture
 from counterlight.reading import read_bytes
 from counterlight.response import Response
 from counterlight.tools.hdr.camera_response import exposure_table
-
-FloatArray = NDArray[np.float64]
 
 FULL_LEVEL = 255
 MAX_TABLE_BYTES = 4 << 20

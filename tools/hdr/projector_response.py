@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import isotonic_regression
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.hdr.response_table import NODES, table_response
-
-FloatArray = NDArray[np.float64]
 
 LEAST_LEVELS = 5
 

@@ -1,8 +1,8 @@
 """Which method recovers the camera's response, and what a bracket must show for it."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.hdr import debevec, robertson
@@ -10,8 +10,6 @@ from counterlight.tools.hdr.camera_response import rising_response
 from counterlight.tools.hdr.estimators import MARGIN
 from counterlight.tools.hdr.response_table import NODES
 from counterlight.tools.hdr.weights import weight_table
-
-FloatArray = NDArray[np.float64]
 
 METHODS = ("debevec", "robertson")
 LEAST_NODES = 32  # different codes that pixels with two good exposures must show

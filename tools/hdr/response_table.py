@@ -5,12 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import tomli_w
-from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.response import Response
 from counterlight.writing.replacing import replacing_file
-
-FloatArray = NDArray[np.float64]
 
 SUFFIXES = (".toml",)  # what --response takes for a file
 NODES = 256  # rows of a table; deeper cameras are interpolated between them

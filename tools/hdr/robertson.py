@@ -5,9 +5,8 @@ Estimation-theoretic approach to dynamic range enhancement using multiple exposu
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from counterlight.arrays import FloatArray
 
 MAX_ROUNDS = 300
 SETTLED = 1e-4  # mean change of f⁻¹ in a round, relative to the middle of the curve

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.transport.transport import Csr
 
-FloatArray = NDArray[np.float64]
 CHECK_EVERY = 10
 SIGMA_STEPS = 20
 EXHAUSTED = 1e-14  # of the first α: the space that b and T span is exhausted

@@ -6,13 +6,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.clusters.blocks import Batch, ClusterBlocks, Entries
 from counterlight.tools.clusters.components import Clusters
 from counterlight.tools.inverse.noise import cut_off
 from counterlight.tools.inverse.pieces import Piece, Truncation, truncated_piece
 from counterlight.tools.transport.transport import Csr
 
-FloatArray = NDArray[np.float64]
 BATCH_VALUES = 1 << 22  # float64 values of one batch of blocks (32 MiB); see memory.py for what a batch needs at work
 SMALLEST_SQUARED = 1e-5  # λ/σ₁ below which TᵀT + λ²I, of condition (σ₁/λ)², would leave fewer than six digits
 

@@ -10,12 +10,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.clusters.jobs import run_jobs
 from counterlight.tools.inverse.bidiagonal import Products, bidiagonalise, largest_singular_value
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.transport.transport import Csr
 
-FloatArray = NDArray[np.float64]
 CANDIDATES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.4)
 MOST_STEPS = 120  # 60 and 240 move the errors of rooms of 640x480 by at most 0.1 %
 ACCURACY = 0.1 / 255  # drive; more does not show in the errors

@@ -11,30 +11,33 @@ with M', and subtract what U scatters (the Woodbury identity, if S⁺ = S⁻¹).
 import numpy as np
 from scipy import sparse
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
-from counterlight.tools.transport.transport import Csr, FarLight, FloatArray
+from counterlight.row_map import SparseRows
+from counterlight.tools.transport.transport import Csr, FarLight, channels, stacked
 
 LARGEST = 1e30  # of a factor's entry: times light and summed up, it stays within float32
 ADVICE = "give more --regularize, or look for what is extreme in far_light.npz"
 RELATIVE_THRESHOLD = 1e-4  # of a row's largest entry: gathers average hundreds of pixels, their tails only cost time
 
 
-def undo_far_light(far: FarLight, near_inverse: tuple[Csr, ...]) -> FarLight:
+def undo_far_light(far: FarLight, T_pinv: SparseRows) -> FarLight:
     """D', M' and U, so that U M' D' b is the far light that the camera sees when b is compensated.
 
-    near_inverse : S⁺ per channel, (projector pixels, camera pixels).
+    T_pinv : S⁺, (projector pixels, camera pixels).
     Raises InputError where there is no such light, or only beyond float32.
     """
     gather, mix = [], []
-    for D, M, U, S_inverse in zip(far.gather, far.mix, far.scatter, near_inverse, strict=True):
-        D_inverse = _without_tails(sparse.csr_array(D @ S_inverse))
+    factors = channels(far.gather), far.mix, channels(far.scatter), channels(T_pinv)
+    for D, M, U, S_pinv in zip(*factors, strict=True):
+        D_inverse = _without_tails(sparse.csr_array(D @ S_pinv.astype(np.float64)))
         gather.append(D_inverse)
         loop = M @ (D_inverse @ U).toarray()
         mix.append(_solved(np.eye(M.shape[0]) + loop, M))
         largest = max(np.abs(mix[-1]).max(), np.abs(D_inverse.data).max(initial=0.0))
         if not largest <= LARGEST:
             raise InputError(f"the far light of a compensated picture is {largest:g} times it; {ADVICE}")
-    return FarLight(tuple(gather), np.stack(mix), far.scatter)
+    return FarLight(stacked(gather), np.stack(mix), far.scatter)
 
 
 def _solved(loop: FloatArray, M: FloatArray) -> FloatArray:

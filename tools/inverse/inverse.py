@@ -7,8 +7,8 @@ from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
+from counterlight.arrays import FloatArray
 from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.row_map import SparseRows
@@ -26,10 +26,8 @@ from counterlight.tools.inverse.method import Method, choose_method
 from counterlight.tools.inverse.noise import noise_of_matrix
 from counterlight.tools.inverse.pieces import Piece, Truncation, join
 from counterlight.tools.inverse.windowed import FINEST_TOLERANCE, WindowedChannel, plan_windows, windowed_jobs
-from counterlight.tools.transport.mask import LUMINANCE
-from counterlight.tools.transport.transport import CHANNELS, Csr, shared_pattern
+from counterlight.tools.transport.transport import CHANNELS, Csr, channels, luminance_matrix
 
-FloatArray = NDArray[np.float64]
 GOLDEN_RATIO = (np.sqrt(5) - 1) / 2
 
 
@@ -67,7 +65,7 @@ class InverseOptions:
 class Inverse:
     """T⁺ and what was found on the way.
 
-    rows : (projector pixels) rows over camera pixels.
+    T_pinv : (projector pixels, camera pixels).
     truncation : (projector pixels, 3), certified change by what was left out and by rounding, drive.
     decomposition : the settings and outcome if T was decomposed.
     method : what was inverted whole and what through windows.
@@ -76,7 +74,7 @@ class Inverse:
     halos : (blocks,) of the windows.
     """
 
-    rows: SparseRows
+    T_pinv: SparseRows
     truncation: FloatArray
     clusters: Clusters
     decomposition: tuple[Parameters, Report] | None
@@ -97,17 +95,9 @@ class Inverse:
         label = int(np.argmax(self.clusters.projector_sizes))
         return int(self.clusters.camera_sizes[label]), int(self.clusters.projector_sizes[label])
 
-    def matrices(self, camera_pixels: int) -> tuple[Csr, ...]:
-        """T⁺ per channel, (projector pixels, camera pixels)."""
-        shape = self.rows.indptr.size - 1, camera_pixels
-        weights = self.rows.weights.astype(np.float64)
-        return tuple(
-            sparse.csr_array((weights[:, i], self.rows.indices, self.rows.indptr), shape=shape) for i in range(3)
-        )
-
 
 def invert_near_light(
-    near: tuple[Csr, ...],
+    near: SparseRows,
     mask: NDArray[np.bool_],
     projector_shape: tuple[int, int],
     reach: FloatArray,
@@ -117,27 +107,27 @@ def invert_near_light(
 ) -> Inverse:
     """Invert the near light inside the mask; the result's columns outside the mask are empty.
 
-    near : T per channel, (camera pixels, projector pixels).  mask : (camera height, camera width).
+    near : T, (camera pixels, projector pixels).  mask : (camera height, camera width).
     reach : (camera pixels, 3), the largest |c − e| of a picture; within it the certified bound holds.
     white : the radiance of a white picture.  regions : of several projectors in one raster.
     """
-    matrices = tuple(_rows_inside(T, mask) for T in near)
-    for T in matrices:
-        refuse_not_finite(T, np.zeros(T.shape[0]))
-    whole = luminance = _luminance(matrices)
+    near = near.inside(mask.ravel())
+    refuse_not_finite(near, np.zeros((1, len(CHANNELS))))
+    whole = light = luminance_matrix(near)
     if whole.nnz == 0:
         raise InputError("no camera pixel inside the mask sees the projector; check the mask and the transport")
-    _check_max_cluster(options, near[0].shape[1])
+    _check_max_cluster(options, near.columns)
     decomposition = None
     if options.max_cluster is not None:
-        parameters, cut = decompose_to(matrices, mask.shape, projector_shape, options.max_cluster)
-        matrices, decomposition = cut.matrices, (parameters, cut.report)
-        luminance = _luminance(matrices)
-    clusters = find_clusters(luminance)
+        parameters, cut = decompose_to(near, mask.shape, projector_shape, options.max_cluster)
+        near, decomposition = cut.near, (parameters, cut.report)
+        light = luminance_matrix(near)
+    matrices = channels(near)
+    clusters = find_clusters(light)
     method = choose_method(clusters, options.method, options.damping)
     memory.check_whole(clusters, ~method.windowed)
     sigmas = _largest_singular_values(matrices)
-    choice = _choose_damping(matrices, sigmas, luminance, whole, white, mask, options)
+    choice = _choose_damping(matrices, sigmas, light, whole, white, mask, options)
     lambdas = choice.damping * sigmas
     truncation = Truncation(reach, options.max_error / 255)
     tolerance = max(truncation.budget, FINEST_TOLERANCE)
@@ -146,7 +136,7 @@ def invert_near_light(
         member = np.isin(clusters.projector, np.flatnonzero(method.windowed)).reshape(projector_shape)
         jobs.append(_windowed(matrices, lambdas, member, truncation, tolerance, regions))
     pieces = _run(list(chain(*jobs)), int(clusters.projector_sizes.sum()))
-    joined = join(pieces, near[0].shape[1])
+    joined = join(pieces, near.shape[::-1])
     halos = np.array([piece.halo for piece in pieces if piece.halo], np.int64)
     return Inverse(
         joined.rows,
@@ -182,7 +172,7 @@ def _check_max_cluster(options: InverseOptions, projector_pixels: int) -> None:
 def _choose_damping(
     matrices: tuple[Csr, ...],
     sigmas: FloatArray,
-    luminance: Csr,
+    light: Csr,
     whole: Csr,
     white: float,
     mask: NDArray[np.bool_],
@@ -191,10 +181,10 @@ def _choose_damping(
     """λ / σ₁ as asked for, or chosen, not below the noise of any channel."""
     if options.damping is not None:
         return DampingChoice(options.damping, {})
-    memory.check_choice(luminance.shape[1])
+    memory.check_choice(light.shape[1])
     noise = [noise_of_matrix(T, options.noise) for T in matrices]
     floor = max(float(n / sigma) for n, sigma in zip(noise, sigmas, strict=True))
-    return choose_damping(luminance, white, mask, whole, floor)
+    return choose_damping(light, white, mask, whole, floor)
 
 
 def _windowed(
@@ -216,17 +206,3 @@ def _run(jobs: list[Callable[[], Piece]], row_count: int) -> list[Piece]:
     spread = [jobs[i] for i in np.argsort(np.arange(len(jobs)) * GOLDEN_RATIO % 1)]
     with closing(run_jobs(spread, "inverting")) as results:
         return list(memory.checked_as_they_come(results, row_count))
-
-
-def _luminance(matrices: tuple[Csr, ...]) -> Csr:
-    """The channels weighted by their luminance, on their shared pattern."""
-    indptr, indices, weights = shared_pattern(matrices)
-    return sparse.csr_array((weights @ np.array(LUMINANCE, np.float32), indices, indptr), shape=matrices[0].shape)
-
-
-def _rows_inside(T: Csr, mask: NDArray[np.bool_]) -> Csr:
-    """T with the rows outside the mask, and explicit zeros, left out."""
-    kept = T.data * np.repeat(mask.ravel(), np.diff(T.indptr))
-    inside = sparse.csr_array((kept, T.indices.copy(), T.indptr.copy()), shape=T.shape)
-    inside.eliminate_zeros()
-    return inside

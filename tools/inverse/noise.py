@@ -8,11 +8,10 @@ large ones, direct mapping has one weight a row): unless the caller knows it, on
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.transport.transport import Csr
 
-FloatArray = NDArray[np.float64]
 FLOAT32_EPS = float(np.finfo(np.float32).eps)  # T is stored in float32
 TAIL = 3.0  # standard deviations of ‖N‖ above its mean
 

@@ -1,9 +1,9 @@
 """A few pictures that stand for what people project: λ is chosen by what the clamp does to them."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from counterlight.arrays import FloatArray
+
 PICTURES = 3
 
 

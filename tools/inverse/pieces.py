@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.row_map import SparseRows
 from counterlight.tools.inverse.truncation import entries_to_keep
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 FLOAT32_ROUNDING = 2.0**-24  # relative, of a weight
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 
@@ -104,16 +103,17 @@ def _refuse_overflow(rows: IntArray, blocks: FloatArray) -> None:
         )
 
 
-def join(pieces: Sequence[Piece], row_count: int) -> Joined:
-    """All pieces as sparse rows; rows that no piece holds are empty."""
+def join(pieces: Sequence[Piece], shape: tuple[int, int]) -> Joined:
+    """All pieces as sparse rows of T⁺, (projector pixels, camera pixels); those that no piece holds are empty."""
+    row_count, columns = shape
     lengths = np.zeros(row_count, np.int64)
     changed, residual = np.zeros((row_count, 3)), np.zeros(row_count)
     for piece in pieces:
         lengths[piece.rows], changed[piece.rows], residual[piece.rows] = piece.lengths, piece.changed, piece.residual
     indptr = np.concatenate([[0], np.cumsum(lengths)])
-    indices, weights = np.empty(indptr[-1], np.int64), np.empty((indptr[-1], 3), np.float32)
+    indices, weights = np.empty(indptr[-1], np.int32), np.empty((indptr[-1], 3), np.float32)
     for piece in pieces:
         first = np.cumsum(piece.lengths) - piece.lengths
         place = np.repeat(indptr[piece.rows] - first, piece.lengths) + np.arange(piece.columns.size)
         indices[place], weights[place] = piece.columns, piece.weights
-    return Joined(SparseRows(indptr, indices, weights), changed, residual)
+    return Joined(SparseRows(indptr, indices, weights, columns), changed, residual)

@@ -1,10 +1,9 @@
-"""From a calibration folder to its correction/ folder: invert, take the far light out, pack, write."""
+"""From a room to its maps: invert, take the far light out, pack; and from a calibration folder to its correction/."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from counterlight import maps
 from counterlight.calibration import Calibration, StoredCalibration
@@ -13,17 +12,14 @@ from counterlight.maps import FarMaps, RoomMaps
 from counterlight.row_map import RowMap, pack
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
-from counterlight.tools.packing.refinement_maps import refinement_maps
-from counterlight.tools.packing.row_maps import pack_matrices
+from counterlight.tools.packing.refinement_maps import pack_far, refinement_maps
 from counterlight.tools.transport.storage import read_transport
-from counterlight.tools.transport.transport import Csr, FarLight, Transport
-
-FloatArray = NDArray[np.float64]
+from counterlight.tools.transport.transport import Transport
 
 
 @dataclass(frozen=True)
 class BuiltRoom:
-    """What was read, found and written; `summary` is one line."""
+    """A room, what was found and its maps; `summary` is one line."""
 
     calibration: Calibration
     transport: Transport
@@ -38,44 +34,40 @@ def build_room_maps(stored: StoredCalibration, options: InverseOptions, *, refin
     Raises InputError at once if another process is building them.
     """
     with maps.replacing(stored) as stage:
-        built = _build(stored, options, refine=refine)
+        built = build_maps(read_transport(stored), stored.calibration, options, refine=refine)
         maps.write_maps(built.maps, stored, stage)
     return built
 
 
-def _build(stored: StoredCalibration, options: InverseOptions, *, refine: bool) -> BuiltRoom:
-    calibration = stored.calibration
-    transport = read_transport(stored)
+def build_maps(
+    transport: Transport, calibration: Calibration, options: InverseOptions, *, refine: bool = True
+) -> BuiltRoom:
+    """Every row map of a room in memory; nothing is read or written.
+
+    calibration : sizes, ambient light and mask.  Raises InputError for what cannot be inverted.
+    """
     camera, projector = calibration.camera.shape, calibration.projector.shape
-    floodlight = transport.composition().reshape(*camera, 3) + calibration.ambient
-    white = reachable_white(floodlight, calibration.mask)
+    white = reachable_white(transport.floodlight(calibration.ambient), calibration.mask)
     maps.check_white(white)
     reach = np.maximum(white, calibration.ambient.reshape(-1, 3)).astype(np.float64)
     inverse = invert_near_light(transport.near, calibration.mask, projector, reach, white, options, calibration.regions)
-    correction = pack(inverse.rows, projector, camera)
-    far, undo = _pack_far_light(transport, inverse, calibration)
+    correction = pack(inverse.T_pinv, projector, camera)
+    far, undo = _pack_far_light(transport, inverse, camera, projector)
     details = _details(inverse, correction, transport, options)
     further = refinement_maps(transport, calibration) if refine else None
-    observe = pack_matrices(transport.near, camera, projector)
+    observe = pack(transport.near, camera, projector)
     packed = RoomMaps(correction, observe, far, undo, white, details, further)
     return BuiltRoom(calibration, transport, inverse, packed, _summary(inverse, packed))
 
 
 def _pack_far_light(
-    transport: Transport, inverse: Inverse, calibration: Calibration
+    transport: Transport, inverse: Inverse, camera: tuple[int, int], projector: tuple[int, int]
 ) -> tuple[FarMaps | None, FarMaps | None]:
     if transport.far is None:
         return None, None
-    camera, projector = calibration.camera.shape, calibration.projector.shape
-    cells = 1, transport.far.mix.shape[1]
-    undo = undo_far_light(transport.far, inverse.matrices(camera[0] * camera[1]))
-    scatter = pack_matrices(transport.far.scatter, camera, cells)
-    far = FarMaps(pack_matrices(transport.far.gather, cells, projector), _pack_mix(transport.far, cells), scatter)
-    return far, FarMaps(pack_matrices(undo.gather, cells, camera), _pack_mix(undo, cells), scatter)
-
-
-def _pack_mix(far: FarLight, cells: tuple[int, int]) -> RowMap:
-    return pack_matrices([Csr(channel) for channel in far.mix], cells, cells)
+    far = pack_far(transport.far, camera, projector)
+    undo = undo_far_light(transport.far, inverse.T_pinv)
+    return far, pack_far(undo, camera, camera, far.scatter)
 
 
 def _details(inverse: Inverse, correction: RowMap, transport: Transport, options: InverseOptions) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from counterlight.arrays import FloatArray
 
 
 def entries_to_keep(products: FloatArray, budget: FloatArray | float) -> NDArray[np.bool_]:

@@ -19,13 +19,12 @@ from scipy import ndimage, sparse
 from scipy.linalg import cho_factor, solve_triangular
 from scipy.linalg.lapack import dtrtri
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.calibration import Region
 from counterlight.tools.clusters.jobs import run_jobs
 from counterlight.tools.inverse.pieces import Piece, Truncation, truncated_piece
 from counterlight.tools.transport.transport import Csr
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 BLOCKS = (16, 8, 4, 2, 1)
 BLOCK_VALUES = 1 << 24  # float64 values of one block's rows, three channels (128 MiB)
 HALOS = (4, 6, 8, 10, 12, 14, 17, 20, 24)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight import exr, reference
+from counterlight.arrays import FloatArray
 from counterlight.colour import decoding_of
 from counterlight.errors import InputError
 from counterlight.headless import FRAME_TIMEOUT_S
@@ -14,7 +15,6 @@ from counterlight.renderer import place
 from counterlight.response import Response, transfer_table
 from counterlight.video import Frame, MediaReader
 
-FloatArray = NDArray[np.float64]
 SUFFIXES = (".png", ".exr")
 WHITE_PERCENTILE = 99.0
 

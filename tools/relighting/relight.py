@@ -1,22 +1,29 @@
-"""A calibration folder and a picture -> one of the four views, in a file."""
+"""A calibration folder and a picture -> one of the four views of the thesis' Figure 5.3, in a file.
+
+camera : the composition c = T p + e (eq. 3.11), what the camera sees under a projector picture; T is undecomposed.
+dual : p' = Tᵀ c' (eq. 3.12), the scene from the projector's place, lit by the camera; no ambient light in it.
+inverse-dual : T⁺ c', what the projector must show so that the camera sees c', without its clamp. For white it sums the
+columns of T⁺, the pattern that looks uniformly white; times the room's white level it is drive.
+inverse-camera : T⁺ᵀ p', the column sums of T⁺ in camera space, drive per unit radiance: how much drive one unit of a
+pixel's radiance asks for: bright where the surface is dark or badly lit, negative where neighbours make room for it.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
-from counterlight.calibration import StoredCalibration
+from counterlight.arrays import FloatArray
+from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.maps import read_maps
+from counterlight.operators import compensation
 from counterlight.tools.relighting.pictures import SUFFIXES, read_placed, white_level, write_view
-from counterlight.tools.relighting.views import composition, dual, inverse_composition, inverse_dual
 from counterlight.tools.transport.storage import read_transport
 from counterlight.writing.outputs import check_file
 from counterlight.writing.replacing import replacing_file
 
-FloatArray = NDArray[np.float64]
 LIT_BY_PROJECTOR = ("camera", "inverse-camera")  # their picture is a projector picture, the others' a camera picture
 ROUNDING = 1e-6  # what resampling adds to a full white
 
@@ -56,23 +63,28 @@ def relight(folder: Path, picture: Path | None, output: Path, options: RelightOp
 
 
 def make_view(stored: StoredCalibration, picture: FloatArray | None, options: RelightOptions) -> FloatArray:
-    """One of the four views of a stored calibration; see views.py."""
-    if options.view == "inverse-dual":
-        return inverse_dual(read_maps(stored), picture)
-    if options.view == "inverse-camera":
-        return inverse_composition(read_maps(stored), picture)
+    """One of the four views of a stored calibration, (height, width, 3); a picture of None is white."""
+    calibration = stored.calibration
+    if picture is None:
+        picture = np.ones((*_lit_from(calibration, options.view).shape, 3))
+    if options.view.startswith("inverse"):
+        T_pinv = compensation(read_maps(stored))
+        return T_pinv.apply(picture) if options.view == "inverse-dual" else T_pinv.apply_transpose(picture)
     transport = read_transport(stored)
     if options.view == "dual":
-        return dual(transport, stored.calibration, picture)
-    return composition(transport, stored.calibration, picture, ambient=options.ambient is not False)
+        return transport.apply_transpose(picture)
+    seen = transport.apply(picture)
+    return seen if options.ambient is False else seen + calibration.ambient
+
+
+def _lit_from(calibration: Calibration, view: str) -> Device:
+    return calibration.projector if view in LIT_BY_PROJECTOR else calibration.camera
 
 
 def _picture(stored: StoredCalibration, path: Path | None, view: str) -> FloatArray | None:
     if path is None:
         return None
-    calibration = stored.calibration
-    device = calibration.projector if view in LIT_BY_PROJECTOR else calibration.camera
-    picture = read_placed(path, device.shape)
+    picture = read_placed(path, _lit_from(stored.calibration, view).shape)
     if view == "camera" and not (picture.min() >= -ROUNDING and picture.max() <= 1 + ROUNDING):
         raise InputError(
             f"{path}: drive from {picture.min():.4g} to {picture.max():.4g}, a projector shows 0 to 1; scale it"

@@ -9,24 +9,19 @@ from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration
-from counterlight.content import reachable_white
+from counterlight.content import psnr, reachable_white
 from counterlight.tools.acquisition.acquired_room import AcquisitionReport
 from counterlight.tools.acquisition.preflight import Finding
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.relighting.pictures import encoded, white_level
-from counterlight.tools.relighting.views import composition, dual
 from counterlight.tools.report import charts, pictures
 from counterlight.tools.report.page import Figure, Section, page, table
 from counterlight.tools.report.report import FORMAT, PAGE, check_report_folder, write_page
-from counterlight.tools.solve.quality import psnr
-from counterlight.tools.solve.registry import solve_channels
-from counterlight.tools.solve.system import channel_system
-from counterlight.tools.transport.mask import LUMINANCE
+from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.storage import read_transport
-from counterlight.tools.transport.transport import Transport
+from counterlight.tools.transport.transport import Transport, luminance
 from counterlight.writing.replacing import replacing_folder
 
-FloatArray = NDArray[np.float64]
 PROMISED = ("photograph", "letters")  # the first two typical pictures
 MOST_PREDICTED = 1 << 17  # camera pixels up to which the optimum is computed for the report
 SMOOTH = 6  # camera pixels a picture pixel: little detail, so that faults of T show
@@ -51,17 +46,15 @@ def predicted_quality(
     With error δ of a predicted light c, relative, the mean square grows by δ² mean c².
     """
     shape, mask = calibration.camera.shape, calibration.mask
-    white = reachable_white(composition(transport, calibration, None, ambient=True), mask)
-    found: dict[str, dict[str, float]] = {}
+    white = reachable_white(transport.floodlight(calibration.ambient), mask)
+    box, found = prepare("box", transport, mask), dict[str, dict[str, float]]()
     for detail, label in ((1, "at the camera's resolution"), (SMOOTH, "smooth")):
         small = typical_pictures(tuple(max(side // detail, 2) for side in shape))  # type: ignore[arg-type]
         for name, grey in zip(PROMISED, small, strict=False):
             picture = cv2.resize(grey, shape[::-1], interpolation=cv2.INTER_LINEAR)
             desired = white * np.repeat(picture[:, :, None], 3, axis=2)
-            target = np.asarray(desired - calibration.ambient, np.float64).reshape(-1, 3)
-            systems = [channel_system(transport, i, target[:, i], mask.ravel()) for i in range(3)]
-            drive = np.stack([solution.drive for solution in solve_channels("box", systems)], axis=1)
-            seen = composition(transport, calibration, drive, ambient=True)
+            drive = box.solve(desired - calibration.ambient).drive
+            seen = transport.apply(drive).reshape(desired.shape) + calibration.ambient
             square = float(np.mean(((seen - desired)[mask] / white) ** 2))
             doubt = check_error**2 * float(np.mean((desired[mask] / white) ** 2))
             found[f"{name}, {label}"] = {"by_transport": psnr(square), "with_check_error": psnr(square + doubt)}
@@ -75,13 +68,13 @@ def _pictures(
     views = {
         "floodlight.png": room.floodlight,
         "black.png": room.black,
-        "composition.png": composition(transport, calibration, None, ambient=True),
-        "dual.png": dual(transport, calibration, None),
+        "composition.png": transport.floodlight(calibration.ambient),
+        "dual.png": transport.apply_transpose(np.ones((*calibration.camera.shape, 3))),
     }
     whites = {name: white_level(view) for name, view in views.items()}
     drawn = {name: encoded(view, whites[name]) for name, view in views.items()}
-    near = sum(np.asarray(w * T.sum(axis=0)) for w, T in zip(LUMINANCE, transport.near, strict=True))
-    coverage = np.where(np.asarray(near) > 0, 255, 0).astype(np.uint8).reshape(calibration.projector.shape)
+    sent = np.bincount(transport.near.indices, luminance(transport.near.weights), transport.shape[1])
+    coverage = np.where(sent > 0, 255, 0).astype(np.uint8).reshape(calibration.projector.shape)
     mask = np.where(calibration.mask, 255, 0).astype(np.uint8)
     return drawn | {
         "coverage.png": np.repeat(coverage[..., None], 3, axis=2),
@@ -111,7 +104,7 @@ def _figures(
         "coverage": report.covered,
         "lit_camera_pixels": report.lit,
         "near_entries": report.entries,
-        "far_cells": 0 if transport.far is None else int(transport.far.mix.shape[1]),
+        "far_cells": transport.far.cells if transport.far else 0,
         "clusters": {
             "count": report.clusters.count,
             "projector_size_bins": charts.bins_of(report.clusters.projector_sizes),

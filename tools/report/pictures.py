@@ -3,12 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import IntArray
 from counterlight.row_map import RowMap
-from counterlight.tools.inverse.inverse import Inverse
 from counterlight.tools.transport.transport import Csr
 
 Picture = NDArray[np.uint8]
-IntArray = NDArray[np.int64]
 MATRIX_SIDE = 512
 TEXTURE_SIDE = 512
 GOLDEN = 0.6180339887  # successive labels get hues far apart
@@ -38,11 +37,6 @@ def matrix_picture(matrix: Csr) -> Picture:
     largest = float(sums.max(initial=0.0)) or 1.0
     decades = np.log10(np.maximum(sums / largest, 1e-4)) / 4 + 1
     return _grey(decades.reshape(height, width))
-
-
-def inverse_picture(inverse: Inverse, camera_pixels: int) -> Picture:
-    """T⁺ (green) as `matrix_picture` shows T."""
-    return matrix_picture(inverse.matrices(camera_pixels)[1])
 
 
 def texture_picture(packed: RowMap) -> Picture:

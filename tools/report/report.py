@@ -7,19 +7,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from counterlight.errors import InputError
+from counterlight.operators import compensation
 from counterlight.png import write_png
 from counterlight.tools.inverse.room import BuiltRoom
 from counterlight.tools.relighting.pictures import encoded, white_level
-from counterlight.tools.relighting.views import composition, dual, inverse_composition, inverse_dual
 from counterlight.tools.report import layout, pictures, spectra
 from counterlight.tools.report.charts import bins_of
 from counterlight.tools.report.impossible import Impossible, find_impossible
 from counterlight.tools.report.spectra import Spectrum
-from counterlight.tools.transport.mask import LUMINANCE
-from counterlight.tools.transport.transport import Csr
+from counterlight.tools.transport.transport import Csr, channel, luminance_matrix
 from counterlight.writing.outputs import check_folder, is_vacant, refuse_strangers
 from counterlight.writing.replacing import replacing_folder
 
@@ -73,23 +71,18 @@ def find(built: BuiltRoom) -> Findings:
 
 def near_luminance(built: BuiltRoom) -> Csr:
     """The luminance of the near light inside the mask: what clusters are made of."""
-    inside = sparse.diags_array(built.calibration.mask.ravel().astype(np.float64))
-    total = sum(
-        (weight * (inside @ T) for weight, T in zip(LUMINANCE, built.transport.near, strict=True)),
-        start=sparse.csr_array(built.transport.shape),
-    )
-    T = sparse.csr_array(total)
-    T.eliminate_zeros()
-    return T
+    return luminance_matrix(built.transport.near.inside(built.calibration.mask.ravel()))
 
 
 def _lit_pictures(built: BuiltRoom) -> tuple[dict[str, NDArray[np.uint8]], dict[str, float]]:
     """The four pictures of Figure 5.3 and the value that each shows as white."""
+    T_pinv, calibration = compensation(built.maps), built.calibration
+    camera, projector = (np.ones((*device.shape, 3)) for device in (calibration.camera, calibration.projector))
     views = {
-        "composition.png": composition(built.transport, built.calibration, None, ambient=True),
-        "dual.png": dual(built.transport, built.calibration, None),
-        "inverse_composition.png": inverse_composition(built.maps, None),
-        "inverse_dual.png": inverse_dual(built.maps, None),
+        "composition.png": built.transport.floodlight(calibration.ambient),
+        "dual.png": built.transport.apply_transpose(camera),
+        "inverse_composition.png": T_pinv.apply_transpose(projector),
+        "inverse_dual.png": T_pinv.apply(camera),
     }
     scales = {name: white_level(view) for name, view in views.items()}
     scales["inverse_dual.png"] = 1 / built.maps.white  # then 255 is full drive for a white picture
@@ -102,14 +95,14 @@ def _structure_pictures(built: BuiltRoom, T: Csr) -> dict[str, NDArray[np.uint8]
         "clusters_camera.png": pictures.cluster_picture(clusters.camera, calibration.camera.shape),
         "clusters_projector.png": pictures.cluster_picture(clusters.projector, calibration.projector.shape),
         "matrix.png": pictures.matrix_picture(T),
-        "inverse_matrix.png": pictures.inverse_picture(built.inverse, calibration.camera.pixels),
+        "inverse_matrix.png": pictures.matrix_picture(channel(built.inverse.T_pinv, 1)),
         "texture.png": pictures.texture_picture(built.maps.correction),
     }
 
 
 def _figures(built: BuiltRoom, impossible: Impossible, found: list[Spectrum]) -> dict[str, Any]:
     inverse, correction, calibration = built.inverse, built.maps.correction, built.calibration
-    floodlight = built.transport.composition().reshape(*calibration.camera.shape, 3) + calibration.ambient
+    floodlight = built.transport.floodlight(calibration.ambient)
     lengths = correction.lookup[..., 2].ravel().astype(np.int64)
     return {
         "format": FORMAT,
@@ -119,8 +112,8 @@ def _figures(built: BuiltRoom, impossible: Impossible, found: list[Spectrum]) ->
         "projector": {"width": calibration.projector.width, "height": calibration.projector.height},
         "white": built.maps.white,
         "floodlight_inside_mask": _percentiles(floodlight[calibration.mask]),
-        "near_entries": [int(T.nnz) for T in built.transport.near],
-        "far_cells": 0 if built.transport.far is None else int(built.transport.far.mix.shape[1]),
+        "near_entries": [int(n) for n in np.count_nonzero(built.transport.near.weights, axis=0)],
+        "far_cells": built.transport.far.cells if built.transport.far else 0,
         "clusters": {
             "count": inverse.clusters.count,
             "windowed": inverse.windowed_clusters,

@@ -4,17 +4,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import svdvals
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.clusters.components import Clusters
 from counterlight.tools.inverse.method import LARGEST_DENSE
 from counterlight.tools.inverse.windowed import BLOCKS, Windows
 from counterlight.tools.transport.transport import Csr
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 LARGEST_SVD = 400  # pixels a side of a cluster: beyond, an SVD takes seconds
 MOST_CLUSTERS = 300
 MOST_WINDOWS = 6

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
-from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray
-from counterlight.tools.transport.transport import Csr
+from counterlight.row_map import SparseRows
 
 MAX_BYTES = 6 << 30
 BYTES_AN_ENTRY = 4 + 3 * 4
@@ -43,13 +43,10 @@ class NearLight:
             done = 100 * (first + rows) / self.shape[0]
             raise InputError(f"{self.name}: T fills {MAX_BYTES >> 30} GiB after {done:.0f} % of its rows; {ADVICE}")
 
-    def matrices(self) -> tuple[Csr, ...]:
-        """T, float32 CSR per channel."""
+    def rows(self) -> SparseRows:
+        """T, float32."""
         starts = np.concatenate([[0], np.cumsum(np.concatenate(self._lengths))])
-        width = np.int32 if starts[-1] < 2**31 else np.int64
-        pattern = np.concatenate(self._columns).astype(width, copy=False), starts.astype(width)
-        weights = [np.concatenate([part[:, i] for part in self._weights]) for i in range(3)]
-        return tuple(Csr((weight, *pattern), shape=self.shape) for weight in weights)
+        return SparseRows(starts, np.concatenate(self._columns), np.concatenate(self._weights), self.shape[1])
 
 
 def summed(places: IntArray, weights: FloatArray) -> tuple[IntArray, FloatArray]:

@@ -7,7 +7,7 @@ from typing import Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.tools.simulation.shapes.shape import IntArray
+from counterlight.arrays import IntArray
 
 
 class Batch:

@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.simulation.effects_on import EffectsOn
 from counterlight.tools.simulation.geometry import Hits, trace
 from counterlight.tools.simulation.paths import Rays, Samples
 from counterlight.tools.simulation.scene import Scene
-from counterlight.tools.simulation.shapes.shape import FloatArray
 
 MAX_TURNS = 12  # reflections and refractions of one path
 FAINTEST = 1e-4  # a path that carries less of its pixel's radiance ends

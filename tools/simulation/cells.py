@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.simulation.paths import Deposits, Samples
 from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
-from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray, Shape, shape_area
+from counterlight.tools.simulation.shapes.shape import Shape, shape_area
 from counterlight.tools.simulation.shapes.triangles import Triangles
 from counterlight.tools.simulation.surfaces import Surface
 

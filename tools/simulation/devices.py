@@ -4,14 +4,12 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tables import Table, Vector
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 MAX_SIDE = 4096
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray
+from counterlight.arrays import FloatArray, IntArray
 
 PLASTIC = 1.32471795724474602596  # its powers make the R2 sequence (Roberts 2018)
 

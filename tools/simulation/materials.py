@@ -5,15 +5,14 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from counterlight import memory
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.picture_files import read_picture
 from counterlight.response import Response
 from counterlight.tables import Table
 
-FloatArray = NDArray[np.float64]
 PATTERNS = ("bricks", "stripes", "checker")
 MORTAR = 0.08  # of a brick's height
 MAX_TEXTURE_PIXELS, TEXEL_BYTES = 1 << 26, 4 * 3 * 8  # at work, in float64

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError, nearest
 from counterlight.tools.simulation.devices import Device
 from counterlight.tools.simulation.optics_needs import OPTICS
 from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
-from counterlight.tools.simulation.shapes.shape import FloatArray, sample_places
+from counterlight.tools.simulation.shapes.shape import sample_places
 from counterlight.tools.simulation.surfaces import Surface
 
 AHEAD = 1e-9  # metres

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.simulation.batch import Batch
-from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

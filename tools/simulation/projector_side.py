@@ -10,11 +10,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.simulation.effects_on import EffectsOn
 from counterlight.tools.simulation.geometry import trace
 from counterlight.tools.simulation.paths import Arrivals, Deposits, Samples
 from counterlight.tools.simulation.scene import Scene
-from counterlight.tools.simulation.shapes.shape import FloatArray
 
 BAND_BEAMS = 1 << 18  # traced at once
 BEAMS = 2  # an axis and projector pixel for the light on cells

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.command import track
 from counterlight.errors import InputError
 from counterlight.tools.simulation.assembly import ADVICE, NearLight, summed
@@ -17,8 +18,7 @@ from counterlight.tools.simulation.needs import MOVES, TAKES, Need, chosen, need
 from counterlight.tools.simulation.paths import Arrivals, Deposits, Samples
 from counterlight.tools.simulation.projector_side import arrivals, deposits
 from counterlight.tools.simulation.scene import Scene, inside_of
-from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray
-from counterlight.tools.transport.transport import FarLight, Transport
+from counterlight.tools.transport.transport import Transport
 
 BAND_RAYS = 1 << 18  # traced at once
 SAMPLES_AT_ONCE = 1 << 15  # lit at once: a light map may send a hundred arrivals to a sample
@@ -216,13 +216,12 @@ class _Simulation:
 
     def _finished(self) -> Simulated:
         scene, effects = self.scene, self.effects
-        far: FarLight | None = None
-        near = self.near.matrices()
-        if self.exchange is not None:
-            far = self.exchange.far_light(self.far.matrices())
-            lit = Transport(near, far).composition() - Transport(near).composition()
-            effects.account("inter_reflection", lit.sum(), _far_entries(far))
-        transport, ambient = Transport(near, far), self.ambient
+        camera, projector = ((device.height, device.width) for device in (scene.camera, scene.projector))
+        far = None if self.exchange is None else self.exchange.far_light(self.far.rows())
+        transport, ambient = Transport(self.near.rows(), far, camera, projector), self.ambient
+        if far is not None:
+            lit = far.apply(np.ones((scene.projector.pixels, 3)))
+            effects.account("inter_reflection", lit.sum(), far.entries)
         composition = transport.composition()
         if "black_level" in effects:
             added = effects.call("black_level", "radiance", scene, composition)
@@ -237,7 +236,7 @@ class _Simulation:
             effects.account("capture_noise", noise.sum())
         if "blooming" in effects:
             transport, ambient, moved = effects.call("blooming", "bloom", scene, transport, ambient)
-            effects.account("blooming", moved * total, _far_entries(transport.far) - _far_entries(far))
+            effects.account("blooming", moved * total, transport.far.entries - (far.entries if far else 0))
         shape = scene.camera.height, scene.camera.width, 3
         picture = ambient.reshape(shape).astype(np.float32)
         spent = time.process_time() - self.start[0], time.perf_counter() - self.start[1]
@@ -258,10 +257,6 @@ def _joined(entries: list[Entries]) -> Entries:
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3))
     pixels, columns, weights = zip(*entries, strict=True)
     return np.concatenate(pixels), np.concatenate(columns), np.concatenate(weights)
-
-
-def _far_entries(far: FarLight | None) -> int:
-    return 0 if far is None else far.mix.size + sum(part.nnz for part in (*far.gather, *far.scatter))
 
 
 def _check(scene: Scene, needs: dict[str, Need]) -> None:

@@ -6,20 +6,16 @@ method (Kim and Fessler 2016) make it fast. With g the gradient at p, convexity 
 f(p) − f* ≤ Σ max(g p, g (p − 1)), which certifies how far the optimum can be.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.command import track
 from counterlight.products import LARGE, compiled
-from counterlight.tools.solve.products import CHANNELS, ChannelProducts
+from counterlight.refinement import Certificate
 from counterlight.tools.solve.solution import Solution
-from counterlight.tools.solve.system import LinearSystem
+from counterlight.tools.transport.transport import CHANNELS, Transport
 
-FloatArray = NDArray[np.float64]
 TOLERANCE = 1e-4
 MOST_STEPS, MOST_CHEAP_STEPS = 2000, 20_000
 CHECK_EVERY = 20
@@ -27,64 +23,54 @@ OVER_RELAXATION = 0.9
 FINEST = 1e-6  # of ½‖b‖²: an error 60 dB below the target needs no finer certificate
 
 
-@dataclass(frozen=True)
-class Certificate:
-    """How far p is from the optimum f*, f(p) = ½‖T p − b‖².
+class Box:
+    """The optima for 0 ≤ p ≤ upper, to a relative gap of `tolerance`; the notes say the gap reached and the steps.
 
-    gap : a bound on f(p) − f*.
+    An infinite `upper` is certified up to twice the largest p.  most_steps : None for thousands, more of them where one
+    takes microseconds.
     """
 
-    objective: float
-    gap: float
-    target: float
+    def __init__(
+        self, T: Transport, upper: float = 1.0, tolerance: float = TOLERANCE, most_steps: int | None = None
+    ) -> None:
+        self._T, self._upper, self._tolerance = T, upper, tolerance
+        self._large = 3 * T.shape[1] >= LARGE
+        if most_steps is None:
+            most_steps = MOST_STEPS if self._large else MOST_CHEAP_STEPS
+        self._rounds = -(-most_steps // CHECK_EVERY)
+        d = T.apply_transpose(T.composition())
+        self._step = np.divide(1.0, d, out=np.zeros_like(d), where=d > 0)
 
-    @property
-    def relative(self) -> float:
-        """The gap as a share of f(p), or of ½‖b‖² 60 dB down if f(p) is smaller than that."""
-        scale = max(self.objective, FINEST * self.target)
-        return self.gap / scale if scale > 0 else 0.0
+    def solve(self, b: FloatArray) -> Solution:
+        """b : (camera pixels, 3), 0 where T has no row."""
+        p, notes = self.run(b)
+        return Solution(p, tuple(f"{name}: {note}" for name, note in zip(CHANNELS, notes, strict=True)))
 
+    def run(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+        """p (projector pixels, 3), and a note for each channel."""
+        p = np.where(self._step > 0, 0.5, 0.0)
+        y, momentum, steps = p, np.ones(3), 0
+        projected, extrapolated = _PROJECTED[self._large], _EXTRAPOLATED[self._large]
+        gap = self._relative_gap(b, p)
+        for _ in track(range(self._rounds), f"projected gradient, {CHECK_EVERY} steps each"):
+            if (gap <= self._tolerance).all():
+                break
+            for _ in range(CHECK_EVERY):
+                descent = self._T.apply_transpose(b - self._T.apply(y))
+                following, against = projected(y, p, descent, self._step, self._upper)
+                momentum[against > 0] = 1.0
+                larger = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
+                y = extrapolated(y, p, following, (momentum - 1) / larger)
+                p, momentum = following, larger
+            steps += CHECK_EVERY
+            gap = self._relative_gap(b, p)
+        limits = ("" if one <= self._tolerance else ", its limit" for one in gap)
+        return p, tuple(
+            f"relative gap {g:.1e} after {steps} steps{limit}" for g, limit in zip(gap, limits, strict=True)
+        )
 
-def solve_box(systems: Sequence[LinearSystem]) -> list[Solution]:
-    """The optima for 0 ≤ p ≤ 1, to a relative gap of 1e-4; the notes say the gap reached and the steps."""
-    return projected_gradient(systems, 1.0)
-
-
-def projected_gradient(
-    systems: Sequence[LinearSystem], upper: float, tolerance: float = TOLERANCE, most_steps: int | None = None
-) -> list[Solution]:
-    """The optima for 0 ≤ p ≤ upper to a relative gap; an infinite `upper` is certified up to twice the largest p.
-
-    systems : up to three colour channels, of one shape.  most_steps : None for thousands, more of them where one takes
-    microseconds.
-    """
-    products, count = ChannelProducts(systems), len(systems)
-    target = np.zeros((systems[0].shape[0], CHANNELS))
-    target[:, :count] = np.stack([system.target for system in systems], axis=1)
-    d = products.apply_transpose(products.apply(np.ones((systems[0].shape[1], CHANNELS))))
-    step = np.divide(1.0, d, out=np.zeros_like(d), where=d > 0)
-    p = np.where(d > 0, 0.5, 0.0)
-    y, momentum, steps = p, np.ones(CHANNELS), 0
-    projected, extrapolated = _PROJECTED[p.size >= LARGE], _EXTRAPOLATED[p.size >= LARGE]
-    found = _certificates(products, target, p, upper, count)
-    if most_steps is None:
-        most_steps = MOST_STEPS if p.size >= LARGE else MOST_CHEAP_STEPS
-    for _ in track(range(-(-most_steps // CHECK_EVERY)), f"projected gradient, {CHECK_EVERY} steps each"):
-        if all(one.relative <= tolerance for one in found):
-            break
-        for _ in range(CHECK_EVERY):
-            descent = products.apply_transpose(target - products.apply(y))
-            following, against = projected(y, p, descent, step, upper)
-            momentum[against > 0] = 1.0
-            larger = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
-            y = extrapolated(y, p, following, (momentum - 1) / larger)
-            p, momentum = following, larger
-        steps += CHECK_EVERY
-        found = _certificates(products, target, p, upper, count)
-    return [
-        Solution(drive.copy(), (f"relative gap {one.relative:.1e} after {steps} steps{_short(one, tolerance)}",))
-        for drive, one in zip(p.T, found, strict=False)
-    ]
+    def _relative_gap(self, b: FloatArray, p: FloatArray) -> FloatArray:
+        return relative_gap(certificate(self._T, b, p, self._upper), b)
 
 
 def _projected(
@@ -94,7 +80,7 @@ def _projected(
     following = np.empty_like(y)
     red, green, blue = 0.0, 0.0, 0.0
     for j in numba.prange(len(y)):
-        for i in range(CHANNELS):
+        for i in range(3):
             following[j, i] = min(max(y[j, i] + step[j, i] * descent[j, i], 0.0), upper)
         red += (y[j, 0] - following[j, 0]) * (following[j, 0] - p[j, 0])
         green += (y[j, 1] - following[j, 1]) * (following[j, 1] - p[j, 1])
@@ -106,7 +92,7 @@ def _extrapolated(y: FloatArray, p: FloatArray, following: FloatArray, momentum:
     """The next y (n, 3).  momentum : (3,)."""
     result = np.empty_like(y)
     for j in numba.prange(len(y)):
-        for i in range(CHANNELS):
+        for i in range(3):
             q = following[j, i]
             result[j, i] = q + momentum[i] * (q - p[j, i]) + OVER_RELAXATION * (q - y[j, i])
     return result
@@ -115,32 +101,16 @@ def _extrapolated(y: FloatArray, p: FloatArray, following: FloatArray, momentum:
 _PROJECTED, _EXTRAPOLATED = compiled(_projected), compiled(_extrapolated)
 
 
-def _short(found: Certificate, tolerance: float) -> str:
-    return "" if found.relative <= tolerance else ", its limit"
+def certificate(T: Transport, b: FloatArray, drive: FloatArray, upper: float = 1.0) -> Certificate:
+    """The bound at any 0 ≤ p ≤ upper, (projector pixels, 3); b : (camera pixels, 3), 0 where T has no row."""
+    residual = T.apply(drive) - b
+    gradient = T.apply_transpose(residual)
+    reach = upper if np.isfinite(upper) else np.maximum(1.0, 2 * drive.max(axis=0, initial=0.0))
+    gap = np.maximum(gradient * drive, gradient * (drive - reach)).sum(axis=0)
+    return Certificate(np.sum(residual**2, axis=0), gap)
 
 
-def certificate(system: LinearSystem, drive: FloatArray, upper: float = 1.0) -> Certificate:
-    """The bound at any 0 ≤ p ≤ upper."""
-    residual = system.apply(drive) - system.target
-    return _certificate(residual, system.apply_transpose(residual), system.target, drive, upper)
-
-
-def _certificates(
-    products: ChannelProducts, target: FloatArray, p: FloatArray, upper: float, count: int
-) -> list[Certificate]:
-    residual = products.apply(p) - target
-    gradient = products.apply_transpose(residual)
-    return [_certificate(residual[:, i], gradient[:, i], target[:, i], p[:, i], upper) for i in range(count)]
-
-
-def _certificate(
-    residual: FloatArray, gradient: FloatArray, target: FloatArray, drive: FloatArray, upper: float
-) -> Certificate:
-    reach = upper if np.isfinite(upper) else max(1.0, 2 * float(drive.max(initial=0.0)))
-    gap = float(np.sum(np.maximum(gradient * drive, gradient * (drive - reach))))
-    return Certificate(0.5 * float(residual @ residual), gap, 0.5 * float(target @ target))
-
-
-def relative_gap(system: LinearSystem, drive: FloatArray) -> float:
-    """(f(p) − f*) / f(p) is at most this, for any 0 ≤ p ≤ 1."""
-    return certificate(system, drive).relative
+def relative_gap(found: Certificate, b: FloatArray) -> FloatArray:
+    """The gap as a share of f(p), (3,), or of ½‖b‖² 60 dB down if f(p) is smaller than that."""
+    scale = np.maximum(found.squared_error, FINEST * np.sum(b**2, axis=0)) / 2
+    return np.asarray(np.divide(found.gap, scale, out=np.zeros_like(scale), where=scale > 0))

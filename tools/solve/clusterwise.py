@@ -2,79 +2,90 @@
 
 from collections.abc import Callable
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.clusters.blocks import Batch, ClusterBlocks
 from counterlight.tools.clusters.finite import CAUSES, NonFiniteError, describe_cluster
 from counterlight.tools.clusters.jobs import run_jobs
-from counterlight.tools.solve.krylov import least_squares
-from counterlight.tools.solve.solution import Solution
-from counterlight.tools.solve.system import LinearSystem
+from counterlight.tools.solve.channel import Channel
+from counterlight.tools.solve.krylov import LeastSquares
+from counterlight.tools.solve.solution import ChannelSolver
 
-FloatArray = NDArray[np.float64]
-DenseSolver = Callable[[FloatArray, FloatArray], tuple[FloatArray, NDArray[np.bool_]]]
-LargeSolver = Callable[[LinearSystem], Solution]
+Blockwise: TypeAlias = Callable[[FloatArray], tuple[FloatArray, NDArray[np.bool_]]]
+Factorise: TypeAlias = Callable[[FloatArray], Blockwise]
 LARGEST_BLOCK = 1 << 22  # camera times projector pixels of a cluster solved densely; an SVD of that takes some 20 s
 BATCH_VALUES = 1 << 20
+MOST_KEPT = 1 << 26  # values of all blocks up to which factors are kept (512 MiB); beyond, each picture makes them anew
 
 
-def solve_clusters(
-    system: LinearSystem, dense: DenseSolver, unusual: str, large: LargeSolver | None = None
-) -> Solution:
-    """Solve each cluster by `dense`, and what is too large for that by `large`.
+class Clusterwise:
+    """Each cluster by factors of its dense block, and what is too large for that by `large`.
 
-    dense : blocks (k, m, n) and b (k, m) -> p (k, n), and (k,) whether a block needed special treatment.
-    unusual : what that was, for the note "3 of 120 clusters …".
+    factorise : blocks (k, m, n) -> what takes b (k, m) to p (k, n), and whether a block is special (k,).
+    unusual : what special means, for the note "3 of 120 clusters …".
     large : default is least squares of minimum norm by LSMR.
     Far light joins everything into one cluster, which `large` takes.
-    Raises NonFiniteError, naming the cluster, if a result is not finite.
     """
-    large = least_squares if large is None else large
-    if system.far is not None:
-        solution = large(system)
-        _refuse_not_finite(system, solution.unclamped)
-        return solution
-    clusters = system.clusters
-    fits = clusters.camera_sizes * clusters.projector_sizes <= LARGEST_BLOCK
-    drive, notes = np.zeros(system.shape[1]), list[str]()
-    blocks = ClusterBlocks(clusters, fits)
-    entries = blocks.entries(system.near)
 
-    def work(batch: Batch) -> tuple[Batch, FloatArray, NDArray[np.bool_]]:
-        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # what is not finite is refused below
-            return batch, *dense(blocks.dense(entries, batch), system.target[batch.camera])
+    def __init__(
+        self, T: Channel, factorise: Factorise, unusual: str, large: Callable[[Channel], ChannelSolver] = LeastSquares
+    ) -> None:
+        self._T, self._factorise, self._unusual = T, factorise, unusual
+        self._large = large(T) if T.far is not None else None
+        if T.far is not None:
+            return
+        clusters = T.clusters
+        sizes = clusters.camera_sizes * clusters.projector_sizes
+        self._fits = sizes <= LARGEST_BLOCK
+        self._blocks = ClusterBlocks(clusters, self._fits)
+        self._entries, self._batches = self._blocks.entries(T.near), list(self._blocks.batches(BATCH_VALUES))
+        self._rows = np.isin(clusters.camera, np.flatnonzero(~self._fits))  # of the clusters that are too large
+        if self._rows.any():
+            self._large = large(T.only(self._rows))
+        self._factors: list[Blockwise] | None = None
+        if sizes[self._fits].sum() <= MOST_KEPT:
+            self._factors = list(
+                run_jobs([partial(self._factors_of, b) for b in self._batches], "factorising clusters")
+            )
 
-    special = 0
-    jobs = [partial(work, batch) for batch in blocks.batches(BATCH_VALUES)]
-    for batch, p, treated in run_jobs(jobs, "solving clusters"):
-        drive[batch.projector] = p
-        special += int(treated.sum())
-    if special:
-        notes.append(f"{special} of {clusters.count} clusters {unusual}")
-    if not fits.all():
-        rest = _only(system, ~fits)
-        solution = large(rest)
-        drive += np.where(np.isin(clusters.projector, np.flatnonzero(~fits)), solution.unclamped, 0.0)
-        largest = int(clusters.projector_sizes.max())
-        notes += [f"{int((~fits).sum())} clusters of up to {largest} projector pixels: {n}" for n in solution.notes]
-    _refuse_not_finite(system, drive)
-    return Solution(drive, tuple(notes))
+    def solve(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+        """p (projector pixels,), and notes. Raises NonFiniteError, naming the cluster, if a result is not finite."""
+        if self._T.far is not None and self._large is not None:
+            drive, notes = self._large.solve(b)
+        else:
+            drive, notes = self._by_clusters(b)
+        bad = np.flatnonzero(~np.isfinite(drive))
+        if bad.size:
+            where = describe_cluster(self._T.clusters, int(self._T.clusters.projector[bad[0]]))
+            raise NonFiniteError(f"the solution overflows in {where}; {CAUSES}")
+        return drive, notes
 
+    def _by_clusters(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+        clusters, special, notes = self._T.clusters, 0, list[str]()
+        drive = np.zeros(self._T.shape[1])
+        jobs = [partial(self._block_solutions, number, b) for number in range(len(self._batches))]
+        for batch, (p, treated) in zip(self._batches, run_jobs(jobs, "solving clusters"), strict=True):
+            drive[batch.projector] = p
+            special += int(treated.sum())
+        if special:
+            notes.append(f"{special} of {clusters.count} clusters {self._unusual}")
+        if self._large is not None:
+            p, said = self._large.solve(np.where(self._rows, b, 0.0))
+            drive += np.where(np.isin(clusters.projector, np.flatnonzero(~self._fits)), p, 0.0)
+            largest, count = int(clusters.projector_sizes.max()), int((~self._fits).sum())
+            notes += [f"{count} clusters of up to {largest} projector pixels: {note}" for note in said]
+        return drive, tuple(notes)
 
-def _only(system: LinearSystem, chosen: NDArray[np.bool_]) -> LinearSystem:
-    """The system with the rows of the other clusters left empty."""
-    label = system.clusters.camera
-    keep = (label >= 0) & chosen[label]
-    near = system.near.copy()
-    near.data[~np.repeat(keep, np.diff(near.indptr))] = 0
-    near.eliminate_zeros()
-    return LinearSystem(near, np.where(keep, system.target, 0.0))
+    def _factors_of(self, batch: Batch) -> Blockwise:
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # what is not finite is refused afterwards
+            return self._factorise(self._blocks.dense(self._entries, batch))
 
-
-def _refuse_not_finite(system: LinearSystem, drive: FloatArray) -> None:
-    bad = np.flatnonzero(~np.isfinite(drive))
-    if bad.size:
-        where = describe_cluster(system.clusters, int(system.clusters.projector[bad[0]]))
-        raise NonFiniteError(f"the solution overflows in {where}; {CAUSES}")
+    def _block_solutions(self, number: int, b: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        batch = self._batches[number]
+        factors = self._factors_of(batch) if self._factors is None else self._factors[number]
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            return factors(b[batch.camera])

@@ -1,7 +1,7 @@
 """A calibration and a picture -> the drive that each solver finds, and what the camera then sees."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,25 +11,23 @@ from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
 from counterlight import exr, reference
-from counterlight.calibration import RADIANCE, StoredCalibration
+from counterlight.arrays import FloatArray
+from counterlight.calibration import RADIANCE, Calibration
 from counterlight.content import reachable_white
 from counterlight.errors import InputError
-from counterlight.maps import read_maps
+from counterlight.maps import RoomMaps, read_maps
+from counterlight.operators import compensation
 from counterlight.png import write_png
 from counterlight.tools.choices import COMPENSATIONS
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.relighting.pictures import SUFFIXES, read_placed
-from counterlight.tools.relighting.views import inverse_dual
 from counterlight.tools.solve.quality import Quality, measure
-from counterlight.tools.solve.registry import solve_channels
-from counterlight.tools.solve.solution import Solution
-from counterlight.tools.solve.system import LinearSystem, channel_system
+from counterlight.tools.solve.registry import Prepared, prepare
 from counterlight.tools.transport.storage import read_transport
-from counterlight.tools.transport.transport import CHANNELS
+from counterlight.tools.transport.transport import Transport
 from counterlight.writing.outputs import check_file
 from counterlight.writing.replacing import replacing_file
 
-FloatArray = NDArray[np.float64]
 FAR_ROUNDS = 20
 FAR_TOLERANCE = 0.1 / 255  # drive
 HEADER = "solver       RMSE %  PSNR dB   SSIM  CIEDE2000  clipped %  seconds  below the optimum dB"
@@ -83,18 +81,26 @@ class Compensated:
 class CompensationTask:
     """One picture in one room; see `run`."""
 
-    def __init__(self, stored: StoredCalibration, picture: FloatArray, *, radiance: bool, options: CompensateOptions):
-        """picture : (camera height, camera width, 3), linear 0..1, or the desired radiance itself."""
-        self._stored, self._options = stored, options
-        self._transport = read_transport(stored)
-        calibration = self._calibration = stored.calibration
-        flood = self._picture(self._transport.composition()) + calibration.ambient
+    def __init__(
+        self,
+        transport: Transport,
+        calibration: Calibration,
+        picture: FloatArray,
+        *,
+        radiance: bool,
+        options: CompensateOptions,
+        maps: Callable[[], RoomMaps] | None = None,
+    ) -> None:
+        """picture : (camera height, camera width, 3), linear 0..1, or the desired radiance itself.
+
+        maps : how the solver `map` gets the room's.
+        """
+        self._transport, self._calibration, self._options, self._maps = transport, calibration, options, maps
+        flood = self._transport.floodlight(calibration.ambient)
         self.white = reachable_white(flood, calibration.mask) if options.white is None else options.white
         self._desired = picture if radiance else picture * self.white
-        self._target = np.asarray(self._desired - calibration.ambient, np.float64).reshape(-1, 3)
-        mask = calibration.mask.ravel()
-        self._systems = [channel_system(self._transport, i, self._target[:, i], mask) for i in range(3)]
-        self._lit = np.stack([np.diff(system.near.tocsc().indptr) > 0 for system in self._systems], axis=1)
+        self._target = np.asarray(self._desired - calibration.ambient, np.float64)
+        self._lit = self._transport.inside(calibration.mask).lit
 
     def run(self, plain: FloatArray) -> Iterator[Compensated]:
         """Every solver of the options, in their order.
@@ -112,36 +118,38 @@ class CompensationTask:
     @cached_property
     def _optimum(self) -> Compensated:
         start = time.perf_counter()
-        unclamped, notes = _joined(solve_channels("box", self._systems))
-        found = self._judge("box", unclamped, time.perf_counter() - start, notes, float("nan"))
+        best = self._prepared("box").solve(self._target)
+        found = self._judge("box", best.unclamped, time.perf_counter() - start, best.notes, float("nan"))
         return replace(found, below_optimum=0.0)
 
     def _solve(self, name: str, plain: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
         if name == "none":
             return plain.reshape(-1, 3), ()
-        if name == "map":
-            drive = inverse_dual(read_maps(self._stored), self._picture(self._target))
+        if name == "map" and self._maps is not None:
+            drive = compensation(self._maps()).apply(self._target)
             return drive.reshape(-1, 3), ()
         if self._options.max_cluster is None or name == "direct":
-            return _joined(solve_channels(name, self._systems))
+            found = self._prepared(name).solve(self._target)
+            return found.unclamped, found.notes
         return self._solve_decomposed(name, self._options.max_cluster)
+
+    def _prepared(self, name: str) -> Prepared:
+        return prepare(name, self._transport, self._calibration.mask)
 
     def _solve_decomposed(self, name: str, max_cluster: int) -> tuple[FloatArray, tuple[str, ...]]:
         """Clusters of the near light; far light is that of the clamped drive, until the drive stops changing."""
         shapes = self._calibration.camera.shape, self._calibration.projector.shape
-        nears = tuple(system.near for system in self._systems)
-        parameters, cut = decompose_to(nears, *shapes, max_cluster)
+        inside, mask = self._transport.inside(self._calibration.mask), self._calibration.mask
+        parameters, cut = decompose_to(inside.near, *shapes, max_cluster)
         note = f"T cut to clusters of at most {max_cluster} (radius {parameters.radius:g}, τ₁ {parameters.tau_1:g})"
+        prepared, far = prepare(name, Transport(cut.near), mask), inside.far
         drives, far_notes = np.zeros(self._lit.shape), list[str]()
         for rounds in range(1, FAR_ROUNDS + 1):
-            reduced = [
-                LinearSystem(near, system.target - system.apply(p) + system.near @ p)
-                for near, system, p in zip(cut.matrices, self._systems, np.clip(drives, 0, 1).T, strict=True)
-            ]
-            before = drives
-            drives, notes = _joined(solve_channels(name, reduced))
-            change = float(np.max(np.abs(np.clip(drives, 0, 1) - np.clip(before, 0, 1)), initial=0.0))
-            if self._transport.far is None:
+            target, before = self._target.reshape(-1, 3), drives
+            found = prepared.solve(target if far is None else target - far.apply(np.clip(drives, 0, 1)))
+            drives, notes = found.unclamped, found.notes
+            change = float(np.max(np.abs(found.drive - np.clip(before, 0, 1)), initial=0.0))
+            if far is None:
                 break
             far_notes = [f"far light from the clamped drive, {rounds} rounds, last change {255 * change:.2f} codes"]
             if change <= FAR_TOLERANCE:
@@ -175,7 +183,9 @@ def compensate(folder: Path, picture: Path, output: Path | None, options: Compen
     stored = calibrations.read(folder)
     calibration, radiance = stored.calibration, picture.suffix.lower() == ".exr"
     wanted = read_placed(picture, calibration.camera.shape)
-    task = CompensationTask(stored, wanted, radiance=radiance, options=options)
+    task = CompensationTask(
+        read_transport(stored), calibration, wanted, radiance=radiance, options=options, maps=lambda: read_maps(stored)
+    )
     plain = _uncorrected(picture, wanted, radiance, calibration.projector.shape, task.white)
     yield f"white is a camera radiance of {task.white:.4g}; {int(calibration.mask.sum())} camera pixels count"
     yield HEADER
@@ -192,12 +202,6 @@ def _uncorrected(path: Path, wanted: FloatArray, radiance: bool, shape: tuple[in
     if not radiance:
         return read_placed(path, shape)
     return np.asarray(reference.resample(wanted / white, shape, (0, 0, shape[1], shape[0])), np.float64)
-
-
-def _joined(channels: list[Solution]) -> tuple[FloatArray, tuple[str, ...]]:
-    """The drive (projector pixels, 3), and the notes with their colours before them."""
-    notes = tuple(f"{name}: {note}" for name, found in zip(CHANNELS, channels, strict=True) for note in found.notes)
-    return np.stack([found.unclamped for found in channels], axis=1), notes
 
 
 def _outputs(path: Path, solvers: tuple[str, ...]) -> dict[str, Path]:

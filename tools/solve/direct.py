@@ -2,18 +2,22 @@
 
 import numpy as np
 
-from counterlight.tools.solve.solution import Solution
-from counterlight.tools.solve.system import LinearSystem
+from counterlight.arrays import FloatArray
+from counterlight.tools.solve.channel import Channel
 
 
-def solve_direct(system: LinearSystem) -> Solution:
+class Direct:
     """p_j = b_i / (T·1)_i at the camera pixel i that projector pixel j lights most; 0 where it lights none."""
-    rows = np.repeat(np.arange(system.shape[0]), np.diff(system.near.indptr))
-    columns, values = system.near.indices, system.near.data
-    order = np.lexsort((values, columns))
-    last = np.append(np.diff(columns[order]) != 0, True)[: order.size]
-    strongest = order[last]
-    flood = system.apply(np.ones(system.shape[1]))
-    drive = np.zeros(system.shape[1])
-    drive[columns[strongest]] = system.target[rows[strongest]] / flood[rows[strongest]]
-    return Solution(drive)
+
+    def __init__(self, T: Channel) -> None:
+        rows = np.repeat(np.arange(T.shape[0]), np.diff(T.near.indptr))
+        columns, values = T.near.indices, T.near.data
+        order = np.lexsort((values, columns))
+        strongest = order[np.append(np.diff(columns[order]) != 0, True)[: order.size]]
+        self._asking, self._asked, self._pixels = columns[strongest], rows[strongest], T.shape[1]
+        self._light = T.apply(np.ones(T.shape[1]))[self._asked]
+
+    def solve(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+        drive = np.zeros(self._pixels)
+        drive[self._asking] = b[self._asked] / self._light
+        return drive, ()

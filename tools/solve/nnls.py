@@ -6,18 +6,17 @@ What does not end, or ends inexactly, goes to scipy's active sets (Lawson and Ha
 projected gradient.
 """
 
+from functools import partial
+
 import numba
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import nnls
+from scipy import optimize
 
-from counterlight.tools.solve.box import projected_gradient
-from counterlight.tools.solve.clusterwise import solve_clusters
-from counterlight.tools.solve.solution import Solution
-from counterlight.tools.solve.system import LinearSystem
+from counterlight.arrays import BoolArray, FloatArray
+from counterlight.tools.solve.box import Box
+from counterlight.tools.solve.channel import Channel
+from counterlight.tools.solve.clusterwise import Clusterwise
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 FULL_EXCHANGES = 3  # without progress, before single ones
 MOST_ROUNDS = 100
 RIDGE = 1e-14  # of the largest diagonal value: a singular system gets an answer, which refinement then corrects
@@ -27,11 +26,20 @@ EXACT = 0.01  # of the slack below: no refinement is needed
 TOLERANCE = 1e-9  # of ‖T_j‖ ‖b‖, for the conditions of optimality
 
 
-def solve_nnls(system: LinearSystem) -> Solution:
+def nnls(T: Channel) -> Clusterwise:
     """The non-negative optimum, per cluster where there are clusters."""
-    return solve_clusters(
-        system, _pivoted, "went to Lawson and Hanson's active sets", lambda rest: projected_gradient([rest], np.inf)[0]
+    return Clusterwise(
+        T, lambda blocks: partial(_pivoted, blocks), "went to Lawson and Hanson's active sets", _ByProjectedGradient
     )
+
+
+class _ByProjectedGradient:
+    def __init__(self, T: Channel) -> None:
+        self._box = Box(T.alone(), np.inf)
+
+    def solve(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+        p, notes = self._box.run(np.stack([b, 0 * b, 0 * b], axis=1))
+        return p[:, 0], notes[:1]
 
 
 def _pivoted(blocks: FloatArray, targets: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -43,7 +51,7 @@ def _pivoted(blocks: FloatArray, targets: FloatArray) -> tuple[FloatArray, BoolA
     wrong = np.where(free, np.abs(dual), -dual) > TOLERANCE * size
     failed = (wrong | (p < 0) | ~np.isfinite(p)).any(axis=1)
     for k in np.flatnonzero(failed):
-        p[k] = nnls(blocks[k], targets[k], maxiter=30 * blocks.shape[2])[0]
+        p[k] = optimize.nnls(blocks[k], targets[k], maxiter=30 * blocks.shape[2])[0]
     return p, failed
 
 

@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
-FloatArray = NDArray[np.float64]
-QUIETEST = 1e-30  # mean squared error that counts as none
+from counterlight.arrays import FloatArray
+from counterlight.content import psnr
+
 SSIM_WINDOW = 11  # pixels that σ = 1.5 reaches, cut at 3.5 σ
 
 
@@ -44,11 +45,6 @@ def measure(desired: FloatArray, seen: FloatArray, mask: NDArray[np.bool_], whit
         ssim=_ssim(codes[0], codes[1], mask),
         ciede2000=float(np.mean(_colour().delta_E(_lab(wanted[mask]), _lab(found[mask]), method="CIE 2000"))),
     )
-
-
-def psnr(mean_square: float) -> float:
-    """10 log₁₀(1 / mean square) in decibels, for errors relative to white."""
-    return float(-10 * np.log10(max(mean_square, QUIETEST)))
 
 
 def _ssim(wanted: FloatArray, found: FloatArray, mask: NDArray[np.bool_]) -> float:

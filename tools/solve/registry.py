@@ -1,36 +1,69 @@
-"""The solvers by name."""
+"""The solvers by name: `prepare(name, T)` does once what does not depend on the picture, `solve(b)` the rest."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
-from counterlight.tools.solve.box import solve_box
-from counterlight.tools.solve.direct import solve_direct
-from counterlight.tools.solve.nnls import solve_nnls
-from counterlight.tools.solve.qr import solve_qr
-from counterlight.tools.solve.solution import Solution
-from counterlight.tools.solve.svd import solve_svd
-from counterlight.tools.solve.system import LinearSystem
+import numpy as np
+from numpy.typing import NDArray
 
-Solver = Callable[[Sequence[LinearSystem]], list[Solution]]
+from counterlight.arrays import FloatArray
+from counterlight.tools.clusters.finite import refuse_not_finite
+from counterlight.tools.solve.box import Box
+from counterlight.tools.solve.channel import Channel
+from counterlight.tools.solve.direct import Direct
+from counterlight.tools.solve.nnls import nnls
+from counterlight.tools.solve.qr import qr
+from counterlight.tools.solve.solution import ChannelSolver, Solution, Solver
+from counterlight.tools.solve.svd import svd
+from counterlight.tools.transport.transport import CHANNELS, Transport
 
 
-def one_by_one(solver: Callable[[LinearSystem], Solution]) -> Solver:
-    return lambda systems: [solver(system) for system in systems]
+class ChannelByChannel:
+    """A solver of one channel at a time; notes get the channel's name."""
+
+    def __init__(self, T: Transport, prepare: Callable[[Channel], ChannelSolver]) -> None:
+        self._solvers = [prepare(Channel.of(T, i)) for i in range(len(CHANNELS))]
+
+    def solve(self, b: FloatArray) -> Solution:
+        found = [solver.solve(b[:, i]) for i, solver in enumerate(self._solvers)]
+        notes = tuple(f"{name}: {note}" for name, (_, said) in zip(CHANNELS, found, strict=True) for note in said)
+        return Solution(np.stack([p for p, _ in found], axis=1), notes)
 
 
-SOLVERS: dict[str, Solver] = {
-    "direct": one_by_one(solve_direct),
-    "qr": one_by_one(solve_qr),
-    "svd": one_by_one(solve_svd),
-    "nnls": one_by_one(solve_nnls),
-    "box": solve_box,
+SOLVERS: dict[str, Callable[[Transport], Solver]] = {
+    "direct": lambda T: ChannelByChannel(T, Direct),
+    "qr": lambda T: ChannelByChannel(T, qr),
+    "svd": lambda T: ChannelByChannel(T, svd),
+    "nnls": lambda T: ChannelByChannel(T, nnls),
+    "box": Box,
 }
 
 
-def solve(name: str, system: LinearSystem) -> Solution:
-    """One of SOLVERS on one colour channel; KeyError for another name."""
-    return SOLVERS[name]([system])[0]
+class Prepared:
+    """One of SOLVERS for one T and mask; see `prepare`."""
+
+    def __init__(self, name: str, T: Transport, mask: NDArray[np.bool_] | None) -> None:
+        self.T, self._mask = T if mask is None else T.inside(mask), mask
+        refuse_not_finite(self.T.near, np.zeros((1, len(CHANNELS))))
+        self._solver = SOLVERS[name](self.T)
+
+    def solve(self, b: NDArray[np.floating]) -> Solution:
+        """min ‖T p − b‖² over the camera pixels that count.
+
+        b : c − e, (camera pixels, 3) or (camera height, camera width, 3).  Raises NonFiniteError.
+        """
+        b = np.array(b, np.float64).reshape(-1, len(CHANNELS))
+        if b.shape[0] != self.T.shape[0]:
+            raise ValueError(f"b has {b.shape[0]} camera pixels, T has {self.T.shape[0]}")
+        if self._mask is not None:
+            b[~self._mask.ravel()] = 0
+        refuse_not_finite(self.T.near, b)
+        return self._solver.solve(b)
 
 
-def solve_channels(name: str, systems: Sequence[LinearSystem]) -> list[Solution]:
-    """One of SOLVERS on up to three colour channels of one shape."""
-    return SOLVERS[name](systems)
+def prepare(name: str, T: Transport, mask: NDArray[np.bool_] | None = None) -> Prepared:
+    """One of SOLVERS, factorised for one T; KeyError for another name.
+
+    mask : (camera height, camera width) or (camera pixels,), which camera pixels count; None for all.
+    Raises NonFiniteError, naming the cluster, if T is not finite in float32.
+    """
+    return Prepared(name, T, mask)

@@ -1,18 +1,18 @@
-"""What every solver returns."""
+"""What every solver returns, and what a solver is: expensive once for a T, cheap for each picture."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from counterlight.arrays import FloatArray
 
 
 @dataclass(frozen=True)
 class Solution:
-    """A projector picture of one colour channel.
+    """A projector picture.
 
-    unclamped : (projector pixels,), what the method says.
+    unclamped : (projector pixels, 3), what the method says.
     notes : what a user should know about how it came about, one sentence each.
     """
 
@@ -21,5 +21,19 @@ class Solution:
 
     @property
     def drive(self) -> FloatArray:
-        """(projector pixels,), what a projector can show: clamped to 0..1."""
+        """(projector pixels, 3), what a projector can show: clamped to 0..1."""
         return np.clip(self.unclamped, 0.0, 1.0)
+
+
+class Solver(Protocol):
+    """A method made ready for one T."""
+
+    def solve(self, b: FloatArray) -> Solution:
+        """min ‖T p − b‖²; b : (camera pixels, 3), 0 where T has no row."""
+
+
+class ChannelSolver(Protocol):
+    """A method made ready for one channel of T."""
+
+    def solve(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+        """p (projector pixels,) for b (camera pixels,), and notes."""

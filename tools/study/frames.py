@@ -6,15 +6,14 @@ from contextlib import ExitStack, contextmanager
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from counterlight.app import headless_renderer
+from counterlight.arrays import FloatArray
 from counterlight.frames import Frame, PixelFormat, PlaneShape
 from counterlight.gl.probe import probe_opengl
-from counterlight.reference import PreparedRows
+from counterlight.operators import Compensation, compensation
 from counterlight.renderer import Renderer, Room
 
-FloatArray = NDArray[np.float64]
 SOFTWARE = ("llvmpipe", "softpipe", "swrast")
 REPEATS, ENOUGH_S = 15, 0.1
 
@@ -101,18 +100,9 @@ class Bench:
         return self._stack.enter_context(player("cpu", self._room))
 
     @cached_property
-    def _inverse(self) -> tuple[PreparedRows, list[PreparedRows]]:
-        maps = self._room.maps
-        undo = [] if maps.undo is None else [maps.undo.gather, maps.undo.mix, maps.undo.scatter]
-        return PreparedRows(maps.correction), [PreparedRows(packed) for packed in undo]
-
-    def unclamped(self, target: FloatArray) -> FloatArray:
-        """T⁺ (b − U M' D' b) for b (camera height, camera width, 3): (projector pixels, 3)."""
-        correction, undo = self._inverse
-        far = target
-        for rows in undo:
-            far = rows.apply(far)
-        return correction.apply(target - far if undo else target).reshape(-1, 3)
+    def T_pinv(self) -> Compensation:  # noqa: N802 - as the thesis calls it
+        """What the player asks for before the clamp."""
+        return compensation(self._room.maps)
 
     def close(self) -> None:
         self._stack.close()

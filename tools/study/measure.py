@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.command import track
 from counterlight.errors import InputError
 from counterlight.tools.study.methods import OURS, PLAIN, UNCUT, Method, Prepared
@@ -13,7 +14,6 @@ from counterlight.tools.study.pictures import Picture
 from counterlight.tools.study.results import Row, Skipped, label
 from counterlight.tools.study.rooms import StudyRoom, Task
 
-FloatArray = NDArray[np.float64]
 SHOWN_PICTURES = 2
 THESIS_LABEL, OURS_LABEL = (label(method.family, method.knob, method.value) for method in (PLAIN, OURS))
 NNLS_LABEL = "NNLS"
@@ -116,7 +116,7 @@ def _facts(room: StudyRoom) -> dict[str, float | int | str]:
         "camera": f"{calibration.camera.width}x{calibration.camera.height}",
         "projector": f"{calibration.projector.width}x{calibration.projector.height}",
         "simulation_s": room.simulation_s,
-        "entries_a_camera_pixel": float(np.mean([T.nnz for T in room.transport.near]) / calibration.camera.pixels),
+        "entries_a_camera_pixel": float(np.count_nonzero(room.transport.near.weights) / 3 / calibration.camera.pixels),
         "largest_cluster_projector_pixels": room.largest_cluster,
         "far_light": "yes" if far is not None else "no",
         "white": room.white,

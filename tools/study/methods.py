@@ -3,29 +3,27 @@
 A new method is a new object in `catalogue`: everything else, figures, plots and advice, follows from it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.maps import RoomMaps
 from counterlight.refinement import DEFAULT_STEPS
 from counterlight.short_map import in_half
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.method import LARGEST_DENSE
-from counterlight.tools.solve.box import projected_gradient
+from counterlight.tools.solve import solution
+from counterlight.tools.solve.box import Box
 from counterlight.tools.solve.clusterwise import LARGEST_BLOCK
-from counterlight.tools.solve.registry import solve_channels
-from counterlight.tools.solve.solution import Solution
-from counterlight.tools.solve.system import LinearSystem
+from counterlight.tools.solve.registry import SOLVERS
 from counterlight.tools.study.frames import Bench, repeated_s
 from counterlight.tools.study.rooms import StudyRoom, Task, processor_seconds
 
-FloatArray = NDArray[np.float64]
 FLOAT32_ENTRY, HALF_ENTRY = 16, 10  # bytes: three weights of 4 or 2 and an index of 4
 NNLS_STEPS = 200  # where clusters are too large to pivot; only drives far above 1, clamped anyway, need more
 STEPS = (1, 2, 4, 8, 16, 32, 64)
@@ -174,22 +172,24 @@ class Solver:
         return f"counterlight compensate --solver {self.name}"
 
     def prepare(self, room: StudyRoom) -> Prepared:
+        solver, preparation_s = processor_seconds(lambda: self._solver(room))
         seconds: dict[str, float] = {}
 
         def drive(task: Task) -> Drive:
             if self.name == "box":
                 best, seconds[task.name] = task.optimum
                 return Drive(best, 0.0)
-            found, seconds[task.name] = processor_seconds(lambda: self._solve(task.systems))
-            unclamped = np.stack([each.unclamped for each in found], axis=1)
-            return Drive(np.clip(unclamped, 0, 1), task.clipped(unclamped))
+            found, seconds[task.name] = processor_seconds(lambda: solver.solve(task.asked))
+            return Drive(found.drive, task.clipped(found.unclamped))
 
-        return Prepared(0.0, None, None, drive, lambda task: seconds[task.name], lambda: None)
+        return Prepared(preparation_s, None, None, drive, lambda task: seconds[task.name], lambda: None)
 
-    def _solve(self, systems: Sequence[LinearSystem]) -> Sequence[Solution]:
-        if self.name == "nnls" and any(s.far is not None or largest_block(s) > LARGEST_BLOCK for s in systems):
-            return projected_gradient(systems, np.inf, most_steps=NNLS_STEPS)
-        return solve_channels(self.name, systems)
+    def _solver(self, room: StudyRoom) -> solution.Solver:
+        if self.name == "box":
+            return room.box
+        if self.name == "nnls" and (room.inside.far is not None or room.largest_block > LARGEST_BLOCK):
+            return Box(room.inside, np.inf, most_steps=NNLS_STEPS)
+        return SOLVERS[self.name](room.inside)
 
 
 OURS = Map("refined from T⁺", "steps", DEFAULT_STEPS, steps=DEFAULT_STEPS)
@@ -217,11 +217,6 @@ def uncut_knobs() -> list[Method]:
     return methods + [Map("T⁺, λ given", "regularize", damping, InverseOptions(damping)) for damping in DAMPINGS]
 
 
-def largest_block(system: LinearSystem) -> int:
-    """Camera times projector pixels of the largest cluster."""
-    return int((system.clusters.camera_sizes * system.clusters.projector_sizes).max(initial=0))
-
-
 def frame_bytes(maps: RoomMaps, steps: int, start: str) -> int:
     """Of the row maps that a frame reads."""
     read = {"direct"} if steps and start == "direct" else {".", "undo_gather", "undo_mix", "far_scatter"}
@@ -236,7 +231,7 @@ def _prepared(bench: Bench, steps: int, preparation_s: float, size: int, bound: 
 
     def drive(task: Task) -> Drive:
         found = bench.gl.show(task.desired, compensate=True, steps=steps)
-        return Drive(found, 0.0 if steps else task.clipped(bench.unclamped(task.target)))
+        return Drive(found, 0.0 if steps else task.clipped(bench.T_pinv.apply(task.target).reshape(-1, 3)))
 
     def cpu_s(task: Task) -> float:
         return repeated_s(partial(bench.cpu.show, task.desired, compensate=True, steps=steps))

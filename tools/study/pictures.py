@@ -7,15 +7,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from skimage import data
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.relighting.pictures import read_placed
 from counterlight.tools.shipped import CLIP
 
-FloatArray = NDArray[np.float64]
 Shape = tuple[int, int]
 CLIP_SIZE = (720, 1280)
 FACE = 0.05  # of what a wide frame cuts off the photograph goes at the top

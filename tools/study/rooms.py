@@ -1,6 +1,5 @@
 """Where a study takes place: scenes and calibration folders as rooms, and a picture in a room as a task."""
 
-import shutil
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -9,34 +8,30 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
-from counterlight import maps
-from counterlight.calibration import StoredCalibration
+from counterlight.arrays import FloatArray
+from counterlight.calibration import Calibration
 from counterlight.content import reachable_white
 from counterlight.errors import InputError
 from counterlight.maps import RefinementMaps, RoomMaps
-from counterlight.refinement import Certificate
 from counterlight.renderer import Room
-from counterlight.row_map import RowMap
+from counterlight.row_map import RowMap, pack
+from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.inverse.inverse import InverseOptions
-from counterlight.tools.inverse.room import BuiltRoom, build_room_maps
+from counterlight.tools.inverse.room import BuiltRoom, build_maps
 from counterlight.tools.packing.refinement_maps import refinement_maps
-from counterlight.tools.packing.row_maps import pack_matrices
 from counterlight.tools.shipped import shipped_scenes
-from counterlight.tools.simulation.room import write_simulated_room
+from counterlight.tools.simulation.room import simulated_calibration
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
-from counterlight.tools.solve.box import certificate
+from counterlight.tools.solve.box import Box, certificate
 from counterlight.tools.solve.quality import Quality, measure
-from counterlight.tools.solve.registry import solve_channels
-from counterlight.tools.solve.system import LinearSystem, channel_system
 from counterlight.tools.study.frames import Bench
 from counterlight.tools.study.pictures import Picture
 from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.transport import Transport, channel, channels
 
-FloatArray = NDArray[np.float64]
 R = TypeVar("R")
 BEYOND = 0.1 / 255  # drive; less than this outside 0..1 is rounding, not clipping
 
@@ -69,22 +64,21 @@ def find_places(given: Sequence[Path], names: Sequence[str]) -> list[Path]:
     return places
 
 
-def open_room(place: Path, folder: Path, size: tuple[int, int]) -> "StudyRoom":
-    """A scene simulated into `folder`, its camera fitted into `size` (height, width), or a copy of a calibration.
+def open_room(place: Path, size: tuple[int, int]) -> "StudyRoom":
+    """A scene simulated, its camera fitted into `size` (height, width), or a calibration; neither is changed.
 
-    The projector is scaled as the camera is. Calibrations are copied, so that their own correction/ stays as it is.
+    The projector is scaled as the camera is.
     """
-    target = folder / place.stem
     if place.is_dir():
-        shutil.copytree(place, target, ignore=shutil.ignore_patterns(maps.FOLDER))
-        return StudyRoom(place.stem, calibrations.read(target), 0.0)
+        stored = calibrations.read(place)
+        return StudyRoom(place.stem, stored.calibration, read_transport(stored), 0.0)
     scene = load_scene(place)
     scale = min(size[0] / scene.camera.height, size[1] / scene.camera.width)
     camera, projector = (
         (max(1, round(scale * device.height)), max(1, round(scale * device.width)))
         for device in (scene.camera, scene.projector)
     )
-    return simulated_room(resized(scene, camera, projector), target, place.stem)
+    return simulated_room(resized(scene, camera, projector), place.stem)
 
 
 def resized(scene: Scene, camera: tuple[int, int], projector: tuple[int, int]) -> Scene:
@@ -92,45 +86,49 @@ def resized(scene: Scene, camera: tuple[int, int], projector: tuple[int, int]) -
     return replace(scene, camera=scene.camera.resized(*camera), projector=scene.projector.resized(*projector))
 
 
-def simulated_room(scene: Scene, target: Path, name: str) -> "StudyRoom":
-    """Simulate into a folder that does not exist yet."""
+def simulated_room(scene: Scene, name: str) -> "StudyRoom":
+    """A scene as it is, simulated."""
     result, seconds = processor_seconds(lambda: simulate(scene))
-    write_simulated_room(scene, result, target)
-    return StudyRoom(name, calibrations.read(target), seconds)
+    return StudyRoom(name, simulated_calibration(scene, result), result.transport, seconds)
 
 
 class StudyRoom:
     """A room whose maps can be built with any options.
 
     simulation_s : processor seconds of its simulation.  white : radiance of a white picture, as the player takes it.
-    systems : of the three channels, with no target yet.  lit : (projector pixels, 3), whether near light leaves them.
+    inside : T of the camera pixels that count.  lit : (projector pixels, 3), whether near light leaves them.
+    box : the box solver of `inside`.
     Holds the last maps and the last bench, so methods that share them should follow each other; close() at the end.
     """
 
-    def __init__(self, name: str, stored: StoredCalibration, simulation_s: float) -> None:
-        self.name, self.stored, self.simulation_s = name, stored, simulation_s
-        self.calibration = stored.calibration
-        self.transport = read_transport(stored)
-        flood = self.transport.composition().reshape(self.calibration.ambient.shape) + self.calibration.ambient
-        self.white = reachable_white(flood, self.calibration.mask)
-        mask = self.calibration.mask.ravel()
-        nothing = np.zeros(mask.size)
-        self.systems = [channel_system(self.transport, i, nothing, mask) for i in range(3)]
-        self.lit = np.stack([np.bincount(s.near.indices, minlength=s.shape[1]) > 0 for s in self.systems], axis=1)
+    def __init__(self, name: str, calibration: Calibration, transport: Transport, simulation_s: float) -> None:
+        self.name, self.simulation_s = name, simulation_s
+        self.calibration, self.transport = calibration, transport
+        self.white = reachable_white(self.transport.floodlight(self.calibration.ambient), self.calibration.mask)
+        self.inside = self.transport.inside(self.calibration.mask)
+        self.lit, self.box = self.inside.lit, Box(self.inside)
         self._built: tuple[InverseOptions, BuiltRoom, float] | None = None
         self._bench: tuple[object, Bench] | None = None
 
     @property
     def largest_cluster(self) -> int:
         """Projector pixels of the largest cluster of the uncut near light (green)."""
-        return int(self.systems[1].clusters.projector_sizes.max(initial=0))
+        return int(find_clusters(channel(self.inside.near, 1)).projector_sizes.max(initial=0))
+
+    @property
+    def largest_block(self) -> int:
+        """Camera times projector pixels of the largest cluster of any channel."""
+        found = [find_clusters(T) for T in channels(self.inside.near)]
+        return max(int((each.camera_sizes * each.projector_sizes).max(initial=0)) for each in found)
 
     def build(self, options: InverseOptions) -> tuple[BuiltRoom, float]:
         """The maps as counterlight build makes them, refinement's apart, and processor seconds; the last is kept."""
         if self._built is None or self._built[0] != options:
             self.close()
             self._built = None
-            built, seconds = processor_seconds(lambda: build_room_maps(self.stored, options, refine=False))
+            built, seconds = processor_seconds(
+                lambda: build_maps(self.transport, self.calibration, options, refine=False)
+            )
             self._built = options, built, seconds
         return self._built[1:]
 
@@ -155,7 +153,7 @@ class StudyRoom:
     @cached_property
     def near_map(self) -> RowMap:
         """The near light as the player reads it."""
-        return pack_matrices(self.transport.near, self.calibration.camera.shape, self.calibration.projector.shape)
+        return pack(self.transport.near, self.calibration.camera.shape, self.calibration.projector.shape)
 
 
 @dataclass(frozen=True)
@@ -175,7 +173,8 @@ class Judged:
 class Task:
     """One picture in one room.
 
-    desired : (camera height, camera width, 3), radiance.  plain : (projector pixels, 3), the picture uncorrected.
+    desired : (camera height, camera width, 3), radiance.  asked : b, (camera pixels, 3), 0 outside the mask.
+    plain : (projector pixels, 3), the picture uncorrected.
     """
 
     def __init__(self, room: StudyRoom, picture: Picture) -> None:
@@ -184,16 +183,13 @@ class Task:
         self.desired = room.white * picture.at(calibration.camera.shape)
         self.plain = picture.at(calibration.projector.shape).reshape(-1, 3)
         self.target = (self.desired - calibration.ambient).astype(np.float64)
-        asked = self.target.reshape(-1, 3) * calibration.mask.ravel()[:, None]
-        self.systems: list[LinearSystem] = [
-            replace(system, target=asked[:, i].copy()) for i, system in enumerate(room.systems)
-        ]
+        self.asked = self.target.reshape(-1, 3) * calibration.mask.ravel()[:, None]
 
     @cached_property
     def optimum(self) -> tuple[FloatArray, float]:
         """The best drive in 0..1, (projector pixels, 3), and its processor seconds."""
-        found, seconds = processor_seconds(lambda: solve_channels("box", self.systems))
-        return np.stack([each.drive for each in found], axis=1), seconds
+        found, seconds = processor_seconds(lambda: self.room.box.solve(self.asked))
+        return found.drive, seconds
 
     @cached_property
     def _best(self) -> Quality:
@@ -202,8 +198,7 @@ class Task:
     def judge(self, drive: FloatArray) -> Judged:
         """Through the undecomposed T, near and far light; drive : (projector pixels, 3), 0..1."""
         seen, quality = self._quality(drive)
-        found = [certificate(system, drive[:, i]) for i, system in enumerate(self.systems)]
-        bound = Certificate(np.array([2 * each.objective for each in found]), np.array([each.gap for each in found]))
+        bound = certificate(self.room.inside, self.asked, drive)
         return Judged(seen, quality, self._best.psnr - quality.psnr, bound.decibels)
 
     def clipped(self, unclamped: FloatArray) -> float:

@@ -18,7 +18,7 @@ from counterlight.tools.study.results import everywhere, write_csv, write_json
 from counterlight.tools.study.rooms import open_room
 from counterlight.tools.study.table_6_1 import OurRow, measure_at_thesis_size, table_row, to_markdown
 from counterlight.writing.outputs import check_folder, is_vacant, refuse_strangers
-from counterlight.writing.replacing import replacing_folder, scratch_folder
+from counterlight.writing.replacing import replacing_folder
 
 CSV, JSON, PAGE, SUMMARY, TABLE = "results.csv", "results.json", "report.html", "summary.md", "table_6_1.md"
 SOFTWARE_NOTE = "OpenGL runs on the processor here: milliseconds are of processor time, all cores together."
@@ -72,20 +72,16 @@ def _study(options: StudyOptions, stage: Path) -> Iterator[str]:
     yield f"OpenGL: {graphics()}"
     figures: list[RoomFigures] = []
     for place in options.places:
-        with (
-            scratch_folder("counterlight-study") as here,
-            closing(open_room(place, here, options.size)) as room,
-        ):
+        with closing(open_room(place, options.size)) as room:
             found = study_room(room, options.pictures, catalogue(), uncut_knobs(), options.patience_s)
         figures.append(found)
         yield f"{found.name}: {len(found.rows)} figures, {len(found.skipped)} methods not for it"
     table = [table_row(found) for found in figures]
     if options.table_6_1:
-        with scratch_folder("counterlight-study") as here:
-            table = []
-            for row in measure_at_thesis_size(here, options.pictures[0]):
-                table.append(row)
-                yield f"{row.scene} at {row.camera}, {row.projector}: measured for Table 6.1"
+        table = []
+        for row in measure_at_thesis_size(options.pictures[0]):
+            table.append(row)
+            yield f"{row.scene} at {row.camera}, {row.projector}: measured for Table 6.1"
     yield from write_study(stage, figures, table)
 
 

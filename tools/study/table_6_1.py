@@ -3,8 +3,6 @@
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.scene import load_scene
@@ -106,18 +104,16 @@ def table_row(figures: RoomFigures) -> OurRow:
     )
 
 
-def measure_at_thesis_size(folder: Path, picture: Picture) -> Iterator[OurRow]:
-    """The scenes of the table that are shipped, one after another, in temporary folders below `folder`."""
+def measure_at_thesis_size(picture: Picture) -> Iterator[OurRow]:
+    """The scenes of the table that are shipped, one after another."""
     shipped = shipped_scenes()
     for row in THESIS_ROWS:
         if row.scene not in shipped:
             continue
         scene = load_scene(shipped[row.scene])
         camera, projector = (FOCUS_CAMERA, FOCUS_PROJECTOR) if row.scene == "two_planes" else (CAMERA, PROJECTOR)
-        with TemporaryDirectory(dir=folder) as here:
-            with closing(simulated_room(resized(scene, camera, projector), Path(here) / row.scene, row.scene)) as room:
-                found = study_room(room, [picture], METHODS)
-            yield table_row(found)
+        with closing(simulated_room(resized(scene, camera, projector), row.scene)) as room:
+            yield table_row(study_room(room, [picture], METHODS))
 
 
 def to_markdown(ours: Sequence[OurRow]) -> str:

@@ -14,9 +14,9 @@ from scipy import sparse
 from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.errors import InputError
-from counterlight.tools.transport.mask import BRIGHT_PERCENTILE, FRACTION_OF_AMBIENT, LUMINANCE
+from counterlight.tools.transport.mask import BRIGHT_PERCENTILE, FRACTION_OF_AMBIENT
 from counterlight.tools.transport.storage import read_transport, write_transport
-from counterlight.tools.transport.transport import Csr, FarLight, Transport
+from counterlight.tools.transport.transport import LUMINANCE, Csr, FarLight, Transport, channels, stacked
 
 # Of the brightest floodlit pixels: a display's black level, which one measurement may hold and another not.
 FRACTION_OF_BRIGHT = 0.005
@@ -65,18 +65,18 @@ def join_transports(transports: Sequence[Transport], shapes: Sequence[tuple[int,
     height, width = max(shape[0] for shape in shapes), sum(shape[1] for shape in shapes)
     lefts = np.cumsum([0, *(shape[1] for shape in shapes)])
     places = np.concatenate([_places(shape, left, width) for shape, left in zip(shapes, lefts, strict=False)])
-    near = tuple(_columns_at(sparse.hstack(parts), places, height * width) for parts in _by_channel(transports))
-    return Transport(near, _join_far(transports, shapes, places, height * width))
+    near = [
+        _columns_at(sparse.hstack(parts), places, height * width)
+        for parts in zip(*(channels(transport.near) for transport in transports), strict=True)
+    ]
+    far = _join_far(transports, shapes, places, height * width)
+    return Transport(stacked(near), far, transports[0].camera, (height, width))
 
 
 def _places(shape: tuple[int, int], left: int, width: int) -> NDArray[np.int64]:
     """Index in a raster of `width` columns of each pixel of a picture at `left`, (pixels,)."""
     rows, columns = np.mgrid[: shape[0], : shape[1]]
     return np.asarray((rows * width + columns + left).ravel(), np.int64)
-
-
-def _by_channel(transports: Sequence[Transport]) -> list[tuple[Csr, ...]]:
-    return list(zip(*(transport.near for transport in transports), strict=True))
 
 
 def _columns_at(matrix: Csr, places: NDArray[np.int64], columns: int) -> Csr:
@@ -99,13 +99,12 @@ def _join_far(
     ]
     if not parts:
         return None
-    gather = tuple(
-        sparse.csr_array(sparse.vstack([_columns_at(far.gather[i], at, columns) for far, at in parts]))
-        for i in range(3)
-    )
+    gathers = zip(*([_columns_at(D, at, columns) for D in channels(far.gather)] for far, at in parts), strict=True)
+    scatters = zip(*(channels(far.scatter) for far, _ in parts), strict=True)
     mix = np.stack([sparse.block_diag([far.mix[i] for far, _ in parts]).toarray() for i in range(3)])
-    scatter = tuple(sparse.csr_array(sparse.hstack([far.scatter[i] for far, _ in parts])) for i in range(3))
-    return FarLight(gather, mix, scatter)
+    return FarLight.from_matrices(
+        [Csr(sparse.vstack(each)) for each in gathers], mix, [Csr(sparse.hstack(each)) for each in scatters]
+    )
 
 
 def _check_cameras(stored: Sequence[StoredCalibration]) -> None:

@@ -3,10 +3,16 @@
 import numpy as np
 from numpy.typing import NDArray
 
-LUMINANCE = (0.2126, 0.7152, 0.0722)  # ITU-R BT.709
+from counterlight.tools.transport.transport import LUMINANCE, Transport
+
 BRIGHT_PERCENTILE = 99.0
 FRACTION_OF_BRIGHT = 0.05
 FRACTION_OF_AMBIENT = 0.02
+
+
+def directly_lit(transport: Transport, ambient: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Camera pixels that count by their near light alone; ambient : (height, width, 3)."""
+    return lit_pixels(transport.near.apply(np.ones((transport.shape[1], 3))).reshape(ambient.shape), ambient)
 
 
 def lit_pixels(composition: NDArray[np.floating], ambient: NDArray[np.floating]) -> NDArray[np.bool_]:

@@ -1,5 +1,6 @@
 """The transport's files in a calibration folder: transport_*.npz (scipy's layout, no pickle) and far_light.npz."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from counterlight.errors import InputError
 from counterlight.reading import Source
 from counterlight.tools.transport.arrays import ArrayError, opened_archive
 from counterlight.tools.transport.sparse_files import Shape, read_compressed, read_sparse
-from counterlight.tools.transport.transport import CHANNELS, Csr, FarLight, Transport
+from counterlight.tools.transport.transport import CHANNELS, Csr, FarLight, Transport, channels, stacked
 
 FAR_LIGHT = "far_light.npz"
 MOST_CELLS = 1 << 15
@@ -23,7 +24,7 @@ def write_transport(transport: Transport, folder: Path) -> None:
 
     Raises InputError for numbers that `read_transport` would refuse.
     """
-    for name, matrix in zip(CHANNELS, transport.near, strict=True):
+    for name, matrix in zip(CHANNELS, channels(transport.near), strict=True):
         check_entries(matrix.data, f"transport of the {name} channel")
         sparse.save_npz(folder / f"transport_{name}.npz", matrix.astype(np.float32))
     if transport.far is not None:
@@ -44,7 +45,7 @@ def read_transport(stored: StoredCalibration) -> Transport:
         with stored.opened(FAR_LIGHT) as file:
             far = _read_far_light(file, shape)
     stored.refuse_replaced()
-    return Transport(tuple(near), far)
+    return Transport(stacked(near), far, calibration.camera.shape, calibration.projector.shape)
 
 
 def read_matrix(source: Source, shape: Shape, fix: str = EXPORT) -> Csr:
@@ -80,8 +81,8 @@ def check_entries(values: NDArray[np.floating], where: str) -> None:
 
 def _write_far_light(far: FarLight, path: Path) -> None:
     arrays = {"mix": far.mix.astype(np.float32), "cells": np.array(far.mix.shape[1])}
-    for part, matrices in (("gather", far.gather), ("scatter", far.scatter)):
-        for name, matrix in zip(CHANNELS, matrices, strict=True):
+    for part, rows in (("gather", far.gather), ("scatter", far.scatter)):
+        for name, matrix in zip(CHANNELS, channels(rows), strict=True):
             arrays |= {
                 f"{part}_{name}_data": matrix.data.astype(np.float32),
                 f"{part}_{name}_indices": matrix.indices,
@@ -98,7 +99,7 @@ def _read_far_light(source: Source, shape: Shape) -> FarLight:
             raise ArrayError(f"{cells} cells, expected 1 to {MOST_CELLS}")
         mix = arrays["mix"].expect("fiu", 3, cells, cells).read().astype(np.float64)
         gather, scatter = (
-            tuple(read_compressed(arrays, size, prefix=f"{part}_{name}_") for name in CHANNELS)
+            stacked([read_compressed(arrays, size, prefix=f"{part}_{name}_") for name in CHANNELS])
             for part, size in (("gather", (cells, projector_pixels)), ("scatter", (camera_pixels, cells)))
         )
         far = FarLight(gather, mix, scatter)
@@ -108,8 +109,8 @@ def _read_far_light(source: Source, shape: Shape) -> FarLight:
 
 def _check_far_light(far: FarLight, where: str) -> None:
     """InputError for factors, or products of them, that are no light in any unit."""
-    for values in (far.mix, *(matrix.data for matrix in (*far.gather, *far.scatter))):
+    for values in (far.mix, *far.gather.weights.T, *far.scatter.weights.T):
         check_entries(values, where)
-    for D, M, U in zip(far.gather, far.mix, far.scatter, strict=True):
-        lit = abs(U) @ (np.abs(M) @ (abs(D).astype(np.float64) @ np.ones(D.shape[1])))
-        check_entries(lit, f"{where}: its factors' product")
+    D, U = (replace(rows, weights=np.abs(rows.weights)) for rows in (far.gather, far.scatter))
+    lit = FarLight(D, np.abs(far.mix), U).apply(np.ones((D.columns, len(CHANNELS))))
+    check_entries(lit, f"{where}: its factors' product")

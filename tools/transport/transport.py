@@ -1,92 +1,225 @@
-"""Light transport as a sum of parts: near light as sparse matrices, far light as a product of three small factors.
+"""Light transport as a sum of parts: near light as sparse rows, far light as a product of three small factors.
 
 Light that travels directly, or scatters close by, makes T sparse and sharp. Light that crosses the room reaches
 everything but is smooth: stored entry by entry it would fill T, so it is kept as U M D (docs/mathematics.md 3).
+Scipy takes one channel at a time: `channel` and `channels` give them, `stacked` makes one of three.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, TypeAlias
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-FloatArray = NDArray[np.float64]
+from counterlight.arrays import FloatArray
+from counterlight.row_map import SparseRows
+
 Csr: TypeAlias = sparse.csr_array  # scipy's stubs make it generic, scipy itself does not
+Shape: TypeAlias = tuple[int, int]
 CHANNELS = ("red", "green", "blue")
+LUMINANCE = (0.2126, 0.7152, 0.0722)  # ITU-R BT.709
 
 
 @dataclass(frozen=True)
 class FarLight:
     """Smooth indirect light: camera radiance = scatter · mix · gather · p, for each colour channel.
 
-    gather : D, three (cells, projector pixels) CSR matrices, irradiance that arrives directly on each surface cell.
+    gather : D, (cells, projector pixels), irradiance that arrives directly on each surface cell.
     mix : M, (3, cells, cells), indirect irradiance on a cell per direct irradiance on another, all bounces.
-    scatter : U, three (camera pixels, cells) CSR matrices, radiance seen per indirect irradiance.
+    scatter : U, (camera pixels, cells), radiance seen per indirect irradiance.
     """
 
-    gather: tuple[Csr, ...]
+    gather: SparseRows
     mix: FloatArray
-    scatter: tuple[Csr, ...]
+    scatter: SparseRows
+
+    @classmethod
+    def from_matrices(cls, gather: Sequence[Csr], mix: FloatArray, scatter: Sequence[Csr]) -> "FarLight":
+        """D and U as three scipy matrices each."""
+        return cls(stacked(gather), mix, stacked(scatter))
+
+    @property
+    def cells(self) -> int:
+        return int(self.mix.shape[1])
+
+    @property
+    def entries(self) -> int:
+        """Numbers that are not 0 in D and U, and all of M."""
+        return self.mix.size + sum(int(np.count_nonzero(part.weights)) for part in (self.gather, self.scatter))
+
+    @cached_property
+    def transposed(self) -> "FarLight":
+        """Dᵀ Mᵀ Uᵀ."""
+        return FarLight(self.scatter.transposed, self.mix.transpose(0, 2, 1), self.gather.transposed)
+
+    def apply(self, p: FloatArray) -> FloatArray:
+        """U M D p: (projector pixels, 3) -> (camera pixels, 3)."""
+        return self.scatter.apply(_mixed(self.mix, self.gather.apply(p)))
+
+    def apply_transpose(self, c: FloatArray) -> FloatArray:
+        """(camera pixels, 3) -> (projector pixels, 3)."""
+        return self.transposed.apply(c)
 
 
 @dataclass(frozen=True)
 class Transport:
-    """T of one projector and one camera, per colour channel: near[λ] + far.
+    """T of one projector and one camera, c = T p: near light S, and far light U M D if there is any.
 
-    near : three CSR matrices (camera pixels, projector pixels), float32, radiance per unit drive, ≥ 0.
+    An operator on (pixels, 3), or on pictures (height, width, 3) where it knows how high and wide its own are:
+    `T @ p`, `T.T @ c`.
+
+    near : (camera pixels, projector pixels), float32, radiance per unit drive, ≥ 0.
+    camera, projector : (height, width), None if nobody said.
     """
 
-    near: tuple[Csr, ...]
+    near: SparseRows
     far: FarLight | None = None
+    camera: Shape | None = None
+    projector: Shape | None = None
+
+    @classmethod
+    def from_matrices(
+        cls,
+        near: Sequence[Csr],
+        far: FarLight | None = None,
+        *,
+        camera: Shape | None = None,
+        projector: Shape | None = None,
+    ) -> "Transport":
+        """S as scipy matrices for red, green and blue, (camera pixels, projector pixels) each."""
+        return cls(stacked(near), far, camera, projector)
 
     @property
     def shape(self) -> tuple[int, int]:
-        rows, columns = self.near[0].shape
-        return int(rows), int(columns)
+        return self.near.shape
 
     def apply(self, drive: FloatArray) -> FloatArray:
-        """T p: (projector pixels, 3) -> (camera pixels, 3); ambient light not included."""
-        return np.stack([self._channel(i, drive[:, i]) for i in range(3)], axis=1)
+        """T p, without ambient light: (projector pixels, 3) -> (camera pixels, 3); a picture for a picture."""
+        p = drive.reshape(-1, 3)
+        seen = self.near.apply(p) if self.far is None else self.near.apply(p) + self.far.apply(p)
+        return _alike(seen, drive, self.camera)
 
     def apply_transpose(self, picture: FloatArray) -> FloatArray:
-        """Tᵀ c: (camera pixels, 3) -> (projector pixels, 3), the dual picture (thesis eq. 3.12)."""
-        return np.stack([self._channel_transpose(i, picture[:, i]) for i in range(3)], axis=1)
+        """Tᵀ c: (camera pixels, 3) -> (projector pixels, 3), the dual picture (thesis eq. 3.12); as `apply`."""
+        return self.T.apply(picture)
+
+    def __matmul__(self, drive: FloatArray) -> FloatArray:
+        return self.apply(drive)
+
+    @cached_property
+    def T(self) -> "Transport":  # noqa: N802 - as numpy calls it
+        """Tᵀ."""
+        far = None if self.far is None else self.far.transposed
+        return Transport(self.near.transposed, far, self.projector, self.camera)
 
     def composition(self) -> FloatArray:
         """T·1, the floodlit room without ambient light: (camera pixels, 3)."""
         return self.apply(np.ones((self.shape[1], 3)))
 
-    def _channel(self, i: int, p: FloatArray) -> FloatArray:
-        near: FloatArray = self.near[i] @ p
-        if self.far is None:
-            return near
-        far: FloatArray = self.far.scatter[i] @ (self.far.mix[i] @ (self.far.gather[i] @ p))
-        return near + far
+    def floodlight(self, ambient: NDArray[np.floating]) -> FloatArray:
+        """T·1 + e, the floodlit room as the camera sees it, of the shape of e."""
+        return self.composition().reshape(ambient.shape) + ambient
 
-    def _channel_transpose(self, i: int, c: FloatArray) -> FloatArray:
-        near: FloatArray = self.near[i].T @ c
-        if self.far is None:
-            return near
-        far: FloatArray = self.far.gather[i].T @ (self.far.mix[i].T @ (self.far.scatter[i].T @ c))
-        return near + far
+    @property
+    def lit(self) -> NDArray[np.bool_]:
+        """Which projector pixels' near light any camera pixel sees, (projector pixels, 3)."""
+        seen = (np.bincount(self.near.indices[each != 0], minlength=self.shape[1]) for each in self.near.weights.T)
+        return np.stack(list(seen), axis=1) > 0
+
+    def inside(self, mask: NDArray[np.bool_]) -> "Transport":
+        """What the camera pixels of a mask see, their rows empty outside it; entries of 0 left out."""
+        far = None if self.far is None else replace(self.far, scatter=self.far.scatter.inside(mask.ravel()))
+        return replace(self, near=self.near.inside(mask.ravel()), far=far)
 
 
-def shared_pattern(
-    matrices: Sequence[Csr], dtype: type[np.floating] = np.float32
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[Any]]:
-    """The union of three sparsity patterns: indptr, indices and (entries, 3) weights, sorted by column in each row."""
-    ones = [sparse.csr_array((np.ones(m.nnz, np.int8), m.indices, m.indptr), shape=m.shape) for m in matrices]
-    union = sparse.csr_array(ones[0] + ones[1] + ones[2])
-    union.sort_indices()
-    columns = union.shape[1]
-    rows = np.repeat(np.arange(union.shape[0], dtype=np.int64), np.diff(union.indptr))
-    places = rows * columns + union.indices
-    weights = np.zeros((union.nnz, 3), dtype)
+def stacked(matrices: Sequence[Csr]) -> SparseRows:
+    """Matrices for red, green and blue as rows of one pattern, the union of theirs, by column in each row.
+
+    float32 if all of them are.  ValueError for shapes that differ.
+    """
+    if any(matrix.shape != matrices[0].shape for matrix in matrices):
+        raise ValueError(
+            f"matrices of shapes {', '.join(str(matrix.shape) for matrix in matrices)}, expected one shape"
+        )
+    matrices = [_canonical(matrix) for matrix in matrices]
+    first, columns = matrices[0], int(matrices[0].shape[1])
+    if all(np.array_equal(m.indptr, first.indptr) and np.array_equal(m.indices, first.indices) for m in matrices[1:]):
+        weights = np.stack([matrix.data for matrix in matrices], axis=1)
+        return SparseRows(first.indptr.astype(np.int64), first.indices.astype(np.int32), _floating(weights), columns)
+    ones = [Csr((np.ones(m.nnz, np.int8), m.indices, m.indptr), shape=m.shape) for m in matrices]
+    union = _canonical(Csr(ones[0] + ones[1] + ones[2]))
+    weights = np.zeros((union.nnz, 3), np.result_type(*(matrix.dtype for matrix in matrices)))
+    places = _places(union)
     for i, matrix in enumerate(matrices):
-        matrix_rows = np.repeat(np.arange(matrix.shape[0], dtype=np.int64), np.diff(matrix.indptr))
-        at = np.searchsorted(places, matrix_rows * columns + matrix.indices)
-        with np.errstate(over="ignore"):  # beyond float32 becomes infinity, which no map is packed with
-            weights[at, i] = matrix.data
-    return union.indptr.astype(np.int64), union.indices.astype(np.int64), weights
+        weights[np.searchsorted(places, _places(matrix)), i] = matrix.data
+    return SparseRows(union.indptr.astype(np.int64), union.indices.astype(np.int32), _floating(weights), columns)
+
+
+def channel(rows: SparseRows, i: int) -> Csr:
+    """The matrix of channel 0, 1 or 2, without entries of 0."""
+    matrix = Csr((rows.weights[:, i], rows.indices, rows.indptr), shape=rows.shape, copy=True)
+    matrix.eliminate_zeros()
+    return matrix
+
+
+def channels(rows: SparseRows) -> tuple[Csr, ...]:
+    """The matrices of red, green and blue."""
+    return tuple(channel(rows, i) for i in range(len(CHANNELS)))
+
+
+def luminance(weights: NDArray[np.floating]) -> FloatArray:
+    """BT.709 luminance of (n, 3), float64.
+
+    Term by term: a matrix product rounds by an entry's place, and equal weights must stay equal.
+    """
+    red, green, blue = (share * weights[:, i].astype(np.float64) for i, share in enumerate(LUMINANCE))
+    return np.asarray(red + green + blue)
+
+
+def luminance_matrix(rows: SparseRows) -> Csr:
+    """The luminance of three channels' matrices."""
+    return Csr((luminance(rows.weights).astype(rows.weights.dtype), rows.indices, rows.indptr), shape=rows.shape)
+
+
+def dense_rows(matrices: FloatArray) -> SparseRows:
+    """Dense matrices (3, rows, columns) as rows."""
+    _, rows, columns = matrices.shape
+    weights = np.ascontiguousarray(matrices.reshape(3, -1).T)
+    return SparseRows(
+        np.arange(rows + 1) * columns, np.tile(np.arange(columns, dtype=np.int32), rows), weights, columns
+    )
+
+
+def _mixed(mix: FloatArray, cells: FloatArray) -> FloatArray:
+    """M x per channel: (cells, 3) -> (cells, 3)."""
+    return np.stack([mix[i] @ cells[:, i] for i in range(len(CHANNELS))], axis=1)
+
+
+def _alike(values: FloatArray, given: FloatArray, shape: Shape | None) -> FloatArray:
+    """A picture for a picture, a list for a list."""
+    if given.ndim == 2:
+        return values
+    if shape is None:
+        raise ValueError("a picture for a transport that knows no picture's size; give (pixels, 3), or say the sizes")
+    return values.reshape(*shape, 3)
+
+
+def _canonical(matrix: Csr) -> Csr:
+    """By column in each row, duplicates summed."""
+    if not matrix.has_canonical_format:
+        matrix = matrix.copy()
+        matrix.sum_duplicates()
+    return matrix
+
+
+def _floating(weights: NDArray[np.floating]) -> NDArray[np.floating]:
+    return weights.astype(np.result_type(weights.dtype, np.float32), copy=False)
+
+
+def _places(matrix: Csr) -> NDArray[np.int64]:
+    """A number for each entry that grows row by row, column by column."""
+    rows = np.repeat(np.arange(matrix.shape[0], dtype=np.int64), np.diff(matrix.indptr))
+    return rows * matrix.shape[1] + matrix.indices

@@ -12,11 +12,11 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.acquisition.plan import Pattern
 
-FloatArray = NDArray[np.float64]
 Shot: TypeAlias = NDArray[Any]  # (height, width) or (height, width, 3), uint8 or uint16, as stored
 SATURATED = 0.98  # of full scale: from here on a sensor no longer rises evenly
 LINEAR = Response("linear")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight import calibration
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Exposures, Shot
@@ -19,7 +20,6 @@ from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
 
-FloatArray = NDArray[np.float64]
 HEADROOM = 1.25  # full scale of an exposure of 1, above the floodlit room's brightest pixel
 ENCODING_STEPS = 1 << 16
 
@@ -150,7 +150,7 @@ class SimulatedCamera(LiveCamera):
     """
 
     def __init__(self, room: SimulatedRoom, sensor: Sensor, screen: VisibleScreen | None = None) -> None:
-        brightest = float((room.transport.composition().reshape(room.ambient.shape) + room.ambient).max())
+        brightest = float(room.transport.floodlight(room.ambient).max())
         times = tuple(time / (HEADROOM * brightest) for time in sensor.exposures)
         shown: VisibleScreen = MemoryScreen(room.projector) if screen is None else screen
         eye = SimulatedEye(room, sensor, shown)

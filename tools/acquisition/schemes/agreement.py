@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import BoolArray, FloatArray
 from counterlight.tools.acquisition.schemes.blocks import NO_CHILD, BlockGrid, BlockLight
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 TINY = np.finfo(float).tiny
 
 

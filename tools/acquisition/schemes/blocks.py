@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.acquisition.plan import Pattern
 from counterlight.tools.transport.transport import Csr, FarLight, Transport
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 NO_CHILD = -1
 MOST_FAR_CELLS = 1500  # FarLight mixes cells by a dense matrix
 LEAST_FAR_SIDE = 4  # projector pixels
@@ -163,7 +162,8 @@ def as_transport(parts: Sequence[BlockLight], camera_pixels: int) -> Transport:
         away = part.select(~close)
         coarse.append(BlockLight(cells, away.camera, ancestor[~close], away.light))
     coarse = [part for part in coarse if part.camera.size]
-    return Transport(_spread(near, camera_pixels, projector), _far_light(coarse, camera_pixels) if coarse else None)
+    far = _far_light(coarse, camera_pixels) if coarse else None
+    return Transport.from_matrices(_spread(near, camera_pixels, projector), far)
 
 
 def _least_cell(projector: tuple[int, int]) -> int:
@@ -211,7 +211,7 @@ def _far_light(parts: Sequence[BlockLight], camera_pixels: int) -> FarLight:
     D = sparse.csr_array(sparse.vstack([_averages(finest), sparse.csr_array((senders.shape[1], finest.labels.size))]))
     places = camera, gathering + sender.ravel()
     U = tuple(sparse.csr_array((light[:, i], places), shape=(camera_pixels, cells)) for i in range(3))
-    return FarLight((D, D, D), np.stack([mix] * 3), U)
+    return FarLight.from_matrices([D] * 3, np.stack([mix] * 3), U)
 
 
 def _cell_shares(grid: BlockGrid, cells: BlockGrid) -> Csr:

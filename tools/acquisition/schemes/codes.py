@@ -7,7 +7,7 @@ variance of lighting it alone, if the camera's noise does not grow with the ligh
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from counterlight.arrays import FloatArray
 
 
 def code_length(sources: int) -> int:

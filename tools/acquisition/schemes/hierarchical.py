@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Pattern, Reference, Scheme
 from counterlight.tools.acquisition.schemes.agreement import Reading, agree, keep_measurable
@@ -26,8 +26,6 @@ from counterlight.tools.acquisition.schemes.blocks import (
 )
 from counterlight.tools.acquisition.schemes.schedule import colour_graph, conflict_graph
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 QUARTERS = 4
 
 

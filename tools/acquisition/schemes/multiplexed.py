@@ -15,9 +15,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Reference, Scheme
 from counterlight.tools.acquisition.schemes.blocks import (
@@ -29,10 +29,8 @@ from counterlight.tools.acquisition.schemes.blocks import (
 )
 from counterlight.tools.acquisition.schemes.codes import code_length, s_inverse, s_matrix
 from counterlight.tools.acquisition.schemes.stripes import Stripe, locate, stripes
-from counterlight.tools.transport.mask import LUMINANCE
+from counterlight.tools.transport.transport import LUMINANCE
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 STRIPE_CELL = 2  # projector pixels: half of the least tile, so that cell and place in the tile agree on one window
 LEAST_TILE, MOST_TILE = 4, 14
 REACH_SIGMAS = 2.3  # half a window in standard deviations of the spot: 2 % of its light lie beyond, each way

@@ -5,12 +5,11 @@ one possible source. Colours become patterns, so few colours are what matters.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from counterlight.arrays import IntArray
 from counterlight.tools.transport.transport import Csr
 
-IntArray = NDArray[np.int64]
 UNCOLOURED = -1
 RECOLOURINGS = 8  # rounds of iterated greedy; on simulated rooms later ones remove no further colour
 WORD = 62  # colours a 64-bit word holds, clear of its sign

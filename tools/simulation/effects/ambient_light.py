@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.simulation.scene import Scene
-from counterlight.tools.simulation.shapes.shape import FloatArray
 
 
 def radiance(scene: Scene, matt: FloatArray) -> FloatArray:

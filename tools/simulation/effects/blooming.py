@@ -6,13 +6,15 @@ between the cells' centres, V interpolates. A halo narrower than a cell becomes 
 scattered beyond the picture is lost.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from scipy import sparse
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.simulation.devices import Camera
 from counterlight.tools.simulation.scene import Scene
-from counterlight.tools.simulation.shapes.shape import FloatArray
-from counterlight.tools.transport.transport import Csr, FarLight, Transport
+from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, stacked
 
 MAX_CELLS = 1600
 REACH = 8  # radii: 0.3 % of the halo lie further out
@@ -22,18 +24,19 @@ def bloom(scene: Scene, transport: Transport, ambient: FloatArray) -> tuple[Tran
     """T and e (camera pixels, 3) with halos, and the share of the light that moved."""
     share = scene.camera.bloom_share
     average, halo, interpolate = halo_factors(scene.camera)
-    near = tuple(Csr((1 - share) * T) for T in transport.near)
-    collected = [Csr(average @ T) for T in transport.near]
+    near = replace(transport.near, weights=((1 - share) * transport.near.weights).astype(np.float32))
+    collected = [Csr(average @ T) for T in channels(transport.near)]
     far = transport.far
     if far is None:
-        bloomed = FarLight(tuple(collected), np.stack([halo] * 3), (share * interpolate,) * 3)
+        bloomed = FarLight(stacked(collected), np.stack([halo] * 3), stacked([share * interpolate] * 3))
     else:
-        gather = [Csr(sparse.vstack([D, own])) for D, own in zip(far.gather, collected, strict=True)]
-        mix = [_stacked(M, halo @ (average @ U) @ M, halo) for M, U in zip(far.mix, far.scatter, strict=True)]
-        scatter = [Csr(sparse.hstack([(1 - share) * U, share * interpolate])) for U in far.scatter]
-        bloomed = FarLight(tuple(gather), np.stack(mix), tuple(scatter))
+        gathers, scatters = channels(far.gather), channels(far.scatter)
+        gather = [Csr(sparse.vstack([D, own])) for D, own in zip(gathers, collected, strict=True)]
+        mix = [_stacked(M, halo @ (average @ U) @ M, halo) for M, U in zip(far.mix, scatters, strict=True)]
+        scatter = [Csr(sparse.hstack([(1 - share) * U, share * interpolate])) for U in scatters]
+        bloomed = FarLight.from_matrices(gather, np.stack(mix), scatter)
     spread_ambient = (1 - share) * ambient + share * (interpolate @ (halo @ (average @ ambient)))
-    return Transport(near, bloomed), spread_ambient, share
+    return replace(transport, near=near, far=bloomed), spread_ambient, share
 
 
 def halo_factors(camera: Camera) -> tuple[Csr, FloatArray, Csr]:

@@ -1,8 +1,8 @@
 """Camera defocus: each ray of a pixel passes another point of the lens and meets the others in the plane of focus."""
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.simulation.lens import LensPoints
 from counterlight.tools.simulation.scene import Scene
-from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray
 
 
 def through_the_lens(scene: Scene, directions: FloatArray, pixel: IntArray) -> tuple[FloatArray, FloatArray]:

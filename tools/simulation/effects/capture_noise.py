@@ -7,9 +7,9 @@ converter rounds to whole codes after the camera's response. T itself is free of
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.tools.simulation.devices import Camera, Sensor
-from counterlight.tools.simulation.shapes.shape import FloatArray
 
 SATURATING = 99.9  # percentile of the floodlit room that fills the wells
 

@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import sparse
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.simulation.assembly import summed, thinned
 from counterlight.tools.simulation.effects.beams import COARSER, LEVELS, deposits
 from counterlight.tools.simulation.effects.sequence import even_pairs
 from counterlight.tools.simulation.paths import Arrivals, Deposits, Samples
 from counterlight.tools.simulation.scene import Scene
-from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray, Shape
+from counterlight.tools.simulation.shapes.shape import Shape
 from counterlight.tools.simulation.shapes.triangles import Triangles
 from counterlight.tools.transport.transport import Csr
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import BoolArray, FloatArray
 from counterlight.tools.simulation.effects.sequence import even_pairs, tangents
 from counterlight.tools.simulation.geometry import Hits
 from counterlight.tools.simulation.paths import Rays, Samples
@@ -26,8 +27,6 @@ from counterlight.tools.simulation.surfaces import Surface
 if TYPE_CHECKING:
     from counterlight.tools.simulation.effects_on import EffectsOn
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 MIRROR = 0.01  # roughness
 FACETS = 16  # directions for each ray of the projector's that a rough coat reflects
 EVEN = 1 / 21  # mean of (1 − c)⁵ over evenly arriving light

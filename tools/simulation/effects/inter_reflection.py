@@ -14,14 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray, IntArray
+from counterlight.row_map import SparseRows
 from counterlight.tools.simulation.cells import Grid, cut_into_cells, spread_places
 from counterlight.tools.simulation.geometry import blocked
 from counterlight.tools.simulation.paths import Deposits, Samples
 from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
-from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray
 from counterlight.tools.simulation.surfaces import Surface
-from counterlight.tools.transport.transport import Csr, FarLight
+from counterlight.tools.transport.transport import Csr, FarLight, stacked
 
 ALBEDO_POINTS = 8  # an axis and cell
 Entries = tuple[IntArray, IntArray, FloatArray]
@@ -34,14 +35,14 @@ class Exchange:
     """The far light's factors as far as they do not know the camera: gather D (cells, projector pixels), mix M."""
 
     grids: tuple[Grid, ...]
-    gather: tuple[Csr, ...]
+    gather: SparseRows
     mix: FloatArray
 
     @property
     def cells(self) -> int:
         return int(self.mix.shape[1])
 
-    def far_light(self, scatter: tuple[Csr, ...]) -> FarLight:
+    def far_light(self, scatter: SparseRows) -> FarLight:
         return FarLight(self.gather, self.mix, scatter)
 
 
@@ -187,7 +188,7 @@ def _per_area(exchange: FloatArray, areas: FloatArray) -> FloatArray:
     return np.divide(exchange, areas[:, None], out=np.zeros_like(exchange), where=areas[:, None] > 0)
 
 
-def _gather(scene: Scene, grids: list[Grid], deposits: Iterable[Deposits]) -> tuple[Csr, ...]:
+def _gather(scene: Scene, grids: list[Grid], deposits: Iterable[Deposits]) -> SparseRows:
     """D: irradiance on each cell per unit drive of each projector pixel, the flux that lands on it by its area."""
     shape = grids[-1].first + grids[-1].count, scene.projector.pixels
     cells, pixels, values = [], [], []
@@ -200,9 +201,9 @@ def _gather(scene: Scene, grids: list[Grid], deposits: Iterable[Deposits]) -> tu
                 pixels.append(batch.pixel[on])
                 values.append(batch.flux[on] / grid.areas[cell - grid.first, None])
     if not values:
-        return (Csr(shape),) * 3
+        return stacked([Csr(shape)] * 3)
     places = np.concatenate(cells), np.concatenate(pixels)
     alike = all(value.shape[1] == 1 for value in values)
     found = np.concatenate(values if alike else [np.broadcast_to(value, (len(value), 3)) for value in values])
-    matrices = tuple(Csr((column, places), shape=shape) for column in found.T)
-    return matrices * 3 if alike else matrices
+    matrices = [Csr((column, places), shape=shape) for column in found.T]
+    return stacked(matrices * 3 if alike else matrices)

@@ -8,11 +8,11 @@ fills the lens evenly however many are taken, and the samples of one camera pixe
 
 import numpy as np
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.simulation.lens import LensPoints
 from counterlight.tools.simulation.paths import Arrivals, Samples
 from counterlight.tools.simulation.projector_side import irradiance
 from counterlight.tools.simulation.scene import Scene
-from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray
 
 POINTS_A_PIXEL = 4.0  # lens points, of all samples of a camera pixel, for each projector pixel of the disc
 MAX_POINTS = 64  # a sample

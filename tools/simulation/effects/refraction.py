@@ -14,8 +14,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.simulation.batch import joined
 from counterlight.tools.simulation.geometry import Hits
 from counterlight.tools.simulation.paths import Rays
@@ -23,8 +23,6 @@ from counterlight.tools.simulation.scene import Scene
 
 if TYPE_CHECKING:
     from counterlight.tools.simulation.effects_on import EffectsOn
-
-FloatArray = NDArray[np.float64]
 
 
 def scatter(scene: Scene, rays: Rays, hits: Hits, effects: "EffectsOn") -> list[Rays]:

@@ -1,9 +1,9 @@
 """Points and frames for effects that draw directions: evenly spread, and the same in every run."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from counterlight.arrays import FloatArray
+
 PLASTIC = 1.32471795724474602596  # x³ = x + 1
 
 

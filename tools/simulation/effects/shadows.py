@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.simulation.geometry import blocked
 from counterlight.tools.simulation.scene import Scene
-from counterlight.tools.simulation.shapes.shape import FloatArray
 
 
 def shaded(scene: Scene, points: FloatArray, origins: FloatArray) -> NDArray[np.bool_]:

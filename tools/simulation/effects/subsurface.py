@@ -13,14 +13,12 @@ the normal. Where the surface bends away its points weigh R(|x − y|) / (R(r) c
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.simulation.effects.sequence import even_pairs, tangents
 from counterlight.tools.simulation.paths import Samples
 from counterlight.tools.simulation.scene import Scene
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 POINTS = 4  # around each sample, for each channel
 STEEPEST = 0.25  # cosine; points where the surface turns further away weigh no more
 FARTHEST = 1 - 1e-4  # share of the profile that is reached

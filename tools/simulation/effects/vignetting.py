@@ -6,8 +6,8 @@ lost in the corner, growing with the square of the distance from the centre.
 
 import numpy as np
 
+from counterlight.arrays import FloatArray
 from counterlight.tools.simulation.devices import Device
-from counterlight.tools.simulation.shapes.shape import FloatArray
 
 
 def transmission(device: Device) -> FloatArray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from counterlight.tools.simulation.shapes.shape import FloatArray
+from counterlight.arrays import FloatArray
 from counterlight.tools.simulation.shapes.triangles import Triangles, over_grid
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError, one_line
 from counterlight.reading import read_bytes
-from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray
 from counterlight.tools.simulation.shapes.triangles import Triangles
 
 MAX_BYTES = 256 << 20

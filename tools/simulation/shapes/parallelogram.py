@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.tools.simulation.shapes.shape import TOO_CLOSE, FloatArray, Meeting
+from counterlight.arrays import FloatArray
+from counterlight.tools.simulation.shapes.shape import TOO_CLOSE, Meeting
 
 PARALLEL = 1e-12
 

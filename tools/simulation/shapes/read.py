@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.tables import Table, Vector
 from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
 from counterlight.tools.simulation.shapes.quadrics import Cylinder, Sphere
-from counterlight.tools.simulation.shapes.shape import FloatArray, Shape
+from counterlight.tools.simulation.shapes.shape import Shape
 
 KINDS = ("plane", "card", "sphere", "cylinder", "relief", "lathe", "mesh")
 FIGURES = ("statuette", "skull", "waves")

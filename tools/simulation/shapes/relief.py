@@ -5,10 +5,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.picture_files import grey, read_picture
 from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
-from counterlight.tools.simulation.shapes.shape import FloatArray
 from counterlight.tools.simulation.shapes.triangles import Triangles, over_grid
 
 MAX_HEIGHTS = 1 << 26

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
-from counterlight.tools.simulation.shapes.shape import FloatArray, IntArray, Meeting
+from counterlight.tools.simulation.shapes.shape import Meeting
 
 START_GAP = 1e-4  # metres that a ray moves before it can meet: float32 knows points of a room to 1e-6
 

@@ -1,9 +1,8 @@
 """A skull seen from the front, as heights over a rectangle 3 wide and 4 high: ellipsoids, and hollows cut into them."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from counterlight.arrays import FloatArray
 
 
 def heights(u: FloatArray, v: FloatArray) -> FloatArray:

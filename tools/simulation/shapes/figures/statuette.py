@@ -5,7 +5,7 @@ Drawn in a frame 1 wide and 1.4 high, x from −0.5 to 0.5, y from 0 to 1.4.
 
 import numpy as np
 
-from counterlight.tools.simulation.shapes.shape import FloatArray
+from counterlight.arrays import FloatArray
 
 # Centre x, y; half axes across, up and in depth; depth of the centre.
 BODY = (

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from counterlight.tools.simulation.shapes.shape import FloatArray
+from counterlight.arrays import FloatArray
 
 
 def heights(u: FloatArray, v: FloatArray) -> FloatArray:

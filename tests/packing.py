@@ -1,0 +1,11 @@
+"""Three scipy matrices as a row map."""
+
+from collections.abc import Sequence
+
+from counterlight.row_map import RowMap, pack
+from counterlight.tools.transport.transport import Csr, stacked
+
+
+def pack_matrices(matrices: Sequence[Csr], output: tuple[int, int], source: tuple[int, int]) -> RowMap:
+    """(output pixels, source pixels) each, for red, green and blue."""
+    return pack(stacked([Csr(matrix) for matrix in matrices]), output, source)

@@ -1,0 +1,80 @@
+"""One colour channel of T, as scipy and the dense solvers take it: vectors instead of pictures."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import FloatArray
+from counterlight.row_map import SparseRows
+from counterlight.tools.clusters.components import Clusters, find_clusters
+from counterlight.tools.transport.transport import Csr, FarLight, Transport, channel, stacked
+
+
+@dataclass(frozen=True)
+class Channel:
+    """T = S + U M D of one channel.
+
+    near : S, (camera pixels, projector pixels) float64, no explicit zeros.  far : D, M and U.
+    """
+
+    near: Csr
+    far: tuple[Csr, FloatArray, Csr] | None = None
+
+    @classmethod
+    def of(cls, T: Transport, i: int) -> "Channel":
+        """Channel 0, 1 or 2."""
+        near, far = channel(T.near, i).astype(np.float64), T.far
+        return cls(near, None if far is None else (channel(far.gather, i), far.mix[i], channel(far.scatter, i)))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        rows, columns = self.near.shape
+        return int(rows), int(columns)
+
+    @cached_property
+    def clusters(self) -> Clusters:
+        """Connected components of the near light."""
+        return find_clusters(self.near)
+
+    @cached_property
+    def _transposed(self) -> Csr:
+        """Sᵀ as rows: gathering is twice as fast as scattering."""
+        return Csr(self.near.T)
+
+    def apply(self, p: FloatArray) -> FloatArray:
+        """T p: (projector pixels,) -> (camera pixels,)."""
+        seen: FloatArray = self.near @ p
+        if self.far is None:
+            return seen
+        D, M, U = self.far
+        return np.asarray(seen + U @ (M @ (D @ p)))
+
+    def apply_transpose(self, c: FloatArray) -> FloatArray:
+        """Tᵀ c: (camera pixels,) -> (projector pixels,)."""
+        dual: FloatArray = self._transposed @ c
+        if self.far is None:
+            return dual
+        D, M, U = self.far
+        return np.asarray(dual + D.T @ (M.T @ (U.T @ c)))
+
+    def only(self, rows: NDArray[np.bool_]) -> "Channel":
+        """Near light of those camera pixels, the other rows left empty."""
+        near = self.near.copy()
+        near.data[~np.repeat(rows, np.diff(near.indptr))] = 0
+        near.eliminate_zeros()
+        return Channel(near)
+
+    def alone(self) -> Transport:
+        """As a T whose other two channels are dark."""
+        if self.far is None:
+            return Transport(_beside_dark(self.near))
+        D, M, U = self.far
+        return Transport(
+            _beside_dark(self.near), FarLight(_beside_dark(D), np.stack([M, 0 * M, 0 * M]), _beside_dark(U))
+        )
+
+
+def _beside_dark(matrix: Csr) -> SparseRows:
+    return stacked([matrix, Csr(matrix.shape), Csr(matrix.shape)])
