@@ -159,7 +159,7 @@ def stacked(matrices: Sequence[Csr]) -> SparseRows:
 
 def channel(rows: SparseRows, i: int) -> Csr:
     """The matrix of channel 0, 1 or 2, without entries of 0."""
-    matrix = Csr((rows.weights[:, i], rows.indices, rows.indptr), shape=rows.shape, copy=True)
+    matrix = _matrix(rows, rows.weights[:, i].copy())
     matrix.eliminate_zeros()
     return matrix
 
@@ -180,7 +180,13 @@ def luminance(weights: NDArray[np.floating]) -> FloatArray:
 
 def luminance_matrix(rows: SparseRows) -> Csr:
     """The luminance of three channels' matrices."""
-    return Csr((luminance(rows.weights).astype(rows.weights.dtype), rows.indices, rows.indptr), shape=rows.shape)
+    return _matrix(rows, luminance(rows.weights).astype(rows.weights.dtype))
+
+
+def _matrix(rows: SparseRows, data: NDArray[np.floating]) -> Csr:
+    """Indices of 32 bits where they do: half as many bytes to read in every product. They are copies."""
+    width = np.int32 if max(*rows.shape, rows.indices.size) <= np.iinfo(np.int32).max else np.int64
+    return Csr((data, rows.indices.astype(width), rows.indptr.astype(width)), shape=rows.shape)
 
 
 def dense_rows(matrices: FloatArray) -> SparseRows:
