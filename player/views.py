@@ -23,21 +23,6 @@ SERVED, UNLIT, BELOW_MID_GREY, BELOW_WHITE = (205, 205, 205), (40, 40, 40), (213
 TOO_DARK, RIGHT, TOO_BRIGHT = (59, 76, 192), (221, 221, 221), (180, 4, 38)
 ERROR_SAMPLES = 513
 
-LEGENDS = {
-    "error": (
-        (TOO_DARK, f"{100 * ERROR_SPAN:g} % of white too dark, or more"),
-        (RIGHT, "as asked"),
-        (TOO_BRIGHT, f"{100 * ERROR_SPAN:g} % of white too bright, or more"),
-        (UNLIT, "does not count"),
-    ),
-    "impossible": (
-        (SERVED, "can be corrected"),
-        (UNLIT, "unlit, or outside the mask"),
-        (BELOW_MID_GREY, "cannot reach mid grey"),
-        (BELOW_WHITE, "cannot reach white"),
-    ),
-}
-
 
 def linear(colour: tuple[int, int, int]) -> NDArray[np.float64]:
     """8-bit sRGB as linear light, (3,)."""

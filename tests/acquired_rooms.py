@@ -13,7 +13,7 @@ from counterlight.tools.acquisition.cameras.camera import Camera, Exposures, Sho
 from counterlight.tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom
 from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.store import Wanted, open_store
-from counterlight.tools.transport.transport import FarLight, Transport
+from counterlight.tools.transport.transport import FarLight, Transport, channels
 from tests.rooms import blurred_transport
 
 CAMERA, PROJECTOR = (18, 26), (21, 30)
@@ -59,7 +59,7 @@ def mirror(rng: np.random.Generator) -> Transport:
     row, column = np.mgrid[: PROJECTOR[0], : PROJECTOR[1]]
     flipped = (row * PROJECTOR[1] + PROJECTOR[1] - 1 - column).ravel()
     half = sparse.diags_array(np.repeat(np.arange(CAMERA[0]) < CAMERA[0] // 2, CAMERA[1]).astype(np.float32))
-    return Transport.from_matrices(tuple(sparse.csr_array(M + 0.6 * (half @ M[:, flipped])) for M in T))
+    return Transport.from_matrices(tuple(sparse.csr_array(M + 0.6 * (half @ M[:, flipped])) for M in channels(T)))
 
 
 class Memory:

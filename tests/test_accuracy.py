@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from counterlight import calibration
+from counterlight.maps import read_maps
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.inverse.room import build_room_maps
@@ -15,6 +16,7 @@ from counterlight.tools.simulation.room import fill_simulated_room
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.compensate import CompensateOptions, CompensationTask
+from counterlight.tools.transport.storage import read_transport
 from tests.rooms import write_blurred_room
 
 SCENES = Path(__file__).resolve().parents[1] / "calib_data" / "scenes"
@@ -45,7 +47,14 @@ def test_the_default_map_is_never_worse_than_direct_or_the_plain_inverse(room: s
         build_room_maps(stored, InverseOptions(damping))
         for picture in pictures(stored.calibration.camera.shape):
             options = CompensateOptions(("map", "direct"))
-            task = CompensationTask(stored, picture, radiance=False, options=options)
+            task = CompensationTask(
+                read_transport(stored),
+                stored.calibration,
+                picture,
+                radiance=False,
+                options=options,
+                maps=lambda: read_maps(stored),
+            )
             mapped, mapping = task.run(np.zeros((*PROJECTOR, 3)))
             psnr.setdefault(name, []).append(mapped.quality.psnr)
             psnr.setdefault("direct", []).append(mapping.quality.psnr)

@@ -37,7 +37,7 @@ from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalSche
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.acquisition.schemes.schedule import colour_graph, conflict_graph
 from counterlight.tools.acquisition.schemes.stripes import locate, stripes
-from counterlight.tools.transport.transport import Transport, channel
+from counterlight.tools.transport.transport import Transport, channel, channels
 from tests.acquired_rooms import (
     NOISY,
     PROJECTOR,
@@ -195,7 +195,7 @@ def test_a_block_that_many_see_is_split_so_that_its_row_fits_a_texture(
     monkeypatch.setattr(blocks, "MOST_READ", 50)
     split = as_transport(parts, SHAPE[0])
     assert split.far is not None
-    assert max(np.diff(U.tocsc().indptr).max() for U in split.far.scatter) <= 50
+    assert max(np.diff(U.tocsc().indptr).max() for U in channels(split.far.scatter)) <= 50
     drive = rng.random((SHAPE[1], 3))
     np.testing.assert_allclose(split.apply(drive), whole.apply(drive), rtol=1e-12)  # float64, up to 630 terms
 

@@ -260,9 +260,6 @@ def test_the_impossible_view_is_the_report_s_map(rng: np.random.Generator) -> No
         assert named[name].any()
         expected[named[name]] = colours[name]
     np.testing.assert_array_equal(codes, expected)
-    assert {colour for colour, _ in views.LEGENDS["impossible"]} == {
-        colours[name] for name in ("served", "unlit", "below_mid_grey", "below_white")
-    }
 
 
 def test_the_error_map_is_signed_scaled_and_says_what_does_not_count() -> None:

@@ -22,13 +22,24 @@ from counterlight.tools.acquisition.graycode import Decoded, decode
 from counterlight.tools.acquisition.graycode_room import GraycodeOptions, import_graycode_room
 from counterlight.tools.acquisition.room_options import named_response
 from counterlight.tools.fit_projector_response import main
-from counterlight.tools.hdr.projector_response import fit_projector_response, level_means
+from counterlight.tools.hdr.projector_response import fit_projector_response
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import channel
 from tests.brackets import CURVES, write_picture
 
 LEVELS = np.arange(0, 256, 5) / 255
 GREY = Response("linear")
+
+
+def level_means(codes: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Levels, mean light (levels, 1) and counts of pixels whose code and light are known, for `fit_projector_response`.
+
+    codes : (pixels,), what the projector showed there.  light : (pixels,), relative to the pixel's own white.
+    """
+    counts = np.bincount(codes, minlength=256)
+    shown = np.flatnonzero(counts)
+    means = np.bincount(codes, light, 256)[shown] / counts[shown]
+    return shown / 255, means[:, None], counts[shown].astype(np.float64)
 
 
 def curve_of(response: Response, codes: np.ndarray) -> np.ndarray:

@@ -53,7 +53,7 @@ def test_a_closed_box_absorbs_what_is_sent(tmp_path: Path) -> None:
     assert far is not None
     areas = np.concatenate([grid.areas for grid in cut_into_cells(scene.surfaces, scene.cells)])
     for picture in [*np.eye(16 * 12)[[0, 50, 191]].tolist(), np.ones(16 * 12).tolist()]:
-        direct = far.gather[1] @ np.array(picture)
+        direct = channel(far.gather, 1) @ np.array(picture)
         kept = areas @ (0.2 * (direct + far.mix[1] @ direct))
         sent = areas @ direct
         assert sent > 0
@@ -68,7 +68,7 @@ def test_one_pixel_sends_the_flux_of_the_even_light(tmp_path: Path) -> None:
     areas = np.concatenate([grid.areas for grid in cut_into_cells(scene.surfaces, scene.cells)])
     pitch = 2 * np.tan(np.radians(40)) / 16
     distance = np.linalg.norm([0.1, 0.2, 0.3])
-    np.testing.assert_allclose(areas @ far.gather[0], np.pi * distance**2 * pitch**2, rtol=1e-12)
+    np.testing.assert_allclose(areas @ channel(far.gather, 0), np.pi * distance**2 * pitch**2, rtol=1e-12)
 
 
 def test_a_ball_over_a_small_card(tmp_path: Path) -> None:
@@ -131,7 +131,7 @@ def test_camera_and_projector_can_be_exchanged(name: str) -> None:
         probes = blocks(24, 32, 8)
         pair.append(unit * probes.T @ channel(transport.near, 1).toarray() @ probes)
         if transport.far is not None:
-            far = transport.far.scatter[1] @ transport.far.mix[1] @ transport.far.gather[1].toarray()
+            far = channel(transport.far.scatter, 1) @ transport.far.mix[1] @ channel(transport.far.gather, 1).toarray()
             pair[-1] = pair[-1] + unit * probes.T @ far @ probes
     largest = pair[0].max()
     assert np.abs(pair[0] - pair[1].T).max() < 0.02 * largest  # blocks of 8 x 8 pixels, 64 rays a pixel

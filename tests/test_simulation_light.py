@@ -178,7 +178,7 @@ def test_the_floodlit_corner_equals_bounces_computed_one_by_one() -> None:
     scene = replace(small("corner", (14, 24), (12, 20)), cells=60, samples=2)
     far = far_light(scene)
     grids, factors = cells_and_factors(scene)
-    direct = far.gather[0] @ np.ones(far.gather[0].shape[1])
+    direct = channel(far.gather, 0) @ np.ones(channel(far.gather, 0).shape[1])
     albedo = np.concatenate([mean_albedo(grid) for grid in grids])[:, 0]
     indirect = np.zeros_like(direct)
     for _ in range(100):
@@ -197,7 +197,7 @@ def test_the_floodlit_corner_equals_bounces_computed_one_by_one() -> None:
         lower = cells[j + 1, i] * (1 - x + i) + cells[j + 1, i + 1] * (x - i)
         seen = rho * (upper * (1 - y + j) + lower * (y - j)) / np.pi / 4
         expected += np.bincount(pixels[on], seen, expected.size)
-    result = far.scatter[0] @ (far.mix[0] @ direct)
+    result = channel(far.scatter, 0) @ (far.mix[0] @ direct)
     np.testing.assert_allclose(result, expected, rtol=1e-5)  # U is float32
     assert result.max() > 0.05
 
@@ -208,9 +208,9 @@ def test_every_projector_pixel_carries_the_same_flux() -> None:
     far = far_light(scene)
     grids = cut_into_cells(scene.surfaces, scene.cells)
     areas = np.concatenate([grid.areas for grid in grids])
-    flux = areas @ far.gather[0]
+    flux = areas @ channel(far.gather, 0)
     assert flux.max() == pytest.approx(np.median(flux), rel=1e-9)
-    direct = far.gather[0] @ np.ones(far.gather[0].shape[1])
+    direct = channel(far.gather, 0) @ np.ones(channel(far.gather, 0).shape[1])
     for grid in grids:
         inside = grid.numbers
         points, normals = grid.points.reshape(-1, 3), grid.normals.reshape(-1, 3)

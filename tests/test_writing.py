@@ -173,18 +173,6 @@ def test_a_lock_is_not_a_number_that_another_process_may_have(tmp_path: Path) ->
     assert [path.name for path in tmp_path.iterdir()] == ["other.txt"]
 
 
-def test_a_dead_ones_scratch_folder_goes_with_the_next(tmp_path: Path) -> None:
-    code = (
-        "import os, signal; from counterlight.writing.replacing import scratch_folder\n"
-        "with scratch_folder('study') as folder:\n"
-        "    (folder / 'room').mkdir()\n    os.kill(os.getpid(), signal.SIGKILL)"
-    )
-    for _ in range(2):
-        with running(sys.executable, "-c", code, folder=ROOT, TMPDIR=str(tmp_path)) as process:
-            assert process.wait() == -9
-        assert len(list(tmp_path.glob(".study-*.counterlight-partial"))) == 1
-
-
 @pytest.mark.parametrize("strange", ["file", "link", "folder"])
 def test_what_was_not_made_by_us_is_left_alone(strange: str, tmp_path: Path) -> None:
     stage, treasure = tmp_path / ".notes.txt.counterlight-partial", tmp_path / "treasure"

@@ -6,7 +6,6 @@ once. Until the block ends well, what was there stays as it was.
 
 import errno
 import os
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -83,17 +82,6 @@ def remove_file(path: Path) -> None:
     with _refusals_named(path, _real(path)):
         path.unlink(missing_ok=True)
         disk.flush(path.parent)
-
-
-@contextmanager
-def scratch_folder(purpose: str) -> Iterator[Path]:
-    """An empty folder among the system's temporary ones, for what is needed meanwhile.
-
-    One whose process was killed is removed by the next that makes one.
-    """
-    target = _real(Path(tempfile.gettempdir())) / f"{purpose}-{os.getpid()}"
-    with _refusals_named(target, target), staged(target) as stage:
-        yield stage.new
 
 
 @contextmanager

@@ -8,7 +8,6 @@ ambient term of c = T p + e.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import isotonic_regression
 
@@ -66,17 +65,6 @@ def fit_projector_response(
         tuple(float(v) for v in black / white),
         float(np.abs(rising - relative).max()),
     )
-
-
-def level_means(codes: NDArray[np.uint8], light: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Levels, mean light (levels, 1) and counts of pixels whose code and light are known, for `fit_projector_response`.
-
-    codes : (pixels,), what the projector showed there.  light : (pixels,), relative to the pixel's own white.
-    """
-    counts = np.bincount(codes, minlength=256)
-    shown = np.flatnonzero(counts)
-    means = np.bincount(codes, light, 256)[shown] / counts[shown]
-    return shown / 255, means[:, None], counts[shown].astype(np.float64)
 
 
 def _rising(relative: FloatArray, mass: FloatArray) -> FloatArray:

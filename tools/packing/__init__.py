@@ -1,1 +1,1 @@
-"""From scipy matrices to row maps. May import player and counterlight.tools.transport; see row_maps.py."""
+"""From a transport to row maps. May import player and counterlight.tools.transport; see refinement_maps.py."""

@@ -91,9 +91,8 @@ def find_impossible(transport: Transport, calibration: Calibration, maps: RoomMa
 
 
 def _far_light_of_grey(maps: RoomMaps, light: FloatArray) -> FloatArray:
-    if maps.far is None:
-        return np.zeros_like(light)
-    return chained(maps.far).apply(np.clip(compensation(maps).apply(light), 0, 1))
+    far = chained(maps.far)
+    return np.zeros_like(light) if far is None else far.apply(np.clip(compensation(maps).apply(light), 0, 1))
 
 
 def _shared_grey_residual(transport: Transport, target: FloatArray, lit: BoolArray) -> FloatArray:

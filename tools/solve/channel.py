@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
 from counterlight.arrays import FloatArray
 from counterlight.row_map import SparseRows
@@ -39,25 +40,14 @@ class Channel:
         return find_clusters(self.near)
 
     @cached_property
-    def _transposed(self) -> Csr:
-        """Sᵀ as rows: gathering is twice as fast as scattering."""
-        return Csr(self.near.T)
-
-    def apply(self, p: FloatArray) -> FloatArray:
-        """T p: (projector pixels,) -> (camera pixels,)."""
-        seen: FloatArray = self.near @ p
+    def operator(self) -> LinearOperator:
+        """T and Tᵀ on vectors."""
+        transposed = Csr(self.near.T)  # by rows: gathering is twice as fast as scattering
+        near = LinearOperator(self.shape, matvec=self.near.dot, rmatvec=transposed.dot, dtype=np.float64)
         if self.far is None:
-            return seen
-        D, M, U = self.far
-        return np.asarray(seen + U @ (M @ (D @ p)))
-
-    def apply_transpose(self, c: FloatArray) -> FloatArray:
-        """Tᵀ c: (camera pixels,) -> (projector pixels,)."""
-        dual: FloatArray = self._transposed @ c
-        if self.far is None:
-            return dual
-        D, M, U = self.far
-        return np.asarray(dual + D.T @ (M.T @ (U.T @ c)))
+            return near
+        D, M, U = (aslinearoperator(factor) for factor in self.far)
+        return near + U @ M @ D
 
     def only(self, rows: NDArray[np.bool_]) -> "Channel":
         """Near light of those camera pixels, the other rows left empty."""

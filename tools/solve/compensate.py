@@ -100,7 +100,8 @@ class CompensationTask:
         self.white = reachable_white(flood, calibration.mask) if options.white is None else options.white
         self._desired = picture if radiance else picture * self.white
         self._target = np.asarray(self._desired - calibration.ambient, np.float64)
-        self._lit = self._transport.inside(calibration.mask).lit
+        self._inside = transport.inside(calibration.mask)
+        self._lit = self._inside.lit
 
     def run(self, plain: FloatArray) -> Iterator[Compensated]:
         """Every solver of the options, in their order.
@@ -134,15 +135,14 @@ class CompensationTask:
         return self._solve_decomposed(name, self._options.max_cluster)
 
     def _prepared(self, name: str) -> Prepared:
-        return prepare(name, self._transport, self._calibration.mask)
+        return prepare(name, self._inside, self._calibration.mask)
 
     def _solve_decomposed(self, name: str, max_cluster: int) -> tuple[FloatArray, tuple[str, ...]]:
         """Clusters of the near light; far light is that of the clamped drive, until the drive stops changing."""
         shapes = self._calibration.camera.shape, self._calibration.projector.shape
-        inside, mask = self._transport.inside(self._calibration.mask), self._calibration.mask
-        parameters, cut = decompose_to(inside.near, *shapes, max_cluster)
+        parameters, cut = decompose_to(self._inside.near, *shapes, max_cluster)
         note = f"T cut to clusters of at most {max_cluster} (radius {parameters.radius:g}, τ₁ {parameters.tau_1:g})"
-        prepared, far = prepare(name, Transport(cut.near), mask), inside.far
+        prepared, far = prepare(name, Transport(cut.near), self._calibration.mask), self._inside.far
         drives, far_notes = np.zeros(self._lit.shape), list[str]()
         for rounds in range(1, FAR_ROUNDS + 1):
             target, before = self._target.reshape(-1, 3), drives

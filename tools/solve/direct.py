@@ -15,7 +15,7 @@ class Direct:
         order = np.lexsort((values, columns))
         strongest = order[np.append(np.diff(columns[order]) != 0, True)[: order.size]]
         self._asking, self._asked, self._pixels = columns[strongest], rows[strongest], T.shape[1]
-        self._light = T.apply(np.ones(T.shape[1]))[self._asked]
+        self._light = T.operator.matvec(np.ones(T.shape[1]))[self._asked]
 
     def solve(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
         drive = np.zeros(self._pixels)

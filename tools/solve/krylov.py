@@ -1,7 +1,7 @@
 """Least squares of minimum norm without factorisation, for systems too large for dense algebra (LSMR, Fong 2011)."""
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, lsmr
+from scipy.sparse.linalg import lsmr
 from threadpoolctl import threadpool_limits
 
 from counterlight.arrays import FloatArray
@@ -16,7 +16,7 @@ class LeastSquares:
     """min ‖T p − b‖, of minimum norm since it starts from 0; its note says how far it got."""
 
     def __init__(self, T: Channel) -> None:
-        self._operator = LinearOperator(T.shape, matvec=T.apply, rmatvec=T.apply_transpose, dtype=np.float64)
+        self._operator = T.operator
 
     def solve(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
         with threadpool_limits(limits=1):  # products of vectors are too small a work for several

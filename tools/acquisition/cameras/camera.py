@@ -7,6 +7,7 @@ made of them only when they are read (`Exposures.radiance`), so that a better me
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -16,9 +17,11 @@ from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.acquisition.plan import Pattern
+from counterlight.tools.hdr.camera_response import exposure_table
+from counterlight.tools.hdr.estimators import Estimator, make_estimator
+from counterlight.tools.hdr.sums import CpuSums
 
 Shot: TypeAlias = NDArray[Any]  # (height, width) or (height, width, 3), uint8 or uint16, as stored
-SATURATED = 0.98  # of full scale: from here on a sensor no longer rises evenly
 LINEAR = Response("linear")
 
 
@@ -55,35 +58,31 @@ class Exposures:
             raise InputError(f"exposures {self.times}: expected one or more numbers above 0")
 
     def radiance(self, shots: Sequence[Shot]) -> NDArray[np.float32]:
-        """(height, width, 3), the shots weighted by their photons: Σ t L / Σ t² over shots that are not saturated.
+        """(height, width, 3): all light over all time, of shots that are not clipped (hdr/estimators.py, average).
 
-        With photon noise the best estimate of radiance is all light over all time. A pixel saturated everywhere has the
-        value of the shortest exposure.
+        With photon noise that is the best estimate. A pixel clipped everywhere has the bound of the shortest exposure.
         """
-        collected, exposed = np.zeros(1), np.zeros(1)
+        estimator = _estimator(self.response, shots[0].dtype)
+        sums = CpuSums(estimator, (*shots[0].shape[:2], 3))
         for shot, time in zip(shots, self.times, strict=True):
-            light = self._linear(shot)
-            usable = np.asarray(light < self._top)
-            collected, exposed = collected + light * usable, exposed + time * usable
-        shortest = int(np.argmin(self.times))
-        saturated = self.one(shots[shortest], self.times[shortest])
-        radiance = np.divide(collected, exposed, out=saturated, where=exposed > 0)
-        return np.asarray(radiance, np.float32)
+            sums.add(_coloured(shot), estimator.coefficients(time), time)
+        return np.abs(sums.estimate())
 
     def saturated(self, shots: Sequence[Shot]) -> NDArray[np.bool_]:
         """(height, width), the shortest exposure is at the top of the camera's range."""
-        light = self._linear(shots[int(np.argmin(self.times))])
-        return np.asarray(np.any(light >= self._top, axis=2))
+        shot = _coloured(shots[int(np.argmin(self.times))])
+        return np.asarray(np.any(shot >= _estimator(self.response, shot.dtype).top, axis=2))
 
     def one(self, shot: Shot, time: float) -> FloatArray:
-        """The light of a single shot exposed for `time`, saturated or not: (height, width, 3)."""
-        return self._linear(shot) / time
+        """The light of a single shot exposed for `time`, clipped or not: (height, width, 3)."""
+        return self.response.to_linear(_coloured(shot) / np.iinfo(shot.dtype).max) / time
 
-    @property
-    def _top(self) -> FloatArray:
-        top: FloatArray = self.response.to_linear(np.full(3, SATURATED))
-        return top
 
-    def _linear(self, shot: Shot) -> FloatArray:
-        codes = shot.astype(np.float64) / np.iinfo(shot.dtype).max
-        return self.response.to_linear(np.repeat(codes[..., None], 3, axis=2) if codes.ndim == 2 else codes)
+def _coloured(shot: Shot) -> Shot:
+    return np.repeat(shot[..., None], 3, axis=2) if shot.ndim == 2 else shot
+
+
+@cache
+def _estimator(response: Response, dtype: np.dtype[Any]) -> Estimator:
+    levels = int(np.iinfo(dtype).max) + 1
+    return make_estimator("average", exposure_table(response, levels, 3), np.ones(levels))
