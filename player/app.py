@@ -6,16 +6,13 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from counterlight import calibration as calibrations
 from counterlight import maps
 from counterlight.audio import open_audio
-from counterlight.calibration import Region, StoredCalibration
+from counterlight.calibration import StoredCalibration
 from counterlight.command import run, tell
 from counterlight.cpu_renderer import CpuRenderer
 from counterlight.errors import InputError
@@ -24,20 +21,20 @@ from counterlight.headless import render_to_file
 from counterlight.maps import RoomMaps
 from counterlight.output import check_output
 from counterlight.picture import Picture
-from counterlight.placement import Corners, corners_of, read_placement, write_placement
-from counterlight.refinement import Certificate, default_start
-from counterlight.renderer import Renderer, Room, place
+from counterlight.placement import read_placement
+from counterlight.refinement import default_start
+from counterlight.renderer import Renderer, Room
 from counterlight.show.media import Media
 from counterlight.show.options import Steps, image_display_duration, monitors_of, one_medium, picture_of, read_options
-from counterlight.show.outline import lit_by
 from counterlight.show.playlist import Playlist, files_of
+from counterlight.show.room_in_use import RoomInUse
 from counterlight.show.session import Session
-from counterlight.show.session_inputs import Remote, Setup, Site
+from counterlight.show.show import Remote, Show
 from counterlight.stats import Stats
 from counterlight.unattended.control import ControlServer
 from counterlight.unattended.heartbeat import Heartbeat, Notifier
 from counterlight.unattended.supervisor import supervise
-from counterlight.video import MediaReader, PixelFormat
+from counterlight.video import MediaReader
 from counterlight.writing.outputs import check_apart, check_file, check_log
 
 
@@ -258,12 +255,21 @@ def play_in_window(
             Media(options.border, options.fps),
             GlRenderer(window.context, room, path),
             window,
-            setup=replace(_setup(options, room, picture), silence=silence),
-            site=_RoomInUse(options, room, renewed).site(),
-            bindings=options.keys,
-            remotes=remotes,
-            heartbeat=heartbeat,
+            RoomInUse(options.calibration, room, lambda: room_of(options), renewed),
+            view=options.view,
+            compensation=options.compensation,
+            refine="auto" if options.refine == "auto" else _fixed_steps(options.refine, room),
+            picture=picture,
+            lasting=options.lasting or bool(remotes),
+            loop_file=options.loop and len(options.media) == 1,
+            speed=options.speed,
+            start_s=options.start,
+            image_display_duration=image_display_duration(options),
+            blackout=options.blackout,
+            osd=options.osd,
+            screenshots=options.screenshot_directory,
             audio=audio,
+            silence=silence,
         )
         del room  # a reload shall free it
 
@@ -272,69 +278,8 @@ def play_in_window(
             return session.renderer.encoded_texture
 
         window.attach(shown, lambda: session.rendered_view == "projector")
-        return session.run(options.frames)
-
-
-def _setup(options: argparse.Namespace, room: Room, picture: Picture) -> Setup:
-    return Setup(
-        view=options.view,
-        compensation=options.compensation,
-        refine="auto" if options.refine == "auto" else _fixed_steps(options.refine, room),
-        picture=picture,
-        lasting=options.lasting,
-        loop_file=options.loop and len(options.media) == 1,
-        speed=options.speed,
-        start_s=options.start,
-        image_display_duration=image_display_duration(options),
-        blackout=options.blackout,
-        osd=options.osd,
-        screenshots=options.screenshot_directory,
-    )
-
-
-class _RoomInUse:
-    """The room that a session plays in, read again when it asks for that."""
-
-    def __init__(self, options: argparse.Namespace, room: Room, make_renderer: Callable[[Room], Renderer]) -> None:
-        self._options, self._room, self._make_renderer = options, room, make_renderer
-
-    def site(self) -> Site:
-        keep = partial(write_placement, self._options.calibration)
-        return Site(
-            self._reload,
-            self._fit,
-            keep,
-            self._psnr,
-            refinable=lambda: self._room.maps.refinement is not None,
-            camera=lambda: self._room.calibration.camera.shape,
-            on_projector=lambda points: lit_by(self._room.maps.transport, points),
-        )
-
-    def _reload(self) -> Renderer:
-        fresh, before = room_of(self._options), self._room.calibration.regions
-        regions = fresh.calibration.regions
-        if regions != before:
-            sizes = f"{_sizes(regions)}, was {_sizes(before)}"
-            raise InputError(
-                f"{self._options.calibration}: the projector's size is now {sizes}; start the player again"
-            )
-        renderer = self._make_renderer(fresh)
-        self._room = fresh
-        return renderer
-
-    def _fit(self, pixels: PixelFormat) -> Corners:
-        camera = self._room.calibration.camera.shape
-        return corners_of(place(pixels, camera), camera)
-
-    def _psnr(self, certificate: Certificate) -> float:
-        """10 log₁₀(white² / mean (T p − b)²) over the camera pixels that count and their channels."""
-        values = 3 * np.count_nonzero(self._room.calibration.mask)
-        mean = certificate.squared_error.sum() / max(values, 1)
-        return float(10 * np.log10(self._room.white**2 / max(mean, 1e-30)))
-
-
-def _sizes(regions: Sequence[Region]) -> str:
-    return " + ".join(f"{region.width}x{region.height}" for region in regions)
+        show = Show(session, bindings=options.keys, remotes=remotes, heartbeat=heartbeat)
+        return show.run(options.frames)
 
 
 if __name__ == "__main__":

@@ -11,8 +11,7 @@ import pytest
 from counterlight import calibration
 from counterlight.picture_files import read_picture
 from counterlight.reading import read_toml
-from counterlight.show.commands import CommandError
-from counterlight.show.session_inputs import Setup
+from counterlight.show.registry import CommandError
 from counterlight.tools import build_correction_map
 from tests.brackets import CURVES, random_scene, write_bracket
 from tests.faults import Runner, can_mount, no_file_above, small_disk
@@ -131,7 +130,7 @@ def is_whole(folder: Path, name: str) -> bool:
 
 
 def test_a_screenshot_that_finds_no_room_is_not_called_a_success(tmp_path: Path, rng: np.random.Generator) -> None:
-    stage = Stage(setup=Setup(screenshots=tmp_path))
+    stage = Stage(screenshots=tmp_path)
     picture = rng.integers(0, 256, (30, 40, 3), np.uint8)
     stage.screen.encoded = lambda: picture  # type: ignore[attr-defined]
     stage.advance(0.1)

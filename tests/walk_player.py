@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from counterlight.app import play_in_window, room_of
-from counterlight.show.commands import CommandError, Commands
 from counterlight.show.options import picture_of, read_options
+from counterlight.show.registry import CommandError, Commands
 
 LOOPS_BETWEEN = 4
 NOT_WATCHED = ("volume", "mute", "gap", "psnr", "frames", "dropped", "fps", "monitor")

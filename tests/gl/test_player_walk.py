@@ -15,9 +15,8 @@ import numpy as np
 import pytest
 
 from counterlight.picture import Picture
-from counterlight.show.commands import Commands
 from counterlight.show.keys import KEYS, PLACING
-from counterlight.show.session_inputs import Setup
+from counterlight.show.registry import Commands
 from tests.desktop import press
 from tests.player_page import ARGUMENTS, table
 from tests.programs import PATIENCE_S, ROOT, on, running
@@ -62,7 +61,7 @@ def documented(commands: Commands) -> None:
 
 
 def test_the_page_lists_what_there_is() -> None:
-    documented(Stage(setup=Setup(picture=Picture())).commands)
+    documented(Stage(picture=Picture()).commands)
     assert {row[0]: row[1] for row in table("Keys")} == KEYS
     assert {row[0]: row[1] for row in table("Keys", 1)} == PLACING
 
