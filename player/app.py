@@ -11,6 +11,7 @@ from typing import Any
 
 from counterlight import calibration as calibrations
 from counterlight import maps
+from counterlight.adjustments import Adjustments
 from counterlight.audio import open_audio
 from counterlight.calibration import StoredCalibration
 from counterlight.command import run, tell
@@ -20,12 +21,18 @@ from counterlight.generation import read_steadily
 from counterlight.headless import render_to_file
 from counterlight.maps import RoomMaps
 from counterlight.output import check_output
-from counterlight.picture import Picture
 from counterlight.placement import read_placement
 from counterlight.refinement import default_start
 from counterlight.renderer import Renderer, Room
 from counterlight.show.media import Media
-from counterlight.show.options import Steps, image_display_duration, monitors_of, one_medium, picture_of, read_options
+from counterlight.show.options import (
+    Steps,
+    adjustments_of,
+    image_display_duration,
+    monitors_of,
+    one_medium,
+    read_options,
+)
 from counterlight.show.playlist import Playlist, files_of
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.show.session import Session
@@ -63,13 +70,13 @@ def _show(options: argparse.Namespace) -> None:
     if options.calibration is None or not options.media:
         raise InputError("counterlight play: needs a CALIBRATION and MEDIA; see counterlight play --help")
     _check_outputs(options)
-    picture = replace(picture_of(options), corners=read_placement(options.calibration))
+    adjustments = replace(adjustments_of(options), corners=read_placement(options.calibration))
     if options.output:
-        stats = _render(options, _room_told(options), picture)
+        stats = _render(options, _room_told(options), adjustments)
     else:
         with _attached(options) as (remotes, heartbeat, farewell):
             stats = play_in_window(
-                options, _room_told(options), picture, remotes=remotes, heartbeat=heartbeat, farewell=farewell
+                options, _room_told(options), adjustments, remotes=remotes, heartbeat=heartbeat, farewell=farewell
             )
     if options.stats is not None:
         stats.write(options.stats)
@@ -161,19 +168,19 @@ def _fixed_steps(refine: Steps, room: Room) -> int:
     return room.default_steps
 
 
-def _render(options: argparse.Namespace, room: Room, picture: Picture) -> Stats:
+def _render(options: argparse.Namespace, room: Room, adjustments: Adjustments) -> Stats:
     medium = one_medium(options)
     with MediaReader.open(medium, loop=options.loop, frames_per_second=options.fps) as reader:
         if options.start:
             reader.seek(options.start)
-        stats = _render_medium(options, reader, room, picture)
+        stats = _render_medium(options, reader, room, adjustments)
         for notice in reader.notices():
             print(notice, file=sys.stderr)
             stats.notice(notice)
     return stats
 
 
-def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room, picture: Picture) -> Stats:
+def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room, adjustments: Adjustments) -> Stats:
     if options.loop and options.frames is None:
         raise InputError("--loop with --output never ends; add --frames N")
     if reader.info.live and options.frames is None:
@@ -184,7 +191,7 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
         raise InputError(f"--path {options.path}: --backend cpu has no GPU to take it on; leave one of them out")
     with headless_renderer(options.backend, room, options.path or "fragment") as renderer:
         renderer.open(reader.info.format)
-        renderer.adjust(picture)
+        renderer.adjust(adjustments)
         stats = render_to_file(
             reader,
             renderer,
@@ -204,7 +211,7 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
 def play_in_window(
     options: argparse.Namespace,
     room: Room,
-    picture: Picture,
+    adjustments: Adjustments,
     *,
     remotes: Sequence[Remote] = (),
     heartbeat: Heartbeat | None = None,
@@ -259,7 +266,7 @@ def play_in_window(
             view=options.view,
             compensation=options.compensation,
             refine="auto" if options.refine == "auto" else _fixed_steps(options.refine, room),
-            picture=picture,
+            adjustments=adjustments,
             lasting=options.lasting or bool(remotes),
             loop_file=options.loop and len(options.media) == 1,
             speed=options.speed,

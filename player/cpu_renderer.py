@@ -6,14 +6,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight import picture_reference, reference
+from counterlight import reference
+from counterlight.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
 from counterlight.colour import decoding_of
 from counterlight.content import SceneCuts, Succession, approach
 from counterlight.maps import FarMaps, RefinementMaps
-from counterlight.picture import NEUTRAL, Picture, adjusted_decoding, adjusted_transfer
-from counterlight.picture_reference import Limits
 from counterlight.placement import homography
-from counterlight.reference import PreparedRows
+from counterlight.reference import Limits, PreparedRows
 from counterlight.refinement import GREY, OVER_RELAXATION, Certificate, momentum
 from counterlight.renderer import LONG_BYTES, PathReport, Room, check_radiance_size, place
 from counterlight.response import Response, transfer_table
@@ -21,6 +20,7 @@ from counterlight.test_cards import card
 from counterlight.video import Frame, PixelFormat
 
 FloatArray = NDArray[np.floating]
+NO_TONE = 1.0, 0.0
 
 
 class CpuRenderer:
@@ -33,7 +33,7 @@ class CpuRenderer:
         self._far = None if room.maps.far is None else _FarChain(room.maps.far)
         self._undo = None if room.maps.undo is None else _FarChain(room.maps.undo)
         self._refinement = None if room.maps.refinement is None else _Refinement(room.maps.refinement)
-        self._picture = NEUTRAL
+        self._adjustments = NEUTRAL
         self._adaptation, self._damping = _Carried(lasting=True), _Carried(lasting=False)
         self._projector_codes = room.calibration.projector.response.inverse_table()
         self._camera_codes = Response("srgb").inverse_table()
@@ -48,10 +48,10 @@ class CpuRenderer:
         self._unit = 1 / self._room.white if self._radiance else 1.0
         self._adaptation, self._damping = _Carried(lasting=True), _Carried(lasting=False)
 
-    def adjust(self, picture: Picture) -> None:
-        previous, self._picture = self._picture, picture
+    def adjust(self, adjustments: Adjustments) -> None:
+        previous, self._adjustments = self._adjustments, adjustments
         self._upright = None
-        if (picture.adapt, picture.black_level) != (previous.adapt, previous.black_level):
+        if (adjustments.adapt, adjustments.black_level) != (previous.adapt, previous.black_level):
             self._adaptation.restart()
         if not previous.flicker:
             self._damping.restart()
@@ -65,7 +65,7 @@ class CpuRenderer:
 
     def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
         self._compensated: tuple[FloatArray, FloatArray] | None = None
-        self._linear = self._shown(view, compensate=compensate and self._picture.card is None, steps=steps)
+        self._linear = self._shown(view, compensate=compensate and self._adjustments.card is None, steps=steps)
         self._view, self._frame = view, frame
 
     def encoded(self) -> NDArray[np.uint8]:
@@ -104,8 +104,8 @@ class CpuRenderer:
         pixels, decoding, lift = self._pixels, None, 0.0
         transfer = transfer_table("linear" if self._radiance else pixels.transfer)
         if not self._radiance:
-            decoding, lift = adjusted_decoding(decoding_of(pixels), pixels, self._picture)
-            transfer = adjusted_transfer(transfer, self._picture)
+            decoding, lift = adjusted_decoding(decoding_of(pixels), pixels, self._adjustments)
+            transfer = adjusted_transfer(transfer, self._adjustments)
         luma, chroma = ((plane.height, plane.width) for plane in pixels.planes[:2])
         return reference.planes_to_linear(self._planes, luma, chroma, decoding, transfer, pixels.rotation, lift)
 
@@ -115,38 +115,34 @@ class CpuRenderer:
 
     def _asked(self) -> FloatArray:
         """c, the radiance in the camera's view."""
-        picture, camera, white = self._picture, self._room.calibration.camera.shape, self._room.white
-        if picture.corners is None:
+        adjustments, camera, white = self._adjustments, self._room.calibration.camera.shape, self._room.white
+        if adjustments.corners is None:
             placed = self._placed(camera)
         else:
-            H = homography(picture.corners, camera, self._decoded.shape[:2])
-            placed = picture_reference.pinned(self._decoded, camera, H)
-        if not (picture.adapt or picture.black_level):
-            return (1.0 if self._radiance else white) * placed
-        tone = self._tone(placed) if picture.adapt else np.array([1.0, 0.0])
-        return white * picture_reference.toned(placed, self._unit, picture.black_level, tone)
+            H = homography(adjustments.corners, camera, self._decoded.shape[:2])
+            placed = reference.pinned(self._decoded, camera, H)
+        tone = self._tone(placed) if adjustments.adapt else NO_TONE
+        return reference.desired_light(placed, 0.0, white, tone, self._unit, adjustments.black_level)
 
     def _tone(self, placed: FloatArray) -> FloatArray:
-        picture = self._picture
-        u = picture_reference.toned(placed, self._unit, picture.black_level, np.array([1.0, 0.0]))
-        found = picture_reference.tone_of(u, self._near_light(u), self._limits, self._room.white, picture.adapt / 100)
+        u = reference.desired_light(placed, 0.0, 1.0, NO_TONE, self._unit, self._adjustments.black_level)
+        budget = self._adjustments.adapt / 100
+        found = reference.tone_of(u, self._near_light(u), self._limits, self._room.white, budget)
         return self._adaptation.blended(found, 1 - approach(self._adaptation.elapsed_s))
 
     def _plain_drive(self) -> FloatArray:
-        if self._picture.card is not None:
-            return card(self._picture.card, self._room.calibration.projector.shape)
-        picture = self._placed(self._room.calibration.projector.shape)
-        if self._picture.black_level:
-            picture = picture_reference.toned(picture, self._unit, self._picture.black_level, np.array([1.0, 0.0]))
-            return np.clip(picture, 0, 1)
-        return np.asarray(np.clip(picture / (self._room.white if self._radiance else 1.0), 0, 1))
+        if self._adjustments.card is not None:
+            return card(self._adjustments.card, self._room.calibration.projector.shape)
+        placed = self._placed(self._room.calibration.projector.shape)
+        drive = reference.desired_light(placed, 0.0, 1.0, NO_TONE, self._unit, self._adjustments.black_level)
+        return np.clip(drive, 0, 1)
 
     def _shown(self, view: str, *, compensate: bool, steps: int) -> FloatArray:
         if view == "impossible":
-            return picture_reference.impossible(self._reach, self._room.white)
+            return reference.impossible(self._reach, self._room.white)
         if view == "projector":
             return self._shown_to_projector(compensate=compensate, steps=steps)
-        if self._picture.card is not None:
+        if self._adjustments.card is not None:
             return self._observe(self._plain_drive())
         ambient, white = self._room.calibration.ambient, self._room.white
         b = self._asked() - ambient
@@ -156,25 +152,25 @@ class CpuRenderer:
         else:
             seen = self._observe(self._drive(b, steps) if compensate else self._plain_drive())
         if view == "error":
-            seen = picture_reference.error_map(seen, ambient, b, self._reach, white)
-        if not self._picture.clipping:
+            seen = reference.error_map(seen, ambient, b, self._reach, white)
+        if not self._adjustments.clipping:
             return seen
-        return picture_reference.clipping(seen, self._near_light(b), self._limits.most[..., :3], white)
+        return reference.clipping(seen, self._near_light(b), self._limits.most[..., :3], white)
 
     def _shown_to_projector(self, *, compensate: bool, steps: int) -> FloatArray:
         if not compensate:
             return self._plain_drive()
         b = self._asked() - self._room.calibration.ambient
         drive = self._drive(b, steps)
-        return picture_reference.clipping(drive, self._product(b), 1.0, 1.0) if self._picture.clipping else drive
+        return reference.clipping(drive, self._product(b), 1.0, 1.0) if self._adjustments.clipping else drive
 
     def _drive(self, b: FloatArray, steps: int) -> FloatArray:
         if self._refinement is None or not steps:
             drive: FloatArray = np.clip(self._product(b), 0, 1)
         else:
             drive = self._refined(b, steps, self._refinement)
-        if self._picture.flicker:
-            drive = self._damping.blended(drive, self._picture.flicker)
+        if self._adjustments.flicker:
+            drive = self._damping.blended(drive, self._adjustments.flicker)
         self._compensated = drive, b
         return drive
 
@@ -182,14 +178,14 @@ class CpuRenderer:
     def _reach(self) -> FloatArray:
         calibration = self._room.calibration
         full = self._observe(np.ones((*calibration.projector.shape, 3)))
-        return picture_reference.reach_of(full, calibration.ambient, calibration.mask)
+        return reference.reach_of(full, calibration.ambient, calibration.mask)
 
     @cached_property
     def _limits(self) -> Limits:
         calibration = self._room.calibration
         ambient = calibration.ambient.astype(np.float64)
         near = self._transport.apply(np.ones((*calibration.projector.shape, 3)))
-        most = picture_reference.reach_of(near, np.zeros_like(near), calibration.mask)
+        most = reference.reach_of(near, np.zeros_like(near), calibration.mask)
         return Limits(self._near_light(np.ones_like(ambient)), self._near_light(ambient), ambient, most)
 
     def _product(self, b: FloatArray) -> FloatArray:
@@ -267,7 +263,7 @@ class _Carried:
     def blended(self, now: FloatArray, weight: float) -> FloatArray:
         """(1 − weight) now + weight of what the frame before left; kept for the next one."""
         before = now if self._succession.fresh or self._before is None else self._before
-        self._now = picture_reference.blend(now, before, weight)
+        self._now = reference.blend(now, before, weight)
         self._succession.draw()
         return self._now
 

@@ -6,10 +6,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.adjustments import Adjustments
 from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.maps import RoomMaps
-from counterlight.picture import Picture
 from counterlight.placement import Placement, fit
 from counterlight.refinement import Certificate, default_steps
 from counterlight.video import Frame, PixelFormat
@@ -75,7 +75,7 @@ class Renderer(Protocol):
     def open(self, pixels: PixelFormat) -> None:
         """Prepare for frames of one format; raises InputError if they do not suit the room."""
 
-    def adjust(self, picture: Picture) -> None:
+    def adjust(self, adjustments: Adjustments) -> None:
         """Take over what the viewer changed, from the next render on; stays when another medium is opened.
 
         Something used for the first time is built here, so that a frame afterwards allocates nothing.

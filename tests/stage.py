@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from counterlight.adjustments import Adjustments
 from counterlight.errors import InputError
 from counterlight.medium import Border, Medium
-from counterlight.picture import Picture
 from counterlight.placement import Corners
 from counterlight.refinement import Certificate
 from counterlight.renderer import PathReport
@@ -112,7 +112,7 @@ class Screen:
     pages: list[Page | None] = field(default_factory=list)
     state: tuple[str, bool] = ("", False)
     steps: list[int] = field(default_factory=list)
-    pictures: list[Picture] = field(default_factory=list)
+    adjusted: list[Adjustments] = field(default_factory=list)
     news: list[str] = field(default_factory=list)
     certified: int = 0
     identified: int = 0
@@ -123,8 +123,8 @@ class Screen:
     def open(self, pixels: Any) -> None:
         self.opened += 1
 
-    def adjust(self, picture: Picture) -> None:
-        self.pictures.append(picture)
+    def adjust(self, adjustments: Adjustments) -> None:
+        self.adjusted.append(adjustments)
 
     def upload(self, frame: Any) -> None:
         self.uploaded.append(frame.index)

@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight import app
+from counterlight.adjustments import Adjustments
 from counterlight.content import camera_psnr
 from counterlight.cpu_renderer import CpuRenderer
 from counterlight.gl.context import headless_context
 from counterlight.gl.renderer import GlRenderer
-from counterlight.picture import Picture
 from counterlight.renderer import Room
 from counterlight.tools.show_example import CLIP, DATA, prepare
 from counterlight.video import Frame, MediaReader
@@ -69,12 +69,12 @@ def noisy_frames() -> Iterator[Frame]:
             yield replace(frame, planes=(np.clip(luma, 16, 235).astype(np.uint8), *frame.planes[1:]))
 
 
-def show(renderer: GlRenderer, frames: Iterator[Frame], picture: Picture) -> Shown:
+def show(renderer: GlRenderer, frames: Iterator[Frame], adjustments: Adjustments) -> Shown:
     shown = Shown()
     for index, frame in enumerate(frames):
         if index == 0:
             renderer.open(frame.format)
-            renderer.adjust(picture)
+            renderer.adjust(adjustments)
         renderer.upload(frame)
         renderer.render("camera", compensate=True, steps=STEPS)
         shown.seen.append(renderer.linear().astype(np.float64))
@@ -99,7 +99,7 @@ class Limits:
 
 def study(room: Room, limits: Limits, renderer: GlRenderer) -> None:
     mask, white = room.calibration.mask, room.white
-    plain = show(renderer, clip_frames(), Picture())
+    plain = show(renderer, clip_frames(), Adjustments())
     print(f"\nAdaptation, white {white:.3g}, {len(plain.seen)} frames:\n")
     header(
         "adapt",
@@ -111,7 +111,7 @@ def study(room: Room, limits: Limits, renderer: GlRenderer) -> None:
         "change of the camera's view, % of white",
     )
     for percent in ADAPT:
-        shown = show(renderer, clip_frames(), Picture(adapt=percent)) if percent else plain
+        shown = show(renderer, clip_frames(), Adjustments(adapt=percent)) if percent else plain
         clipped = [100 * limits.clipped(c, first) for c, first in zip(shown.asked, plain.asked, strict=True)]
         found = [camera_psnr(c, seen, mask, white) for c, seen in zip(shown.asked, shown.seen, strict=True)]
         first = [camera_psnr(c, seen, mask, white) for c, seen in zip(plain.asked, shown.seen, strict=True)]
@@ -138,7 +138,7 @@ def damping(room: Room, renderer: GlRenderer) -> None:
         "film (worst)",
     )
     for weight in FLICKER:
-        noisy, film = (show(renderer, frames(), Picture(flicker=weight)) for frames in (noisy_frames, clip_frames))
+        noisy, film = (show(renderer, frames(), Adjustments(flicker=weight)) for frames in (noisy_frames, clip_frames))
         quality = [
             [camera_psnr(c, seen, mask, white) for c, seen in zip(shown.asked, shown.seen, strict=True)]
             for shown in (noisy, film)
@@ -163,12 +163,12 @@ def costs(renderer: GlRenderer) -> None:
     processor = "processor " if clock is time.process_time else ""
     print(f"\nA frame in the projector's view, {STEPS} steps, {processor}milliseconds:\n")
     settings = {
-        "neutral": Picture(),
-        "controls and black level": Picture(10, 10, 10, 10, 0.05),
-        "adapt": Picture(adapt=3),
-        "flicker": Picture(flicker=0.5),
-        "corners": Picture(corners=CORNERS),
-        "clipping map": Picture(clipping=True),
+        "neutral": Adjustments(),
+        "controls and black level": Adjustments(10, 10, 10, 10, 0.05),
+        "adapt": Adjustments(adapt=3),
+        "flicker": Adjustments(flicker=0.5),
+        "corners": Adjustments(corners=CORNERS),
+        "clipping map": Adjustments(clipping=True),
     }
     fastest = dict.fromkeys(settings, np.inf)
     for _ in range(REPEATS):
@@ -192,7 +192,7 @@ def draw_views(renderer: GlRenderer, path: Path) -> None:
     for adapt in (0, 3):
         views = []
         for view, clipping in (("camera", False), ("error", False), ("camera", True), ("impossible", False)):
-            renderer.adjust(Picture(adapt=adapt, clipping=clipping))
+            renderer.adjust(Adjustments(adapt=adapt, clipping=clipping))
             renderer.render(view, compensate=True, steps=STEPS)
             views.append(renderer.encoded()[..., ::-1])
         rows.append(np.hstack(views))

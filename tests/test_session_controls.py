@@ -79,18 +79,18 @@ def test_picture_controls_reach_the_renderer(stage: Stage) -> None:
     stage.commands.set("adapt", "2.5")
     stage.commands.set("flicker", 0.5)
     stage.press("t")
-    picture = stage.screen.pictures[-1]
+    picture = stage.screen.adjusted[-1]
     assert (picture.contrast, picture.brightness, picture.gamma, picture.saturation) == (1, -1, 1, 1)
     assert (picture.black_level, picture.adapt, picture.flicker, picture.clipping) == (0.25, 2.5, 0.5, True)
     assert picture.card is not None
     assert stage.commands.get("test-card") == picture.card
     stage.commands.set("test-card", "no")
-    assert stage.screen.pictures[-1].card is None
-    before = stage.screen.pictures[-1]
+    assert stage.screen.adjusted[-1].card is None
+    before = stage.screen.adjusted[-1]
     for name, value in (("contrast", 101), ("flicker", 1), ("corners", "left"), ("test-card", "x")):
         with pytest.raises(CommandError, match=name):
             stage.commands.set(name, value)
-    assert stage.screen.pictures[-1] is before
+    assert stage.screen.adjusted[-1] is before
 
 
 def test_sound_is_said_to_be_missing_or_is_set() -> None:
@@ -109,7 +109,7 @@ def test_placing_moves_scales_undoes_and_is_saved(stage: Stage) -> None:
     stage.advance(0.05)
 
     def corners() -> np.ndarray:
-        return np.array(stage.screen.pictures[-1].corners)
+        return np.array(stage.screen.adjusted[-1].corners)
 
     shifted = np.array(SQUARE) + np.array((0.01, 0.001))
     stage.press("k", "right", "shift+down")
@@ -132,11 +132,11 @@ def test_placing_moves_scales_undoes_and_is_saved(stage: Stage) -> None:
     assert len(stage.saved) == 1
     stage.press("k", "backspace", "k")
     assert stage.saved[-1] is None
-    assert stage.screen.pictures[-1].corners is None
+    assert stage.screen.adjusted[-1].corners is None
     assert stage.press("k", "u") == "nothing to take back"
     with pytest.raises(CommandError, match="corners"):
         stage.commands.run("place-move", 9, 0)
-    assert stage.screen.pictures[-1].corners is None
+    assert stage.screen.adjusted[-1].corners is None
 
 
 def test_reload_takes_the_new_renderer_with_its_first_frame_or_keeps_the_old(stage: Stage) -> None:
@@ -155,7 +155,7 @@ def test_reload_takes_the_new_renderer_with_its_first_frame_or_keeps_the_old(sta
     assert stage.screen.released
     assert fresh.uploaded == [here]  # paused: the same frame again
     assert fresh.opened == 1
-    assert fresh.pictures
+    assert fresh.adjusted
 
 
 def test_a_reloaded_renderer_that_cannot_draw_leaves_the_old(stage: Stage) -> None:

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from counterlight.adjustments import Adjustments
 from counterlight.errors import InputError
 from counterlight.medium import Border, Medium
-from counterlight.picture import Picture
-from counterlight.show.options import image_display_duration, monitors_of, picture_of, read_options
+from counterlight.show.options import adjustments_of, image_display_duration, monitors_of, read_options
 from counterlight.show.playlist import Playlist, expand
 from counterlight.show.settings import default_path
 
@@ -40,7 +40,7 @@ monitor = "HDMI-1"
     options = options_with(config, text)
     assert (options.refine, options.compensation, options.loop, options.view) == (7, False, True, "camera")
     assert (options.white, options.monitor) == (0.5, "HDMI-1")
-    assert picture_of(options) == Picture(brightness=-5, black_level=0.1)
+    assert adjustments_of(options) == Adjustments(brightness=-5, black_level=0.1)
     assert options.keys == {"ctrl+x": "quit"}
     assert image_display_duration(options) is None
     options = options_with(config, text, "--refine", "auto", "--compensation", "--no-loop", "--brightness", "3")

@@ -3,8 +3,8 @@
 import moderngl
 
 from counterlight.gl.passes import Pass, float_texture
-from counterlight.picture_reference import MOST_TAPS
 from counterlight.placement import Corners, homography
+from counterlight.reference import MOST_TAPS
 from counterlight.renderer import place, shown_shape
 from counterlight.video import PixelFormat
 

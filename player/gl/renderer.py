@@ -8,6 +8,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.adjustments import NEUTRAL, Adjustments
 from counterlight.content import SceneCuts
 from counterlight.gl.adaptation import Damper
 from counterlight.gl.decoding import Decoder
@@ -18,7 +19,6 @@ from counterlight.gl.request import Request, read
 from counterlight.gl.starts import DirectStart, GreyStart, MapStart, PreviousStart, Start
 from counterlight.gl.views import Encoder, Maps, Observer
 from counterlight.maps import RefinementMaps
-from counterlight.picture import NEUTRAL, Picture
 from counterlight.refinement import Certificate
 from counterlight.renderer import Room, check_radiance_size
 from counterlight.response import Response
@@ -36,7 +36,7 @@ class GlRenderer:
     def __init__(self, context: moderngl.Context, room: Room, path: str = "fragment") -> None:
         self._context, self._room = context, room
         self._owner, self._medium = Owner(), Owner()
-        self._picture = NEUTRAL
+        self._adjustments = NEUTRAL
         self._opened = False
         self._damper: Damper | None = None
         try:
@@ -88,17 +88,17 @@ class GlRenderer:
         check_radiance_size(pixels, self._room.calibration)
         self._medium.release()
         self._decoder = self._medium.own(Decoder(self._context, pixels))
-        self._decoder.adjust(self._picture)
-        self._request.open(pixels, self._picture)
+        self._decoder.adjust(self._adjustments)
+        self._request.open(pixels, self._adjustments)
         self._cuts = SceneCuts()
         self._opened = True
 
-    def adjust(self, picture: Picture) -> None:
-        previous, self._picture = self._picture, picture
+    def adjust(self, adjustments: Adjustments) -> None:
+        previous, self._adjustments = self._adjustments, adjustments
         if self._opened:
-            self._decoder.adjust(picture)
-            self._request.adjust(picture)
-        if picture.flicker and self._damper is None:
+            self._decoder.adjust(adjustments)
+            self._request.adjust(adjustments)
+        if adjustments.flicker and self._damper is None:
             self._damper = self._owner.own(Damper(self._context, self._room.calibration.projector.shape))
         if self._damper is not None and not previous.flicker:
             self._damper.restart()
@@ -115,7 +115,7 @@ class GlRenderer:
     def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
         self._decoded = self._decoder.run()
         self._compensated: tuple[moderngl.Texture, moderngl.Texture] | None = None
-        self._linear = self._shown(view, compensate=compensate and self._picture.card is None, steps=steps)
+        self._linear = self._shown(view, compensate=compensate and self._adjustments.card is None, steps=steps)
         encoder = self._projector_view if view == "projector" else self._camera_view
         self._encoded = encoder.run(self._linear, frame)
 
@@ -150,7 +150,7 @@ class GlRenderer:
             return self._maps.impossible()
         if view == "projector":
             return self._shown_to_projector(compensate=compensate, steps=steps)
-        if self._picture.card is not None:
+        if self._adjustments.card is not None:
             return self._observers[0].run(self._request.plain(self._decoded))
         b = self._request.light(self._decoded)
         if view == "split":
@@ -161,14 +161,14 @@ class GlRenderer:
             seen = self._observers[0].run(self._drive(b, steps) if compensate else self._request.plain(self._decoded))
         if view == "error":
             seen = self._maps.error(seen, b)
-        return self._maps.over_camera(seen, self._near_light(b)) if self._picture.clipping else seen
+        return self._maps.over_camera(seen, self._near_light(b)) if self._adjustments.clipping else seen
 
     def _shown_to_projector(self, *, compensate: bool, steps: int) -> moderngl.Texture:
         if not compensate:
             return self._request.plain(self._decoded)
         b = self._request.light(self._decoded)
         drive = self._drive(b, steps)
-        return self._maps.over_projector(drive, self._unclamped(b)) if self._picture.clipping else drive
+        return self._maps.over_projector(drive, self._unclamped(b)) if self._adjustments.clipping else drive
 
     def _drive(self, b: moderngl.Texture, steps: int) -> moderngl.Texture:
         if self._refiner is None or not steps:
@@ -177,8 +177,8 @@ class GlRenderer:
             last = self._refiner.run(self._start.run(b), b, steps)
             self._start.keep(last)
             drive = last.p
-        if self._damper is not None and self._picture.flicker:
-            drive = self._damper.run(drive, self._picture.flicker)
+        if self._damper is not None and self._adjustments.flicker:
+            drive = self._damper.run(drive, self._adjustments.flicker)
         self._compensated = drive, b
         return drive
 

@@ -7,11 +7,11 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.adjustments import NEUTRAL, Adjustments
 from counterlight.gl.adaptation import Adapter, NearLight
 from counterlight.gl.passes import Owner, Pass, float_texture, picture_texture
 from counterlight.gl.placing import Fitter, Pinner
 from counterlight.gl.views import Maps
-from counterlight.picture import NEUTRAL, Picture
 from counterlight.renderer import Room, shown_shape
 from counterlight.test_cards import card
 from counterlight.video import PixelFormat
@@ -35,7 +35,7 @@ class Request:
         self._maps, self._near_light = maps, near_light
         self._camera, self._projector = room.calibration.camera.shape, room.calibration.projector.shape
         self._owner, self._medium = Owner(), Owner()
-        self._picture, self._unit = NEUTRAL, 1.0
+        self._adjustments, self._unit = NEUTRAL, 1.0
         own = self._owner.own
         try:
             black = np.zeros((*self._projector, 4), np.float32)
@@ -47,7 +47,7 @@ class Request:
             self._owner.release()
             raise
 
-    def open(self, pixels: PixelFormat, picture: Picture) -> None:
+    def open(self, pixels: PixelFormat, adjustments: Adjustments) -> None:
         self._medium.release()
         own, self._pixels = self._medium.own, pixels
         self._fitter = own(Fitter(self._context, pixels, self._camera))
@@ -56,46 +56,46 @@ class Request:
         self._unit = 1 / self._room.white if self._radiance else 1.0
         self._desired.set(white=1.0 if self._radiance else self._room.white)
         self._plain.set(white=self._unit)
-        self._picture = NEUTRAL
-        self.adjust(picture)
+        self._adjustments = NEUTRAL
+        self.adjust(adjustments)
 
-    def adjust(self, picture: Picture) -> None:
-        previous, self._picture = self._picture, picture
-        if picture.corners is not None:
-            self._pinner.pin(picture.corners, shown_shape(self._pixels))
+    def adjust(self, adjustments: Adjustments) -> None:
+        previous, self._adjustments = self._adjustments, adjustments
+        if adjustments.corners is not None:
+            self._pinner.pin(adjustments.corners, shown_shape(self._pixels))
         if self._toned:
-            self._toned_desired.set(unit=self._unit, black_level=picture.black_level)
-            self._toned_plain.set(unit=self._unit, black_level=picture.black_level)
-        if picture.adapt and (picture.adapt, picture.black_level) != (previous.adapt, previous.black_level):
-            self._adapter.set(picture.adapt, self._unit, picture.black_level)
-        if picture.card is not None and picture.card != previous.card:
-            drive = card(picture.card, self._projector)
+            self._toned_desired.set(unit=self._unit, black_level=adjustments.black_level)
+            self._toned_plain.set(unit=self._unit, black_level=adjustments.black_level)
+        if adjustments.adapt and (adjustments.adapt, adjustments.black_level) != (previous.adapt, previous.black_level):
+            self._adapter.set(adjustments.adapt, self._unit, adjustments.black_level)
+        if adjustments.card is not None and adjustments.card != previous.card:
+            drive = card(adjustments.card, self._projector)
             self._card.write(np.concatenate([drive, np.ones((*self._projector, 1), np.float32)], axis=2))
 
     def advance(self, *, cut: bool, duration_s: float) -> None:
-        if self._picture.adapt:
+        if self._adjustments.adapt:
             self._adapter.advance(cut=cut, duration_s=duration_s)
 
     def light(self, picture: moderngl.Texture) -> moderngl.Texture:
         """b = c − e of a decoded picture."""
-        placed = (self._fitter if self._picture.corners is None else self._pinner).run(picture)
+        placed = (self._fitter if self._adjustments.corners is None else self._pinner).run(picture)
         if not self._toned:
             return self._desired.run(picture=placed, ambient=self._ambient)
-        tone = self._adapter.run(placed) if self._picture.adapt else self._no_tone
+        tone = self._adapter.run(placed) if self._adjustments.adapt else self._no_tone
         return self._toned_desired.run(picture=placed, ambient=self._ambient, tone=tone)
 
     def plain(self, picture: moderngl.Texture) -> moderngl.Texture:
         """The drive without compensation: the test card, or the picture as it fits the projector."""
-        if self._picture.card is not None:
+        if self._adjustments.card is not None:
             return self._card
         placed = self._plain_fitter.run(picture)
-        if not self._picture.black_level:
+        if not self._adjustments.black_level:
             return self._plain.run(picture=placed, ambient=self._black)
         return self._toned_plain.run(picture=placed, ambient=self._black, tone=self._no_tone)
 
     def desired(self, picture: moderngl.Texture) -> NDArray[np.float32]:
         """c, (camera height, camera width, 3)."""
-        if self._toned or self._picture.corners is not None:
+        if self._toned or self._adjustments.corners is not None:
             return read(self.light(picture), np.float32) + self._room.calibration.ambient
         white = 1.0 if self._radiance else self._room.white
         return np.float32(white) * read(self._fitter.run(picture), np.float32)
@@ -106,7 +106,7 @@ class Request:
 
     @property
     def _toned(self) -> bool:
-        return bool(self._picture.adapt or self._picture.black_level)
+        return bool(self._adjustments.adapt or self._adjustments.black_level)
 
     @cached_property
     def _pinner(self) -> Pinner:
@@ -117,7 +117,7 @@ class Request:
         adapter = self._owner.own(
             Adapter(self._context, self._near_light, self._ambient, self._maps.most, self._room.white)
         )
-        adapter.set(self._picture.adapt, self._unit, self._picture.black_level)
+        adapter.set(self._adjustments.adapt, self._unit, self._adjustments.black_level)
         return adapter
 
     @cached_property

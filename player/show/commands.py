@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from counterlight.adjustments import CONTROL, MOST_BLACK, MOST_FLICKER
 from counterlight.command import tell
 from counterlight.kinds import ANYTHING, Choice, Flag, Number
 from counterlight.output import write_picture
-from counterlight.picture import CONTROL, MOST_BLACK, MOST_FLICKER
 from counterlight.refinement import MOST_STEPS
 from counterlight.renderer import VIEWS
 from counterlight.show.placing import Placing
@@ -139,7 +139,7 @@ class _Actions:
     def place(self) -> None:
         session = self._session
         if session.placing is None:
-            session.placing = Placing(session.picture.corners or self._fitted(), session.picture.corners)
+            session.placing = Placing(session.adjustments.corners or self._fitted(), session.adjustments.corners)
 
     def place_move(self, dx: object, dy: object) -> None:
         placing = self._placing()
@@ -172,13 +172,13 @@ class _Actions:
         session, placing = self._session, self._placing()
         corners = None if placing.corners == self._fitted() else placing.corners
         saved = session.room.keep(corners)
-        session.adjust(replace(session.picture, corners=corners))
+        session.adjust(replace(session.adjustments, corners=corners))
         session.placing = None
         return "placement: as large as fits" if corners is None else f"saved {saved}"
 
     def place_cancel(self) -> str:
         session, placing = self._session, self._placing()
-        session.adjust(replace(session.picture, corners=placing.before))
+        session.adjust(replace(session.adjustments, corners=placing.before))
         session.placing = None
         return "placement as it was"
 
@@ -194,7 +194,7 @@ class _Actions:
         return self._session.room.fit(_playback(self._session).reader.info.format)
 
     def _apply(self, placing: Placing) -> None:
-        self._session.adjust(replace(self._session.picture, corners=placing.corners))
+        self._session.adjust(replace(self._session.adjustments, corners=placing.corners))
 
 
 def _playing(session: Session) -> dict[str, Property]:
@@ -280,13 +280,13 @@ def _sound(session: Session, name: str, kind: Any, text: str) -> Property:
 
 
 def _picture(session: Session) -> dict[str, Property]:
-    """Of counterlight.picture.Picture."""
+    """Of counterlight.adjustments.Adjustments."""
 
     def field(name: str, kind: Any, text: str, unit: str = "") -> Property:
         return Property(
             text,
-            lambda: getattr(session.picture, name),
-            lambda value: session.adjust(replace(session.picture, **{name: value})),
+            lambda: getattr(session.adjustments, name),
+            lambda value: session.adjust(replace(session.adjustments, **{name: value})),
             kind,
             unit,
         )
@@ -303,14 +303,18 @@ def _picture(session: Session) -> dict[str, Property]:
         "clipping": field("clipping", Flag(), "colour what clips"),
         "test-card": Property(
             f"{', '.join(CARDS)}, or no",
-            lambda: session.picture.card or "no",
-            lambda card: session.adjust(replace(session.picture, card=None if card == "no" else card)),
+            lambda: session.adjustments.card or "no",
+            lambda card: session.adjust(replace(session.adjustments, card=None if card == "no" else card)),
             Choice(("no", *CARDS)),
         ),
         "corners": Property(
             "of the picture in the camera's view, four pairs from its upper left; null fits it in",
-            lambda: None if session.picture.corners is None else [list(corner) for corner in session.picture.corners],
-            lambda corners: session.adjust(replace(session.picture, corners=_corners(corners))),
+            lambda: (
+                None
+                if session.adjustments.corners is None
+                else [list(corner) for corner in session.adjustments.corners]
+            ),
+            lambda corners: session.adjust(replace(session.adjustments, corners=_corners(corners))),
             ANYTHING,
         ),
     }

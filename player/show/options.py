@@ -7,11 +7,11 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Literal, TypeAlias
 
+from counterlight.adjustments import CONTROL, MOST_BLACK, MOST_FLICKER, Adjustments
 from counterlight.calibration import RADIANCE
 from counterlight.command import Parser
 from counterlight.errors import InputError
 from counterlight.medium import Border, Medium
-from counterlight.picture import CONTROL, MOST_BLACK, MOST_FLICKER, Picture
 from counterlight.refinement import DEFAULT_STEPS, MOST_STEPS, STARTS, STEPS_WITHOUT_MAP
 from counterlight.renderer import DITHERS, PATHS, VIEWS
 from counterlight.show.keys import KEYS
@@ -46,9 +46,11 @@ def read_options(argv: Sequence[str] | None, description: str) -> argparse.Names
     return options
 
 
-def picture_of(options: argparse.Namespace) -> Picture:
+def adjustments_of(options: argparse.Namespace) -> Adjustments:
     """The viewer's settings among the options."""
-    return Picture(**{field.name: getattr(options, field.name) for field in fields(Picture) if field.name in options})
+    return Adjustments(
+        **{field.name: getattr(options, field.name) for field in fields(Adjustments) if field.name in options}
+    )
 
 
 def monitors_of(options: argparse.Namespace) -> list[str]:

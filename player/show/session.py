@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol, TypeAlias
 
+from counterlight.adjustments import NEUTRAL, Adjustments
 from counterlight.command import tell
 from counterlight.errors import InputError
 from counterlight.frames import Frame, MediaInfo, PixelFormat
 from counterlight.medium import Medium
-from counterlight.picture import NEUTRAL, Picture
 from counterlight.refinement import Certificate, StepBudget
 from counterlight.renderer import Renderer
 from counterlight.show.memory import give_back
@@ -105,7 +105,7 @@ class Session:
         view: str = "projector",
         compensation: bool = True,
         refine: Steps = 0,
-        picture: Picture = NEUTRAL,
+        adjustments: Adjustments = NEUTRAL,
         lasting: bool = False,
         loop_file: bool = False,
         speed: float = 1.0,
@@ -120,7 +120,7 @@ class Session:
     ) -> None:
         self.playlist, self.renderer, self.display, self.room, self.audio = playlist, renderer, display, room, audio
         self.view, self.compensation, self.blackout, self.refine = view, compensation, blackout, refine
-        self.picture, self.osd, self.screenshots = picture, osd, screenshots
+        self.adjustments, self.osd, self.screenshots = adjustments, osd, screenshots
         self.image_display_duration, self.clock = image_display_duration, clock
         self.stats, self.message = Stats(), Message(clock)
         self.show_stats = self.show_help = self.done = False
@@ -218,11 +218,11 @@ class Session:
         """Have what is there presented again: the window was resized or uncovered."""
         self._uncovered = True
 
-    def adjust(self, picture: Picture) -> None:
-        self.renderer.adjust(picture)
+    def adjust(self, adjustments: Adjustments) -> None:
+        self.renderer.adjust(adjustments)
         if self._incoming is not None:
-            self._incoming.adjust(picture)
-        self.picture = picture
+            self._incoming.adjust(adjustments)
+        self.adjustments = adjustments
         self._changed = True
 
     def set_refine(self, steps: Steps) -> None:
@@ -287,7 +287,7 @@ class Session:
         self._pixels, self._uploaded = None, False
         for renderer in filter(None, (self.renderer, self._incoming)):
             renderer.open(pixels)
-            renderer.adjust(self.picture)
+            renderer.adjust(self.adjustments)
         self._pixels = pixels
 
     def replace_renderer(self, renderer: Renderer) -> None:
@@ -295,7 +295,7 @@ class Session:
         try:
             if self._pixels is not None:
                 renderer.open(self._pixels)
-            renderer.adjust(self.picture)
+            renderer.adjust(self.adjustments)
         except BaseException:
             renderer.release()
             raise

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterlight.picture import Picture
 from counterlight.show.keys import KEYS, PLACING
 from counterlight.show.registry import Commands
 from tests.desktop import press
@@ -61,7 +60,7 @@ def documented(commands: Commands) -> None:
 
 
 def test_the_page_lists_what_there_is() -> None:
-    documented(Stage(picture=Picture()).commands)
+    documented(Stage().commands)
     assert {row[0]: row[1] for row in table("Keys")} == KEYS
     assert {row[0]: row[1] for row in table("Keys", 1)} == PLACING
 

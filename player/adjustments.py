@@ -28,7 +28,7 @@ LARGEST_GAMMA = 8.0
 
 
 @dataclass(frozen=True)
-class Picture:
+class Adjustments:
     """All that can be changed live; as it is made, nothing is.
 
     brightness, contrast, gamma, saturation : -100..100, as in mpv.
@@ -64,21 +64,21 @@ class Picture:
             check_corners(self.corners)
 
 
-def adjusted_decoding(decoding: Decoding, pixels: PixelFormat, picture: Picture) -> tuple[Decoding, float]:
+def adjusted_decoding(decoding: Decoding, pixels: PixelFormat, adjustments: Adjustments) -> tuple[Decoding, float]:
     """The decoding with contrast and saturation in its matrix, and the lift of every code (brightness)."""
     kr, kb = LUMA_WEIGHTS.get(pixels.matrix, LUMA_WEIGHTS["bt709"])
-    gain, saturation = 1 + picture.contrast / CONTROL, 1 + picture.saturation / CONTROL
+    gain, saturation = 1 + adjustments.contrast / CONTROL, 1 + adjustments.saturation / CONTROL
     luma = np.outer(np.ones(3), (kr, 1 - kr - kb, kb))
     matrix = gain * (saturation * np.eye(3) + (1 - saturation) * luma)
-    return replace(decoding, to_rgb=matrix @ decoding.to_rgb), picture.brightness / CONTROL
+    return replace(decoding, to_rgb=matrix @ decoding.to_rgb), adjustments.brightness / CONTROL
 
 
-def adjusted_transfer(table: NDArray[np.float32], picture: Picture) -> NDArray[np.float32]:
+def adjusted_transfer(table: NDArray[np.float32], adjustments: Adjustments) -> NDArray[np.float32]:
     """The transfer table with the viewer's gamma in it: light of code^(1/γ)."""
-    if not picture.gamma:
+    if not adjustments.gamma:
         return table
     codes = np.linspace(0, 1, table.size)
-    exponent = float(LARGEST_GAMMA ** (-picture.gamma / CONTROL))
+    exponent = float(LARGEST_GAMMA ** (-adjustments.gamma / CONTROL))
     return np.asarray(np.interp(codes**exponent, codes, table), np.float32)
 
 
@@ -87,4 +87,4 @@ def _check_range(name: str, value: float, low: float, high: float) -> None:
         raise InputError(f"{name.replace('_', '-')} {value}: expected {low} to {high}")
 
 
-NEUTRAL = Picture()
+NEUTRAL = Adjustments()
