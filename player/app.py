@@ -97,7 +97,7 @@ def _check_outputs(options: argparse.Namespace) -> None:
 
 def _room_told(options: argparse.Namespace) -> Room:
     room = room_of(options)
-    tell(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white is None else ''}", sys.stdout)
+    tell(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white == 'auto' else ''}", sys.stdout)
     return room
 
 
@@ -114,7 +114,8 @@ def _attached(options: argparse.Namespace) -> Iterator[tuple[list[ControlServer]
 
 
 def room_of(options: argparse.Namespace) -> Room:
-    return read_room(options.calibration, options.white, options.dither, options.refine, options.refine_from)
+    white = None if options.white == "auto" else options.white
+    return read_room(options.calibration, white, options.dither, options.refine, options.refine_from)
 
 
 def read_room(

@@ -4,16 +4,18 @@ import math
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+MANY = 1e6  # a bound that is no bound to those who read of it
+
 
 class UnreadError(ValueError):
     """What a kind expected and found; whoever reads puts the name of what it was meant for before it."""
 
 
 class Kind(Protocol):
-    """What values a property takes."""
+    """What values a parameter takes, in words by str()."""
 
     def read(self, value: object) -> Any:
-        """The value as the property wants it; CommandError, saying what was expected."""
+        """The value as the parameter wants it; UnreadError, saying what was expected."""
 
     def next(self, value: Any, direction: int) -> Any:
         """The value that `cycle` goes to, 1 up or -1 down."""
@@ -22,6 +24,9 @@ class Kind(Protocol):
 @dataclass(frozen=True)
 class Flag:
     """True or false; "yes" and "no" in words."""
+
+    def __str__(self) -> str:
+        return "yes, no"
 
     def read(self, value: object) -> bool:
         words = {"yes": True, "true": True, "on": True, "no": False, "false": False, "off": False}
@@ -37,12 +42,19 @@ class Flag:
 
 @dataclass(frozen=True)
 class Number:
-    """A number between two bounds; whole numbers only if `whole`, and words beside numbers if there are any."""
+    """A number between two bounds; whole numbers only if `whole`, and words beside numbers if there are any.
+
+    noun : what a refusal says that it is.
+    """
 
     low: float
     high: float
     whole: bool = False
     words: tuple[str, ...] = ()
+    noun: str = ""
+
+    def __str__(self) -> str:
+        return ", ".join((*self.words, f"from {self.low:g}" if self._endless else f"{self.low:g} to {self.high:g}"))
 
     def read(self, value: object) -> Any:
         if isinstance(value, str) and value in self.words:
@@ -54,9 +66,10 @@ class Number:
         except (ValueError, OverflowError):
             number = math.nan
         if not self.low <= number <= self.high or (self.whole and number != round(number)):
-            kind = "a whole number" if self.whole else "a number"
             words = "".join(f"{word} or " for word in self.words)
-            raise UnreadError(f"expected {words}{kind} from {self.low:g} to {self.high:g}, found {value!r}")
+            noun = self.noun or ("a whole number" if self.whole else "a number")
+            to = "" if self._endless else f" to {self.high:g}"
+            raise UnreadError(f"expected {words}{noun} from {self.low:g}{to}, found {value!r}")
         return int(number) if self.whole else number
 
     def next(self, value: Any, direction: int) -> Any:
@@ -66,6 +79,10 @@ class Number:
         bounded = min(max(number, self.low), self.high)
         return round(bounded) if self.whole else bounded
 
+    @property
+    def _endless(self) -> bool:
+        return self.high >= MANY
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -73,10 +90,13 @@ class Choice:
 
     words: tuple[str, ...]
 
+    def __str__(self) -> str:
+        return ", ".join(self.words)
+
     def read(self, value: object) -> str:
         if isinstance(value, str) and value in self.words:
             return value
-        raise UnreadError(f"expected {', '.join(self.words)}, found {value!r}")
+        raise UnreadError(f"expected {self}, found {value!r}")
 
     def next(self, value: str, direction: int) -> str:
         return self.words[(self.words.index(value) + direction) % len(self.words)]
@@ -84,7 +104,12 @@ class Choice:
 
 @dataclass(frozen=True)
 class Anything:
-    """Whatever the property's own setter takes."""
+    """Whatever the parameter's own setter takes, said in words."""
+
+    words: str = ""
+
+    def __str__(self) -> str:
+        return self.words
 
     def read(self, value: object) -> Any:
         return value

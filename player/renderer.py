@@ -14,7 +14,6 @@ from counterlight.placement import Placement, fit
 from counterlight.refinement import Certificate, default_steps
 from counterlight.video import Frame, PixelFormat
 
-VIEWS = ("projector", "camera", "split", "error", "impossible")
 DITHERS = ("ordered", "noise", "none")
 PATHS = ("auto", "fragment", "compute")
 LONG_BYTES, SHORT_BYTES = 16, 8  # an entry: weights of 32 bits and an index, or of 16 bits and an offset

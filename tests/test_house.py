@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 
 from counterlight.command import SCRIPTS
-from counterlight.renderer import VIEWS
 from counterlight.tools.verbs import SHELLS, VERBS
+from counterlight.views import VIEWS
 from tests.programs import fail, script, succeed
 
 ROOT = Path(__file__).resolve().parents[1]

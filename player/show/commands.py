@@ -7,18 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from counterlight.adjustments import CONTROL, MOST_BLACK, MOST_FLICKER
 from counterlight.command import tell
-from counterlight.kinds import ANYTHING, Choice, Flag, Number
+from counterlight.kinds import Anything, Choice, Number
 from counterlight.output import write_picture
-from counterlight.refinement import MOST_STEPS
-from counterlight.renderer import VIEWS
+from counterlight.parameters import FLAG, PARAMETERS
 from counterlight.show.placing import Placing
 from counterlight.show.playback import Playback
 from counterlight.show.registry import Command, CommandError, Commands, Property
 from counterlight.show.session import Session
 from counterlight.show.stats_page import position
-from counterlight.test_cards import CARDS
 from counterlight.writing.replacing import replacing_file
 
 ANY_NUMBER = Number(-1e9, 1e9)
@@ -30,7 +27,7 @@ LOADS = Choice(("replace", "append"))
 def commands_of(session: Session) -> Commands:
     """Everything that can be done with a session."""
     actions = _Actions(session)
-    return Commands(_commands(actions), {**_playing(session), **_picture(session), **_showing(session)})
+    return Commands(_commands(actions), {**_playing(session), **_adjustments(session), **_showing(session)})
 
 
 def _commands(do: "_Actions") -> dict[str, Command]:
@@ -197,16 +194,27 @@ class _Actions:
         self._session.adjust(replace(self._session.adjustments, corners=placing.corners))
 
 
+def _named(name: str, get: Callable[[], Any], put: Callable[[Any], None]) -> Property:
+    """A parameter of a show."""
+    row = PARAMETERS[name]
+    return Property(row.help, get, put, row.kind, row.unit)
+
+
+def _attribute(of: Callable[[], Any], name: str) -> tuple[Callable[[], Any], Callable[[Any], None]]:
+    """What reads and what sets an attribute of what there is then."""
+    return lambda: getattr(of(), name), lambda value: setattr(of(), name, value)
+
+
 def _playing(session: Session) -> dict[str, Property]:
     """Of the medium and the list."""
 
     def now() -> Playback:
         return _playback(session)
 
-    def manner(name: str, kind: Any, text: str) -> Property:
-        return Property(
-            text, lambda: getattr(session.manner, name), lambda value: setattr(session.manner, name, value), kind
-        )
+    def audio() -> Any:
+        if session.audio is None:
+            raise CommandError("no audio")
+        return session.audio
 
     def go_to(index: int) -> None:
         if not 0 <= index < len(session.playlist.media):
@@ -218,41 +226,37 @@ def _playing(session: Session) -> dict[str, Property]:
         if session.playback is not None:
             session.playback.hold_s = session.image_display_duration
 
+    def manner() -> Any:
+        return session.manner
+
     playlist = session.playlist
     return {
-        "pause": manner("paused", Flag(), "whether time stands still"),
-        "speed": manner("speed", Number(0.01, 100), "media seconds a second"),
+        "pause": Property("whether time stands still", *_attribute(manner, "paused"), FLAG),
+        "speed": _named("speed", *_attribute(manner, "speed")),
         "time-pos": Property(
-            "seconds from the beginning", lambda: now().position_s, lambda t: now().seek(t), TIME, "s"
+            "seconds from the medium's beginning", lambda: now().position_s, lambda t: now().seek(t), TIME, "s"
         ),
         "duration": Property("seconds, null if unknown or a still", lambda: now().reader.info.duration_s),
         "path": Property("the medium that plays", lambda: str(now().reader.info.path)),
         "playlist": Property("the media of the list", lambda: [medium.name for medium in playlist.media]),
         "playlist-pos": Property(
-            "position in the list, from 0, of what plays or is being opened",
+            "position in the list, of what plays or is being opened",
             lambda: playlist.position,
             go_to,
             Number(0, 1e6, whole=True),
         ),
         "playlist-playing-pos": Property("position of what plays", lambda: session.programme.on),
-        "loop-file": manner("loop", Flag(), "begin the medium again at its end"),
-        "loop-playlist": Property(
-            "begin the list again at its end",
-            lambda: playlist.loop,
-            lambda on: setattr(playlist, "loop", on),
-            Flag(),
-        ),
-        "ab-loop-a": _point(now, "a_s", "where the A-B loop begins, no or seconds"),
-        "ab-loop-b": _point(now, "b_s", "where it ends, no or seconds"),
-        "image-display-duration": Property(
-            "seconds that a picture is shown, or inf",
+        "loop-file": Property("begin the medium again at its end", *_attribute(manner, "loop"), FLAG),
+        "loop-playlist": Property("begin the list again at its end", *_attribute(lambda: playlist, "loop"), FLAG),
+        "ab-loop-a": _point(now, "a_s", "where the A-B loop begins"),
+        "ab-loop-b": _point(now, "b_s", "where it ends; the end of the medium if that comes before"),
+        "image-display-duration": _named(
+            "image-display-duration",
             lambda: "inf" if session.image_display_duration is None else session.image_display_duration,
             hold,
-            Number(0.01, 1e6, words=("inf",)),
-            "s",
         ),
-        "volume": _sound(session, "volume", Number(0, 130), "loudness in percent; an error without audio"),
-        "mute": _sound(session, "mute", Flag(), "whether sound is off; an error without audio"),
+        "volume": _named("volume", *_attribute(audio, "volume")),
+        "mute": _named("mute", *_attribute(audio, "mute")),
     }
 
 
@@ -270,52 +274,33 @@ def _point(now: Callable[[], Playback], name: str, text: str) -> Property:
     )
 
 
-def _sound(session: Session, name: str, kind: Any, text: str) -> Property:
-    def audio() -> Any:
-        if session.audio is None:
-            raise CommandError("no audio")
-        return session.audio
-
-    return Property(text, lambda: getattr(audio(), name), lambda value: setattr(audio(), name, value), kind)
-
-
-def _picture(session: Session) -> dict[str, Property]:
+def _adjustments(session: Session) -> dict[str, Property]:
     """Of counterlight.adjustments.Adjustments."""
 
-    def field(name: str, kind: Any, text: str, unit: str = "") -> Property:
-        return Property(
-            text,
-            lambda: getattr(session.adjustments, name),
-            lambda value: session.adjust(replace(session.adjustments, **{name: value})),
-            kind,
-            unit,
-        )
+    def field(name: str) -> Property:
+        attribute = name.replace("-", "_")
+        return _named(name, lambda: getattr(session.adjustments, attribute), lambda value: put(**{attribute: value}))
 
-    control = Number(-CONTROL, CONTROL, whole=True)
-    return {
-        "brightness": field("brightness", control, "-100 to 100"),
-        "contrast": field("contrast", control, "-100 to 100"),
-        "gamma": field("gamma", control, "-100 to 100"),
-        "saturation": field("saturation", control, "-100 to 100"),
-        "black-level": field("black_level", Number(0, MOST_BLACK), "share of white that black asks for"),
-        "adapt": field("adapt", Number(0, 100), "percent of the light that may clip; 0 adapts nothing", "%"),
-        "flicker": field("flicker", Number(0, MOST_FLICKER), "weight of the frame before, against flicker"),
-        "clipping": field("clipping", Flag(), "colour what clips"),
-        "test-card": Property(
-            f"{', '.join(CARDS)}, or no",
+    def put(**changed: Any) -> None:
+        session.adjust(replace(session.adjustments, **changed))
+
+    def corners() -> Any:
+        found = session.adjustments.corners
+        return None if found is None else [list(corner) for corner in found]
+
+    names = "brightness", "contrast", "gamma", "saturation", "black-level", "adapt", "flicker", "clipping"
+    return {name: field(name) for name in names} | {
+        "test-card": _named(
+            "test-card",
             lambda: session.adjustments.card or "no",
-            lambda card: session.adjust(replace(session.adjustments, card=None if card == "no" else card)),
-            Choice(("no", *CARDS)),
+            lambda card: put(card=None if card == "no" else card),
         ),
         "corners": Property(
-            "of the picture in the camera's view, four pairs from its upper left; null fits it in",
-            lambda: (
-                None
-                if session.adjustments.corners is None
-                else [list(corner) for corner in session.adjustments.corners]
-            ),
-            lambda corners: session.adjust(replace(session.adjustments, corners=_corners(corners))),
-            ANYTHING,
+            "corners of the picture in the camera's view from the upper left, clockwise, in shares of it; "
+            "null fits the picture in",
+            corners,
+            lambda value: put(corners=_corners(value)),
+            Anything("null, four pairs"),
         ),
     }
 
@@ -323,12 +308,12 @@ def _picture(session: Session) -> dict[str, Property]:
 def _showing(session: Session) -> dict[str, Property]:
     """Of the window, the view and the pages."""
 
-    def attribute(name: str, kind: Any, text: str) -> Property:
-        def put(value: object) -> None:
-            setattr(session, name, value)
-            session.changed()
+    def put(name: str, value: object) -> None:
+        setattr(session, name, value)
+        session.changed()
 
-        return Property(text, lambda: getattr(session, name), put, kind)
+    def attribute(name: str) -> tuple[Callable[[], Any], Callable[[Any], None]]:
+        return lambda: getattr(session, name), lambda value: put(name, value)
 
     display = session.display
 
@@ -346,29 +331,22 @@ def _showing(session: Session) -> dict[str, Property]:
         session.set_refine(steps)
 
     return {
-        "view": attribute("view", Choice(VIEWS), ", ".join(VIEWS)),
-        "compensation": attribute("compensation", Flag(), "whether the room is compensated"),
-        "blackout": attribute("blackout", Flag(), "show black"),
-        "refine": Property(
-            "steps of refinement a frame, or auto",
-            lambda: session.refine,
-            refine,
-            Number(0, MOST_STEPS, whole=True, words=("auto",)),
-            "steps",
-        ),
-        "stats": attribute("show_stats", Flag(), "the statistics page"),
-        "help": attribute("show_help", Flag(), "the page of keys"),
-        "osd": attribute("osd", Flag(), "whether the screen says what keys change"),
-        "message": Property("what the screen says, empty after it has faded", lambda: session.message.text),
+        **{name: _named(name, *attribute(name)) for name in ("view", "compensation", "blackout")},
+        "refine": _named("refine", lambda: session.refine, refine),
+        "stats": Property("the page of statistics", *attribute("show_stats"), FLAG),
+        "help": Property("the page of keys", *attribute("show_help"), FLAG),
+        "osd": _named("osd", *attribute("osd")),
+        "message": Property("what the screen says, empty once it has faded", lambda: session.message.text),
         "placing": Property("whether the picture is being placed", lambda: session.placing is not None),
-        "fullscreen": Property(
-            "whether the monitor is filled", lambda: display.fullscreen, display.set_fullscreen, Flag()
-        ),
+        "fullscreen": _named("fullscreen", lambda: display.fullscreen, display.set_fullscreen),
         "monitor": Property(
-            "name of the monitor; a name or number moves the window", lambda: display.monitor, display.move_to
+            "where the window is; another one moves it",
+            lambda: display.monitor,
+            display.move_to,
+            Anything("a name or number"),
         ),
         "gap": Property("relative gap to the best picture, null if unknown", gap),
-        "psnr": Property("dB of the predicted camera picture, null if unknown", psnr),
+        "psnr": Property("dB of the camera's predicted picture against the desired one, null if unknown", psnr),
         "frames": Property("frames shown", lambda: session.stats.frames),
         "dropped": Property("frames dropped", lambda: session.stats.dropped),
         "fps": Property("frames a second on the screen", lambda: session.stats.frames_per_second),

@@ -64,6 +64,10 @@ class Commands:
         """Every property and, in one line, what it is."""
         return {name: described.help for name, described in self._properties.items()}
 
+    def takes(self, name: str) -> str:
+        """The values of a property, in words."""
+        return str(_named(self._properties, name, "property").kind) if self.writable(name) else "read-only"
+
     def writable(self, name: str) -> bool:
         return _named(self._properties, name, "property").set is not None
 

@@ -13,8 +13,8 @@ import pytest
 from counterlight.adjustments import Adjustments
 from counterlight.gl.renderer import GlRenderer
 from counterlight.refinement import STARTS
-from counterlight.renderer import VIEWS
 from counterlight.unattended.heartbeat import rss_bytes
+from counterlight.views import VIEWS
 from tests.media import numbered, write_video
 from tests.programs import descendants, wait_until
 from tests.refined_rooms import physical_room

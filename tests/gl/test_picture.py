@@ -17,9 +17,9 @@ from counterlight.gl.passes import Pass, float_texture, picture_texture, table_t
 from counterlight.gl.placing import Fitter
 from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.row_map_pass import MapTextures, RowMapPass
-from counterlight.renderer import VIEWS
 from counterlight.test_cards import CARDS, card
 from counterlight.video import Frame
+from counterlight.views import VIEWS
 from tests.refined_rooms import physical_room
 from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_room, rgb_frame, yuv_frame

@@ -55,8 +55,8 @@ def documented(commands: Commands) -> None:
     """The page lists the commands with their arguments, and the properties, that there are."""
     listed = {row[0]: row[1] for row in table("Commands")}
     assert listed == {name: commands.usage(name) for name in commands.names()}
-    properties = {row[0]: row[1] == "read-only" for row in table("Properties")}
-    assert properties == {name: not commands.writable(name) for name in commands.properties()}
+    properties = {row[0]: row[1:] for row in table("Properties")}
+    assert properties == {name: [commands.takes(name), text] for name, text in commands.properties().items()}
 
 
 def test_the_page_lists_what_there_is() -> None:
