@@ -9,21 +9,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from counterlight import calibration as calibrations
-from counterlight import maps
 from counterlight.adjustments import Adjustments
 from counterlight.audio import open_audio
-from counterlight.calibration import StoredCalibration
 from counterlight.command import run, tell
-from counterlight.cpu_renderer import CpuRenderer
 from counterlight.errors import InputError
-from counterlight.generation import read_steadily
-from counterlight.headless import render_to_file
-from counterlight.maps import RoomMaps
+from counterlight.headless import headless_renderer, render_to_file
 from counterlight.output import check_output
 from counterlight.placement import read_placement
-from counterlight.refinement import default_start
-from counterlight.renderer import Renderer, Room
+from counterlight.renderer import Renderer
+from counterlight.room import Room, read_room
 from counterlight.show.media import Media
 from counterlight.show.options import (
     Steps,
@@ -116,50 +110,6 @@ def _attached(options: argparse.Namespace) -> Iterator[tuple[list[ControlServer]
 def room_of(options: argparse.Namespace) -> Room:
     white = None if options.white == "auto" else options.white
     return read_room(options.calibration, white, options.dither, options.refine, options.refine_from)
-
-
-def read_room(
-    folder: Path, white: float | None, dither: str = "ordered", refine: Steps = None, start: str | None = None
-) -> Room:
-    """Read a calibration with its correction map; `white` None takes the level that most of the room can reach.
-
-    refine : steps of refinement; None for the usual number where the room has the maps for it.
-    start : one of STARTS, where they begin; None for what suits the room's maps.
-    """
-    if refine == 0 and start is not None:
-        raise InputError(
-            f"--refine-from {start}: --refine 0 makes no step that could start there; leave one of them out"
-        )
-    stored, room_maps = read_steadily(folder / calibrations.TOML, lambda: _read_stored(folder, refinement=refine != 0))
-    if (refine or start) and room_maps.refinement is None:
-        raise InputError(
-            f"{folder}: its maps were built without what refinement needs; "
-            f"rebuild them with: counterlight build {folder}, or leave out --refine and --refine-from"
-        )
-    level = room_maps.white if white is None else white
-    return Room(stored.calibration, room_maps, level, dither, start or default_start(room_maps.correction_in_steps))
-
-
-def _read_stored(folder: Path, *, refinement: bool) -> tuple[StoredCalibration, RoomMaps]:
-    stored = calibrations.read(folder)
-    return stored, maps.read_maps(stored, refinement=refinement)
-
-
-@contextmanager
-def headless_renderer(backend: str, room: Room, path: str = "fragment") -> Iterator[Renderer]:
-    """A renderer without a window: "gl" through EGL, on one of PATHS, or "cpu"."""
-    if backend == "cpu":
-        yield CpuRenderer(room)
-        return
-    from counterlight.gl.context import headless_context
-    from counterlight.gl.renderer import GlRenderer
-
-    with headless_context() as context:
-        renderer = GlRenderer(context, room, path)
-        try:
-            yield renderer
-        finally:
-            renderer.release()
 
 
 def _fixed_steps(refine: Steps, room: Room) -> int:

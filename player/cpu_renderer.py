@@ -11,11 +11,12 @@ from counterlight.adjustments import NEUTRAL, Adjustments, adjusted_decoding, ad
 from counterlight.colour import decoding_of
 from counterlight.content import SceneCuts, Succession, approach
 from counterlight.maps import FarMaps, RefinementMaps
-from counterlight.placement import homography
+from counterlight.placement import homography, place
 from counterlight.reference import Limits, PreparedRows
 from counterlight.refinement import GREY, OVER_RELAXATION, Certificate, momentum
-from counterlight.renderer import LONG_BYTES, PathReport, Room, check_radiance_size, place
+from counterlight.renderer import LONG_BYTES, PathReport, check_radiance_size
 from counterlight.response import Response, transfer_table
+from counterlight.room import Room
 from counterlight.test_cards import card
 from counterlight.video import Frame, PixelFormat
 

@@ -9,12 +9,9 @@ from numpy.typing import NDArray
 from counterlight.adjustments import Adjustments
 from counterlight.calibration import Calibration
 from counterlight.errors import InputError
-from counterlight.maps import RoomMaps
-from counterlight.placement import Placement, fit
-from counterlight.refinement import Certificate, default_steps
+from counterlight.refinement import Certificate
 from counterlight.video import Frame, PixelFormat
 
-DITHERS = ("ordered", "noise", "none")
 PATHS = ("auto", "fragment", "compute")
 LONG_BYTES, SHORT_BYTES = 16, 8  # an entry: weights of 32 bits and an index, or of 16 bits and an offset
 
@@ -42,26 +39,6 @@ class PathReport:
         if self.fragment_ms is not None and self.compute_ms is not None:
             measured = f"; fragment {self.fragment_ms:.2f} ms, compute {self.compute_ms:.2f} ms"
         return f"{self.name}, {self.entry_bytes} bytes an entry{measured}"
-
-
-@dataclass(frozen=True)
-class Room:
-    """What a renderer needs to know of a room.
-
-    white : camera radiance of a white picture.  dither : one of DITHERS.
-    start : one of counterlight.refinement.STARTS, where refinement begins.
-    """
-
-    calibration: Calibration
-    maps: RoomMaps
-    white: float
-    dither: str = "ordered"
-    start: str = "previous"
-
-    @property
-    def default_steps(self) -> int:
-        """Steps of refinement a frame if nobody says how many."""
-        return default_steps(self.start) if self.maps.refinement is not None else 0
 
 
 class Renderer(Protocol):
@@ -111,18 +88,6 @@ class Renderer(Protocol):
 
     def release(self) -> None:
         """Give back what the renderer holds."""
-
-
-def shown_shape(pixels: PixelFormat) -> tuple[int, int]:
-    """(height, width) of the picture once it is turned upright."""
-    turned = pixels.rotation % 180 == 90
-    return (pixels.width, pixels.height) if turned else (pixels.height, pixels.width)
-
-
-def place(pixels: PixelFormat, target: tuple[int, int]) -> Placement:
-    """Where the upright picture stands in a target (height, width)."""
-    aspect = pixels.pixel_aspect
-    return fit(shown_shape(pixels), 1 / aspect if pixels.rotation % 180 == 90 else aspect, target)
 
 
 def check_radiance_size(pixels: PixelFormat, calibration: Calibration) -> None:

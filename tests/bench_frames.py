@@ -23,8 +23,8 @@ from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.row_map_pass import MapTextures
 from counterlight.maps import RefinementMaps, RoomMaps
 from counterlight.reference import PreparedRows
-from counterlight.renderer import Room
 from counterlight.response import Response
+from counterlight.room import Room
 from counterlight.row_map import RowMap, SparseRows, pack, unpack
 from counterlight.short_map import half_scale
 from counterlight.video import MediaReader

@@ -25,8 +25,8 @@ from counterlight.gl.context import headless_context
 from counterlight.gl.renderer import GlRenderer
 from counterlight.reference import refinement_step
 from counterlight.refinement import OVER_RELAXATION, STARTS, momentum
-from counterlight.renderer import Room
 from counterlight.response import Response
+from counterlight.room import Room
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.room import build_room_maps
 from counterlight.tools.simulation.scene import load_scene

@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import sparse
 
+from counterlight.colour import LUMINANCE
 from counterlight.errors import InputError
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.inverse.bidiagonal import largest_singular_value
@@ -12,7 +13,6 @@ from counterlight.tools.inverse.clustered import damped_inverse
 from counterlight.tools.inverse.damping import choose_damping
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
-from counterlight.tools.transport.mask import LUMINANCE
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, shared_pattern
 from tests.rooms import blurred_transport
 

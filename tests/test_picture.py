@@ -15,8 +15,8 @@ from counterlight.cpu_renderer import CpuRenderer
 from counterlight.errors import InputError
 from counterlight.maps import RoomMaps
 from counterlight.reference import Limits, PreparedRows, reach_of, tone_of
-from counterlight.renderer import Room
 from counterlight.response import Response, transfer_table
+from counterlight.room import Room
 from counterlight.row_map import SparseRows, pack
 from counterlight.test_cards import CARDS, card
 from counterlight.tools.report.impossible import REASONS, SERVED, find_impossible

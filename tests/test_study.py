@@ -16,7 +16,7 @@ import pytest
 
 from counterlight import calibration
 from counterlight.files import describe_files
-from counterlight.renderer import Room
+from counterlight.room import Room
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.presets import PRESETS
 from counterlight.tools.solve.compensate import CompensateOptions, CompensationTask

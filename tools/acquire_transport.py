@@ -14,13 +14,14 @@ from threadpoolctl import threadpool_limits
 from counterlight.calibration import refuse_existing
 from counterlight.command import Parser, run
 from counterlight.errors import InputError
+from counterlight.response import named_response
 from counterlight.tools.acquisition.acquired_room import Plan, acquire_room
 from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.cameras.live import LiveCamera
 from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.preflight import Finding, preflight, refuse_bad
 from counterlight.tools.acquisition.rig_options import add_rig_options, open_rig
-from counterlight.tools.acquisition.room_options import add_room_options, named_response
+from counterlight.tools.acquisition.room_options import add_room_options
 from counterlight.tools.acquisition.schemes.baselines import FixedBlocksScheme, GrayCodeScheme, PixelByPixelScheme
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme

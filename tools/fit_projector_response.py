@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from counterlight.command import Parser, run
-from counterlight.tools.acquisition.room_options import named_response
+from counterlight.response import named_response
 from counterlight.tools.hdr.grey_ramp import read_ramp
 from counterlight.tools.hdr.projector_response import fit_projector_response
 from counterlight.tools.hdr.response_table import SUFFIXES, write_response

@@ -8,9 +8,10 @@ from pathlib import Path
 
 from counterlight.calibration import Device
 from counterlight.command import Parser, parse_size, run
+from counterlight.response import named_response
 from counterlight.tools.acquisition.captures import ORDERS
 from counterlight.tools.acquisition.graycode_room import GraycodeOptions, import_graycode_room
-from counterlight.tools.acquisition.room_options import add_room_options, named_response
+from counterlight.tools.acquisition.room_options import add_room_options
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from counterlight.calibration import Device
 from counterlight.command import Parser, parse_size, run
-from counterlight.response import Response
+from counterlight.response import Response, named_response
 from counterlight.tools.acquisition.matrices_room import MatrixFiles, import_matrices_room
-from counterlight.tools.acquisition.room_options import add_room_options, named_response
+from counterlight.tools.acquisition.room_options import add_room_options
 
 
 def main(argv: Sequence[str] | None = None) -> int:

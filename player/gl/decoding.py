@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from counterlight.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
 from counterlight.colour import decoding_of
 from counterlight.gl.passes import Owner, Pass, Uniform, float_texture, plane_texture, table_texture
-from counterlight.renderer import shown_shape
+from counterlight.placement import shown_shape
 from counterlight.response import transfer_table
 from counterlight.video import PixelFormat
 

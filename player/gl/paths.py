@@ -15,7 +15,8 @@ from counterlight.gl.compute_pass import MapBuffers, supports_compute
 from counterlight.gl.passes import Owner, float_texture
 from counterlight.gl.row_map_pass import MapTextures
 from counterlight.maps import FarMaps
-from counterlight.renderer import LONG_BYTES, SHORT_BYTES, PathReport, Room
+from counterlight.renderer import LONG_BYTES, SHORT_BYTES, PathReport
+from counterlight.room import Room
 from counterlight.row_map import RowMap
 from counterlight.short_map import rounding_of
 from counterlight.sliced_map import spans_fit

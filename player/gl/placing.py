@@ -3,9 +3,8 @@
 import moderngl
 
 from counterlight.gl.passes import Pass, float_texture
-from counterlight.placement import Corners, homography
+from counterlight.placement import Corners, homography, place, shown_shape
 from counterlight.reference import MOST_TAPS
-from counterlight.renderer import place, shown_shape
 from counterlight.video import PixelFormat
 
 

@@ -20,8 +20,9 @@ from counterlight.gl.starts import DirectStart, GreyStart, MapStart, PreviousSta
 from counterlight.gl.views import Encoder, Maps, Observer
 from counterlight.maps import RefinementMaps
 from counterlight.refinement import Certificate
-from counterlight.renderer import Room, check_radiance_size
+from counterlight.renderer import check_radiance_size
 from counterlight.response import Response
+from counterlight.room import Room
 from counterlight.video import Frame, PixelFormat
 
 

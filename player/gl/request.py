@@ -12,7 +12,8 @@ from counterlight.gl.adaptation import Adapter, NearLight
 from counterlight.gl.passes import Owner, Pass, float_texture, picture_texture
 from counterlight.gl.placing import Fitter, Pinner
 from counterlight.gl.views import Maps
-from counterlight.renderer import Room, shown_shape
+from counterlight.placement import shown_shape
+from counterlight.room import Room
 from counterlight.test_cards import card
 from counterlight.video import PixelFormat
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from counterlight.gl.passes import Owner, Pass, Uniform, float_texture, integer_texture, picture_texture, table_texture
 from counterlight.gl.paths import Chain, FarPass, Product, StoredMap
-from counterlight.renderer import Room
 from counterlight.response import Response
+from counterlight.room import Room
 from counterlight.views import (
     CLIP_FAINT,
     CLIP_SPAN,

@@ -15,7 +15,8 @@ from counterlight.kinds import Choice, Flag, Kind, Number, UnreadError
 from counterlight.medium import Border, Medium
 from counterlight.parameters import LISTED_IMAGE_S, PARAMETERS
 from counterlight.refinement import STARTS
-from counterlight.renderer import DITHERS, PATHS
+from counterlight.renderer import PATHS
+from counterlight.room import DITHERS
 from counterlight.show.keys import KEYS
 from counterlight.show.playlist import expand
 from counterlight.show.settings import Several, apply_settings, default_path

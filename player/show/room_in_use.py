@@ -8,9 +8,10 @@ import numpy as np
 from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.frames import PixelFormat
-from counterlight.placement import Corners, corners_of, write_placement
+from counterlight.placement import Corners, corners_of, place, write_placement
 from counterlight.refinement import Certificate
-from counterlight.renderer import Renderer, Room, place
+from counterlight.renderer import Renderer
+from counterlight.room import Room
 from counterlight.show.outline import Points, lit_by
 
 

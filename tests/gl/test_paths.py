@@ -17,7 +17,7 @@ from counterlight.gl.paths import StoredMap, short_scale, store_maps
 from counterlight.gl.row_map_pass import MapTextures
 from counterlight.reference import PreparedRows
 from counterlight.refinement import STARTS
-from counterlight.renderer import Room
+from counterlight.room import Room
 from counterlight.row_map import RowMap, SparseRows, pack
 from counterlight.short_map import half_scale, in_half, rounding_of
 from counterlight.tools import build_correction_map

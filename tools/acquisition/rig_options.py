@@ -8,7 +8,7 @@ from pathlib import Path
 from counterlight.calibration import Device
 from counterlight.command import parse_size
 from counterlight.errors import InputError
-from counterlight.response import Response
+from counterlight.response import Response, named_response
 from counterlight.tools.acquisition.cameras.camera import Camera, Exposures
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
 from counterlight.tools.acquisition.cameras.live import Eye, LiveCamera
@@ -20,7 +20,6 @@ from counterlight.tools.acquisition.cameras.simulated import (
     VisibleScreen,
     simulated_room,
 )
-from counterlight.tools.acquisition.room_options import named_response
 
 MOST_SHOTS = 256
 CAMERAS = "simulated:SCENE.toml, simulated:CALIBRATION, folder:DIR, v4l2:NUMBER or gphoto2"

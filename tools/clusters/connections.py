@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from counterlight.colour import LUMINANCE
 from counterlight.errors import InputError
-from counterlight.tools.transport.mask import LUMINANCE
 from counterlight.tools.transport.transport import CHANNELS, Csr, shared_pattern
 
 BoolArray = NDArray[np.bool_]

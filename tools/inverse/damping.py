@@ -10,9 +10,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.tools.clusters.jobs import run_jobs
 from counterlight.tools.inverse.bidiagonal import Products, bidiagonalise, largest_singular_value
 from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.transport import Csr
 
 FloatArray = NDArray[np.float64]

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from counterlight.calibration import Region
+from counterlight.colour import LUMINANCE
 from counterlight.errors import InputError
 from counterlight.row_map import SparseRows
 from counterlight.tools.clusters.components import Clusters, find_clusters
 from counterlight.tools.clusters.decomposition import Parameters, Report
 from counterlight.tools.clusters.finite import refuse_not_finite
-from counterlight.tools.clusters.jobs import run_jobs
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.bidiagonal import largest_singular_value
@@ -25,7 +25,7 @@ from counterlight.tools.inverse.method import METHODS, Method, choose_method
 from counterlight.tools.inverse.noise import noise_of_matrix
 from counterlight.tools.inverse.pieces import Piece, Truncation, join
 from counterlight.tools.inverse.windowed import FINEST_TOLERANCE, WindowedChannel, plan_windows, windowed_jobs
-from counterlight.tools.transport.mask import LUMINANCE
+from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.transport import CHANNELS, Csr, shared_pattern
 
 FloatArray = NDArray[np.float64]

@@ -20,8 +20,8 @@ from scipy.linalg import cho_factor, solve_triangular
 from scipy.linalg.lapack import dtrtri
 
 from counterlight.calibration import Region
-from counterlight.tools.clusters.jobs import run_jobs
 from counterlight.tools.inverse.pieces import Piece, Truncation, truncated_piece
+from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.transport import Csr
 
 FloatArray = NDArray[np.float64]

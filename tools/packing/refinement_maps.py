@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from counterlight.calibration import Calibration
+from counterlight.colour import LUMINANCE
 from counterlight.maps import FarMaps, RefinementMaps
 from counterlight.row_map import SparseRows, pack
 from counterlight.tools.packing.row_maps import pack_matrices
-from counterlight.tools.transport.mask import LUMINANCE
 from counterlight.tools.transport.transport import Csr, Transport, shared_pattern
 
 FloatArray = NDArray[np.float64]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration
+from counterlight.colour import LUMINANCE
 from counterlight.content import reachable_white
 from counterlight.tools.acquisition.acquired_room import AcquisitionReport
 from counterlight.tools.acquisition.preflight import Finding
@@ -21,7 +22,6 @@ from counterlight.tools.report.report import FORMAT, PAGE, check_report_folder, 
 from counterlight.tools.solve.quality import psnr
 from counterlight.tools.solve.registry import solve_channels
 from counterlight.tools.solve.system import channel_system
-from counterlight.tools.transport.mask import LUMINANCE
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
 from counterlight.writing.replacing import replacing_folder

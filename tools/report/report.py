@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from counterlight.colour import LUMINANCE
 from counterlight.errors import InputError
 from counterlight.png import write_png
 from counterlight.tools.inverse.room import BuiltRoom
@@ -18,7 +19,6 @@ from counterlight.tools.report import layout, pictures, spectra
 from counterlight.tools.report.charts import bins_of
 from counterlight.tools.report.impossible import Impossible, find_impossible
 from counterlight.tools.report.spectra import Spectrum
-from counterlight.tools.transport.mask import LUMINANCE
 from counterlight.tools.transport.transport import Csr
 from counterlight.writing.outputs import check_folder, is_vacant, refuse_strangers
 from counterlight.writing.replacing import replacing_folder

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from counterlight.tools.clusters.blocks import Batch, ClusterBlocks
 from counterlight.tools.clusters.finite import CAUSES, NonFiniteError, describe_cluster
-from counterlight.tools.clusters.jobs import run_jobs
+from counterlight.tools.jobs import run_jobs
 from counterlight.tools.solve.krylov import least_squares
 from counterlight.tools.solve.solution import Solution
 from counterlight.tools.solve.system import LinearSystem

@@ -8,11 +8,12 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.app import headless_renderer
 from counterlight.frames import Frame, PixelFormat, PlaneShape
 from counterlight.gl.probe import probe_opengl
+from counterlight.headless import headless_renderer
 from counterlight.reference import PreparedRows
-from counterlight.renderer import Renderer, Room
+from counterlight.renderer import Renderer
+from counterlight.room import Room
 
 FloatArray = NDArray[np.float64]
 SOFTWARE = ("llvmpipe", "softpipe", "swrast")

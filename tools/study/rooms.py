@@ -18,7 +18,7 @@ from counterlight.content import reachable_white
 from counterlight.errors import InputError
 from counterlight.maps import RefinementMaps, RoomMaps
 from counterlight.refinement import Certificate
-from counterlight.renderer import Room
+from counterlight.room import Room
 from counterlight.row_map import RowMap
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.room import BuiltRoom, build_room_maps

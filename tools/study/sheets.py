@@ -7,12 +7,12 @@ from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
+from counterlight.colour import LUMINANCE
 from counterlight.response import Response
 from counterlight.tools.relighting.pictures import encoded
 from counterlight.tools.solve.quality import psnr
 from counterlight.tools.study.measure import OURS_LABEL, THESIS_LABEL, RoomFigures
 from counterlight.tools.study.plots import save, subplots
-from counterlight.tools.transport.mask import LUMINANCE
 
 FloatArray = NDArray[np.float64]
 WORST = 0.25  # of white: errors from here on are drawn in the brightest colour

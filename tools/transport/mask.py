@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-LUMINANCE = (0.2126, 0.7152, 0.0722)  # ITU-R BT.709
+from counterlight.colour import LUMINANCE
+
 BRIGHT_PERCENTILE = 99.0
 FRACTION_OF_BRIGHT = 0.05
 FRACTION_OF_AMBIENT = 0.02
