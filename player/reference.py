@@ -156,13 +156,18 @@ def desired_light(
     tone: FloatArray | tuple[float, float] = (1.0, 0.0),
     unit: float = 1.0,
     black_level: float = 0.0,
+    *,
+    clamp: bool = False,
 ) -> FloatArray:
     """What the projector must add: b = white (s u + o) − e (thesis eq. 5.1; desired.frag).
 
     u = k + (1 − k) unit · picture.  unit : share of white of a picture's 1.  black_level : k, what black asks for.
+    clamp : limit the result to 0..1, as of a picture that goes to the projector.
     """
+    scale, offset = np.ravel(tone)[:2]
     u = black_level + (1 - black_level) * (unit * picture)
-    return np.asarray(white * (tone[0] * u + tone[1]) - ambient)
+    b = white * (scale * u + offset) - ambient
+    return np.asarray(np.clip(b, 0, 1) if clamp else b)
 
 
 def combine(first: FloatArray, second: FloatArray, factor: float, *, clamp: bool = False) -> FloatArray:

@@ -15,10 +15,10 @@ from scipy import sparse
 
 from counterlight.calibration import Calibration, Device
 from counterlight.cpu_renderer import CpuRenderer
+from counterlight.device import StoredMap
 from counterlight.gl.compute_pass import MapBuffers, supports_compute
 from counterlight.gl.context import headless_context
 from counterlight.gl.passes import picture_texture
-from counterlight.gl.paths import StoredMap
 from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.row_map_pass import MapTextures
 from counterlight.maps import RefinementMaps, RoomMaps

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from counterlight.adjustments import Adjustments
+from counterlight.device import PathReport
 from counterlight.errors import InputError
 from counterlight.medium import Border, Medium
 from counterlight.placement import Corners
 from counterlight.refinement import Certificate
-from counterlight.renderer import PathReport
 from counterlight.show.osd import Page
 from counterlight.show.playlist import Playlist, is_list, read_list
 from counterlight.show.registry import Commands

@@ -86,13 +86,13 @@ class Limits:
 
     def __init__(self, room: Room) -> None:
         self._cpu = CpuRenderer(room)
-        self._limits, self._ambient = self._cpu._limits, room.calibration.ambient.astype(np.float64)
+        self._most, self._ambient = self._cpu._maps.most, room.calibration.ambient.astype(np.float64)
 
     def clipped(self, asked: FloatArray, first_asked: FloatArray) -> float:
         """Share of what clips in the light that was asked for before adaptation."""
         near = self._cpu._near_light(asked - self._ambient)
-        missed = np.abs(near - np.clip(near, 0, self._limits.most[..., :3]))
-        counts = self._limits.most[..., 3] > 0
+        missed = np.abs(near - np.clip(near, 0, self._most[..., :3]))
+        counts = self._most[..., 3] > 0
         return float(missed[counts].sum() / np.maximum(first_asked, self._ambient)[counts].sum())
 
 
@@ -158,7 +158,7 @@ def changes(pictures: list[FloatArray], mask: NDArray[np.bool_], white: float) -
 
 def costs(renderer: GlRenderer) -> None:
     """Milliseconds of a frame, fastest of REPEATS in turns: of processor time where OpenGL is llvmpipe."""
-    clock = clock_of(renderer._context)
+    clock = clock_of(renderer._device._context)
     processor = "processor " if clock is time.process_time else ""
     print(f"\nA frame in the projector's view, {STEPS} steps, {processor}milliseconds:\n")
     settings = {

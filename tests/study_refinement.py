@@ -158,7 +158,7 @@ class Cost:
 
 def costs(made: dict[str, GlRenderer]) -> dict[str, Cost]:
     """Fastest of REPEATS runs, taken in turns."""
-    clock = clock_of(next(iter(made.values()))._context)
+    clock = clock_of(next(iter(made.values()))._device._context)
     fastest = {(start, steps): np.inf for start in made for steps in (1, MANY)}
     for _ in range(REPEATS):
         for start, steps in fastest:

@@ -10,12 +10,12 @@ from typing import Any, Literal, TypeAlias
 from counterlight.adjustments import Adjustments
 from counterlight.calibration import RADIANCE
 from counterlight.command import Parser
+from counterlight.device import PATHS
 from counterlight.errors import InputError
 from counterlight.kinds import Choice, Flag, Kind, Number, UnreadError
 from counterlight.medium import Border, Medium
 from counterlight.parameters import LISTED_IMAGE_S, PARAMETERS
 from counterlight.refinement import STARTS
-from counterlight.renderer import PATHS
 from counterlight.room import DITHERS
 from counterlight.show.keys import KEYS
 from counterlight.show.playlist import expand

@@ -10,11 +10,12 @@ from counterlight import reference
 from counterlight.adjustments import NEUTRAL, Adjustments
 from counterlight.colour import decoding_of
 from counterlight.content import approach
+from counterlight.fitting import Fitter
 from counterlight.gl import shaders
 from counterlight.gl.adaptation import Adapter
-from counterlight.gl.decoding import Decoder
+from counterlight.gl.device import GlDevice
 from counterlight.gl.passes import Pass, float_texture, picture_texture, table_texture
-from counterlight.gl.placing import Fitter
+from counterlight.gl.planes import Planes
 from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.row_map_pass import MapTextures, RowMapPass
 from counterlight.test_cards import CARDS, card
@@ -173,10 +174,13 @@ def test_a_neutral_picture_is_bit_for_bit_what_the_bare_passes_give(
     assert "lift" not in bare
     monkeypatch.setattr(shaders, "read_source", lambda name: bare if name.startswith("planes") else original(name))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Decoder, "adjust", lambda self, picture: None)
-        decoder = Decoder(gl_context, frame.format)
+        patch.setattr(Planes, "adjust", lambda self, picture: None)
+        decoder = Planes(gl_context, frame.format)
     decoder._pass.set(to_rgb=tuple(decoding_of(frame.format).to_rgb.T.ravel()))
-    fitter, ambient = Fitter(gl_context, frame.format, CAMERA), picture_texture(gl_context, room.calibration.ambient)
+    fitter, ambient = (
+        Fitter(GlDevice(gl_context), frame.format, CAMERA),
+        picture_texture(gl_context, room.calibration.ambient),
+    )
     asked = Pass(gl_context, "desired.frag", float_texture(gl_context, CAMERA), white=room.white)
     textures = MapTextures(gl_context, room.maps.correction)
     correct = RowMapPass(gl_context, textures, "CLAMP")

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from counterlight.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
 from counterlight.colour import decoding_of
-from counterlight.gl.passes import Owner, Pass, Uniform, float_texture, plane_texture, table_texture
+from counterlight.device import Owner
+from counterlight.gl.passes import Pass, Uniform, float_texture, plane_texture, table_texture
 from counterlight.placement import shown_shape
 from counterlight.response import transfer_table
 from counterlight.video import PixelFormat
@@ -17,7 +18,7 @@ from counterlight.video import PixelFormat
 LAYOUTS = {"yuv": "LAYOUT_YUV", "rgb": "LAYOUT_RGB", "radiance": "LAYOUT_RADIANCE"}
 
 
-class Decoder:
+class Planes:
     """The planes of one pixel format and the pass that reads them."""
 
     def __init__(self, context: moderngl.Context, pixels: PixelFormat) -> None:

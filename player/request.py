@@ -1,21 +1,18 @@
 """What a frame asks for: light in the camera's view, and the drive that it would be without compensation."""
 
 from functools import cached_property
-from typing import Any
 
-import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.adjustments import NEUTRAL, Adjustments
-from counterlight.gl.adaptation import Adapter, NearLight
-from counterlight.gl.passes import Owner, Pass, float_texture, picture_texture
-from counterlight.gl.placing import Fitter, Pinner
-from counterlight.gl.views import Maps
+from counterlight.device import Adapter, Device, Light, NearLight, Owner, Pass
+from counterlight.fitting import Fitter, Pinner
+from counterlight.frames import PixelFormat
+from counterlight.map_views import MapViews
 from counterlight.placement import shown_shape
 from counterlight.room import Room
 from counterlight.test_cards import card
-from counterlight.video import PixelFormat
 
 
 class Request:
@@ -26,24 +23,22 @@ class Request:
 
     def __init__(
         self,
-        context: moderngl.Context,
+        device: Device,
         room: Room,
-        ambient: moderngl.Texture,
-        maps: Maps,
+        ambient: Light,
+        maps: MapViews,
         near_light: NearLight,
     ) -> None:
-        self._context, self._room, self._ambient = context, room, ambient
+        self._device, self._room, self._ambient = device, room, ambient
         self._maps, self._near_light = maps, near_light
         self._camera, self._projector = room.calibration.camera.shape, room.calibration.projector.shape
         self._owner, self._medium = Owner(), Owner()
         self._adjustments, self._unit = NEUTRAL, 1.0
         own = self._owner.own
         try:
-            black = np.zeros((*self._projector, 4), np.float32)
-            self._black = own(float_texture(context, self._projector, black))
-            self._desired = own(Pass(context, "desired.frag", float_texture(context, self._camera)))
-            target = float_texture(context, self._projector)
-            self._plain = own(Pass(context, "desired.frag", target, {"CLAMP": None}))
+            self._black = own(device.picture(np.zeros((*self._projector, 3), np.float32)))
+            self._desired = own(device.make_pass("desired.frag", self._camera))
+            self._plain = own(device.make_pass("desired.frag", self._projector, {"CLAMP": None}))
         except BaseException:
             self._owner.release()
             raise
@@ -51,8 +46,8 @@ class Request:
     def open(self, pixels: PixelFormat, adjustments: Adjustments) -> None:
         self._medium.release()
         own, self._pixels = self._medium.own, pixels
-        self._fitter = own(Fitter(self._context, pixels, self._camera))
-        self._plain_fitter = own(Fitter(self._context, pixels, self._projector))
+        self._fitter = own(Fitter(self._device, pixels, self._camera))
+        self._plain_fitter = own(Fitter(self._device, pixels, self._projector))
         self._radiance = pixels.layout == "radiance"
         self._unit = 1 / self._room.white if self._radiance else 1.0
         self._desired.set(white=1.0 if self._radiance else self._room.white)
@@ -70,14 +65,13 @@ class Request:
         if adjustments.adapt and (adjustments.adapt, adjustments.black_level) != (previous.adapt, previous.black_level):
             self._adapter.set(adjustments.adapt, self._unit, adjustments.black_level)
         if adjustments.card is not None and adjustments.card != previous.card:
-            drive = card(adjustments.card, self._projector)
-            self._card.write(np.concatenate([drive, np.ones((*self._projector, 1), np.float32)], axis=2))
+            self._device.write(self._card, card(adjustments.card, self._projector))
 
     def advance(self, *, cut: bool, duration_s: float) -> None:
         if self._adjustments.adapt:
             self._adapter.advance(cut=cut, duration_s=duration_s)
 
-    def light(self, picture: moderngl.Texture) -> moderngl.Texture:
+    def light(self, picture: Light) -> Light:
         """b = c − e of a decoded picture."""
         placed = (self._fitter if self._adjustments.corners is None else self._pinner).run(picture)
         if not self._toned:
@@ -85,7 +79,7 @@ class Request:
         tone = self._adapter.run(placed) if self._adjustments.adapt else self._no_tone
         return self._toned_desired.run(picture=placed, ambient=self._ambient, tone=tone)
 
-    def plain(self, picture: moderngl.Texture) -> moderngl.Texture:
+    def plain(self, picture: Light) -> Light:
         """The drive without compensation: the test card, or the picture as it fits the projector."""
         if self._adjustments.card is not None:
             return self._card
@@ -94,12 +88,12 @@ class Request:
             return self._plain.run(picture=placed, ambient=self._black)
         return self._toned_plain.run(picture=placed, ambient=self._black, tone=self._no_tone)
 
-    def desired(self, picture: moderngl.Texture) -> NDArray[np.float32]:
+    def desired(self, picture: Light) -> NDArray[np.float32]:
         """c, (camera height, camera width, 3)."""
         if self._toned or self._adjustments.corners is not None:
-            return read(self.light(picture), np.float32) + self._room.calibration.ambient
+            return self._device.read(self.light(picture), np.float32) + self._room.calibration.ambient
         white = 1.0 if self._radiance else self._room.white
-        return np.float32(white) * read(self._fitter.run(picture), np.float32)
+        return np.float32(white) * self._device.read(self._fitter.run(picture), np.float32)
 
     def release(self) -> None:
         self._medium.release()
@@ -111,37 +105,32 @@ class Request:
 
     @cached_property
     def _pinner(self) -> Pinner:
-        return self._owner.own(Pinner(self._context, self._camera))
+        return self._owner.own(Pinner(self._device, self._camera))
 
     @cached_property
     def _adapter(self) -> Adapter:
         adapter = self._owner.own(
-            Adapter(self._context, self._near_light, self._ambient, self._maps.most, self._room.white)
+            self._device.adapter(self._near_light, self._ambient, self._maps.most, self._room.white)
         )
         adapter.set(self._adjustments.adapt, self._unit, self._adjustments.black_level)
         return adapter
 
     @cached_property
     def _toned_desired(self) -> Pass:
-        target, white = float_texture(self._context, self._camera), self._room.white
-        return self._owner.own(Pass(self._context, "desired.frag", target, {"TONE": None}, white=white))
+        return self._owner.own(
+            self._device.make_pass("desired.frag", self._camera, {"TONE": None}, white=self._room.white)
+        )
 
     @cached_property
     def _toned_plain(self) -> Pass:
-        target = float_texture(self._context, self._projector)
-        defines: dict[str, int | None] = {"TONE": None, "CLAMP": None}
-        return self._owner.own(Pass(self._context, "desired.frag", target, defines, white=1.0))
+        return self._owner.own(
+            self._device.make_pass("desired.frag", self._projector, {"TONE": None, "CLAMP": None}, white=1.0)
+        )
 
     @cached_property
-    def _no_tone(self) -> moderngl.Texture:
-        return self._owner.own(picture_texture(self._context, np.array([[[1, 0, 0]]], np.float32)))
+    def _no_tone(self) -> Light:
+        return self._owner.own(self._device.picture(np.array([[[1, 0, 0]]], np.float32)))
 
     @cached_property
-    def _card(self) -> moderngl.Texture:
-        return self._owner.own(float_texture(self._context, self._projector))
-
-
-def read(texture: moderngl.Texture, dtype: type) -> NDArray[Any]:
-    """A texture's first three channels, (height, width, 3); waits for the GPU."""
-    width, height = texture.size
-    return np.frombuffer(texture.read(), dtype).reshape(height, width, 4)[..., :3]
+    def _card(self) -> Light:
+        return self._owner.own(self._device.picture(np.zeros((*self._projector, 3), np.float32)))
