@@ -30,7 +30,7 @@ from counterlight.show.options import (
 from counterlight.show.playlist import Playlist, files_of
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.show.session import Session
-from counterlight.show.show import Remote, Show
+from counterlight.show.show import Show
 from counterlight.stats import Stats
 from counterlight.unattended.control import ControlServer
 from counterlight.unattended.heartbeat import Heartbeat, Notifier
@@ -164,7 +164,7 @@ def play_in_window(
     room: Room,
     adjustments: Adjustments,
     *,
-    remotes: Sequence[Remote] = (),
+    remotes: Sequence[ControlServer] = (),
     heartbeat: Heartbeat | None = None,
     farewell: Callable[[], None] = lambda: None,
 ) -> Stats:

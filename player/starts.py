@@ -1,7 +1,7 @@
 """Where refinement starts: the drive that the first step of a frame improves (`--refine-from`)."""
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -19,21 +19,8 @@ class Iterate(NamedTuple):
     steps: int
 
 
-class Start(Protocol):
-    def advance(self, *, cut: bool) -> None:
-        """A new frame comes; cut: it has nothing to do with the one before."""
-
-    def run(self, b: Light) -> Iterate:
-        """Where to start, p within 0..1; the same for one frame however often it is drawn."""
-
-    def keep(self, last: Iterate) -> None:
-        """Take what refinement made of it."""
-
-    def release(self) -> None: ...
-
-
 class MapStart:
-    """clamp(T⁺ b): the thesis' method.  correct : b -> that."""
+    """clamp(T⁺ b): the thesis' method.  correct : b -> that, p within 0..1."""
 
     def __init__(self, correct: Correct) -> None:
         self._correct = correct
@@ -67,17 +54,20 @@ class PreviousStart:
         self._before, self._now = (own(_Carried(device, shape)) for _ in range(2))
 
     def advance(self, *, cut: bool) -> None:
+        """A new frame comes; cut: it has nothing to do with the one before."""
         self._before, self._now = self._now, self._before
         self._now.steps = 0
         if cut or not self._before.steps:
             self._before.clear()
 
     def run(self, b: Light) -> Iterate:
+        """Where to start; the same for one frame however often it is drawn."""
         self._map = self._correct(b)
         p = self._start.run(first=self._map, second=self._before.change.target)
         return Iterate(p, self._ahead.run(first=p, second=self._before.momentum.target), self._before.steps)
 
     def keep(self, last: Iterate) -> None:
+        """Take what refinement made of it."""
         self._now.change.run(first=last.p, second=self._map)
         self._now.momentum.run(first=last.y, second=last.p)
         self._now.steps = last.steps
@@ -125,3 +115,6 @@ class GreyStart(MapStart):
 
     def release(self) -> None:
         self._owner.release()
+
+
+Start: TypeAlias = MapStart | PreviousStart

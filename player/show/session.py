@@ -8,21 +8,24 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol, TypeAlias
+from typing import Literal, TypeAlias
 
 from counterlight.adjustments import NEUTRAL, Adjustments
+from counterlight.audio import AudioOutput, Track
 from counterlight.command import tell
 from counterlight.errors import InputError
 from counterlight.frames import Frame, MediaInfo, PixelFormat
 from counterlight.medium import Medium
 from counterlight.refinement import Certificate, StepBudget
 from counterlight.renderer import Renderer
+from counterlight.show.display import Display
+from counterlight.show.media import Media
 from counterlight.show.memory import give_back
 from counterlight.show.osd import Message, Page
 from counterlight.show.placing import Placing
-from counterlight.show.playback import Playback, Sound
+from counterlight.show.playback import Playback
 from counterlight.show.playlist import Playlist
-from counterlight.show.programme import Opener, Opening, Programme
+from counterlight.show.programme import Opening, Programme
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.stats import Stats
 
@@ -32,49 +35,6 @@ AHEAD_S = 3.0  # before a medium ends the next one is opened
 OPENING_WAIT_S = 0.01  # while a medium is being opened
 FADE_WAIT_S = 0.03
 Steps: TypeAlias = int | Literal["auto"]
-
-
-class Display(Protocol):
-    """A window that shows what the renderer has rendered."""
-
-    @property
-    def closed(self) -> bool: ...
-
-    @property
-    def fullscreen(self) -> bool: ...
-
-    @property
-    def monitor(self) -> str:
-        """Name of the monitor that the window is on."""
-
-    def poll(self, timeout_s: float) -> list[str]:
-        """Names of the keys pressed since the last call, waiting at most `timeout_s` for one."""
-
-    def notices(self) -> list[str]:
-        """What happened to the monitors since the last call."""
-
-    def present(self, page: Page | None, *, black: bool) -> None:
-        """Show the rendered view with a page over it, or black."""
-
-    def set_fullscreen(self, on: bool) -> None: ...
-
-    def set_title(self, title: str) -> None: ...
-
-    def move_to(self, monitor: str) -> None:
-        """Go to the monitor of a name or number."""
-
-    def identify(self) -> None:
-        """Write its name on every monitor for a while."""
-
-
-class Audio(Protocol):
-    """An audio output."""
-
-    volume: float
-    mute: bool
-
-    def open(self, medium: Medium) -> Sound:
-        """The sound of a medium."""
 
 
 @dataclass
@@ -97,7 +57,7 @@ class Session:
     def __init__(
         self,
         playlist: Playlist,
-        opener: Opener,
+        opener: Media,
         renderer: Renderer,
         display: Display,
         room: RoomInUse,
@@ -114,7 +74,7 @@ class Session:
         blackout: bool = False,
         osd: bool = True,
         screenshots: Path = Path(),
-        audio: Audio | None = None,
+        audio: AudioOutput | None = None,
         silence: str | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -381,7 +341,7 @@ class Session:
         self._steps_made += steps
         self._changed = False
 
-    def _sound(self, info: MediaInfo, medium: Medium) -> Sound | None:
+    def _sound(self, info: MediaInfo, medium: Medium) -> Track | None:
         """The sound of a medium that has one; why it is not heard is told once."""
         if not info.sound or info.still or info.live:
             return None

@@ -1,34 +1,18 @@
 """A show from loop to loop: what keys and remotes command, what the session shows, what is written over it and told."""
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
 
 from counterlight.show.commands import commands_of
 from counterlight.show.keys import Keys
 from counterlight.show.memory import short_collections
 from counterlight.show.overlay import Overlay
-from counterlight.show.registry import Commands
 from counterlight.show.session import Session
 from counterlight.show.stats_page import facts
 from counterlight.stats import Stats
+from counterlight.unattended.control import ControlServer
+from counterlight.unattended.heartbeat import Heartbeat
 
 REDRAW = "redraw"  # not a key: the window was resized or uncovered
-
-
-class Remote(Protocol):
-    """Something else than keys that commands the player (a control socket)."""
-
-    def poll(self, commands: Commands) -> None:
-        """Run what has arrived; never wait."""
-
-
-class Heartbeat(Protocol):
-    """Told how the show goes, whenever it is due; asked once a loop."""
-
-    @property
-    def due(self) -> bool: ...
-
-    def beat(self, facts: Mapping[str, object]) -> None: ...
 
 
 class Show:
@@ -39,7 +23,7 @@ class Show:
         session: Session,
         *,
         bindings: Mapping[str, str] | None = None,
-        remotes: Sequence[Remote] = (),
+        remotes: Sequence[ControlServer] = (),
         heartbeat: Heartbeat | None = None,
     ) -> None:
         self.session, self.commands = session, commands_of(session)

@@ -78,8 +78,3 @@ def sample_places(shape: Shape, side: int) -> tuple[FloatArray, FloatArray]:
     """u, v of side × side places spread over a shape from edge to edge, (side²,) each."""
     u, v = np.meshgrid(np.linspace(0, 1, side), np.linspace(*shape.v_range, side))
     return u.ravel(), v.ravel()
-
-
-def no_meeting() -> Meeting:
-    empty, none = np.zeros(0), np.zeros(0, np.int64)
-    return Meeting(none, empty, empty, empty, np.zeros((0, 3)), none)
