@@ -19,17 +19,10 @@ from counterlight.placement import read_placement
 from counterlight.renderer import Renderer
 from counterlight.room import Room, read_room
 from counterlight.show.media import Media
-from counterlight.show.options import (
-    Steps,
-    adjustments_of,
-    image_display_duration,
-    monitors_of,
-    one_medium,
-    read_options,
-)
+from counterlight.show.options import adjustments_of, image_display_duration, monitors_of, one_medium, read_options
 from counterlight.show.playlist import Playlist, files_of
 from counterlight.show.room_in_use import RoomInUse
-from counterlight.show.session import Session
+from counterlight.show.session import Session, Steps
 from counterlight.show.show import Show
 from counterlight.stats import Stats
 from counterlight.unattended.control import ControlServer
@@ -112,11 +105,10 @@ def room_of(options: argparse.Namespace) -> Room:
     return read_room(options.calibration, white, options.dither, options.refine, options.refine_from)
 
 
-def _fixed_steps(refine: Steps, room: Room) -> int:
-    """The steps of a frame if nothing is said of its time."""
-    if isinstance(refine, int):
-        return refine
-    return room.default_steps
+def _steps(options: argparse.Namespace, room: Room) -> Steps:
+    """Of a frame: as many as the room is usually refined by if nobody says."""
+    steps: Steps = room.default_steps if options.refine is None else options.refine
+    return steps
 
 
 def _render(options: argparse.Namespace, room: Room, adjustments: Adjustments) -> Stats:
@@ -152,7 +144,7 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
             compensate=options.compensation,
             frames=options.frames,
             white=room.white,
-            steps=_fixed_steps(options.refine, room),
+            steps=int(_steps(options, room)),
         )
     quality = stats.facts.get("camera_psnr_db")
     print(f"{options.output}: {stats.frames} frames" + (f", camera PSNR {quality:.1f} dB" if quality else ""))
@@ -216,7 +208,7 @@ def play_in_window(
             RoomInUse(options.calibration, room, lambda: room_of(options), renewed),
             view=options.view,
             compensation=options.compensation,
-            refine="auto" if options.refine == "auto" else _fixed_steps(options.refine, room),
+            refine=_steps(options, room),
             adjustments=adjustments,
             lasting=options.lasting or bool(remotes),
             loop_file=options.loop and len(options.media) == 1,

@@ -5,7 +5,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 from counterlight.adjustments import Adjustments
 from counterlight.calibration import RADIANCE
@@ -22,8 +22,6 @@ from counterlight.show.playlist import expand
 from counterlight.show.settings import Several, apply_settings, default_path
 from counterlight.test_cards import CARDS
 from counterlight.unattended.supervisor import SAFE
-
-Steps: TypeAlias = int | Literal["auto"] | None
 
 
 def read_options(argv: Sequence[str] | None, description: str) -> argparse.Namespace:
