@@ -6,38 +6,30 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from counterlight import calibration as calibrations
-from counterlight import maps
+from counterlight.adjustments import Adjustments
 from counterlight.audio import open_audio
-from counterlight.calibration import Region, StoredCalibration
+from counterlight.calibration import check_order
 from counterlight.command import run, tell
-from counterlight.cpu_renderer import CpuRenderer
 from counterlight.errors import InputError
-from counterlight.generation import read_steadily
-from counterlight.headless import render_to_file
-from counterlight.maps import RoomMaps
+from counterlight.headless import headless_renderer, render_to_file
 from counterlight.output import check_output
-from counterlight.picture import Picture
-from counterlight.placement import Corners, corners_of, read_placement, write_placement
-from counterlight.refinement import Certificate, default_start
-from counterlight.renderer import Renderer, Room, place
+from counterlight.placement import read_placement
+from counterlight.renderer import Renderer
+from counterlight.room import Room, read_room
 from counterlight.show.media import Media
-from counterlight.show.options import Steps, image_display_duration, monitors_of, one_medium, picture_of, read_options
-from counterlight.show.outline import lit_by
+from counterlight.show.options import adjustments_of, image_display_duration, monitors_of, one_medium, read_options
 from counterlight.show.playlist import Playlist, files_of
-from counterlight.show.session import Session
-from counterlight.show.session_inputs import Remote, Setup, Site
+from counterlight.show.room_in_use import RoomInUse
+from counterlight.show.session import Session, Steps
+from counterlight.show.show import Show
 from counterlight.stats import Stats
 from counterlight.unattended.control import ControlServer
 from counterlight.unattended.heartbeat import Heartbeat, Notifier
 from counterlight.unattended.supervisor import supervise
-from counterlight.video import MediaReader, PixelFormat
+from counterlight.video import MediaReader
 from counterlight.writing.outputs import check_apart, check_file, check_log
 
 
@@ -65,15 +57,15 @@ def _show(options: argparse.Namespace) -> None:
         return
     if options.calibration is None or not options.media:
         raise InputError("counterlight play: needs a CALIBRATION and MEDIA; see counterlight play --help")
-    calibrations.check_order(options.calibration, [medium.name for medium in options.media])
+    check_order(options.calibration, [medium.name for medium in options.media])
     _check_outputs(options)
-    picture = replace(picture_of(options), corners=read_placement(options.calibration))
+    adjustments = replace(adjustments_of(options), corners=read_placement(options.calibration))
     if options.output:
-        stats = _render(options, _room_told(options), picture)
+        stats = _render(options, _room_told(options), adjustments)
     else:
         with _attached(options) as (remotes, heartbeat, farewell):
             stats = play_in_window(
-                options, _room_told(options), picture, remotes=remotes, heartbeat=heartbeat, farewell=farewell
+                options, _room_told(options), adjustments, remotes=remotes, heartbeat=heartbeat, farewell=farewell
             )
     if options.stats is not None:
         stats.write(options.stats)
@@ -96,7 +88,7 @@ def _check_outputs(options: argparse.Namespace) -> None:
 
 def _room_told(options: argparse.Namespace) -> Room:
     room = room_of(options)
-    tell(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white is None else ''}", sys.stdout)
+    tell(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white == 'auto' else ''}", sys.stdout)
     return room
 
 
@@ -113,73 +105,29 @@ def _attached(options: argparse.Namespace) -> Iterator[tuple[list[ControlServer]
 
 
 def room_of(options: argparse.Namespace) -> Room:
-    return read_room(options.calibration, options.white, options.dither, options.refine, options.refine_from)
+    white = None if options.white == "auto" else options.white
+    return read_room(options.calibration, white, options.dither, options.refine, options.refine_from)
 
 
-def read_room(
-    folder: Path, white: float | None, dither: str = "ordered", refine: Steps = None, start: str | None = None
-) -> Room:
-    """Read a calibration with its correction map; `white` None takes the level that most of the room can reach.
-
-    refine : steps of refinement; None for the usual number where the room has the maps for it.
-    start : one of STARTS, where they begin; None for what suits the room's maps.
-    """
-    if refine == 0 and start is not None:
-        raise InputError(
-            f"--refine-from {start}: --refine 0 makes no step that could start there; leave one of them out"
-        )
-    stored, room_maps = read_steadily(folder / calibrations.TOML, lambda: _read_stored(folder, refinement=refine != 0))
-    if (refine or start) and room_maps.refinement is None:
-        raise InputError(
-            f"{folder}: its maps were built without what refinement needs; "
-            f"rebuild them with: counterlight build {folder}, or leave out --refine and --refine-from"
-        )
-    level = room_maps.white if white is None else white
-    return Room(stored.calibration, room_maps, level, dither, start or default_start(room_maps.correction_in_steps))
+def _steps(options: argparse.Namespace, room: Room) -> Steps:
+    """Of a frame: as many as the room is usually refined by if nobody says."""
+    steps: Steps = room.default_steps if options.refine is None else options.refine
+    return steps
 
 
-def _read_stored(folder: Path, *, refinement: bool) -> tuple[StoredCalibration, RoomMaps]:
-    stored = calibrations.read(folder)
-    return stored, maps.read_maps(stored, refinement=refinement)
-
-
-@contextmanager
-def headless_renderer(backend: str, room: Room, path: str = "fragment") -> Iterator[Renderer]:
-    """A renderer without a window: "gl" through EGL, on one of PATHS, or "cpu"."""
-    if backend == "cpu":
-        yield CpuRenderer(room)
-        return
-    from counterlight.gl.context import headless_context
-    from counterlight.gl.renderer import GlRenderer
-
-    with headless_context() as context:
-        renderer = GlRenderer(context, room, path)
-        try:
-            yield renderer
-        finally:
-            renderer.release()
-
-
-def _fixed_steps(refine: Steps, room: Room) -> int:
-    """The steps of a frame if nothing is said of its time."""
-    if isinstance(refine, int):
-        return refine
-    return room.default_steps
-
-
-def _render(options: argparse.Namespace, room: Room, picture: Picture) -> Stats:
+def _render(options: argparse.Namespace, room: Room, adjustments: Adjustments) -> Stats:
     medium = one_medium(options)
     with MediaReader.open(medium, loop=options.loop, frames_per_second=options.fps) as reader:
         if options.start:
             reader.seek(options.start)
-        stats = _render_medium(options, reader, room, picture)
+        stats = _render_medium(options, reader, room, adjustments)
         for notice in reader.notices():
             tell(notice)
             stats.notice(notice)
     return stats
 
 
-def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room, picture: Picture) -> Stats:
+def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room, adjustments: Adjustments) -> Stats:
     if options.loop and options.frames is None:
         raise InputError("--loop with --output never ends; add --frames N")
     if reader.info.live and options.frames is None:
@@ -190,7 +138,7 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
         raise InputError(f"--path {options.path}: --backend cpu has no GPU to take it on; leave one of them out")
     with headless_renderer(options.backend, room, options.path or "fragment") as renderer:
         renderer.open(reader.info.format)
-        renderer.adjust(picture)
+        renderer.adjust(adjustments)
         stats = render_to_file(
             reader,
             renderer,
@@ -200,7 +148,7 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
             compensate=options.compensation,
             frames=options.frames,
             white=room.white,
-            steps=_fixed_steps(options.refine, room),
+            steps=int(_steps(options, room)),
         )
     quality = stats.facts.get("camera_psnr_db")
     print(f"{options.output}: {stats.frames} frames" + (f", camera PSNR {quality:.1f} dB" if quality else ""))
@@ -210,9 +158,9 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
 def play_in_window(
     options: argparse.Namespace,
     room: Room,
-    picture: Picture,
+    adjustments: Adjustments,
     *,
-    remotes: Sequence[Remote] = (),
+    remotes: Sequence[ControlServer] = (),
     heartbeat: Heartbeat | None = None,
     farewell: Callable[[], None] = lambda: None,
 ) -> Stats:
@@ -261,12 +209,21 @@ def play_in_window(
             Media(options.border, options.fps),
             GlRenderer(window.context, room, path),
             window,
-            setup=replace(_setup(options, room, picture), silence=silence),
-            site=_RoomInUse(options, room, renewed).site(),
-            bindings=options.keys,
-            remotes=remotes,
-            heartbeat=heartbeat,
+            RoomInUse(options.calibration, room, lambda: room_of(options), renewed),
+            view=options.view,
+            compensation=options.compensation,
+            refine=_steps(options, room),
+            adjustments=adjustments,
+            lasting=options.lasting or bool(remotes),
+            loop_file=options.loop and len(options.media) == 1,
+            speed=options.speed,
+            start_s=options.start,
+            image_display_duration=image_display_duration(options),
+            blackout=options.blackout,
+            osd=options.osd,
+            screenshots=options.screenshot_directory,
             audio=audio,
+            silence=silence,
         )
         del room  # a reload shall free it
 
@@ -275,69 +232,8 @@ def play_in_window(
             return session.renderer.encoded_texture
 
         window.attach(shown, lambda: session.rendered_view == "projector")
-        return session.run(options.frames)
-
-
-def _setup(options: argparse.Namespace, room: Room, picture: Picture) -> Setup:
-    return Setup(
-        view=options.view,
-        compensation=options.compensation,
-        refine="auto" if options.refine == "auto" else _fixed_steps(options.refine, room),
-        picture=picture,
-        lasting=options.lasting,
-        loop_file=options.loop and len(options.media) == 1,
-        speed=options.speed,
-        start_s=options.start,
-        image_display_duration=image_display_duration(options),
-        blackout=options.blackout,
-        osd=options.osd,
-        screenshots=options.screenshot_directory,
-    )
-
-
-class _RoomInUse:
-    """The room that a session plays in, read again when it asks for that."""
-
-    def __init__(self, options: argparse.Namespace, room: Room, make_renderer: Callable[[Room], Renderer]) -> None:
-        self._options, self._room, self._make_renderer = options, room, make_renderer
-
-    def site(self) -> Site:
-        keep = partial(write_placement, self._options.calibration)
-        return Site(
-            self._reload,
-            self._fit,
-            keep,
-            self._psnr,
-            refinable=lambda: self._room.maps.refinement is not None,
-            camera=lambda: self._room.calibration.camera.shape,
-            on_projector=lambda points: lit_by(self._room.maps.transport, points),
-        )
-
-    def _reload(self) -> Renderer:
-        fresh, before = room_of(self._options), self._room.calibration.regions
-        regions = fresh.calibration.regions
-        if regions != before:
-            sizes = f"{_sizes(regions)}, was {_sizes(before)}"
-            raise InputError(
-                f"{self._options.calibration}: the projector's size is now {sizes}; start the player again"
-            )
-        renderer = self._make_renderer(fresh)
-        self._room = fresh
-        return renderer
-
-    def _fit(self, pixels: PixelFormat) -> Corners:
-        camera = self._room.calibration.camera.shape
-        return corners_of(place(pixels, camera), camera)
-
-    def _psnr(self, certificate: Certificate) -> float:
-        """10 log₁₀(white² / mean (T p − b)²) over the camera pixels that count and their channels."""
-        values = 3 * np.count_nonzero(self._room.calibration.mask)
-        mean = certificate.squared_error.sum() / max(values, 1)
-        return float(10 * np.log10(self._room.white**2 / max(mean, 1e-30)))
-
-
-def _sizes(regions: Sequence[Region]) -> str:
-    return " + ".join(f"{region.width}x{region.height}" for region in regions)
+        show = Show(session, bindings=options.keys, remotes=remotes, heartbeat=heartbeat)
+        return show.run(options.frames)
 
 
 if __name__ == "__main__":

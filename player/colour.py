@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.video import PixelFormat
+from counterlight.frames import PixelFormat
 
 # Kr, Kb of ITU-R BT.601, BT.709 and BT.2020 (non-constant luminance).
 LUMA_WEIGHTS = {"bt601": (0.299, 0.114), "bt709": (0.2126, 0.0722), "bt2020": (0.2627, 0.0593)}
+LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear RGB, ITU-R BT.709
 # Chroma coordinate of luma pixel 0 when two luma pixels share a sample: on it, or a quarter beside it.
 SITED, BETWEEN = 0.0, -0.25
 

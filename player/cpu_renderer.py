@@ -1,277 +1,202 @@
-"""The reference backend: the same pipeline as gl/renderer.py on the CPU, in numpy (`--backend cpu`)."""
+"""The reference backend: the pipeline of renderer.py over the twins of the shaders, in numpy (`--backend cpu`)."""
 
-from functools import cached_property
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight import picture_reference, reference
+from counterlight import reference
+from counterlight.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
 from counterlight.colour import decoding_of
-from counterlight.content import SceneCuts, Succession, approach
-from counterlight.maps import RefinementMaps
-from counterlight.operators import compensation, light
-from counterlight.picture import NEUTRAL, Picture, adjusted_decoding, adjusted_transfer
-from counterlight.picture_reference import Limits
-from counterlight.placement import homography
-from counterlight.reference import PreparedRows
-from counterlight.refinement import GREY, OVER_RELAXATION, Certificate, momentum
-from counterlight.renderer import LONG_BYTES, PathReport, Room, check_radiance_size, place
+from counterlight.content import Succession, approach
+from counterlight.device import LONG_BYTES, NearLight, PathReport
+from counterlight.frames import PixelFormat
+from counterlight.reference import Limits, PreparedRows
+from counterlight.refinement import OVER_RELAXATION, momentum
+from counterlight.renderer import Renderer
 from counterlight.response import Response, transfer_table
-from counterlight.test_cards import card
-from counterlight.video import Frame, PixelFormat
+from counterlight.room import Room
+from counterlight.row_map import RowMap
 
 FloatArray = NDArray[np.floating]
+NO_TONE = np.array([1.0, 0.0])
+PERCENT = 0.01
+# With what shaders are told as uniforms and textures; colours and thresholds the twins take from views.py themselves.
+TWINS: dict[str, Callable[..., FloatArray]] = {
+    "blend.frag": reference.blend,
+    "clipping.frag": lambda view, asked, white, most=None, **_: reference.clipping(
+        view, asked, 1.0 if most is None else most[..., :3], white
+    ),
+    "combine.frag": reference.combine,
+    "desired.frag": reference.desired_light,
+    "error_map.frag": lambda seen, b, ambient, reach, white, **_: reference.error_map(seen, ambient, b, reach, white),
+    "gap.frag": reference.gap_terms,
+    "impossible.frag": lambda reach, white, **_: reference.impossible(reach, white),
+    "pinned.frag": lambda source, to_source, target: reference.pinned(source, target, np.reshape(to_source, (3, 3)).T),
+    "reach.frag": reference.reach_of,
+    "resample.frag": lambda source, axis, origin, extent, target: reference.resample_axis(
+        source, 1 - axis, target[1 - axis], origin, extent
+    ),
+    "split.frag": reference.split,
+    "squared_error.frag": reference.squared_error,
+}
+PLACING = "pinned.frag", "resample.frag"  # which need to know the shape of what they draw
+COMBINE: dict[str, Callable[[Any, Any], FloatArray]] = {
+    "": lambda base, product: product,
+    "ADD_TO_BASE": lambda base, product: base + product,
+    "SUBTRACT_FROM_BASE": lambda base, product: base - product,
+    "CLAMP": lambda base, product: np.clip(product, 0, 1),
+}
 
 
-class CpuRenderer:
-    """Renderer in numpy; see counterlight.renderer.Renderer."""
-
+class CpuRenderer(Renderer):
     def __init__(self, room: Room) -> None:
-        self._room, self.path = room, PathReport("cpu", LONG_BYTES)
-        self._transport, self._T = PreparedRows(room.maps.transport), light(room.maps.transport, room.maps.far)
-        self._T_pinv = compensation(room.maps)
-        self._refinement = None if room.maps.refinement is None else _Refinement(room.maps.refinement)
-        self._picture = NEUTRAL
-        self._adaptation, self._damping = _Carried(lasting=True), _Carried(lasting=False)
-        self._projector_codes = room.calibration.projector.response.inverse_table()
-        self._camera_codes = Response("srgb").inverse_table()
+        super().__init__(CpuDevice(), room, "cpu")
 
-    def open(self, pixels: PixelFormat) -> None:
-        check_radiance_size(pixels, self._room.calibration)
-        self._pixels, self._cuts = pixels, SceneCuts()
-        self._before: tuple[FloatArray, FloatArray, int] | None = None  # p − T⁺ b, y − p and steps of the frame before
-        self._now: tuple[FloatArray, FloatArray, int] | None = None  # and of this one
-        self._radiance = pixels.layout == "radiance"
-        self._upright: FloatArray | None = None
-        self._unit = 1 / self._room.white if self._radiance else 1.0
-        self._adaptation, self._damping = _Carried(lasting=True), _Carried(lasting=False)
 
-    def adjust(self, picture: Picture) -> None:
-        previous, self._picture = self._picture, picture
-        self._upright = None
-        if (picture.adapt, picture.black_level) != (previous.adapt, previous.black_level):
-            self._adaptation.restart()
-        if not previous.flicker:
-            self._damping.restart()
+class CpuDevice:
+    """Numpy as a device of the pipeline: pictures are arrays (height, width, channels)."""
 
-    def upload(self, frame: Frame) -> None:
-        self._planes, self._upright = [plane.copy() for plane in frame.planes], None
-        cut = self._cuts.starts_with(frame)
-        self._before, self._now = None if cut else self._now, None
-        self._adaptation.advance(cut=cut, duration_s=frame.duration_s)
-        self._damping.advance(cut=cut, duration_s=frame.duration_s)
+    def picture(self, picture: FloatArray) -> FloatArray:
+        return picture
 
-    def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
-        self._compensated: tuple[FloatArray, FloatArray] | None = None
-        self._linear = self._shown(view, compensate=compensate and self._picture.card is None, steps=steps)
-        self._view, self._frame = view, frame
+    def write(self, light: FloatArray, picture: FloatArray) -> None:
+        light[...] = picture
 
-    def encoded(self) -> NDArray[np.uint8]:
-        if self._view == "projector":
-            return reference.encode(self._linear, self._projector_codes, 1.0, self._room.dither, self._frame)
-        return reference.encode(self._linear, self._camera_codes, self._room.white)
+    def mask(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        return mask
 
-    def linear(self) -> NDArray[np.float32]:
-        return self._linear.astype(np.float32)
+    def make_pass(
+        self, shader: str, shape: tuple[int, int], defines: Mapping[str, int | None] | None = None, **uniforms: Any
+    ) -> "_Twin":
+        if "CLAMP" in (defines or {}):
+            uniforms["clamp"] = True
+        if shader in PLACING:
+            uniforms["target"] = shape
+        return _Twin(TWINS[shader], shape, uniforms)
 
-    def desired(self) -> NDArray[np.float32]:
-        return self._asked().astype(np.float32)
+    def store(self, room: Room, path: str) -> "_Maps":
+        return _Maps(room, path)
 
-    def certificate(self) -> Certificate | None:
-        if self._refinement is None or self._compensated is None:
-            return None
-        drive, b = self._compensated
-        residual = b - self._T.apply(drive)
-        error = reference.squared_error(residual, self._room.calibration.mask)
-        gap = reference.gap_terms(self._refinement.dual.apply(residual), drive)
-        return Certificate(error.sum(axis=(0, 1)), gap.sum(axis=(0, 1)))
+    def planes(self, pixels: PixelFormat) -> "_Planes":
+        return _Planes(pixels)
+
+    def adapter(self, near_light: NearLight, ambient: FloatArray, most: FloatArray, white: float) -> "_Adapter":
+        return _Adapter(near_light, ambient.astype(np.float64), most, white)
+
+    def encoder(self, shape: tuple[int, int], response: Response, scale: float, dither: str) -> "_Function":
+        table = response.inverse_table()
+        return _Function(lambda light, frame: reference.encode(light, table, scale, dither, frame))
+
+    def stepper(self, shape: tuple[int, int], step_size: FloatArray) -> "_Function":
+        step = reference.refinement_step
+        return _Function(lambda k, descent, y, p: step(descent, y, p, step_size, momentum(k), OVER_RELAXATION))
+
+    def total(self, shape: tuple[int, int]) -> "_Function":
+        return _Function(lambda picture: reference.block_sum(picture, max(shape))[0, 0])
+
+    def read(self, light: NDArray[Any], dtype: type) -> NDArray[Any]:
+        return light.astype(dtype)
 
     def finish(self) -> None:
         """Nothing runs in the background."""
 
+
+class _Held:
     def release(self) -> None:
         """Nothing to give back."""
 
-    @property
-    def _decoded(self) -> FloatArray:
+
+class _Function(_Held):
+    def __init__(self, run: Callable[..., Any]) -> None:
+        self.run = run
+
+
+class _Twin(_Held):
+    """A shader's twin and what it has drawn last."""
+
+    def __init__(self, twin: Callable[..., FloatArray], shape: tuple[int, int], uniforms: dict[str, Any]) -> None:
+        self._twin, self._shape, self._uniforms = twin, shape, uniforms
+        self.target: FloatArray = np.zeros((*shape, 3))
+
+    def set(self, **uniforms: Any) -> None:
+        self._uniforms |= uniforms
+
+    def run(self, **inputs: Any) -> FloatArray:
+        self.target = self._twin(**inputs, **self._uniforms)
+        return self.target
+
+    def clear(self) -> None:
+        self.target = np.zeros((*self._shape, 3))
+
+
+class _Maps(_Held):
+    def __init__(self, room: Room, path: str) -> None:
+        self.room, self.report = room, PathReport(path, LONG_BYTES)
+        self._stored: dict[int, _Map] = {}
+
+    def of(self, packed: RowMap) -> "_Map":
+        if id(packed) not in self._stored:
+            self._stored[id(packed)] = _Map(packed)
+        return self._stored[id(packed)]
+
+
+class _Map(_Held):
+    def __init__(self, packed: RowMap) -> None:
+        self.output_shape, self.source_shape = packed.output_shape, packed.source_shape
+        self._rows = PreparedRows(packed)
+
+    def product(self, combine: str = "") -> _Function:
+        with_base = COMBINE[combine]
+        return _Function(lambda source, base=None: with_base(base, self._rows.apply(source)))
+
+
+class _Planes(_Held):
+    def __init__(self, pixels: PixelFormat) -> None:
+        self._pixels, self._adjustments = pixels, NEUTRAL
+        self._upright: FloatArray | None = None
+
+    def adjust(self, adjustments: Adjustments) -> None:
+        self._adjustments, self._upright = adjustments, None
+
+    def upload(self, planes: Sequence[NDArray[Any]]) -> None:
+        self._planes, self._upright = [plane.copy() for plane in planes], None
+
+    def run(self) -> FloatArray:
         if self._upright is None:
             self._upright = self._decode()
         return self._upright
 
     def _decode(self) -> FloatArray:
         pixels, decoding, lift = self._pixels, None, 0.0
-        transfer = transfer_table("linear" if self._radiance else pixels.transfer)
-        if not self._radiance:
-            decoding, lift = adjusted_decoding(decoding_of(pixels), pixels, self._picture)
-            transfer = adjusted_transfer(transfer, self._picture)
+        transfer = transfer_table("linear" if pixels.layout == "radiance" else pixels.transfer)
+        if pixels.layout != "radiance":
+            decoding, lift = adjusted_decoding(decoding_of(pixels), pixels, self._adjustments)
+            transfer = adjusted_transfer(transfer, self._adjustments)
         luma, chroma = ((plane.height, plane.width) for plane in pixels.planes[:2])
         return reference.planes_to_linear(self._planes, luma, chroma, decoding, transfer, pixels.rotation, lift)
 
-    def _placed(self, target: tuple[int, int]) -> FloatArray:
-        spot = place(self._pixels, target)
-        return reference.resample(self._decoded, target, (spot.left, spot.top, spot.width, spot.height))
 
-    def _asked(self) -> FloatArray:
-        """c, the radiance in the camera's view."""
-        picture, camera, white = self._picture, self._room.calibration.camera.shape, self._room.white
-        if picture.corners is None:
-            placed = self._placed(camera)
-        else:
-            H = homography(picture.corners, camera, self._decoded.shape[:2])
-            placed = picture_reference.pinned(self._decoded, camera, H)
-        if not (picture.adapt or picture.black_level):
-            return (1.0 if self._radiance else white) * placed
-        tone = self._tone(placed) if picture.adapt else np.array([1.0, 0.0])
-        return white * picture_reference.toned(placed, self._unit, picture.black_level, tone)
+class _Adapter(_Held):
+    def __init__(self, near_light: NearLight, ambient: FloatArray, most: FloatArray, white: float) -> None:
+        self._near_light, self._white, self._succession = near_light, white, Succession(lasting=True)
+        self._limits = Limits(near_light(np.ones_like(ambient)), near_light(ambient), ambient, most)
+        self._before: FloatArray = NO_TONE
+        self._now: FloatArray = NO_TONE
 
-    def _tone(self, placed: FloatArray) -> FloatArray:
-        picture = self._picture
-        u = picture_reference.toned(placed, self._unit, picture.black_level, np.array([1.0, 0.0]))
-        found = picture_reference.tone_of(u, self._near_light(u), self._limits, self._room.white, picture.adapt / 100)
-        return self._adaptation.blended(found, 1 - approach(self._adaptation.elapsed_s))
-
-    def _plain_drive(self) -> FloatArray:
-        if self._picture.card is not None:
-            return card(self._picture.card, self._room.calibration.projector.shape)
-        picture = self._placed(self._room.calibration.projector.shape)
-        if self._picture.black_level:
-            picture = picture_reference.toned(picture, self._unit, self._picture.black_level, np.array([1.0, 0.0]))
-            return np.clip(picture, 0, 1)
-        return np.asarray(np.clip(picture / (self._room.white if self._radiance else 1.0), 0, 1))
-
-    def _shown(self, view: str, *, compensate: bool, steps: int) -> FloatArray:
-        if view == "impossible":
-            return picture_reference.impossible(self._reach, self._room.white)
-        if view == "projector":
-            return self._shown_to_projector(compensate=compensate, steps=steps)
-        if self._picture.card is not None:
-            return self._observe(self._plain_drive())
-        ambient, white = self._room.calibration.ambient, self._room.white
-        b = self._asked() - ambient
-        if view == "split":
-            plain, corrected = self._observe(self._plain_drive()), self._observe(self._drive(b, steps))
-            seen = reference.split(plain, corrected, white)
-        else:
-            seen = self._observe(self._drive(b, steps) if compensate else self._plain_drive())
-        if view == "error":
-            seen = picture_reference.error_map(seen, ambient, b, self._reach, white)
-        if not self._picture.clipping:
-            return seen
-        return picture_reference.clipping(seen, self._near_light(b), self._limits.most[..., :3], white)
-
-    def _shown_to_projector(self, *, compensate: bool, steps: int) -> FloatArray:
-        if not compensate:
-            return self._plain_drive()
-        b = self._asked() - self._room.calibration.ambient
-        drive = self._drive(b, steps)
-        return picture_reference.clipping(drive, self._product(b), 1.0, 1.0) if self._picture.clipping else drive
-
-    def _drive(self, b: FloatArray, steps: int) -> FloatArray:
-        if self._refinement is None or not steps:
-            drive: FloatArray = np.clip(self._product(b), 0, 1)
-        else:
-            drive = self._refined(b, steps, self._refinement)
-        if self._picture.flicker:
-            drive = self._damping.blended(drive, self._picture.flicker)
-        self._compensated = drive, b
-        return drive
-
-    @cached_property
-    def _reach(self) -> FloatArray:
-        calibration = self._room.calibration
-        full = self._observe(np.ones((*calibration.projector.shape, 3)))
-        return picture_reference.reach_of(full, calibration.ambient, calibration.mask)
-
-    @cached_property
-    def _limits(self) -> Limits:
-        calibration = self._room.calibration
-        ambient = calibration.ambient.astype(np.float64)
-        near = self._transport.apply(np.ones((*calibration.projector.shape, 3)))
-        most = picture_reference.reach_of(near, np.zeros_like(near), calibration.mask)
-        return Limits(self._near_light(np.ones_like(ambient)), self._near_light(ambient), ambient, most)
-
-    def _product(self, b: FloatArray) -> FloatArray:
-        """T⁺ b."""
-        return self._T_pinv.apply(b)
-
-    def _near_light(self, b: FloatArray) -> FloatArray:
-        """b without the far light of the compensated picture."""
-        return self._T_pinv.near_light(b)
-
-    def _refined(self, b: FloatArray, steps: int, refinement: "_Refinement") -> FloatArray:
-        if self._room.start == "direct":
-            start = np.clip(refinement.direct.apply(b), 0, 1)
-        elif self._room.start == "grey":
-            start = np.full((*self._room.calibration.projector.shape, 3), GREY)
-        elif self._room.start == "map":
-            start = np.clip(self._product(b), 0, 1)
-        else:
-            first = refinement.direct.apply(b) if self._room.start == "previous-direct" else self._product(b)
-            return self._continued(first, b, steps, refinement)
-        return self._descend(_Iterate(start, start, 0), b, steps, refinement).p
-
-    def _continued(self, first: FloatArray, b: FloatArray, steps: int, refinement: "_Refinement") -> FloatArray:
-        """From `first`, T⁺ b or direct mapping, changed as in the frame before."""
-        nothing = np.zeros_like(first)
-        change, ahead, made = self._before or (nothing, nothing, 0)
-        start = reference.combine(first, change, 1.0, clamp=True)
-        last = self._descend(_Iterate(start, start + ahead, made), b, steps, refinement)
-        self._now = reference.combine(last.p, first, -1.0), reference.combine(last.y, last.p, -1.0), last.steps
-        return last.p
-
-    def _descend(self, start: "_Iterate", b: FloatArray, steps: int, refinement: "_Refinement") -> "_Iterate":
-        p, y, made = start
-        for step in range(made + 1, made + steps + 1):
-            descent = refinement.dual.apply(b - self._T.apply(y))
-            p, y = reference.refinement_step(descent, y, p, refinement.step_size, momentum(step), OVER_RELAXATION)
-        return _Iterate(p, y, made + steps)
-
-    def _observe(self, drive: FloatArray) -> FloatArray:
-        return self._room.calibration.ambient + self._T.apply(drive)
-
-
-class _Iterate(NamedTuple):
-    """p and y of player/refinement.py, and how many steps led there since the last cut."""
-
-    p: FloatArray
-    y: FloatArray
-    steps: int
-
-
-class _Carried:
-    """What a frame takes over from the one before."""
-
-    def __init__(self, *, lasting: bool) -> None:
-        self._succession = Succession(lasting=lasting)
-        self._before: FloatArray | None = None
-        self._now: FloatArray | None = None
-
-    @property
-    def elapsed_s(self) -> float:
-        return self._succession.elapsed_s
+    def set(self, adapt: float, unit: float, black_level: float) -> None:
+        self._budget, self._unit, self._black_level = adapt * PERCENT, unit, black_level
+        self._succession.restart()
 
     def advance(self, *, cut: bool, duration_s: float) -> None:
         if self._succession.advance(cut=cut, duration_s=duration_s):
             self._before = self._now
 
-    def restart(self) -> None:
-        self._succession.restart()
-
-    def blended(self, now: FloatArray, weight: float) -> FloatArray:
-        """(1 − weight) now + weight of what the frame before left; kept for the next one."""
-        before = now if self._succession.fresh or self._before is None else self._before
-        self._now = picture_reference.blend(now, before, weight)
+    def run(self, placed: FloatArray) -> FloatArray:
+        u = reference.desired_light(placed, 0.0, 1.0, NO_TONE, self._unit, self._black_level)
+        found = reference.tone_of(u, self._near_light(u), self._limits, self._white, self._budget)
+        weight = 0.0 if self._succession.fresh else 1 - approach(self._succession.elapsed_s)
+        self._now = reference.blend(found, self._before, weight)
         self._succession.draw()
         return self._now
-
-
-class _Refinement:
-    """Tᵀ, the step sizes and direct mapping."""
-
-    def __init__(self, maps: RefinementMaps) -> None:
-        self.dual, self.direct, self.step_size = (
-            light(maps.dual, maps.far_dual),
-            PreparedRows(maps.direct),
-            maps.step_size,
-        )

@@ -1,6 +1,8 @@
-"""Rendering without a window: every frame of a medium through a renderer into a file."""
+"""Rendering without a window: a renderer, and every frame of a medium through it into a file."""
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -8,13 +10,32 @@ import numpy as np
 from counterlight.calibration import Calibration
 from counterlight.command import track
 from counterlight.content import camera_psnr
+from counterlight.cpu_renderer import CpuRenderer
 from counterlight.errors import InputError
 from counterlight.output import open_output
 from counterlight.renderer import Renderer
+from counterlight.room import Room
 from counterlight.stats import Stats
 from counterlight.video import MediaReader
 
 FRAME_TIMEOUT_S = 120.0
+
+
+@contextmanager
+def headless_renderer(backend: str, room: Room, path: str = "fragment") -> Iterator[Renderer]:
+    """A renderer without a window: "gl" through EGL, on one of PATHS, or "cpu"."""
+    if backend == "cpu":
+        yield CpuRenderer(room)
+        return
+    from counterlight.gl.context import headless_context
+    from counterlight.gl.renderer import GlRenderer
+
+    with headless_context() as context:
+        renderer = GlRenderer(context, room, path)
+        try:
+            yield renderer
+        finally:
+            renderer.release()
 
 
 def render_to_file(

@@ -52,7 +52,7 @@ class RefinementMaps:
 
     dual : Tᵀ of the near light, camera picture -> projector picture.
     far_dual : the far light's Uᵀ, Mᵀ, Dᵀ, if the room has any: camera picture -> cells -> cells -> projector picture.
-    direct : direct mapping, one entry a row: the camera pixel that a projector pixel lights most, over its floodlight.
+    direct : direct mapping, one entry a row: the camera pixel that a projector pixel lights most, over its T·1.
     step_size : (projector height, projector width, 3) float32, 1 / (TᵀT·1), 0 where no camera pixel is lit.
     """
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from counterlight.errors import InputError
 from counterlight.files import write_toml
+from counterlight.frames import PixelFormat
 from counterlight.reading import read_toml
 from counterlight.tables import Table
 from counterlight.writing.replacing import remove_file, replacing_file
@@ -45,6 +46,18 @@ def fit(shape: tuple[int, int], pixel_aspect: float, target: tuple[int, int]) ->
     placed_height = min(max(1, round(height * scale)), target[0])
     placed_width = min(max(1, round(width * scale)), target[1])
     return Placement((target[1] - placed_width) // 2, (target[0] - placed_height) // 2, placed_width, placed_height)
+
+
+def shown_shape(pixels: PixelFormat) -> tuple[int, int]:
+    """(height, width) of the picture once it is turned upright."""
+    turned = pixels.rotation % 180 == 90
+    return (pixels.width, pixels.height) if turned else (pixels.height, pixels.width)
+
+
+def place(pixels: PixelFormat, target: tuple[int, int]) -> Placement:
+    """Where the upright picture stands in a target (height, width)."""
+    aspect = pixels.pixel_aspect
+    return fit(shown_shape(pixels), 1 / aspect if pixels.rotation % 180 == 90 else aspect, target)
 
 
 def corners_of(placement: Placement, target: tuple[int, int]) -> Corners:

@@ -6,14 +6,17 @@ an analytic curve and a measured one take the same path; player/reference.py rea
 
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.errors import InputError, shown
+from counterlight.reading import read_toml
 
 TABLE_SIZE = 1024
+FIX = "a response file holds: response = [[0, 0, 0], …, [1, 1, 1]], as in a calibration.toml"
 MOST_ROWS = 1 << 16  # of a measured table: one for each code of a 16-bit camera
 _SRGB_KNEE = 0.04045
 
@@ -81,6 +84,20 @@ def parse_response(value: object) -> Response:
     if not _is_number(value):
         raise InputError(f"response {shown(value)}: expected linear, srgb, a gamma such as 2.2, or a table")
     return Response("gamma", gamma=float(value))
+
+
+def named_response(text: str) -> Response:
+    """`linear`, `srgb`, a gamma such as `2.2`, or a .toml file with `response = …`; InputError for anything else."""
+    if not text.endswith(".toml"):
+        return parse_response(text)
+    path = Path(text)
+    table = read_toml(path, FIX)
+    if "response" not in table:
+        raise InputError(f"{path}: has no entry named response; {FIX}")
+    try:
+        return parse_response(table["response"])
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def _is_number(value: object) -> TypeGuard[int | float]:

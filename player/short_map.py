@@ -55,8 +55,8 @@ def in_half(packed: RowMap, white: float, ambient: NDArray[np.float32]) -> tuple
     entries = packed.entries.copy()
     entries[..., :3] = to_half(weights, scale).astype(np.float32) / scale
     lost = replace(packed, entries=np.concatenate([np.abs(entries[..., :3] - weights), entries[..., 3:]], -1))
-    reach = np.maximum(white, ambient)
-    return replace(packed, entries=entries), max(_row_sums(lost, reach), default=0.0)
+    brightest = np.maximum(white, ambient)
+    return replace(packed, entries=entries), max(_row_sums(lost, brightest), default=0.0)
 
 
 def rounding_of(maps: RoomMaps, white: float, ambient: NDArray[np.float32]) -> Rounding | None:
@@ -73,10 +73,10 @@ def rounding_of(maps: RoomMaps, white: float, ambient: NDArray[np.float32]) -> R
     return Rounding(half_scale(maps.correction), left_out * max(1.0, white / maps.white) + error, allowed)
 
 
-def _row_sums(packed: RowMap, reach: NDArray[np.float32]) -> Iterator[float]:
+def _row_sums(packed: RowMap, brightest: NDArray[np.float32]) -> Iterator[float]:
     """The largest Σ_j |w_ij| u_j of each channel."""
     rows = unpack(packed)
     if rows.indices.size:
         owner = np.repeat(np.arange(rows.lengths.size), rows.lengths)
         for i in range(3):
-            yield float(np.bincount(owner, rows.weights[:, i] * reach[rows.indices, i]).max())
+            yield float(np.bincount(owner, rows.weights[:, i] * brightest[rows.indices, i]).max())

@@ -1,4 +1,4 @@
-"""The colours of the views that are maps: what they stand for, and how far their scales go.
+"""The views, and the colours of those that are maps: what they stand for, and how far their scales go.
 
 error : what the camera will see less what was asked, of the channel that is furthest off, in shares of white: blue is
 too dark, red too bright, full colour at ERROR_SPAN and beyond; near-black where no pixel counts.
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from counterlight.response import Response
 
+VIEWS = ("projector", "camera", "split", "error", "impossible")
 ERROR_SPAN = 0.2
 CLIP_FAINT, CLIP_SPAN = 0.02, 0.25
 MID_GREY = 0.5  # of white, linear

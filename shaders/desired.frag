@@ -6,7 +6,7 @@
 //   TONE asks for s (k + (1 − k) unit · picture) + o instead of the picture, k the black level, (s, o) the one texel of
 //   `tone` (player/content.py).
 // Output: b, radiance, of their size.
-// CPU twin: CpuRenderer.desired in player/cpu_renderer.py, less e; toned in player/picture_reference.py.
+// CPU twin: desired_light in player/reference.py.
 uniform sampler2D picture;
 uniform sampler2D ambient;
 uniform float white;

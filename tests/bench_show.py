@@ -16,9 +16,9 @@ import av
 import cv2
 import numpy as np
 
-from counterlight.app import read_room
 from counterlight.gl.context import headless_context
 from counterlight.gl.renderer import GlRenderer
+from counterlight.room import read_room
 from counterlight.video import MediaReader
 from tests.bench_rows import WARM_UP
 from tests.programs import on, succeed

@@ -8,8 +8,8 @@ from scipy import sparse
 
 from counterlight.calibration import Calibration, Device
 from counterlight.maps import RoomMaps
-from counterlight.renderer import Room
 from counterlight.response import Response
+from counterlight.room import Room
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.packing.refinement_maps import pack_far, refinement_maps
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, stacked

@@ -8,7 +8,7 @@ import numpy as np
 
 from counterlight.cpu_renderer import CpuRenderer
 from counterlight.gl.renderer import GlRenderer
-from counterlight.renderer import Room
+from counterlight.room import Room
 from counterlight.video import Frame
 
 

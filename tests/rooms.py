@@ -8,8 +8,8 @@ from scipy import sparse
 
 from counterlight.calibration import Calibration, Device, writing
 from counterlight.maps import FarMaps, RoomMaps
-from counterlight.renderer import Room
 from counterlight.response import Response
+from counterlight.room import Room
 from counterlight.row_map import RowMap, SparseRows, pack
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import FarLight, Transport

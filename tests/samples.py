@@ -15,11 +15,10 @@ from counterlight.calibration import Device, read_mask_picture
 from counterlight.decoding.media import open_source
 from counterlight.medium import Medium
 from counterlight.picture_files import read_picture
-from counterlight.response import Response
+from counterlight.response import Response, named_response
 from counterlight.show.options import read_options
 from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.acquisition.matrices_room import read_ambient
-from counterlight.tools.acquisition.room_options import named_response
 from counterlight.tools.acquisition.store import SESSION, Wanted, open_store
 from counterlight.tools.hdr.exif import read_exposure
 from counterlight.tools.hdr.grey_ramp import read_ramp

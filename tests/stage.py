@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
+from counterlight.adjustments import Adjustments
+from counterlight.device import PathReport
 from counterlight.errors import InputError
 from counterlight.medium import Border, Medium
-from counterlight.picture import Picture
 from counterlight.placement import Corners
 from counterlight.refinement import Certificate
-from counterlight.renderer import PathReport
-from counterlight.show.commands import Commands
 from counterlight.show.osd import Page
 from counterlight.show.playlist import Playlist, is_list, read_list
+from counterlight.show.registry import Commands
 from counterlight.show.session import Session
-from counterlight.show.session_inputs import Setup, Site
+from counterlight.show.show import Show
 
 MEASURED = PathReport("fragment", 16, 12.5, 25.0)
 SQUARE: Corners = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
@@ -112,7 +112,7 @@ class Screen:
     pages: list[Page | None] = field(default_factory=list)
     state: tuple[str, bool] = ("", False)
     steps: list[int] = field(default_factory=list)
-    pictures: list[Picture] = field(default_factory=list)
+    adjusted: list[Adjustments] = field(default_factory=list)
     news: list[str] = field(default_factory=list)
     certified: int = 0
     identified: int = 0
@@ -123,8 +123,8 @@ class Screen:
     def open(self, pixels: Any) -> None:
         self.opened += 1
 
-    def adjust(self, picture: Picture) -> None:
-        self.pictures.append(picture)
+    def adjust(self, adjustments: Adjustments) -> None:
+        self.adjusted.append(adjustments)
 
     def upload(self, frame: Any) -> None:
         self.uploaded.append(frame.index)
@@ -169,7 +169,9 @@ class Screen:
 
 
 class Stage:
-    """A session with everything around it made up."""
+    """A show with everything around its session made up; stands in for the opener and the room."""
+
+    camera = 3, 4
 
     def __init__(self, *readers: Reader, loop_list: bool = False, **options: Any) -> None:
         self.readers = {reader.path: reader for reader in readers or (Reader(),)}
@@ -179,30 +181,21 @@ class Stage:
         self.saved: list[Corners | None] = []
         self.fresh: list[Any] = []
         self.refinable = True
-        setup = options.pop("setup", Setup())
-        site = Site(
-            self._reload,
-            lambda pixels: SQUARE,
-            self.saved.append,
-            lambda certificate: 40.0,
-            refinable=lambda: self.refinable,
-            camera=lambda: (3, 4),
-            on_projector=lambda points: points / 2,
-        )
+        told = {name: options.pop(name) for name in ("bindings", "remotes", "heartbeat") if name in options}
         self.session = Session(
             Playlist(list(self.readers), loop=loop_list),
             self,
             self.screen,  # type: ignore[arg-type]
             self.screen,
-            setup=setup,
-            site=site,
+            self,  # type: ignore[arg-type]
             clock=self.clock,
             **options,
         )
+        self.show = Show(self.session, **told)
 
     @property
     def commands(self) -> Commands:
-        return self.session.commands
+        return self.show.commands
 
     def medium(self, name: str) -> Medium:
         return Medium(name)
@@ -224,21 +217,33 @@ class Stage:
         reader.clock = self.clock
         return reader
 
-    def _reload(self) -> Any:
+    def reload(self) -> Any:
         fresh = self.fresh.pop(0)
         if isinstance(fresh, Exception):
             raise fresh
         return fresh
 
+    def fit(self, pixels: Any) -> Corners:
+        return SQUARE
+
+    def keep(self, corners: Corners | None) -> None:
+        self.saved.append(corners)
+
+    def psnr(self, certificate: Certificate) -> float:
+        return 40.0
+
+    def on_projector(self, points: Any) -> Any:
+        return points / 2
+
     def advance(self, seconds: float, step: float = 0.01) -> None:
         end = self.clock.now + seconds
         while self.clock.now < end - 1e-9:
             self.clock.now += step
-            self.session.step()
+            self.show.step()
 
     def press(self, *keys: str) -> str:
         """Press keys and draw; what the screen says afterwards."""
         for key in keys:
-            self.session.press(key)
-            self.session.step()
+            self.show.press(key)
+            self.show.step()
         return self.session.message.text

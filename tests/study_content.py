@@ -20,13 +20,12 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight import app
+from counterlight.adjustments import Adjustments
 from counterlight.content import camera_psnr
 from counterlight.cpu_renderer import CpuRenderer
 from counterlight.gl.context import headless_context
 from counterlight.gl.renderer import GlRenderer
-from counterlight.picture import Picture
-from counterlight.renderer import Room
+from counterlight.room import Room, read_room
 from counterlight.tools.show_example import CLIP, DATA, prepare
 from counterlight.video import Frame, MediaReader
 from tests.bench_frames import clock_of
@@ -69,12 +68,12 @@ def noisy_frames() -> Iterator[Frame]:
             yield replace(frame, planes=(np.clip(luma, 16, 235).astype(np.uint8), *frame.planes[1:]))
 
 
-def show(renderer: GlRenderer, frames: Iterator[Frame], picture: Picture) -> Shown:
+def show(renderer: GlRenderer, frames: Iterator[Frame], adjustments: Adjustments) -> Shown:
     shown = Shown()
     for index, frame in enumerate(frames):
         if index == 0:
             renderer.open(frame.format)
-            renderer.adjust(picture)
+            renderer.adjust(adjustments)
         renderer.upload(frame)
         renderer.render("camera", compensate=True, steps=STEPS)
         shown.seen.append(renderer.linear().astype(np.float64))
@@ -87,19 +86,19 @@ class Limits:
 
     def __init__(self, room: Room) -> None:
         self._cpu = CpuRenderer(room)
-        self._limits, self._ambient = self._cpu._limits, room.calibration.ambient.astype(np.float64)
+        self._most, self._ambient = self._cpu._maps.most, room.calibration.ambient.astype(np.float64)
 
     def clipped(self, asked: FloatArray, first_asked: FloatArray) -> float:
         """Share of what clips in the light that was asked for before adaptation."""
         near = self._cpu._near_light(asked - self._ambient)
-        missed = np.abs(near - np.clip(near, 0, self._limits.most[..., :3]))
-        counts = self._limits.most[..., 3] > 0
+        missed = np.abs(near - np.clip(near, 0, self._most[..., :3]))
+        counts = self._most[..., 3] > 0
         return float(missed[counts].sum() / np.maximum(first_asked, self._ambient)[counts].sum())
 
 
 def study(room: Room, limits: Limits, renderer: GlRenderer) -> None:
     mask, white = room.calibration.mask, room.white
-    plain = show(renderer, clip_frames(), Picture())
+    plain = show(renderer, clip_frames(), Adjustments())
     print(f"\nAdaptation, white {white:.3g}, {len(plain.seen)} frames:\n")
     header(
         "adapt",
@@ -111,7 +110,7 @@ def study(room: Room, limits: Limits, renderer: GlRenderer) -> None:
         "change of the camera's view, % of white",
     )
     for percent in ADAPT:
-        shown = show(renderer, clip_frames(), Picture(adapt=percent)) if percent else plain
+        shown = show(renderer, clip_frames(), Adjustments(adapt=percent)) if percent else plain
         clipped = [100 * limits.clipped(c, first) for c, first in zip(shown.asked, plain.asked, strict=True)]
         found = [camera_psnr(c, seen, mask, white) for c, seen in zip(shown.asked, shown.seen, strict=True)]
         first = [camera_psnr(c, seen, mask, white) for c, seen in zip(plain.asked, shown.seen, strict=True)]
@@ -138,7 +137,7 @@ def damping(room: Room, renderer: GlRenderer) -> None:
         "film (worst)",
     )
     for weight in FLICKER:
-        noisy, film = (show(renderer, frames(), Picture(flicker=weight)) for frames in (noisy_frames, clip_frames))
+        noisy, film = (show(renderer, frames(), Adjustments(flicker=weight)) for frames in (noisy_frames, clip_frames))
         quality = [
             [camera_psnr(c, seen, mask, white) for c, seen in zip(shown.asked, shown.seen, strict=True)]
             for shown in (noisy, film)
@@ -159,16 +158,16 @@ def changes(pictures: list[FloatArray], mask: NDArray[np.bool_], white: float) -
 
 def costs(renderer: GlRenderer) -> None:
     """Milliseconds of a frame, fastest of REPEATS in turns: of processor time where OpenGL is llvmpipe."""
-    clock = clock_of(renderer._context)
+    clock = clock_of(renderer._device._context)
     processor = "processor " if clock is time.process_time else ""
     print(f"\nA frame in the projector's view, {STEPS} steps, {processor}milliseconds:\n")
     settings = {
-        "neutral": Picture(),
-        "controls and black level": Picture(10, 10, 10, 10, 0.05),
-        "adapt": Picture(adapt=3),
-        "flicker": Picture(flicker=0.5),
-        "corners": Picture(corners=CORNERS),
-        "clipping map": Picture(clipping=True),
+        "neutral": Adjustments(),
+        "controls and black level": Adjustments(10, 10, 10, 10, 0.05),
+        "adapt": Adjustments(adapt=3),
+        "flicker": Adjustments(flicker=0.5),
+        "corners": Adjustments(corners=CORNERS),
+        "clipping map": Adjustments(clipping=True),
     }
     fastest = dict.fromkeys(settings, np.inf)
     for _ in range(REPEATS):
@@ -192,7 +191,7 @@ def draw_views(renderer: GlRenderer, path: Path) -> None:
     for adapt in (0, 3):
         views = []
         for view, clipping in (("camera", False), ("error", False), ("camera", True), ("impossible", False)):
-            renderer.adjust(Picture(adapt=adapt, clipping=clipping))
+            renderer.adjust(Adjustments(adapt=adapt, clipping=clipping))
             renderer.render(view, compensate=True, steps=STEPS)
             views.append(renderer.encoded()[..., ::-1])
         rows.append(np.hstack(views))
@@ -211,7 +210,7 @@ def row(*cells: str) -> None:
 def run(context: moderngl.Context, folder: Path) -> None:
     print(f"{os.cpu_count()} cores, {context.info['GL_RENDERER']}")
     prepare(DATA / "scenes" / "corner.toml", folder / "corner")
-    room = app.read_room(folder / "corner", None)
+    room = read_room(folder / "corner", None)
     for brighter in (1.0, 1.5):
         asked = replace(room, white=brighter * room.white)
         renderer = GlRenderer(context, asked)

@@ -25,8 +25,8 @@ from counterlight.gl.context import headless_context
 from counterlight.gl.renderer import GlRenderer
 from counterlight.reference import refinement_step
 from counterlight.refinement import OVER_RELAXATION, STARTS, momentum
-from counterlight.renderer import Room
 from counterlight.response import Response
+from counterlight.room import Room
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.room import build_room_maps
 from counterlight.tools.simulation.scene import load_scene
@@ -156,7 +156,7 @@ class Cost:
 
 def costs(made: dict[str, GlRenderer]) -> dict[str, Cost]:
     """Fastest of REPEATS runs, taken in turns."""
-    clock = clock_of(next(iter(made.values()))._context)
+    clock = clock_of(next(iter(made.values()))._device._context)
     fastest = {(start, steps): np.inf for start in made for steps in (1, MANY)}
     for _ in range(REPEATS):
         for start, steps in fastest:

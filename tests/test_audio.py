@@ -17,7 +17,6 @@ from counterlight.audio import MISSING, AudioOutput, Pull, open_audio
 from counterlight.decoding.audio_decoder import RATE, decoded
 from counterlight.medium import Medium
 from counterlight.show.playback import Playback
-from counterlight.show.session_inputs import Setup
 from counterlight.video import MediaReader
 from tests.ffmpeg_frames import ffmpeg_frame
 from tests.stage import Clock, Reader, Stage
@@ -200,7 +199,7 @@ def test_why_there_is_no_sound_is_told_once(clip: Path, monkeypatch: pytest.Monk
     readers = Reader("a", count=3), Reader("b", count=3), Reader("c", count=3)
     for reader in readers[1:]:
         reader.info.sound = True
-    stage = Stage(*readers, setup=Setup(silence=MISSING))
+    stage = Stage(*readers, silence=MISSING)
     stage.advance(0.1)
     assert stage.session.stats.notices == []
     stage.advance(0.5)

@@ -12,13 +12,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import sparse
 
+from counterlight.colour import LUMINANCE
 from counterlight.errors import InputError
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.clusters.decomposition import Decomposition, Parameters, decompose
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
-from counterlight.tools.transport.transport import LUMINANCE, Csr, Shape, channels, stacked
+from counterlight.tools.transport.transport import Csr, Shape, channels, stacked
 from tests.rooms import blurred_transport
 
 SCENES = Path(__file__).resolve().parents[1] / "calib_data" / "scenes"

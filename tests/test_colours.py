@@ -9,7 +9,7 @@ from av.video.reformatter import ColorRange, Colorspace
 
 from counterlight import reference
 from counterlight.colour import decoding_of
-from counterlight.renderer import place, shown_shape
+from counterlight.placement import place, shown_shape
 from counterlight.response import transfer_table
 from counterlight.video import Frame, MediaReader
 from tests.rooms import yuv_frame

@@ -4,8 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from counterlight.show.commands import Choice, Command, CommandError, Commands, Flag, Number, Property
+from counterlight.kinds import Choice, Flag, Number
 from counterlight.show.keys import KEYS, PLACING, Keys, check_bindings
+from counterlight.show.registry import Command, CommandError, Commands, Property
 
 
 @pytest.fixture

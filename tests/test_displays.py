@@ -1,5 +1,6 @@
 """Several projectors: their raster, joint transport and map, and what cannot be joined."""
 
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,7 @@ from counterlight.calibration import Calibration, Device, Region
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.show.options import monitors_of, read_options
+from counterlight.show.room_in_use import RoomInUse
 from counterlight.tools.inverse.inverse import InverseOptions, invert_near_light
 from counterlight.tools.solve.quality import psnr
 from counterlight.tools.transport.joining import join_transports
@@ -176,11 +178,12 @@ def test_a_reloaded_room_keeps_its_regions(tmp_path: Path) -> None:
     room, options = join([left, right], tmp_path / "joint"), ("--regularize", "0.1", "--no-refine")
     succeed("build", room, *options)
     parsed = read_options([str(room), "a.png", "--no-config"], "")
-    site = app._RoomInUse(parsed, app.room_of(parsed), lambda fresh: pytest.fail("a renderer was made")).site()
+    read = partial(app.room_of, parsed)
+    in_use = RoomInUse(room, read(), read, lambda fresh: pytest.fail("a renderer was made"))
     join([right, left], room, "--force")
     succeed("build", room, *options)
     with pytest.raises(InputError, match=r"size is now 36x26 \+ 44x30, was 44x30 \+ 36x26; start the player again"):
-        site.reload()
+        in_use.reload()
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import pytest
 from counterlight import exr, memory
 from counterlight.decoding.media import open_source
 from counterlight.errors import InputError
+from counterlight.medium import Medium
 from tests.hostile import little_memory
 
 HOSTILE = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "hostile"
@@ -149,7 +150,7 @@ def test_what_a_header_claims_is_refused_before_it_is_decoded(tmp_path: Path, ki
         exr.read_rgb(tmp_path / "p.exr")
     assert len(str(caught.value)) < 500
     with pytest.raises(InputError, match=r"p\.exr: "):
-        open_source(str(tmp_path / "p.exr"), None)
+        open_source(Medium.of(tmp_path / "p.exr"), None)
 
 
 def test_a_picture_larger_than_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from counterlight.picture_files import read_picture
-from counterlight.show.commands import CommandError
-from counterlight.show.session_inputs import Setup
+from counterlight.show.registry import CommandError
 from tests.faults import Runner, can_mount, no_file_above, small_disk
 from tests.stage import Stage
 from tests.writing_commands import COMMANDS, PAGE, contents, furnish, is_whole, room_for, words_of, write_inputs
@@ -59,7 +58,7 @@ def test_on_a_disk_that_is_too_small_nothing_is_lost(name: str, room: Path, tmp_
 
 
 def test_a_screenshot_that_finds_no_room_is_not_called_a_success(tmp_path: Path, rng: np.random.Generator) -> None:
-    stage = Stage(setup=Setup(screenshots=tmp_path))
+    stage = Stage(screenshots=tmp_path)
     picture = rng.integers(0, 256, (30, 40, 3), np.uint8)
     stage.screen.encoded = lambda: picture  # type: ignore[attr-defined]
     stage.advance(0.1)

@@ -7,14 +7,15 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from importlib import metadata
 from pathlib import Path
 
 import pytest
 
 from counterlight.command import SCRIPTS
-from counterlight.renderer import VIEWS
 from counterlight.tools.verbs import SHELLS, VERBS
+from counterlight.views import VIEWS
 from tests.programs import ROOT, fail, python, script, succeed
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -55,8 +56,7 @@ def modules(folder: str) -> Iterator[str]:
     for path in sources(folder):
         if path.stem == "__main__":
             continue
-        parts = path.relative_to(ROOT / folder).with_suffix("").parts
-        yield ".".join((FOLDERS[folder], *(part for part in parts if part != "__init__")))
+        yield module_of(path)
 
 
 def packages_on_disk() -> Iterator[str]:
@@ -86,6 +86,25 @@ def test_each_module_of_the_player_alone_needs_no_opengl(module: str) -> None:
 def test_nothing_in_the_player_imports_tools() -> None:
     tools = re.compile(r"counterlight\.tools\b")
     assert [path.stem for path in sources("player") if any(map(tools.match, imported(path)))] == ["__main__"]
+
+
+def module_of(path: Path) -> str:
+    """What a file of the player or the tools is imported as."""
+    folder, *parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join((FOLDERS[folder], *(part for part in parts if part != "__init__")))
+
+
+def test_no_file_imports_itself_through_others() -> None:
+    """Imports for the type checker and within functions count, too."""
+    files = {module_of(path): imported(path) for path in sources("player", "tools")}
+    arrows = {
+        name: {found for told in names for found in (told, told.rpartition(".")[0]) if found in files and found != name}
+        for name, names in files.items()
+    }
+    try:
+        list(TopologicalSorter(arrows).static_order())
+    except CycleError as error:
+        pytest.fail(" <- ".join(error.args[1]))
 
 
 def test_only_player_gl_imports_moderngl_and_glfw() -> None:

@@ -23,7 +23,6 @@ from counterlight.errors import InputError
 from counterlight.medium import Border, Medium
 from counterlight.show.playback import Playback
 from counterlight.show.playlist import expand
-from counterlight.show.session_inputs import Setup
 from counterlight.video import MAX_DEATHS, Frame, MediaReader
 from tests.ffmpeg_frames import ffmpeg_frame
 from tests.stage import Reader, Stage
@@ -278,9 +277,9 @@ def test_what_cannot_be_opened_is_told_in_one_line(name: str) -> None:
 
 
 def test_seeking_and_stepping_back_leave_a_live_source_alone() -> None:
-    stage = Stage(Reader(count=1000), setup=Setup(speed=1.0))
+    stage = Stage(Reader(count=1000), speed=1.0)
     stage.reader.info.live, stage.reader.info.duration_s = True, None
-    stage.session.step()
+    stage.show.step()
     shown = stage.screen.uploaded[-1]
     stage.press("left", "down", ",")
     assert stage.reader.position > shown

@@ -11,7 +11,7 @@ import pytest
 from PIL import ExifTags, Image
 
 from counterlight.exr import read_rgb
-from counterlight.tools.acquisition.room_options import named_response
+from counterlight.response import named_response
 from counterlight.tools.hdr.camera_response import exposure_table
 from counterlight.tools.merge_exposures import main
 from tests.brackets import CURVES, codes_of, random_scene, write_bracket, write_picture

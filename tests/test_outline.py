@@ -84,7 +84,7 @@ def test_it_is_shown_while_the_picture_is_placed() -> None:
     np.testing.assert_array_equal(page.outline.handles, [(0, 0)])
     assert page.outline.points.max() == 0.5  # what the projector's picture shows: halved by the made-up site
     shown = len(stage.screen.pages)
-    stage.session.step()
+    stage.show.step()
     assert len(stage.screen.pages) == shown  # nothing has changed: not drawn again
     stage.press("v")
     camera = stage.screen.pages[-1]

@@ -6,22 +6,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from counterlight import picture_reference, reference, views
+from counterlight import reference, views
+from counterlight.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
 from counterlight.calibration import Calibration, Device
 from counterlight.colour import decoding_of
 from counterlight.content import SCALES, SMOOTHING_S, Succession, tile_grid
 from counterlight.cpu_renderer import CpuRenderer
 from counterlight.errors import InputError
 from counterlight.maps import RoomMaps
-from counterlight.picture import NEUTRAL, Picture, adjusted_decoding, adjusted_transfer
-from counterlight.picture_reference import Limits, reach_of, tone_of
-from counterlight.reference import PreparedRows
-from counterlight.renderer import VIEWS, Room
+from counterlight.reference import Limits, PreparedRows, reach_of, tone_of
 from counterlight.response import Response, transfer_table
+from counterlight.room import Room
 from counterlight.row_map import SparseRows, pack
 from counterlight.test_cards import CARDS, card
 from counterlight.tools.report.impossible import REASONS, SERVED, find_impossible
 from counterlight.video import Frame
+from counterlight.views import VIEWS
 from tests.refined_rooms import physical_room
 from tests.rooms import CAMERA, rgb_frame, yuv_frame
 
@@ -49,17 +49,17 @@ def even(colour: Colour, shape: tuple[int, int] = (24, 32)) -> Frame:
     return rgb_frame(np.full((*shape, 3), colour, np.uint8), "linear")
 
 
-def opened(room: Room, frame: Frame, picture: Picture = NEUTRAL) -> CpuRenderer:
+def opened(room: Room, frame: Frame, adjustments: Adjustments = NEUTRAL) -> CpuRenderer:
     renderer = CpuRenderer(room)
     renderer.open(frame.format)
-    renderer.adjust(picture)
+    renderer.adjust(adjustments)
     renderer.upload(frame)
     return renderer
 
 
-def asked(picture: Picture, colour: Colour) -> np.ndarray:
+def asked(adjustments: Adjustments, colour: Colour) -> np.ndarray:
     """What an even picture whose codes are linear asks for in a room whose white is 1."""
-    c = opened(diagonal_room(1.0, 0.0), even(colour), picture).desired()
+    c = opened(diagonal_room(1.0, 0.0), even(colour), adjustments).desired()
     np.testing.assert_array_equal(c, np.broadcast_to(c[0, 0], c.shape))
     return np.asarray(c[0, 0], float)
 
@@ -69,24 +69,24 @@ def asked(picture: Picture, colour: Colour) -> np.ndarray:
 
 @pytest.mark.parametrize("colour", [GREY, COLOUR])
 @pytest.mark.parametrize(
-    ("picture", "formula"),
+    ("adjustments", "formula"),
     [
-        (Picture(brightness=10), lambda c, y: c + 0.1),
-        (Picture(brightness=-100), lambda c, y: c - 1),
-        (Picture(contrast=20), lambda c, y: 1.2 * c),
-        (Picture(contrast=-100, brightness=30), lambda c, y: 0 * c + 0.3),
-        (Picture(saturation=-100), lambda c, y: 0 * c + y),
-        (Picture(saturation=20), lambda c, y: y + 1.2 * (c - y)),
-        (Picture(gamma=50), lambda c, y: c ** (1 / np.sqrt(8))),
-        (Picture(gamma=-100), lambda c, y: c**8),
-        (Picture(20, -30, 25, -50), lambda c, y: (0.7 * (y + 0.5 * (c - y)) + 0.2) ** 8**-0.25),
+        (Adjustments(brightness=10), lambda c, y: c + 0.1),
+        (Adjustments(brightness=-100), lambda c, y: c - 1),
+        (Adjustments(contrast=20), lambda c, y: 1.2 * c),
+        (Adjustments(contrast=-100, brightness=30), lambda c, y: 0 * c + 0.3),
+        (Adjustments(saturation=-100), lambda c, y: 0 * c + y),
+        (Adjustments(saturation=20), lambda c, y: y + 1.2 * (c - y)),
+        (Adjustments(gamma=50), lambda c, y: c ** (1 / np.sqrt(8))),
+        (Adjustments(gamma=-100), lambda c, y: c**8),
+        (Adjustments(20, -30, 25, -50), lambda c, y: (0.7 * (y + 0.5 * (c - y)) + 0.2) ** 8**-0.25),
     ],
 )
-def test_the_controls_mean_what_they_mean_in_mpv(picture: Picture, formula: Formula, colour: Colour) -> None:
+def test_the_controls_mean_what_they_mean_in_mpv(adjustments: Adjustments, formula: Formula, colour: Colour) -> None:
     code = np.array(colour) / 255
     luma = code @ np.array([0.2126, 0.7152, 0.0722])
     expected = np.clip(formula(code, luma), 0, 1)
-    np.testing.assert_allclose(asked(picture, colour), expected, atol=1e-5)  # the table of code^(1/γ)
+    np.testing.assert_allclose(asked(adjustments, colour), expected, atol=1e-5)  # the table of code^(1/γ)
 
 
 def test_saturation_uses_the_luma_of_the_medium(rng: np.random.Generator) -> None:
@@ -94,7 +94,7 @@ def test_saturation_uses_the_luma_of_the_medium(rng: np.random.Generator) -> Non
     for matrix in ("bt601", "bt709", "bt2020"):
         frame = yuv_frame(rng, (24, 32), matrix=matrix, full_range=True, transfer="linear")
         room = diagonal_room(1.0, 0.0)
-        c = opened(room, frame, Picture(saturation=-100)).desired()
+        c = opened(room, frame, Adjustments(saturation=-100)).desired()
         np.testing.assert_allclose(c, np.repeat(frame.planes[0][:24, :32, None] / 255, 3, axis=2), atol=TABLE)
 
 
@@ -111,13 +111,13 @@ def test_a_neutral_picture_changes_no_number(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"brightness": 101}, "brightness 101: expected -100 to 100"),
-        ({"saturation": -101}, "saturation -101"),
-        ({"black_level": 0.6}, "black-level 0.6: expected 0 to 0.5"),
-        ({"adapt": -1.0}, "adapt -1.0: expected 0 to 100"),
-        ({"flicker": 0.96}, "flicker 0.96: expected 0 to 0.95"),
-        ({"adapt": float("nan")}, "adapt nan"),
-        ({"card": "cat"}, "no test card 'cat'; there are grid, focus"),
+        ({"brightness": 101}, "brightness: expected a whole number from -100 to 100, found 101"),
+        ({"saturation": -101}, "saturation: .* found -101"),
+        ({"black_level": 0.6}, "black-level: expected a number from 0 to 0.5, found 0.6"),
+        ({"adapt": -1.0}, "adapt: expected a number from 0 to 100, found -1.0"),
+        ({"flicker": 0.96}, "flicker: expected a number from 0 to 0.95, found 0.96"),
+        ({"adapt": float("nan")}, "adapt: .* found nan"),
+        ({"card": "cat"}, "test-card: expected no, grid, focus, .* found 'cat'"),
         ({"corners": ((0, 0), (1, 0), (0, 1), (1, 1))}, "they cross"),
         ({"corners": ((0, 0), (1, 0), (2, 0), (0, 1))}, "on a line"),
         ({"corners": ((0, 0), (1, 0), (9, 1), (0, 1))}, "from -2 to 3"),
@@ -126,7 +126,7 @@ def test_a_neutral_picture_changes_no_number(rng: np.random.Generator) -> None:
 )
 def test_what_is_out_of_range_is_refused(values: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        Picture(**values)  # type: ignore[arg-type]
+        Adjustments(**values)  # type: ignore[arg-type]
 
 
 # Black level and adaptation.
@@ -134,8 +134,8 @@ def test_what_is_out_of_range_is_refused(values: dict[str, object], message: str
 
 def test_the_black_level_lifts_black_and_keeps_white() -> None:
     for code, expected in ((0, 0.2), (51, 0.2 + 0.8 * 0.2), (255, 1.0)):
-        np.testing.assert_allclose(asked(Picture(black_level=0.2), (code,) * 3), expected, atol=TABLE)
-    renderer = opened(diagonal_room(1.0, 0.0), even((0, 0, 0)), Picture(black_level=0.2))
+        np.testing.assert_allclose(asked(Adjustments(black_level=0.2), (code,) * 3), expected, atol=TABLE)
+    renderer = opened(diagonal_room(1.0, 0.0), even((0, 0, 0)), Adjustments(black_level=0.2))
     for compensate in (False, True):
         renderer.render("projector", compensate=compensate)
         np.testing.assert_allclose(renderer.linear(), 0.2, atol=1e-6)
@@ -144,20 +144,20 @@ def test_the_black_level_lifts_black_and_keeps_white() -> None:
 @pytest.mark.parametrize("percent", [1.0, 7.0, 12.0])
 def test_what_is_too_bright_is_scaled_until_the_share_may_clip(percent: float) -> None:
     """White in a room that reaches 0.6 of it: s − 0.6 of each 1 clips, so s = 0.6 + x."""
-    c = opened(diagonal_room(0.6, 0.0), even((255, 255, 255)), Picture(adapt=percent)).desired()
+    c = opened(diagonal_room(0.6, 0.0), even((255, 255, 255)), Adjustments(adapt=percent)).desired()
     np.testing.assert_allclose(c, 0.6 + percent / 100, atol=1e-6)
 
 
 @pytest.mark.parametrize("percent", [2.0, 10.0])
 def test_what_is_too_dark_is_lifted_until_the_share_may_clip(percent: float) -> None:
     """Black in a room with ambient light 0.16: of 0.16, 0.16 − o clips, to be half of the share at most."""
-    c = opened(diagonal_room(1.0, 0.16), even((0, 0, 0)), Picture(adapt=percent)).desired()
+    c = opened(diagonal_room(1.0, 0.16), even((0, 0, 0)), Adjustments(adapt=percent)).desired()
     np.testing.assert_allclose(c, 0.16 * (1 - percent / 200), atol=1e-6)
 
 
 def test_a_picture_that_the_room_can_show_stays() -> None:
     np.testing.assert_allclose(
-        opened(diagonal_room(1.0, 0.01), even(COLOUR), Picture(adapt=0.1)).desired()[0, 0],
+        opened(diagonal_room(1.0, 0.01), even(COLOUR), Adjustments(adapt=0.1)).desired()[0, 0],
         np.array(COLOUR) / 255,
         atol=TABLE,
     )
@@ -194,7 +194,7 @@ def test_adaptation_keeps_its_promise_and_no_more_than_it_must(rng: np.random.Ge
 
 def test_adaptation_approaches_what_it_found_and_starts_anew_at_a_cut() -> None:
     room, bright, dim = diagonal_room(0.6, 0.0), even((255,) * 3), even((240,) * 3)
-    renderer = opened(room, bright, Picture(adapt=7.0))
+    renderer = opened(room, bright, Adjustments(adapt=7.0))
     seen = [renderer.desired()[0, 0, 0]]
     for frame in (dim, dim, even((0,) * 3), bright):
         renderer.upload(frame)
@@ -226,7 +226,7 @@ def test_frames_that_were_not_drawn_are_made_up_for() -> None:
 
 def test_damping_mixes_with_the_drive_before_and_starts_anew_at_a_cut() -> None:
     room = diagonal_room(1.0, 0.0)
-    renderer = opened(room, even((200,) * 3), Picture(flicker=0.75))
+    renderer = opened(room, even((200,) * 3), Adjustments(flicker=0.75))
     shown = []
     for code in (200, 190, 190, 40, 40):
         renderer.upload(even((code,) * 3))
@@ -272,7 +272,7 @@ def test_the_error_map_is_signed_scaled_and_says_what_does_not_count() -> None:
     seen[0, :6, 0] += white * errors / 2  # a channel that is nearer
     reach = np.ones((1, 7, 4))
     reach[0, 6, 3] = 0
-    light = picture_reference.error_map(seen, ambient, b, reach, white) / white
+    light = reference.error_map(seen, ambient, b, reach, white) / white
     codes = reference.encode(light, Response("srgb").inverse_table())
     between = [(np.array(end) + views.RIGHT) / 2 for end in (views.TOO_DARK, views.TOO_BRIGHT)]
     expected = [views.TOO_DARK, views.TOO_DARK, between[0], views.RIGHT, between[1], views.TOO_BRIGHT, views.UNLIT]
@@ -283,7 +283,7 @@ def test_the_clipping_map_shows_what_the_room_cannot() -> None:
     """White where 0.6 is reached: full colour; black in ambient light of 0.1: half and a fifth; grey: none."""
     codes = np.zeros((24, 32, 3), np.uint8)
     codes[:, 8:24], codes[:, 24:] = 128, 255
-    room, picture = diagonal_room(0.5, 0.1), Picture(clipping=True)
+    room, picture = diagonal_room(0.5, 0.1), Adjustments(clipping=True)
     renderer = opened(room, rgb_frame(codes, "linear"), picture)
     renderer.render("camera", compensate=True)
     seen = renderer.linear()
@@ -338,7 +338,9 @@ def test_cards_exist_at_any_size(shape: tuple[int, int]) -> None:
 
 def test_no_view_shows_the_medium_while_a_card_is_shown(rng: np.random.Generator) -> None:
     room = physical_room(rng).room
-    black, white = (opened(room, rgb_frame(np.full((9, 15, 3), c, np.uint8)), Picture(card="bars")) for c in (0, 255))
+    black, white = (
+        opened(room, rgb_frame(np.full((9, 15, 3), c, np.uint8)), Adjustments(card="bars")) for c in (0, 255)
+    )
     for view in VIEWS:
         for renderer in (black, white):
             renderer.render(view, compensate=True)

@@ -8,8 +8,8 @@ import pytest
 
 from counterlight import calibration, reference
 from counterlight.errors import InputError
-from counterlight.picture_reference import pinned
 from counterlight.placement import FILE, corners_of, fit, homography, read_placement, write_placement
+from counterlight.reference import pinned
 from tests.rooms import write_blurred_room
 
 

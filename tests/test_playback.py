@@ -15,7 +15,7 @@ from counterlight.show.media import Media
 from counterlight.show.playback import Playback
 from counterlight.show.playlist import Playlist
 from counterlight.show.session import Session
-from counterlight.show.session_inputs import Setup
+from counterlight.show.show import Show
 from counterlight.video import MediaReader
 from tests.ffmpeg_frames import ffmpeg_frame
 from tests.stage import Clock, Screen
@@ -75,10 +75,11 @@ def played(clip: Path, rendering_s: float, limit: int | None = None, **setup: An
         Waiting(Border()),
         screen,  # type: ignore[arg-type]
         screen,
-        setup=Setup(**setup),
+        None,  # type: ignore[arg-type]  # no room is asked for
+        **setup,
         clock=clock,
     )
-    session.run(limit)
+    Show(session).run(limit)
     return session, screen
 
 

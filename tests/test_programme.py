@@ -11,16 +11,14 @@ import pytest
 
 from counterlight.errors import InputError
 from counterlight.medium import Border, Medium
-from counterlight.show.commands import CommandError
 from counterlight.show.lookup import MOST_WAITING, LookUp
 from counterlight.show.media import Media
 from counterlight.show.programme import HURRY_S, LIST_S, LONGEST_RETRY_S, RETRY_S
-from counterlight.show.session_inputs import Setup
+from counterlight.show.registry import CommandError
 from counterlight.stats import MOST_NOTICES
 from tests.stage import Reader, Stage
 
 SLOW_S = 3.0
-LASTING = Setup(lasting=True)
 
 
 def playing(*readers: Reader, **options: object) -> Stage:
@@ -187,13 +185,13 @@ def run(stage: Stage) -> None:
         return []
 
     screen.poll = poll  # type: ignore[method-assign]
-    stage.session.run()
+    stage.show.run()
 
 
 def test_a_lasting_show_tries_again_later_and_later_and_plays_what_has_come_back(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    stage = Stage(Reader("x", error="x: gone"), Reader("y", error="y: gone"), setup=LASTING)
+    stage = Stage(Reader("x", error="x: gone"), Reader("y", error="y: gone"), lasting=True)
     tried_s: list[float] = []
     for _ in range(3000):
         stage.advance(0.05)
@@ -210,9 +208,7 @@ def test_a_lasting_show_tries_again_later_and_later_and_plays_what_has_come_back
     assert stage.commands.get("path") == "x"
 
 
-@pytest.mark.parametrize(
-    "kind", [{"setup": Setup(loop_file=True)}, {"loop_list": True}, {"setup": LASTING}, {"remotes": ["one"]}]
-)
+@pytest.mark.parametrize("kind", [{"loop_file": True}, {"loop_list": True}, {"lasting": True}, {"remotes": ["one"]}])
 def test_what_makes_a_show_last(kind: dict[str, object]) -> None:
     stage = Stage(Reader("x", error="x: gone"), **kind)  # type: ignore[arg-type]
     stage.advance(5.0)
@@ -220,7 +216,7 @@ def test_what_makes_a_show_last(kind: dict[str, object]) -> None:
 
 
 def test_the_last_frame_stays_and_a_wish_is_met_at_once_while_a_list_is_waited_for() -> None:
-    stage = playing(Reader("a", count=5), Reader("x", error="x: gone"), Reader("c", count=1000), setup=LASTING)
+    stage = playing(Reader("a", count=5), Reader("x", error="x: gone"), Reader("c", count=1000), lasting=True)
     stage.session.playlist.media.pop()
     stage.advance(10.0)
     assert stage.screen.uploaded == list(range(5))
@@ -231,7 +227,7 @@ def test_the_last_frame_stays_and_a_wish_is_met_at_once_while_a_list_is_waited_f
 
 
 def test_a_medium_that_breaks_off_at_once_is_not_tried_without_end() -> None:
-    stage = Stage(Reader("a", count=500, fails_at=1), setup=Setup(loop_file=True))
+    stage = Stage(Reader("a", count=500, fails_at=1), loop_file=True)
     stage.advance(60.0)
     assert 4 <= len(stage.begun) <= 7  # after 1, 2, 4, 8, 16 and 30 s
 
@@ -244,13 +240,13 @@ def test_the_lines_of_months_take_a_bounded_room() -> None:
 
 
 def test_a_medium_that_breaks_off_late_is_tried_again_soon() -> None:
-    stage = Stage(Reader("a", count=500, fails_at=200), setup=Setup(loop_file=True))
+    stage = Stage(Reader("a", count=500, fails_at=200), loop_file=True)
     stage.advance(60.0)
     assert len(stage.begun) == pytest.approx(60 / (8 + RETRY_S), abs=1.5)
 
 
 def test_a_failed_wish_while_nothing_plays_goes_back_to_waiting() -> None:
-    stage = Stage(Reader("x", error="x: gone"), Reader("y", error="y: gone"), setup=LASTING)
+    stage = Stage(Reader("x", error="x: gone"), Reader("y", error="y: gone"), lasting=True)
     stage.advance(0.5)
     stage.commands.run("loadfile", "y")
     stage.advance(5.0)
@@ -327,7 +323,7 @@ def test_a_dead_disk_holds_a_few_threads_and_no_more() -> None:
 
 def test_a_list_that_was_not_there_at_the_start_is_read_when_it_is(tmp_path: Path) -> None:
     listed = tmp_path / "list.m3u"
-    stage = Stage(Reader(str(listed)), setup=LASTING)
+    stage = Stage(Reader(str(listed)), lasting=True)
     stage.readers = {str(tmp_path / name): Reader(str(tmp_path / name), count=1000) for name in "ab"}
     advance_until(stage, lambda: bool(stage.session.stats.notices))
     assert "no such file" in stage.session.stats.notices[0]

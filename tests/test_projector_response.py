@@ -16,11 +16,10 @@ from counterlight.errors import InputError
 from counterlight.exr import write_rgb
 from counterlight.reading import read_toml
 from counterlight.reference import encode
-from counterlight.response import Response
+from counterlight.response import Response, named_response
 from counterlight.tools.acquisition.captures import find_captures
 from counterlight.tools.acquisition.graycode import Decoded, decode
 from counterlight.tools.acquisition.graycode_room import GraycodeOptions, import_graycode_room
-from counterlight.tools.acquisition.room_options import named_response
 from counterlight.tools.fit_projector_response import main
 from counterlight.tools.hdr.projector_response import fit_projector_response
 from counterlight.tools.transport.storage import read_transport

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from counterlight.medium import Medium
-from counterlight.show.commands import CommandError
-from counterlight.show.session_inputs import Setup
+from counterlight.show.registry import CommandError
 from tests.stage import Reader, Stage
 
 
@@ -21,7 +20,7 @@ def stage() -> Stage:
 
 
 def test_each_frame_is_shown_at_its_time(stage: Stage) -> None:
-    stage.session.step()
+    stage.show.step()
     assert stage.screen.uploaded == [0]
     stage.advance(0.39)
     assert stage.screen.uploaded == list(range(10))
@@ -30,9 +29,9 @@ def test_each_frame_is_shown_at_its_time(stage: Stage) -> None:
 
 
 def test_frames_that_were_overtaken_are_dropped_and_counted(stage: Stage) -> None:
-    stage.session.step()
+    stage.show.step()
     stage.clock.now += 0.21  # five frames later
-    stage.session.step()
+    stage.show.step()
     assert stage.screen.uploaded == [0, 5]
     assert stage.session.stats.dropped == 4
     assert sorted(stage.reader.released) == [0, 1, 2, 3, 4, 5]
@@ -40,10 +39,10 @@ def test_frames_that_were_overtaken_are_dropped_and_counted(stage: Stage) -> Non
 
 def test_lateness_and_judder_are_those_of_the_clock(stage: Stage) -> None:
     """Frames due every 40 ms, looked at 3, 13 and 70 ms late: late by these, judder by their differences."""
-    stage.session.step()
+    stage.show.step()
     for now in (100.043, 100.093, 100.190):
         stage.clock.now = now
-        stage.session.step()
+        stage.show.step()
     stats = stage.session.stats
     assert stage.screen.uploaded == [0, 1, 2, 4]
     assert stats.late_counts == (1, 0, 1, 0, 1, 1, 0, 0)
@@ -77,10 +76,10 @@ def test_seeking_goes_from_the_current_position() -> None:
     assert stage.session.stats.dropped == 0
     for words, frame in ((("50", "absolute-percent"), 500), (("7", "absolute"), 175), (("-2",), 125)):
         stage.commands.run("seek", *words)
-        stage.session.step()
+        stage.show.step()
         assert stage.screen.uploaded[-1] == frame
     stage.commands.set("time-pos", 3)
-    stage.session.step()
+    stage.show.step()
     assert stage.screen.uploaded[-1] == 75
     stage.press("up")
     assert stage.session.done  # past the end
@@ -139,7 +138,7 @@ def test_the_a_b_loop_goes_back_at_b_until_it_is_cleared() -> None:
 
 @pytest.mark.parametrize("seamless", [False, True])
 def test_looping_begins_and_ends_with_its_key(seamless: bool) -> None:
-    stage = Stage(Reader(count=10), setup=Setup(loop_file=seamless))
+    stage = Stage(Reader(count=10), loop_file=seamless)
     if not seamless:
         assert stage.press("L") == "Loop file: on"
     stage.advance(1.5)
@@ -154,7 +153,7 @@ def test_looping_begins_and_ends_with_its_key(seamless: bool) -> None:
 
 def test_a_list_plays_on_and_pictures_last_as_long_as_asked() -> None:
     media = Reader("a", count=5), Reader("b", count=1, still=True), Reader("c", count=5)
-    stage = Stage(*media, setup=Setup(image_display_duration=1.0))
+    stage = Stage(*media, image_display_duration=1.0)
     stage.advance(0.3)
     assert stage.commands.get("path") == "b"
     assert media[0].closed
@@ -207,6 +206,6 @@ def test_loadfile_keeps_what_plays_if_the_new_one_cannot(stage: Stage, tmp_path:
 def test_collections_pass_over_what_was_there_before_the_show() -> None:
     stage, frozen = Stage(Reader(count=3)), []
     stage.screen.poll = lambda timeout_s: frozen.append(gc.get_freeze_count()) or [stage.advance(0.04)][:0]  # type: ignore[method-assign]
-    stage.session.run()
+    stage.show.run()
     assert min(frozen) > 10_000  # numpy alone
     assert gc.get_freeze_count() == 0

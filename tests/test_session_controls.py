@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from counterlight.errors import InputError
-from counterlight.show.commands import CommandError, Commands
-from counterlight.show.session_inputs import Setup
+from counterlight.show.registry import CommandError, Commands
 from tests.stage import SQUARE, Reader, Screen, Stage
 
 
@@ -60,7 +59,7 @@ def test_what_a_key_changed_fades_after_a_second(stage: Stage) -> None:
     assert len(set(opacities)) > 8
     assert stage.screen.pages[-1] is None
     assert len(stage.screen.steps) == renders + 1  # the words fade over the same picture
-    assert stage.session._wait_s() > 0.03
+    assert stage.session.wait_s() > 0.03
 
 
 def test_without_osd_nothing_is_written(stage: Stage) -> None:
@@ -80,18 +79,18 @@ def test_picture_controls_reach_the_renderer(stage: Stage) -> None:
     stage.commands.set("adapt", "2.5")
     stage.commands.set("flicker", 0.5)
     stage.press("t")
-    picture = stage.screen.pictures[-1]
+    picture = stage.screen.adjusted[-1]
     assert (picture.contrast, picture.brightness, picture.gamma, picture.saturation) == (1, -1, 1, 1)
     assert (picture.black_level, picture.adapt, picture.flicker, picture.clipping) == (0.25, 2.5, 0.5, True)
     assert picture.card is not None
     assert stage.commands.get("test-card") == picture.card
     stage.commands.set("test-card", "no")
-    assert stage.screen.pictures[-1].card is None
-    before = stage.screen.pictures[-1]
+    assert stage.screen.adjusted[-1].card is None
+    before = stage.screen.adjusted[-1]
     for name, value in (("contrast", 101), ("flicker", 1), ("corners", "left"), ("test-card", "x")):
         with pytest.raises(CommandError, match=name):
             stage.commands.set(name, value)
-    assert stage.screen.pictures[-1] is before
+    assert stage.screen.adjusted[-1] is before
 
 
 def test_sound_is_said_to_be_missing_or_is_set() -> None:
@@ -110,7 +109,7 @@ def test_placing_moves_scales_undoes_and_is_saved(stage: Stage) -> None:
     stage.advance(0.05)
 
     def corners() -> np.ndarray:
-        return np.array(stage.screen.pictures[-1].corners)
+        return np.array(stage.screen.adjusted[-1].corners)
 
     shifted = np.array(SQUARE) + np.array((0.01, 0.001))
     stage.press("k", "right", "shift+down")
@@ -133,11 +132,11 @@ def test_placing_moves_scales_undoes_and_is_saved(stage: Stage) -> None:
     assert len(stage.saved) == 1
     stage.press("k", "backspace", "k")
     assert stage.saved[-1] is None
-    assert stage.screen.pictures[-1].corners is None
+    assert stage.screen.adjusted[-1].corners is None
     assert stage.press("k", "u") == "nothing to take back"
     with pytest.raises(CommandError, match="corners"):
         stage.commands.run("place-move", 9, 0)
-    assert stage.screen.pictures[-1].corners is None
+    assert stage.screen.adjusted[-1].corners is None
 
 
 def test_reload_takes_the_new_renderer_with_its_first_frame_or_keeps_the_old(stage: Stage) -> None:
@@ -156,7 +155,7 @@ def test_reload_takes_the_new_renderer_with_its_first_frame_or_keeps_the_old(sta
     assert stage.screen.released
     assert fresh.uploaded == [here]  # paused: the same frame again
     assert fresh.opened == 1
-    assert fresh.pictures
+    assert fresh.adjusted
 
 
 def test_a_reloaded_renderer_that_cannot_draw_leaves_the_old(stage: Stage) -> None:
@@ -176,7 +175,7 @@ def test_a_reloaded_renderer_that_cannot_draw_leaves_the_old(stage: Stage) -> No
 
 
 def test_what_reader_and_display_have_to_say_is_told_at_once(stage: Stage, capsys: pytest.CaptureFixture[str]) -> None:
-    stage.session.step()
+    stage.show.step()
     stage.reader.news, stage.screen.news = ["decoder stopped; restarted"], ["monitor A has gone"]
     stage.advance(0.05)
     assert capsys.readouterr().err == "decoder stopped; restarted\nmonitor A has gone\n"
@@ -206,15 +205,15 @@ def test_brackets_halve_and_double_the_steps(stage: Stage) -> None:
 
 
 def test_steps_that_follow_the_frame_time_are_counted() -> None:
-    stage = Stage(Reader(rate=1 / 3600), setup=Setup(refine="auto"))
-    stage.session.step()
+    stage = Stage(Reader(rate=1 / 3600), refine="auto")
+    stage.show.step()
     stage.advance(0.4)
     assert stage.screen.steps[:6] == [1, 2, 3, 4, 5, 6]  # nothing here takes an hour
     assert stage.commands.get("refine") == "auto"
     stage.commands.set("refine", 5)
     stage.advance(0.12)
     assert stage.screen.steps[-1] == stage.screen.steps[-2] == stage.session.steps == 5
-    facts = stage.session.run(limit=len(stage.screen.uploaded)).facts["refinement"]
+    facts = stage.show.run(limit=len(stage.screen.uploaded)).facts["refinement"]
     assert facts["steps"] == pytest.approx(np.mean(stage.screen.steps), abs=0.05)
     assert facts["below_optimum_db"] == pytest.approx(-20 * np.log10(0.99))
     assert stage.reader.closed
@@ -247,13 +246,13 @@ def test_remotes_are_polled_and_the_heartbeat_told_when_it_is_due() -> None:
     remote: Any = SimpleNamespace(poll=stop_after_five)
     heartbeat: Any = SimpleNamespace(beat=beats.append, due=True)
     stage = Stage(remotes=[remote], heartbeat=heartbeat)
-    stage.session.run()
+    stage.show.run()
     assert len(polls) == len(beats) == 5
     assert beats[-1]["playlist_pos"] == 0
     heartbeat.due = False
     polls.clear()
     stage.session.done = False
-    stage.session.run()
+    stage.show.run()
     assert len(polls) == len(beats) == 5
     assert {"fps", "frames", "dropped", "gap", "gpu_ms", "time_pos"} <= beats[-1].keys()
     assert "seek" in polls[0].names()

@@ -1,14 +1,13 @@
 """Settings, options and playlists: names, values, files, and what is said when one is wrong."""
 
-import math
 from pathlib import Path
 
 import pytest
 
+from counterlight.adjustments import Adjustments
 from counterlight.errors import InputError
 from counterlight.medium import Border, Medium
-from counterlight.picture import Picture
-from counterlight.show.options import image_display_duration, monitors_of, picture_of, read_options
+from counterlight.show.options import adjustments_of, image_display_duration, monitors_of, read_options
 from counterlight.show.playlist import Playlist, expand
 from counterlight.show.settings import default_path
 
@@ -40,7 +39,7 @@ monitor = "HDMI-1"
     options = options_with(config, text)
     assert (options.refine, options.compensation, options.loop, options.view) == (7, False, True, "camera")
     assert (options.white, options.monitor) == (0.5, "HDMI-1")
-    assert picture_of(options) == Picture(brightness=-5, black_level=0.1)
+    assert adjustments_of(options) == Adjustments(brightness=-5, black_level=0.1)
     assert options.keys == {"ctrl+x": "quit"}
     assert image_display_duration(options) is None
     options = options_with(config, text, "--refine", "auto", "--compensation", "--no-loop", "--brightness", "3")
@@ -70,7 +69,7 @@ def test_a_setting_names_the_monitors_of_several_projectors(config: Path) -> Non
         ("loop = 'yes'", "loop: expected true or false, found 'yes'"),
         ("view = 'side'", "view: expected projector, camera"),
         ("brightness = 200", "brightness: expected a whole number from -100 to 100"),
-        ("flicker = 0.99", "flicker: expected 0 to 0.95"),
+        ("flicker = 0.99", "flicker: expected a number from 0 to 0.95"),
         ("keys = 3", "[keys]"),
         ('monitor = "a\\u0000b"', "monitor: expected text or a number, found 'a\\x00b'"),
         ('monitor = """a\nb"""', "monitor: expected text or a number, found 'a\\nb'"),
@@ -107,7 +106,7 @@ def test_options_may_stand_between_calibration_and_media() -> None:
     options = read_options(["room", "--no-config", "--loop", "a.png", "--view", "camera", "b.png"], "")
     assert (options.calibration, options.media) == (Path("room"), [Medium("a.png"), Medium("b.png")])
     assert image_display_duration(options) == 5
-    options.image_display_duration = math.inf
+    options.image_display_duration = "inf"
     assert image_display_duration(options) is None
 
 

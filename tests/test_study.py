@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from counterlight.files import describe_files
-from counterlight.renderer import Room
+from counterlight.room import Room
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.presets import PRESETS
 from counterlight.tools.solve.compensate import CompensateOptions, CompensationTask

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from counterlight.app import play_in_window, room_of
-from counterlight.show.commands import CommandError, Commands
-from counterlight.show.options import picture_of, read_options
+from counterlight.show.options import adjustments_of, read_options
+from counterlight.show.registry import CommandError, Commands
 
 LOOPS_BETWEEN = 4
 NOT_WATCHED = ("volume", "mute", "gap", "psnr", "frames", "dropped", "fps", "monitor")
@@ -65,7 +65,7 @@ def main(mode: str, *arguments: str) -> None:
     else:
         remote = Watcher()
     options = read_options(["--no-config", *arguments], "")
-    play_in_window(options, room_of(options), picture_of(options), remotes=[remote])
+    play_in_window(options, room_of(options), adjustments_of(options), remotes=[remote])
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ from scipy import sparse
 from counterlight import calibration
 from counterlight.picture_files import read_picture
 from counterlight.reading import read_toml
-from counterlight.show.session_inputs import Setup
 from counterlight.tools import build_correction_map
 from tests.brackets import CURVES, random_scene, write_bracket
 from tests.programs import CLIP, ROOT
@@ -102,7 +101,7 @@ def is_whole(folder: Path, name: str) -> bool:
 
 def screenshot(folder: str, seed: int) -> str:
     """Saved in a session whose surroundings are made up; returns its path."""
-    stage = Stage(setup=Setup(screenshots=Path(folder)))
+    stage = Stage(screenshots=Path(folder))
     picture = np.random.default_rng(seed).integers(0, 256, (30, 40, 3), np.uint8)
     stage.screen.encoded = lambda: picture  # type: ignore[attr-defined]
     stage.advance(0.1)

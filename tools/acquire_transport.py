@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 from counterlight.command import Parser, run
 from counterlight.errors import InputError
+from counterlight.response import named_response
 from counterlight.tools.acquisition.rig_options import add_rig_options
-from counterlight.tools.acquisition.room_options import add_room_options, named_response
+from counterlight.tools.acquisition.room_options import add_room_options
 from counterlight.tools.choices import SCHEMES
 from counterlight.writing.outputs import check_apart, check_folder
 

@@ -15,7 +15,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
-    from counterlight.tools.acquisition.room_options import named_response
+    from counterlight.response import named_response
     from counterlight.tools.hdr.grey_ramp import read_ramp
     from counterlight.tools.hdr.projector_response import fit_projector_response
     from counterlight.tools.hdr.response_table import SUFFIXES, write_response

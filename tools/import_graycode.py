@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from counterlight.command import Parser, parse_size, run
-from counterlight.tools.acquisition.room_options import add_room_options, named_response
+from counterlight.response import named_response
+from counterlight.tools.acquisition.room_options import add_room_options
 from counterlight.tools.choices import GRAYCODE_ORDERS
 
 

@@ -11,10 +11,10 @@ from counterlight import app, calibration
 from counterlight.command import Parser, run
 from counterlight.content import camera_psnr
 from counterlight.errors import InputError
-from counterlight.headless import FRAME_TIMEOUT_S
+from counterlight.headless import FRAME_TIMEOUT_S, headless_renderer
 from counterlight.output import write_picture
 from counterlight.png import write_png
-from counterlight.renderer import Room
+from counterlight.room import Room, read_room
 from counterlight.tools import build_correction_map, simulate_transport
 from counterlight.tools.shipped import CLIP, parse_scene
 from counterlight.video import MediaReader
@@ -31,7 +31,7 @@ def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     folder = options.folder / options.scene.stem
     prepare(options.scene, folder)
-    room = app.read_room(folder, None)
+    room = read_room(folder, None)
     before, after, exposed = compare(room, options.folder)
     print(f"camera view: PSNR {before:.1f} dB before, {after:.1f} dB after")
     print(f"before, at the exposure of the camera that matches best: {exposed:.1f} dB")
@@ -56,7 +56,7 @@ def compare(room: Room, folder: Path) -> tuple[float, float, float]:
     """
     mask, white = room.calibration.mask, room.white
     quality, views, seen = [], [], []
-    with app.headless_renderer("gl", room) as renderer, MediaReader.open(CLIP) as reader:
+    with headless_renderer("gl", room) as renderer, MediaReader.open(CLIP) as reader:
         reader.seek(SHOWN_AT_S)
         frame = reader.next_frame(FRAME_TIMEOUT_S)
         if frame is None:

@@ -1,19 +1,18 @@
-"""What goes on from frame to frame: the scale and offset that a frame is adapted by, and damping of the drive.
+"""The scale and offset that a frame is adapted by.
 
-The adaptation is found by sums over the camera's view, in tiles, then all together; nothing is read back.
+They are found by sums over the camera's view, in tiles, then all together; nothing is read back.
 """
 
-from collections.abc import Callable, Mapping
-from typing import TypeAlias
+from collections.abc import Mapping
 
 import moderngl
 import numpy as np
 
 from counterlight.content import OFFSETS, SCALES, TILES, Succession, approach, tile_grid
-from counterlight.gl.passes import Owner, Pass, Uniform, float_texture, picture_texture, table_texture
+from counterlight.device import NearLight, Owner
+from counterlight.gl.passes import Pass, Uniform, float_texture, picture_texture, table_texture
 
 PERCENT = 0.01
-NearLight: TypeAlias = Callable[[moderngl.Texture], moderngl.Texture]
 
 
 class Adapter:
@@ -104,28 +103,3 @@ class _Sums:
 
     def release(self) -> None:
         self._owner.release()
-
-
-class Damper:
-    """(1 − weight) drive + weight of what was shown before; after a cut or a gap the drive as it is."""
-
-    def __init__(self, context: moderngl.Context, shape: tuple[int, int]) -> None:
-        self._succession = Succession(lasting=False)
-        self._before, self._now = (Pass(context, "blend.frag", float_texture(context, shape)) for _ in range(2))
-        self._before.clear()
-
-    def advance(self, *, cut: bool) -> None:
-        if self._succession.advance(cut=cut):
-            self._before, self._now = self._now, self._before
-
-    def restart(self) -> None:
-        self._succession.restart()
-
-    def run(self, drive: moderngl.Texture, weight: float) -> moderngl.Texture:
-        self._now.set(weight=0.0 if self._succession.fresh else weight)
-        self._succession.draw()
-        return self._now.run(now=drive, before=self._before.target)
-
-    def release(self) -> None:
-        self._before.release()
-        self._now.release()

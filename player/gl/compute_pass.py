@@ -3,10 +3,10 @@
 import moderngl
 import numpy as np
 
+from counterlight.device import LONG_BYTES, Owner
 from counterlight.errors import InputError
-from counterlight.gl.passes import Owner, float_texture
+from counterlight.gl.passes import float_texture
 from counterlight.gl.shaders import build_compute_program
-from counterlight.renderer import LONG_BYTES
 from counterlight.row_map import RowMap
 from counterlight.sliced_map import GROUP, Part, lanes_of, parts
 

@@ -1,8 +1,7 @@
 """One full-screen pass: a program, the textures it reads, the texture it writes. Built once, run every frame."""
 
 from collections.abc import Mapping
-from contextlib import ExitStack
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 import moderngl
 import numpy as np
@@ -13,27 +12,6 @@ from counterlight.gl.shaders import build_program
 
 Uniform: TypeAlias = float | int | tuple[float, ...] | tuple[int, ...]
 FLOAT_COMPONENTS = 4  # three-component float textures need not be renderable
-
-
-class Releasable(Protocol):
-    def release(self) -> None: ...
-
-
-R = TypeVar("R", bound=Releasable)
-
-
-class Owner:
-    """Holds what must be released, and releases it, the last first."""
-
-    def __init__(self) -> None:
-        self._stack = ExitStack()
-
-    def own(self, resource: R) -> R:
-        self._stack.callback(resource.release)
-        return resource
-
-    def release(self) -> None:
-        self._stack.close()
 
 
 def float_texture(

@@ -5,17 +5,16 @@ fragment : shaders/row_map.frag, everywhere.  compute : shaders/row_map.comp, Op
 
 import time
 from collections.abc import Iterable
-from typing import Protocol, TypeAlias
 
 import moderngl
 import numpy as np
 
+from counterlight.device import LONG_BYTES, SHORT_BYTES, Operation, Owner, PathReport, StoredMap
 from counterlight.errors import InputError
 from counterlight.gl.compute_pass import MapBuffers, supports_compute
-from counterlight.gl.passes import Owner, float_texture
+from counterlight.gl.passes import float_texture
 from counterlight.gl.row_map_pass import MapTextures
-from counterlight.maps import FarMaps
-from counterlight.renderer import LONG_BYTES, SHORT_BYTES, PathReport, Room
+from counterlight.room import Room
 from counterlight.row_map import RowMap
 from counterlight.short_map import rounding_of
 from counterlight.sliced_map import spans_fit
@@ -23,33 +22,7 @@ from counterlight.sliced_map import spans_fit
 WARM_UP, FRAMES = 1, 5
 
 
-class Product(Protocol):
-    """target = Σ weights · source, combined with a base as asked for."""
-
-    def run(self, source: moderngl.Texture, base: moderngl.Texture | None = None) -> moderngl.Texture: ...
-
-    def release(self) -> None: ...
-
-
-class StoredMap(Protocol):
-    """A row map on the GPU; several products may read it."""
-
-    @property
-    def output_shape(self) -> tuple[int, int]: ...
-
-    @property
-    def source_shape(self) -> tuple[int, int]: ...
-
-    def product(self, combine: str = "") -> Product:
-        """combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE" or "CLAMP"."""
-
-    def release(self) -> None: ...
-
-
-Chain: TypeAlias = tuple[StoredMap, StoredMap, StoredMap]
-
-
-class StoredMaps:
+class GlMaps:
     """Puts a room's maps on the GPU for one of the paths, each when first asked for, and holds them.
 
     scale : of 16-bit weights for the correction map, None for 32-bit ones (player/short_map.py).
@@ -66,9 +39,6 @@ class StoredMaps:
             self._stored[id(packed)] = self._owner.own(self._store(packed))
         return self._stored[id(packed)]
 
-    def chain(self, maps: FarMaps) -> Chain:
-        return self.of(maps.gather), self.of(maps.mix), self.of(maps.scatter)
-
     def release(self) -> None:
         self._owner.release()
 
@@ -78,34 +48,18 @@ class StoredMaps:
         return MapTextures(self._context, packed)
 
 
-class FarPass:
-    """target = base ± scatter · mix · gather · source."""
-
-    def __init__(self, chain: Chain, combine: str) -> None:
-        gather, mix, scatter = chain
-        self._products = gather.product(), mix.product(), scatter.product(combine)
-
-    def run(self, source: moderngl.Texture, base: moderngl.Texture) -> moderngl.Texture:
-        gather, mix, scatter = self._products
-        return scatter.run(mix.run(gather.run(source)), base)
-
-    def release(self) -> None:
-        for product in self._products:
-            product.release()
-
-
-def store_maps(context: moderngl.Context, room: Room, path: str) -> StoredMaps:
+def store_maps(context: moderngl.Context, room: Room, path: str) -> GlMaps:
     """A room's maps on the path asked for; "auto" measures both and keeps the faster.
 
     Raises InputError if "compute" is asked for and this OpenGL has none; "auto" then takes fragments.
     """
     if path == "fragment" or (path == "auto" and not supports_compute(context)):
-        return StoredMaps(context, room, "fragment")
+        return GlMaps(context, room, "fragment")
     if not supports_compute(context):
         raise InputError(
             f"--path compute: needs OpenGL 4.3, found {context.info['GL_VERSION']}; use --path fragment or auto"
         )
-    compute = StoredMaps(context, room, "compute", short_scale(room))
+    compute = GlMaps(context, room, "compute", short_scale(room))
     return _faster(context, room, compute) if path == "auto" else compute
 
 
@@ -116,9 +70,9 @@ def short_scale(room: Room) -> np.float32 | None:
     return rounding.scale if rounding is not None and certified else None
 
 
-def _faster(context: moderngl.Context, room: Room, compute: StoredMaps) -> StoredMaps:
+def _faster(context: moderngl.Context, room: Room, compute: GlMaps) -> GlMaps:
     """Fragments or `compute`, whichever takes less time for a frame's products; the other is released."""
-    fragment = StoredMaps(context, room, "fragment")
+    fragment = GlMaps(context, room, "fragment")
     try:
         fragment_ms = products_ms(context, fragment)
         try:
@@ -135,7 +89,7 @@ def _faster(context: moderngl.Context, room: Room, compute: StoredMaps) -> Store
     return kept
 
 
-def products_ms(context: moderngl.Context, stored: StoredMaps) -> float:
+def products_ms(context: moderngl.Context, stored: GlMaps) -> float:
     """Milliseconds of the products with T⁺ and, where the room can be refined, with T and Tᵀ; medians of a few."""
     maps = stored.room.maps
     measured = [maps.correction, *([] if maps.refinement is None else [maps.transport, maps.refinement.dual])]
@@ -153,7 +107,7 @@ def _product_ms(context: moderngl.Context, stored: StoredMap) -> float:
         owner.release()
 
 
-def _frame_seconds(context: moderngl.Context, product: Product, source: moderngl.Texture) -> Iterable[float]:
+def _frame_seconds(context: moderngl.Context, product: Operation, source: moderngl.Texture) -> Iterable[float]:
     for _ in range(WARM_UP + FRAMES):
         context.finish()
         start = time.perf_counter()

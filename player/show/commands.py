@@ -1,233 +1,368 @@
-"""What the player can do and what can be read or set: one registry for keys, the settings and the control socket.
+"""The commands and properties of a session (docs/player.md lists them): what keys, settings and remotes can do."""
 
-Names are mpv's where mpv has them. Values are what JSON knows; words of text ("yes", "12.5") are taken as well, since a
-key binding has nothing else.
-"""
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol
+from counterlight.command import tell
+from counterlight.kinds import Anything, Choice, Number
+from counterlight.output import write_picture
+from counterlight.parameters import FLAG, PARAMETERS
+from counterlight.show.placing import Placing
+from counterlight.show.playback import Playback
+from counterlight.show.registry import Command, CommandError, Commands, Property
+from counterlight.show.session import Session
+from counterlight.show.stats_page import position
+from counterlight.writing.replacing import replacing_file
 
-from counterlight.errors import InputError, nearest
-
-
-class CommandError(ValueError):
-    """A command or a value that is refused: one line, for the screen or the socket."""
-
-
-class _UnreadError(CommandError):
-    """What a kind expected; the name of what it was meant for is put before it."""
-
-
-class Kind(Protocol):
-    """What values a property takes."""
-
-    def read(self, value: object) -> Any:
-        """The value as the property wants it; CommandError, saying what was expected."""
-
-    def next(self, value: Any, direction: int) -> Any:
-        """The value that `cycle` goes to, 1 up or -1 down."""
+ANY_NUMBER = Number(-1e9, 1e9)
+TIME = Number(0, 1e9)
+SEEKS = Choice(("relative", "absolute", "absolute-percent"))
+LOADS = Choice(("replace", "append"))
 
 
-@dataclass(frozen=True)
-class Flag:
-    """True or false; "yes" and "no" in words."""
-
-    def read(self, value: object) -> bool:
-        words = {"yes": True, "true": True, "on": True, "no": False, "false": False, "off": False}
-        if isinstance(value, bool):
-            return value
-        if isinstance(value, str) and value.lower() in words:
-            return words[value.lower()]
-        raise _UnreadError(f"expected yes or no, found {value!r}")
-
-    def next(self, value: bool, direction: int) -> bool:
-        return not value
+def commands_of(session: Session) -> Commands:
+    """Everything that can be done with a session."""
+    actions = _Actions(session)
+    return Commands(_commands(actions), {**_playing(session), **_adjustments(session), **_showing(session)})
 
 
-@dataclass(frozen=True)
-class Number:
-    """A number between two bounds; whole numbers only if `whole`, and words beside numbers if there are any."""
+def _commands(do: "_Actions") -> dict[str, Command]:
+    return {
+        "seek": Command(
+            "go forward, or back, or to a time or a percentage", do.seek, "SECONDS [relative|absolute|absolute-percent]"
+        ),
+        "frame-step": Command("show the next frame and pause", lambda: do.step(1)),
+        "frame-back-step": Command("show the frame before and pause", lambda: do.step(-1)),
+        "playlist-next": Command("play the next medium of the list", lambda: do.playlist(1)),
+        "playlist-prev": Command("play the medium before", lambda: do.playlist(-1)),
+        "loadfile": Command("play a medium or a list, or put it at the end", do.load, "PATH [replace|append]"),
+        "ab-loop": Command("set point A, then B, then clear both", do.ab_loop),
+        "screenshot": Command("save the view as a PNG picture; its path is the result", do.screenshot),
+        "show-text": Command("write a line over the picture", do.show_text, "TEXT [MILLISECONDS]"),
+        "identify": Command("write its name on every monitor", do.identify),
+        "reload": Command("read the maps and compile the shaders again; what is damaged changes nothing", do.reload),
+        "place": Command("begin to place the picture in the camera's view", do.place),
+        "place-move": Command("move the picture or the selected corner, in shares of the view", do.place_move, "DX DY"),
+        "place-scale": Command("scale the picture about its middle", do.place_scale, "FACTOR"),
+        "place-corner": Command("select the next corner, or the whole picture", do.place_corner),
+        "place-undo": Command("take the last change back", do.place_undo),
+        "place-fit": Command("as large as fits, as nobody had placed it", do.place_fit),
+        "place-save": Command("keep the placement beside the calibration", do.place_save),
+        "place-cancel": Command("leave the placement as it was", do.place_cancel),
+        "quit": Command("end the player", do.quit),
+    }
 
-    low: float
-    high: float
-    whole: bool = False
-    words: tuple[str, ...] = ()
 
-    def read(self, value: object) -> Any:
-        if isinstance(value, str) and value in self.words:
-            return value
+class _Actions:
+    """What commands do; a text that is returned is also said on the screen when a key did it."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def seek(self, seconds: object, how: object = "relative") -> str:
+        playback = _playback(self._session)
+        info, amount, mode = playback.reader.info, ANY_NUMBER.read(seconds), SEEKS.read(how)
+        if info.still or info.live:
+            return ""
+        if mode == "absolute-percent":
+            if not info.duration_s:
+                raise CommandError(f"seek: {info.path} does not say how long it is; give seconds")
+            amount *= info.duration_s / 100
+        playback.seek(amount + (playback.position_s if mode == "relative" else 0))
+        self._session.stats.interrupted()
+        return position(self._session)
+
+    def step(self, direction: int) -> None:
+        if not _playback(self._session).reader.info.still:
+            _playback(self._session).step(direction)
+
+    def playlist(self, by: int) -> str:
+        session = self._session
+        if not session.programme.go(by):
+            raise CommandError("no further medium in the list" if by > 0 else "no medium before this one")
+        return (
+            f"{session.playlist.position + 1}/{len(session.playlist.media)} {Path(session.playlist.current.name).name}"
+        )
+
+    def load(self, path: object, how: object = "replace") -> str:
+        medium = self._session.programme.load(str(path), replace=LOADS.read(how) == "replace")
+        return Path(medium.name).name
+
+    def ab_loop(self) -> str:
+        playback = _playback(self._session)
+        if playback.a_s is None:
+            playback.a_s = playback.position_s
+            return f"A-B loop from {playback.a_s:.2f} s"
+        if playback.b_s is None and playback.position_s > playback.a_s:
+            playback.b_s = playback.position_s
+            return f"A-B loop {playback.a_s:.2f} to {playback.b_s:.2f} s"
+        playback.a_s = playback.b_s = None
+        return "A-B loop: off"
+
+    def screenshot(self) -> str:
+        session = self._session
+        if not session.rendered:
+            raise CommandError("screenshot: nothing has been shown yet")
+        name = f"counterlight-{time.strftime('%Y%m%d-%H%M%S')}-{session.stats.frames:06d}.png"
+        path = session.screenshots / name
+        with replacing_file(path) as temporary:
+            write_picture(temporary, session.renderer)
+        tell(f"saved {path}", sys.stdout)
+        return str(path)
+
+    def show_text(self, text: object, milliseconds: object = 1000) -> None:
+        self._session.say(str(text), TIME.read(milliseconds) / 1000)
+
+    def identify(self) -> str:
+        self._session.display.identify()
+        return f"this is {self._session.display.monitor}"
+
+    def reload(self) -> str:
+        """Whatever goes wrong with files, shaders or memory, the show goes on with what it has."""
+        session = self._session
         try:
-            if isinstance(value, bool) or not isinstance(value, str | int | float):
-                raise ValueError
-            number = float(value)
-        except (ValueError, OverflowError):
-            number = math.nan
-        if not self.low <= number <= self.high or (self.whole and number != round(number)):
-            kind = "a whole number" if self.whole else "a number"
-            words = "".join(f"{word} or " for word in self.words)
-            raise _UnreadError(f"expected {words}{kind} from {self.low:g} to {self.high:g}, found {value!r}")
-        return int(number) if self.whole else number
+            session.replace_renderer(session.room.reload())
+        except Exception as error:  # an edited shader can go wrong in any way
+            line = session.not_reloaded(error)
+            session.stats.notice(line)
+            raise CommandError(line) from None
+        return "maps and shaders reloaded"
 
-    def next(self, value: Any, direction: int) -> Any:
-        return self.clamp((0 if isinstance(value, str) else value) + direction)
+    def place(self) -> None:
+        session = self._session
+        if session.placing is None:
+            session.placing = Placing(session.adjustments.corners or self._fitted(), session.adjustments.corners)
 
-    def clamp(self, number: float) -> Any:
-        bounded = min(max(number, self.low), self.high)
-        return round(bounded) if self.whole else bounded
+    def place_move(self, dx: object, dy: object) -> None:
+        placing = self._placing()
+        placing.move(ANY_NUMBER.read(dx), ANY_NUMBER.read(dy))
+        self._apply(placing)
 
+    def place_scale(self, factor: object) -> None:
+        placing = self._placing()
+        placing.scale(Number(0.01, 100).read(factor))
+        self._apply(placing)
 
-@dataclass(frozen=True)
-class Choice:
-    """One of several words."""
+    def place_corner(self) -> str:
+        placing = self._placing()
+        placing.select_next()
+        return placing.selected
 
-    words: tuple[str, ...]
+    def place_undo(self) -> str:
+        placing = self._placing()
+        if not placing.undo():
+            return "nothing to take back"
+        self._apply(placing)
+        return ""
 
-    def read(self, value: object) -> str:
-        if isinstance(value, str) and value in self.words:
-            return value
-        raise _UnreadError(f"expected {', '.join(self.words)}, found {value!r}")
+    def place_fit(self) -> None:
+        placing = self._placing()
+        placing.put(self._fitted())
+        self._apply(placing)
 
-    def next(self, value: str, direction: int) -> str:
-        return self.words[(self.words.index(value) + direction) % len(self.words)]
+    def place_save(self) -> str:
+        session, placing = self._session, self._placing()
+        corners = None if placing.corners == self._fitted() else placing.corners
+        saved = session.room.keep(corners)
+        session.adjust(replace(session.adjustments, corners=corners))
+        session.placing = None
+        return "placement: as large as fits" if corners is None else f"saved {saved}"
 
+    def place_cancel(self) -> str:
+        session, placing = self._session, self._placing()
+        session.adjust(replace(session.adjustments, corners=placing.before))
+        session.placing = None
+        return "placement as it was"
 
-@dataclass(frozen=True)
-class Anything:
-    """Whatever the property's own setter takes."""
+    def quit(self) -> None:
+        self._session.done = True
 
-    def read(self, value: object) -> Any:
-        return value
+    def _placing(self) -> Placing:
+        if self._session.placing is None:
+            raise CommandError("the picture is not being placed; begin with: place")
+        return self._session.placing
 
-    def next(self, value: Any, direction: int) -> Any:
-        raise _UnreadError("has no next value")
+    def _fitted(self) -> Any:
+        return self._session.room.fit(_playback(self._session).reader.info.format)
 
-
-@dataclass(frozen=True)
-class Property:
-    """get : a JSON-able value.  set : None if read-only.  unit : said after the value on the screen."""
-
-    help: str
-    get: Callable[[], Any]
-    set: Callable[[Any], None] | None = None
-    kind: Kind = Anything()
-    unit: str = ""
-
-
-@dataclass(frozen=True)
-class Command:
-    """run : takes words or JSON values.  usage : its arguments, `[]` around those that may be left out."""
-
-    help: str
-    run: Callable[..., object]
-    usage: str = ""
-
-
-class Commands:
-    """Runs commands and reads and sets properties by name; raises CommandError for whatever cannot be done."""
-
-    def __init__(self, commands: Mapping[str, Command], properties: Mapping[str, Property]) -> None:
-        self._properties = dict(properties)
-        self._commands = {
-            **commands,
-            "set": Command("set a property", self.set, "PROPERTY VALUE"),
-            "cycle": Command("the next value of a property", self._cycle, "PROPERTY [up|down]"),
-            "add": Command("add to a property; 1 by default", self._add, "PROPERTY [NUMBER]"),
-            "multiply": Command("multiply a property", self._multiply, "PROPERTY FACTOR"),
-        }
-
-    def names(self) -> Mapping[str, str]:
-        """Every command and, in one line, what it does."""
-        return {name: command.help for name, command in self._commands.items()}
-
-    def usage(self, name: str) -> str:
-        """A command's arguments."""
-        usage: str = _named(self._commands, name, "command").usage
-        return usage
-
-    def properties(self) -> Mapping[str, str]:
-        """Every property and, in one line, what it is."""
-        return {name: described.help for name, described in self._properties.items()}
-
-    def writable(self, name: str) -> bool:
-        return _named(self._properties, name, "property").set is not None
-
-    def run(self, name: str, *arguments: object) -> object:
-        """Run a command; its result, if any, is JSON-able."""
-        command = _named(self._commands, name, "command")
-        least, most = _counts(command.usage)
-        if not least <= len(arguments) <= most:
-            raise CommandError(f"{name}: expected {command.usage or 'no arguments'}, found {_words(arguments)}")
-        try:
-            return command.run(*arguments)
-        except _UnreadError as error:
-            raise CommandError(f"{name}: {error}") from None
-        except InputError as error:
-            raise CommandError(str(error)) from None
-
-    def get(self, name: str) -> Any:
-        return _named(self._properties, name, "property").get()
-
-    def set(self, name: str, value: object) -> None:
-        described = _named(self._properties, name, "property")
-        if described.set is None:
-            raise CommandError(f"{name} is read-only")
-        try:
-            described.set(described.kind.read(value))
-        except _UnreadError as error:
-            raise CommandError(f"{name}: {error}") from None
-        except InputError as error:
-            raise CommandError(str(error)) from None
-
-    def tell(self, name: str) -> str:
-        """A property as the screen says it: `Brightness: 5`."""
-        described = self._properties[name]
-        value = described.get()
-        shown = {True: "on", False: "off", None: "no"}.get(value) if isinstance(value, bool | None) else None
-        if shown is None:
-            shown = f"{value:g}" if isinstance(value, float) else str(value)
-        unit = f" {described.unit}" if described.unit and isinstance(value, int | float) else ""
-        return f"{name.replace('-', ' ').capitalize()}: {shown}{unit}"
-
-    def _cycle(self, name: str, direction: str = "up") -> None:
-        kind = _named(self._properties, name, "property").kind
-        steps = {"up": 1, "down": -1}
-        if direction not in steps:
-            raise _UnreadError(f"expected up or down, found {direction!r}")
-        self.set(name, kind.next(self.get(name), steps[direction]))
-
-    def _add(self, name: str, amount: object = 1) -> None:
-        kind, value = self._number(name)
-        self.set(name, kind.clamp(value + Number(-math.inf, math.inf).read(amount)))
-
-    def _multiply(self, name: str, factor: object) -> None:
-        """Whole numbers go down to the next one below, and up by at least one."""
-        kind, value = self._number(name)
-        by = Number(0, 1e6).read(factor)
-        product = math.floor(value * by) if kind.whole else value * by
-        self.set(name, kind.clamp(max(product, value + 1) if kind.whole and by > 1 else product))
-
-    def _number(self, name: str) -> tuple[Number, Any]:
-        described = _named(self._properties, name, "property")
-        value = described.get()
-        if not isinstance(described.kind, Number) or isinstance(value, str | None):
-            raise CommandError(f"{name} is no number now, but {value!r}")
-        return described.kind, value
+    def _apply(self, placing: Placing) -> None:
+        self._session.adjust(replace(self._session.adjustments, corners=placing.corners))
 
 
-def _named(table: Mapping[str, Any], name: object, what: str) -> Any:
-    if isinstance(name, str) and name in table:
-        return table[name]
-    hint = nearest(name, table) if isinstance(name, str) else ""
-    raise CommandError(f"no {what} {name!r}{hint}")
+def _named(name: str, get: Callable[[], Any], put: Callable[[Any], None]) -> Property:
+    """A parameter of a show."""
+    row = PARAMETERS[name]
+    return Property(row.help, get, put, row.kind, row.unit)
 
 
-def _counts(usage: str) -> tuple[int, int]:
-    """`NAME [up|down]` -> (1, 2)."""
-    arguments = usage.split()
-    return sum(not argument.startswith("[") for argument in arguments), len(arguments)
+def _attribute(of: Callable[[], Any], name: str) -> tuple[Callable[[], Any], Callable[[Any], None]]:
+    """What reads and what sets an attribute of what there is then."""
+    return lambda: getattr(of(), name), lambda value: setattr(of(), name, value)
 
 
-def _words(arguments: Sequence[object]) -> str:
-    return " ".join(map(str, arguments)) or "none"
+def _playing(session: Session) -> dict[str, Property]:
+    """Of the medium and the list."""
+
+    def now() -> Playback:
+        return _playback(session)
+
+    def audio() -> Any:
+        if session.audio is None:
+            raise CommandError("no audio")
+        return session.audio
+
+    def go_to(index: int) -> None:
+        if not 0 <= index < len(session.playlist.media):
+            raise CommandError(f"playlist-pos: expected 0 to {len(session.playlist.media) - 1}, found {index}")
+        session.programme.select(index)
+
+    def hold(seconds: float | str) -> None:
+        session.image_display_duration = None if seconds == "inf" else float(seconds)
+        if session.playback is not None:
+            session.playback.hold_s = session.image_display_duration
+
+    def manner() -> Any:
+        return session.manner
+
+    playlist = session.playlist
+    return {
+        "pause": Property("whether time stands still", *_attribute(manner, "paused"), FLAG),
+        "speed": _named("speed", *_attribute(manner, "speed")),
+        "time-pos": Property(
+            "seconds from the medium's beginning", lambda: now().position_s, lambda t: now().seek(t), TIME, "s"
+        ),
+        "duration": Property("seconds, null if unknown or a still", lambda: now().reader.info.duration_s),
+        "path": Property("the medium that plays", lambda: str(now().reader.info.path)),
+        "playlist": Property("the media of the list", lambda: [medium.name for medium in playlist.media]),
+        "playlist-pos": Property(
+            "position in the list, of what plays or is being opened",
+            lambda: playlist.position,
+            go_to,
+            Number(0, 1e6, whole=True),
+        ),
+        "playlist-playing-pos": Property("position of what plays", lambda: session.programme.on),
+        "loop-file": Property("begin the medium again at its end", *_attribute(manner, "loop"), FLAG),
+        "loop-playlist": Property("begin the list again at its end", *_attribute(lambda: playlist, "loop"), FLAG),
+        "ab-loop-a": _point(now, "a_s", "where the A-B loop begins"),
+        "ab-loop-b": _point(now, "b_s", "where it ends; the end of the medium if that comes before"),
+        "image-display-duration": _named(
+            "image-display-duration",
+            lambda: "inf" if session.image_display_duration is None else session.image_display_duration,
+            hold,
+        ),
+        "volume": _named("volume", *_attribute(audio, "volume")),
+        "mute": _named("mute", *_attribute(audio, "mute")),
+    }
+
+
+def _point(now: Callable[[], Playback], name: str, text: str) -> Property:
+    def read() -> float | str:
+        value = getattr(now(), name)
+        return "no" if value is None else float(value)
+
+    return Property(
+        text,
+        read,
+        lambda value: setattr(now(), name, None if value == "no" else value),
+        Number(0, 1e9, words=("no",)),
+        "s",
+    )
+
+
+def _adjustments(session: Session) -> dict[str, Property]:
+    """Of counterlight.adjustments.Adjustments."""
+
+    def field(name: str) -> Property:
+        attribute = name.replace("-", "_")
+        return _named(name, lambda: getattr(session.adjustments, attribute), lambda value: put(**{attribute: value}))
+
+    def put(**changed: Any) -> None:
+        session.adjust(replace(session.adjustments, **changed))
+
+    def corners() -> Any:
+        found = session.adjustments.corners
+        return None if found is None else [list(corner) for corner in found]
+
+    names = "brightness", "contrast", "gamma", "saturation", "black-level", "adapt", "flicker", "clipping"
+    return {name: field(name) for name in names} | {
+        "test-card": _named(
+            "test-card",
+            lambda: session.adjustments.card or "no",
+            lambda card: put(card=None if card == "no" else card),
+        ),
+        "corners": Property(
+            "corners of the picture in the camera's view from the upper left, clockwise, in shares of it; "
+            "null fits the picture in",
+            corners,
+            lambda value: put(corners=_corners(value)),
+            Anything("null, four pairs"),
+        ),
+    }
+
+
+def _showing(session: Session) -> dict[str, Property]:
+    """Of the window, the view and the pages."""
+
+    def put(name: str, value: object) -> None:
+        setattr(session, name, value)
+        session.changed()
+
+    def attribute(name: str) -> tuple[Callable[[], Any], Callable[[Any], None]]:
+        return lambda: getattr(session, name), lambda value: put(name, value)
+
+    display = session.display
+
+    def gap() -> float | None:
+        certificate = session.certificate()
+        return None if certificate is None else certificate.relative
+
+    def psnr() -> float | None:
+        certificate = session.certificate()
+        return None if certificate is None else session.room.psnr(certificate)
+
+    def refine(steps: Any) -> None:
+        if steps and not session.room.refinable:
+            raise CommandError("no refinement: the maps were built without it; counterlight build adds it")
+        session.set_refine(steps)
+
+    return {
+        **{name: _named(name, *attribute(name)) for name in ("view", "compensation", "blackout")},
+        "refine": _named("refine", lambda: session.refine, refine),
+        "stats": Property("the page of statistics", *attribute("show_stats"), FLAG),
+        "help": Property("the page of keys", *attribute("show_help"), FLAG),
+        "osd": _named("osd", *attribute("osd")),
+        "message": Property("what the screen says, empty once it has faded", lambda: session.message.text),
+        "placing": Property("whether the picture is being placed", lambda: session.placing is not None),
+        "fullscreen": _named("fullscreen", lambda: display.fullscreen, display.set_fullscreen),
+        "monitor": Property(
+            "where the window is; another one moves it",
+            lambda: display.monitor,
+            display.move_to,
+            Anything("a name or number"),
+        ),
+        "gap": Property("relative gap to the best picture, null if unknown", gap),
+        "psnr": Property("dB of the camera's predicted picture against the desired one, null if unknown", psnr),
+        "frames": Property("frames shown", lambda: session.stats.frames),
+        "dropped": Property("frames dropped", lambda: session.stats.dropped),
+        "fps": Property("frames a second on the screen", lambda: session.stats.frames_per_second),
+    }
+
+
+def _playback(session: Session) -> Playback:
+    if session.playback is None:
+        raise CommandError("no medium is open")
+    return session.playback
+
+
+def _corners(value: Any) -> Any:
+    if value is None or value == "no":
+        return None
+    try:
+        a, b, c, d = ((float(x), float(y)) for x, y in value)
+    except (TypeError, ValueError):
+        raise CommandError(f"corners: expected four pairs of numbers or null, found {value!r}") from None
+    return a, b, c, d

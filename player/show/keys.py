@@ -9,7 +9,7 @@ import shlex
 from collections.abc import Mapping
 from itertools import groupby
 
-from counterlight.show.commands import CommandError, Commands
+from counterlight.show.registry import CommandError, Commands
 
 KEYS = {
     "space": "cycle pause",

@@ -6,21 +6,24 @@ from counterlight.video import MediaReader
 
 
 class Media:
-    """See counterlight.show.programme.Opener.  frames_per_second : of numbered pictures."""
+    """How media are found and opened.  frames_per_second : of numbered pictures."""
 
     def __init__(self, border: Border, frames_per_second: float | None = None) -> None:
         self._border, self._frames_per_second = border, frames_per_second
 
     def medium(self, name: str) -> Medium:
+        """The medium that a key or a remote names; InputError if it may not."""
         medium = self._border.medium(name)
         medium.check()
         return medium
 
     def find(self, medium: Medium) -> list[Medium]:
+        """The same, or the media of a list; InputError if it is plain that they cannot be played. May take long."""
         if is_list(medium):
             return read_list(medium, self._border)
         medium.look()
         return [medium]
 
     def begin(self, medium: Medium, *, loop: bool) -> MediaReader:
+        """Begin to open a medium, without waiting."""
         return MediaReader.begin(medium, loop=loop, frames_per_second=self._frames_per_second, tolerant=True)

@@ -2,26 +2,26 @@
 
 import argparse
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Any
 
+from counterlight.adjustments import Adjustments
 from counterlight.calibration import RADIANCE
 from counterlight.command import Parser
+from counterlight.device import PATHS
 from counterlight.errors import InputError
+from counterlight.kinds import Choice, Flag, Kind, Number, UnreadError
 from counterlight.medium import Border, Medium
-from counterlight.picture import CONTROL, MOST_BLACK, MOST_FLICKER, Picture
-from counterlight.refinement import DEFAULT_STEPS, MOST_STEPS, STARTS, STEPS_WITHOUT_MAP
-from counterlight.renderer import DITHERS, PATHS, VIEWS
+from counterlight.parameters import LISTED_IMAGE_S, PARAMETERS
+from counterlight.refinement import STARTS
+from counterlight.room import DITHERS
 from counterlight.show.keys import KEYS
 from counterlight.show.playlist import expand
 from counterlight.show.settings import Several, apply_settings, default_path
 from counterlight.test_cards import CARDS
 from counterlight.unattended.supervisor import SAFE
-
-Steps: TypeAlias = int | Literal["auto"] | None
-LISTED_IMAGE_S = 5.0  # how long a picture in a list is shown if nobody says
 
 
 def read_options(argv: Sequence[str] | None, description: str) -> argparse.Namespace:
@@ -46,9 +46,11 @@ def read_options(argv: Sequence[str] | None, description: str) -> argparse.Names
     return options
 
 
-def picture_of(options: argparse.Namespace) -> Picture:
+def adjustments_of(options: argparse.Namespace) -> Adjustments:
     """The viewer's settings among the options."""
-    return Picture(**{field.name: getattr(options, field.name) for field in fields(Picture) if field.name in options})
+    return Adjustments(
+        **{field.name: getattr(options, field.name) for field in fields(Adjustments) if field.name in options}
+    )
 
 
 def monitors_of(options: argparse.Namespace) -> list[str]:
@@ -61,7 +63,7 @@ def image_display_duration(options: argparse.Namespace) -> float | None:
     given = options.image_display_duration
     if given is None:
         return LISTED_IMAGE_S if len(options.media) > 1 else None
-    return None if given == float("inf") else float(given)
+    return None if given == "inf" else float(given)
 
 
 def _parser(description: str) -> argparse.ArgumentParser:
@@ -72,16 +74,42 @@ def _parser(description: str) -> argparse.ArgumentParser:
         formatter_class=argparse.RawTextHelpFormatter,
         allow_abbrev=False,
     )
-    _add_what(parser.add_argument)
-    _add_border(parser.add_argument)
-    _add_compensation(parser.add_argument)
-    _add_picture(parser.add_argument)
-    _add_window(parser.add_argument)
-    _add_output(parser.add_argument)
+    for add in (_add_what, _add_border, _add_compensation, _add_adjustments, _add_window, _add_output):
+        add(parser)
     return parser
 
 
-def _add_what(add: Callable[..., object]) -> None:
+def _offer(parser: argparse.ArgumentParser, *names: str) -> None:
+    """Parameters of a show as options."""
+    for name in names:
+        row = PARAMETERS[name]
+        if isinstance(row.kind, Flag):
+            _flag(parser, name, row.default, row.help)
+        elif isinstance(row.kind, Choice):
+            parser.add_argument(f"--{name}", choices=row.kind.words, default=row.default, help=row.help)
+        else:
+            unsaid = row.unsaid or f"{row.default:g}"
+            _number(parser, name, row.kind, row.value, f"{row.help}; {row.kind}\n(default {unsaid})", row.default)
+
+
+def _flag(parser: argparse.ArgumentParser, name: str, default: bool, text: str) -> None:
+    parser.add_argument(f"--{name}", action=argparse.BooleanOptionalAction, default=default, help=text)
+
+
+def _number(
+    parser: argparse.ArgumentParser, name: str, kind: Kind, metavar: str, text: str, default: object = None
+) -> None:
+    def read(word: str) -> Any:
+        try:
+            return kind.read(word)
+        except UnreadError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    parser.add_argument(f"--{name}", type=read, default=default, metavar=metavar, help=text)
+
+
+def _add_what(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
     add("calibration", type=Path, nargs="?", help="a calibration folder with its correction map")
     add(
         "media",
@@ -89,22 +117,18 @@ def _add_what(add: Callable[..., object]) -> None:
         help="videos, pictures, sequences such as name%%05d.png, lists of them (.m3u, .txt);\n"
         ".exr is camera radiance as is",
     )
-    add("--loop", action=argparse.BooleanOptionalAction, default=False, help="start again at the end")
-    add("--start", type=_seconds, default=0.0, metavar="SECONDS", help="begin there")
-    add("--playlist-start", type=_position, default=0, metavar="N", help="begin with that medium of several, from 0")
-    add("--frames", type=_count, metavar="N", help="stop after N frames")
-    add("--fps", type=_rate, metavar="RATE", help="frames per second of a numbered sequence (default 25)")
-    add("--speed", type=_within(0.01, 100), default=1.0, metavar="FACTOR", help="media seconds a second (default 1)")
-    add(
-        "--image-display-duration",
-        type=_hold,
-        metavar="SECONDS|inf",
-        help=f"how long a picture is shown (default inf, in a list {LISTED_IMAGE_S:g})",
-    )
+    _flag(parser, "loop", False, "start again at the end")
+    _number(parser, "start", Number(0, 1e9, noun="seconds"), "SECONDS", "begin there", 0.0)
+    position = Number(0, 1e9, whole=True, noun="a position in the list")
+    _number(parser, "playlist-start", position, "N", "begin with that medium of several, from 0", 0)
+    _number(parser, "frames", Number(1, 1e9, whole=True, noun="a number of frames"), "N", "stop after N frames")
+    rate = Number(1e-3, 1e3, noun="frames per second")
+    _number(parser, "fps", rate, "RATE", "frames per second of a numbered sequence (default 25)")
+    _offer(parser, "speed", "image-display-duration")
 
 
-def _add_border(add: Callable[..., object]) -> None:
-    add(
+def _add_border(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
         "--media-root",
         action=Several,
         type=Path,
@@ -112,70 +136,31 @@ def _add_border(add: Callable[..., object]) -> None:
         help="lists and remotes may name files below it, too; several: each once\n"
         "(always: below a list's own folder, and below those of the MEDIA)",
     )
-    add(
-        "--allow-live",
-        action=argparse.BooleanOptionalAction,
-        default=False,
-        help="lists and remotes may name streams (rtsp://, udp://, …), too",
-    )
+    _flag(parser, "allow-live", False, "lists and remotes may name streams (rtsp://, udp://, …), too")
 
 
-def _add_compensation(add: Callable[..., object]) -> None:
-    add(
-        "--white",
-        type=_white,
-        metavar="auto|LEVEL",
-        help="camera radiance of a white picture (default auto:\nthe level that nine in ten camera pixels can reach)",
-    )
-    add(
-        "--refine",
-        type=_steps,
-        metavar="N|auto",
-        help=f"steps a frame towards the best picture (default {DEFAULT_STEPS}, from\n"
-        f"direct mapping {STEPS_WITHOUT_MAP}; auto: as many as the frame time leaves;\n"
-        "0: the correction map alone)",
-    )
-    add(
+def _add_compensation(parser: argparse.ArgumentParser) -> None:
+    text = "camera radiance of a white picture (default auto:\nthe level that nine in ten camera pixels can reach)"
+    white = Number(*RADIANCE, words=("auto",), noun="a radiance")
+    _number(parser, "white", white, "auto|LEVEL", text, "auto")
+    _offer(parser, "refine")
+    parser.add_argument(
         "--refine-from",
         choices=STARTS,
         help="where they start (default: the correction map's picture,\n"
         "or, if that map is large, direct mapping's, both changed\nas in the frame before)",
     )
-    add(
-        "--compensation",
-        action=argparse.BooleanOptionalAction,
-        default=True,
-        help="without it: show the picture as any player would",
-    )
-    add(
-        "--view",
-        choices=VIEWS,
-        default="projector",
-        help="what to show: the projector's picture, what the camera will\n"
-        "see of it, or that without and with compensation",
-    )
+    _offer(parser, "compensation", "view")
 
 
-def _add_picture(add: Callable[..., object]) -> None:
-    for name in ("brightness", "contrast", "gamma", "saturation"):
-        add(f"--{name}", type=_control, default=0, metavar="N", help=f"{-CONTROL} to {CONTROL} (default 0)")
-    add("--black-level", type=_within(0, MOST_BLACK), default=0.0, metavar="SHARE", help="of white, asked for by black")
-    add(
-        "--adapt", type=_within(0, 100), default=0.0, metavar="PERCENT", help="of the light that may clip (default off)"
-    )
-    add(
-        "--flicker",
-        type=_within(0, MOST_FLICKER),
-        default=0.0,
-        metavar="WEIGHT",
-        help="of the frame before (default 0)",
-    )
-    add("--clipping", action=argparse.BooleanOptionalAction, default=False, help="colour what clips")
-    add("--test-card", dest="card", choices=CARDS, help="show a test card instead of the picture")
+def _add_adjustments(parser: argparse.ArgumentParser) -> None:
+    _offer(parser, "brightness", "contrast", "gamma", "saturation", "black-level", "adapt", "flicker", "clipping")
+    parser.add_argument("--test-card", dest="card", choices=CARDS, help=PARAMETERS["test-card"].help)
 
 
-def _add_window(add: Callable[..., object]) -> None:
-    add("--fullscreen", action=argparse.BooleanOptionalAction, default=False, help="fill the monitor")
+def _add_window(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    _offer(parser, "fullscreen")
     add(
         "--monitor",
         action=Several,
@@ -183,29 +168,17 @@ def _add_window(add: Callable[..., object]) -> None:
         help="the projector's monitor; several: one after the other\n(default: as the calibration says, or the first)",
     )
     add("--list-monitors", action="store_true", help="list the monitors and end")
-    add(
-        "--any-size",
-        action=argparse.BooleanOptionalAction,
-        default=False,
-        help="go full screen on a monitor that is not of the projector's size",
-    )
-    add(
-        "--vsync",
-        action=argparse.BooleanOptionalAction,
-        default=True,
-        help="wait for the display's refresh",
-    )
-    add("--audio", action=argparse.BooleanOptionalAction, default=True, help="play sound, if the extra audio is there")
-    add("--volume", type=_within(0, 130), default=100.0, metavar="PERCENT", help="of the sound (default 100)")
-    add("--mute", action=argparse.BooleanOptionalAction, default=False, help="begin without sound")
-    add("--blackout", action=argparse.BooleanOptionalAction, default=False, help="begin with black")
-    add("--osd", action=argparse.BooleanOptionalAction, default=True, help="say on the screen what keys change")
+    _flag(parser, "any-size", False, "go full screen on a monitor that is not of the projector's size")
+    _flag(parser, "vsync", True, "wait for the display's refresh")
+    _flag(parser, "audio", True, "play sound, if the extra audio is there")
+    _offer(parser, "volume", "mute", "blackout", "osd")
     add("--screenshot-directory", type=Path, default=Path(), metavar="DIR", help="for the key s (default: here)")
     add("--config", type=Path, metavar="FILE", help="settings (default ~/.config/counterlight/player.toml)")
     add("--no-config", action="store_true", help="read no settings")
 
 
-def _add_output(add: Callable[..., object]) -> None:
+def _add_output(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
     add(
         "--output",
         type=Path,
@@ -223,12 +196,7 @@ def _add_output(add: Callable[..., object]) -> None:
     add("--dither", choices=DITHERS, default="ordered", help="how 8-bit steps are hidden (default ordered)")
     add("--control", type=Path, metavar="SOCKET", help="take commands there, JSON lines as mpv's IPC")
     add("--heartbeat", metavar="FILE|-", help="add a JSON line a second: frames, drops, memory, position")
-    add(
-        "--supervise",
-        action=argparse.BooleanOptionalAction,
-        default=False,
-        help="start the player again whenever it dies or hangs",
-    )
+    _flag(parser, "supervise", False, "start the player again whenever it dies or hangs")
     add("--supervised", action="store_true", help=argparse.SUPPRESS)  # said by the supervisor
     add("--safe", choices=SAFE, default="black", help="what --supervise shows after too many crashes (default black)")
     add("--stats", type=Path, metavar="FILE.json", help="write frames, drops, judder and milliseconds")
@@ -244,62 +212,6 @@ def _keys() -> str:
         else:
             lines[-1] += f",  {piece}"
     return "\n".join(lines).replace("%", "%%")
-
-
-def _white(text: str) -> float | None:
-    return None if text == "auto" else _number(text, *RADIANCE, "auto or a radiance, {:g} to {:g}".format(*RADIANCE))
-
-
-def _steps(text: str) -> Steps:
-    if text == "auto":
-        return "auto"
-    if not (text.isdecimal() and int(text) <= MOST_STEPS):
-        raise argparse.ArgumentTypeError(f"expected auto or a number of steps from 0 to {MOST_STEPS}, found {text!r}")
-    return int(text)
-
-
-def _hold(text: str) -> float:
-    return float("inf") if text == "inf" else _number(text, 0.01, 1e6, "inf or seconds from 0.01")
-
-
-def _seconds(text: str) -> float:
-    return _number(text, 0.0, 1e9, "seconds from 0")
-
-
-def _rate(text: str) -> float:
-    return _number(text, 1e-3, 1e3, "frames per second above 0")
-
-
-def _control(text: str) -> int:
-    if not (text.removeprefix("-").isdecimal() and abs(int(text)) <= CONTROL):
-        raise argparse.ArgumentTypeError(f"expected a whole number from {-CONTROL} to {CONTROL}, found {text!r}")
-    return int(text)
-
-
-def _within(low: float, high: float) -> Callable[[str], float]:
-    return lambda text: _number(text, low, high, f"{low:g} to {high:g}")
-
-
-def _position(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"expected a position in the list, from 0, found {text!r}")
-    return int(text)
-
-
-def _count(text: str) -> int:
-    if not (text.isdecimal() and int(text)):
-        raise argparse.ArgumentTypeError(f"expected a number of frames from 1, found {text!r}")
-    return int(text)
-
-
-def _number(text: str, low: float, high: float, expected: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not low <= value <= high:
-        raise argparse.ArgumentTypeError(f"expected {expected}, found {text!r}")
-    return value
 
 
 def one_medium(options: argparse.Namespace) -> Medium:

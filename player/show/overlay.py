@@ -1,24 +1,21 @@
 """What is written and drawn over the picture: a message, the pages of keys and statistics, the outline of placing."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
+from counterlight.show.keys import Keys
 from counterlight.show.osd import MESSAGE_SIZE, Page
 from counterlight.show.outline import Outline, moved, outline_of
+from counterlight.show.session import Session
 from counterlight.show.stats_page import stats_page
-
-if TYPE_CHECKING:
-    from counterlight.show.session import Session
 
 PAGE_INTERVAL_S = 0.2
 
 
 class Overlay:
-    """The page over a session's picture.  clock : seconds, monotonic."""
+    """The page over a session's picture."""
 
-    def __init__(self, session: "Session", clock: Callable[[], float]) -> None:
-        self._session, self._clock = session, clock
+    def __init__(self, session: Session, keys: Keys) -> None:
+        self._session, self._keys = session, keys
         self._statistics: Page | None = None
         self._measured_at = float("-inf")
         self._outlined: tuple[object, Outline] | None = None
@@ -32,12 +29,12 @@ class Overlay:
         """Of the picture that is being placed; made anew when the corners, the view or the room have changed."""
         session = self._session
         placing, view = session.placing, session.view
-        if placing is None or session.site is None:
+        if placing is None:
             return None
         key = placing.corners, placing.corner, view == "projector", session.renderer
         if self._outlined is None or self._outlined[0] != key:
-            outline = outline_of(placing.corners, placing.corner, session.site.camera())
-            self._outlined = key, moved(outline, session.site.on_projector) if view == "projector" else outline
+            outline = outline_of(placing.corners, placing.corner, session.room.camera)
+            self._outlined = key, moved(outline, session.room.on_projector) if view == "projector" else outline
         return self._outlined[1]
 
     def _text(self) -> Page | None:
@@ -45,10 +42,10 @@ class Overlay:
         session = self._session
         text, opacity = session.message.text, session.message.opacity
         if session.show_help:
-            return Page(tuple(session.keys.help_lines(placing=session.placing is not None)))
+            return Page(tuple(self._keys.help_lines(placing=session.placing is not None)))
         if session.show_stats and session.playback is not None:
-            if self._statistics is None or self._clock() - self._measured_at >= PAGE_INTERVAL_S:
-                self._statistics, self._measured_at = stats_page(session, text), self._clock()
+            if self._statistics is None or session.clock() - self._measured_at >= PAGE_INTERVAL_S:
+                self._statistics, self._measured_at = stats_page(session, text), session.clock()
             return self._statistics
         if session.placing is not None:
             return Page((f"placing the {session.placing.selected}; ? lists the keys", *([text] if text else [])))

@@ -1,42 +1,16 @@
 """One medium against a clock: which frame is due, pause, seek, step, speed, A-B loop. Knows no renderer, no window."""
 
 from collections.abc import Callable
-from typing import Protocol
 
-from counterlight.frames import Frame, MediaInfo
+from counterlight.audio import Track
+from counterlight.frames import Frame
+from counterlight.video import MediaReader
 
 MORE_THAN_ROUNDING_S = 1e-3
 TOLERATED_S = 0.02  # frames may be that late whatever their rate
 DECODER_WAIT_S = 0.002  # between looks at a decoder that is behind
 HELD_S = 0.25  # how long an overtaken frame waits for the decoder to bring a newer one
 HURRIED_S = 2.0  # how long none waits after that was in vain
-
-
-class Reader(Protocol):
-    """counterlight.video.MediaReader, as far as playback goes."""
-
-    @property
-    def info(self) -> MediaInfo: ...
-    @property
-    def ended(self) -> bool: ...
-
-    def ready(self) -> bool: ...
-    def poll(self) -> Frame | None: ...
-    def release(self, frame: Frame) -> None: ...
-    def seek(self, time_s: float) -> None: ...
-    def skip(self, time_s: float) -> None: ...
-    def notices(self) -> list[str]: ...
-    def close(self) -> None: ...
-
-
-class Sound(Protocol):
-    """counterlight.audio.Track, as far as playback goes."""
-
-    def seek(self, time_s: float, speed: float) -> None: ...
-    def play(self, time_s: float, at_s: float) -> None: ...
-    def pause(self) -> None: ...
-    def time_s(self) -> float | None: ...
-    def close(self) -> None: ...
 
 
 class Playback:
@@ -53,7 +27,7 @@ class Playback:
 
     def __init__(
         self,
-        reader: Reader,
+        reader: MediaReader,
         clock: Callable[[], float],
         *,
         loop: bool = False,
@@ -61,7 +35,7 @@ class Playback:
         hold_s: float | None = None,
         paused: bool = False,
         speed: float = 1.0,
-        sound: Sound | None = None,
+        sound: Track | None = None,
     ) -> None:
         self.reader, self.loop, self.hold_s = reader, loop, hold_s
         self.dropped = 0

@@ -8,13 +8,14 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from counterlight.errors import InputError
 from counterlight.medium import Medium
 from counterlight.show.lookup import LookUp
-from counterlight.show.playback import Reader
+from counterlight.show.media import Media
 from counterlight.show.playlist import Playlist, is_list
+from counterlight.video import MediaReader
 
 LOOK_S = 0.1  # how long a command waits for the disk; what is not known by then shows when the medium is opened
 LIST_S = 10.0  # how long a list may take to be read
@@ -24,24 +25,11 @@ MOST_RETURNS = 4  # wishes that have overtaken one another
 PLAYED_S = 5.0  # a medium that breaks off after as long is no failure of the list
 
 
-class Opener(Protocol):
-    """How media are found and opened."""
-
-    def medium(self, name: str) -> Medium:
-        """The medium that a key or a remote names; InputError if it may not."""
-
-    def find(self, medium: Medium) -> list[Medium]:
-        """The same, or the media of a list; InputError if it is plain that they cannot be played. May take long."""
-
-    def begin(self, medium: Medium, *, loop: bool) -> Reader:
-        """Begin to open a medium, without waiting."""
-
-
 class Opening(NamedTuple):
     """A medium that is opened beside the show.  loop : whether its reader begins again at its end."""
 
     medium: Medium
-    reader: Reader
+    reader: MediaReader
     loop: bool
 
 
@@ -69,7 +57,7 @@ class Programme:
     def __init__(
         self,
         playlist: Playlist,
-        opener: Opener,
+        opener: Media,
         *,
         lasting: Callable[[], bool],
         looping: Callable[[], bool],

@@ -1,31 +1,32 @@
-"""Playback in a window, from loop to loop: keys and remotes, the frame that is due, what is drawn and written over it.
+"""Media drawn by a renderer into a display: the frame that is due, uploaded, rendered, presented, counted.
 
-Which frame is due is playback.py's to say, what comes next programme.py's, what keys and remotes can do
-controls.py's. Knows no OpenGL; a display and a clock are handed in.
+Which frame is due is playback.py's to say, what comes next programme.py's. Knows no OpenGL; a display and a clock are
+handed in.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeAlias
 
+from counterlight.adjustments import NEUTRAL, Adjustments
+from counterlight.audio import AudioOutput, Track
 from counterlight.command import tell
 from counterlight.errors import InputError, printable
 from counterlight.frames import Frame, MediaInfo, PixelFormat
 from counterlight.medium import Medium
-from counterlight.picture import Picture
 from counterlight.refinement import Certificate, StepBudget
 from counterlight.renderer import Renderer
-from counterlight.show import controls
-from counterlight.show.keys import Keys
-from counterlight.show.memory import give_back, short_collections
+from counterlight.show.display import Display
+from counterlight.show.media import Media
+from counterlight.show.memory import give_back
 from counterlight.show.osd import Message, Page
-from counterlight.show.overlay import Overlay
 from counterlight.show.placing import Placing
-from counterlight.show.playback import Playback, Sound
+from counterlight.show.playback import Playback
 from counterlight.show.playlist import Playlist
-from counterlight.show.programme import Opener, Opening, Programme
-from counterlight.show.session_inputs import Audio, Display, Heartbeat, Remote, Setup, Site, Steps
-from counterlight.show.stats_page import facts
+from counterlight.show.programme import Opening, Programme
+from counterlight.show.room_in_use import RoomInUse
 from counterlight.stats import Stats
 
 CERTIFICATE_INTERVAL_S = 0.5
@@ -33,7 +34,7 @@ LONGEST_WAIT_S = 0.05  # between looks at the decoder and the remotes; keys wake
 AHEAD_S = 3.0  # before a medium ends the next one is opened
 OPENING_WAIT_S = 0.01  # while a medium is being opened
 FADE_WAIT_S = 0.03
-REDRAW = "redraw"  # not a key: the window was resized or uncovered
+Steps: TypeAlias = int | Literal["auto"]
 
 
 @dataclass
@@ -48,90 +49,74 @@ class Manner:
 class Session:
     """Plays a playlist through a renderer into a display.
 
-    opener : finds and opens media.  clock : seconds, monotonic.
+    opener : finds and opens media.  clock : seconds, monotonic.  lasting : whether the show goes on whatever becomes of
+    its media.  image_display_duration : seconds that a still is shown; None for ever.
+    silence : why there is no audio output, told when a medium has sound; None: nobody wants any.
     """
 
     def __init__(
         self,
         playlist: Playlist,
-        opener: Opener,
+        opener: Media,
         renderer: Renderer,
         display: Display,
+        room: RoomInUse,
         *,
-        setup: Setup | None = None,
-        site: Site | None = None,
-        bindings: Mapping[str, str] | None = None,
-        remotes: Sequence[Remote] = (),
-        heartbeat: Heartbeat | None = None,
-        audio: Audio | None = None,
+        view: str = "projector",
+        compensation: bool = True,
+        refine: Steps = 0,
+        adjustments: Adjustments = NEUTRAL,
+        lasting: bool = False,
+        loop_file: bool = False,
+        speed: float = 1.0,
+        start_s: float = 0.0,
+        image_display_duration: float | None = None,
+        blackout: bool = False,
+        osd: bool = True,
+        screenshots: Path = Path(),
+        audio: AudioOutput | None = None,
+        silence: str | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.setup = setup or Setup()
-        self.playlist, self.display, self.site, self.audio = playlist, display, site, audio
+        self.playlist, self.renderer, self.display, self.room, self.audio = playlist, renderer, display, room, audio
+        self.view, self.compensation, self.blackout, self.refine = view, compensation, blackout, refine
+        self.adjustments, self.osd, self.screenshots = adjustments, osd, screenshots
+        self.image_display_duration, self.clock = image_display_duration, clock
         self.stats, self.message = Stats(), Message(clock)
-        self.view, self.compensation, self.blackout = self.setup.view, self.setup.compensation, self.setup.blackout
-        self.picture, self.osd, self.screenshots = self.setup.picture, self.setup.osd, self.setup.screenshots
         self.show_stats = self.show_help = self.done = False
         self.placing: Placing | None = None
-        self.image_display_duration = self.setup.image_display_duration
-        self.refine: Steps = self.setup.refine
-        self._silence = self.setup.silence
-        self.renderer = renderer
+        self._silence, self._lasting = silence, lasting
         self._incoming: Renderer | None = None
-        self._clock, self._remotes, self._heartbeat = clock, remotes, heartbeat
         self._draws = self._steps_made = 0
         self.rendered_view = self.view
         self._changed = self._uploaded = self._uncovered = False
         self._shown: tuple[Page | None, bool] | None = None
         self._certified_at = float("-inf")
         self._certificate: Certificate | None = None
-        self._overlay = Overlay(self, clock)
         self.playback: Playback | None = None
-        self._manner = Manner(self.setup.loop_file, self.setup.speed)
-        self._start: tuple[Medium, float] | None = playlist.current, self.setup.start_s
+        self._manner = Manner(loop_file, speed)
+        self._start: tuple[Medium, float] | None = playlist.current, start_s
         self._pixels: PixelFormat | None = None  # that the renderer is open for
         self._budget: StepBudget | None = None
         self.programme = Programme(
             playlist,
             opener,
-            lasting=self._is_lasting,
+            lasting=lambda: self._lasting or self.playlist.loop or self.manner.loop,
             looping=lambda: self.manner.loop,
             notice=self.notice,
             clock=clock,
         )
-        self.commands = controls.commands_of(self)
-        self.keys = Keys(self.commands, bindings)
 
-    def run(self, limit: int | None = None) -> Stats:
-        """Play until the list ends, the window closes, `q`, or `limit` frames have been shown.
-
-        Raises InputError if the show has ended since a medium could not be played.
-        """
-        try:
-            with short_collections():
-                self._run(limit)
-            if self.programme.failure is not None:
-                raise self.programme.failure
-            if self._draws:
-                certificate = self.certificate(max_age_s=0.0)
-                certified = {} if certificate is None else certificate.to_dict()
-                self.stats.facts["gpu_path"] = self.renderer.path.to_dict()
-                self.stats.facts["refinement"] = {"steps": round(self._steps_made / self._draws, 1), **certified}
-            return self.stats
-        finally:
-            self.close()
-
-    def _run(self, limit: int | None) -> None:
-        while not (self.done or self.display.closed):
-            for key in self.display.poll(self._wait_s()):
-                self.press(key)
-            for remote in self._remotes:
-                remote.poll(self.commands)
-            self.step()
-            if self._heartbeat is not None and self._heartbeat.due:
-                self._heartbeat.beat(facts(self))
-            if limit is not None and self.stats.frames >= limit:
-                return
+    def outcome(self) -> Stats:
+        """What was counted; raises InputError if the show has ended since a medium could not be played."""
+        if self.programme.failure is not None:
+            raise self.programme.failure
+        if self._draws:
+            certificate = self.certificate(max_age_s=0.0)
+            certified = {} if certificate is None else certificate.to_dict()
+            self.stats.facts["gpu_path"] = self.renderer.path.to_dict()
+            self.stats.facts["refinement"] = {"steps": round(self._steps_made / self._draws, 1), **certified}
+        return self.stats
 
     def close(self) -> None:
         """End the decoders, and release the renderer: it has been the session's since that began."""
@@ -143,8 +128,11 @@ class Session:
             renderer.release()
         self._incoming = None
 
-    def step(self) -> None:
-        """Take the frame that is due, if any, and show it; draw again what a key or a remote changed."""
+    def step(self, page: Callable[[], Page | None]) -> None:
+        """Take the frame that is due, if any, and show it; draw again what a key or a remote changed.
+
+        page : what is written over the picture; asked when that has been rendered.
+        """
         self._collect_notices()
         opening = self.programme.poll()
         if opening is not None:
@@ -152,7 +140,7 @@ class Session:
         frame = None if self.playback is None or self.programme.over else self._due(self.playback)
         self.done = self.done or self.programme.done
         if not self.done:
-            self._draw(frame)
+            self._draw(frame, page)
 
     def _due(self, playback: Playback) -> Frame | None:
         """The frame that is due, uploaded; the medium's end and its damage are the programme's to act on."""
@@ -171,15 +159,6 @@ class Session:
             self.programme.broke(error)
             return None
 
-    def press(self, key: str) -> None:
-        """Do what a key stands for and say on the screen what it changed; unknown keys do nothing."""
-        if key == REDRAW:
-            self._uncovered = True
-            return
-        said = self.keys.press(key, placing=self.placing is not None)
-        if said:
-            self.say(said)
-
     def say(self, text: str, seconds: float | None = None) -> None:
         """Write a line over the picture for a while."""
         self.message.say(text, *([] if seconds is None else [seconds]))
@@ -195,11 +174,15 @@ class Session:
         """Have the view drawn again."""
         self._changed = True
 
-    def adjust(self, picture: Picture) -> None:
-        self.renderer.adjust(picture)
+    def uncovered(self) -> None:
+        """Have what is there presented again: the window was resized or uncovered."""
+        self._uncovered = True
+
+    def adjust(self, adjustments: Adjustments) -> None:
+        self.renderer.adjust(adjustments)
         if self._incoming is not None:
-            self._incoming.adjust(picture)
-        self.picture = picture
+            self._incoming.adjust(adjustments)
+        self.adjustments = adjustments
         self._changed = True
 
     def set_refine(self, steps: Steps) -> None:
@@ -224,9 +207,6 @@ class Session:
             return self.playback.position_s
         return 0.0 if self._start is None else self._start[1]
 
-    def _is_lasting(self) -> bool:
-        return self.setup.lasting or bool(self._remotes) or self.playlist.loop or self.manner.loop
-
     def _change_to(self, opening: Opening) -> None:
         """Play what has been opened; what it replaces stays on the screen until its first frame is due."""
         medium, reader, loop = opening
@@ -239,7 +219,7 @@ class Session:
             return
         self.playback = Playback(
             reader,
-            self._clock,
+            self.clock,
             loop=manner.loop,
             seamless=loop,
             hold_s=self.image_display_duration,
@@ -267,7 +247,7 @@ class Session:
         self._pixels, self._uploaded = None, False
         for renderer in filter(None, (self.renderer, self._incoming)):
             renderer.open(pixels)
-            renderer.adjust(self.picture)
+            renderer.adjust(self.adjustments)
         self._pixels = pixels
 
     def replace_renderer(self, renderer: Renderer) -> None:
@@ -275,7 +255,7 @@ class Session:
         try:
             if self._pixels is not None:
                 renderer.open(self._pixels)
-            renderer.adjust(self.picture)
+            renderer.adjust(self.adjustments)
         except BaseException:
             renderer.release()
             raise
@@ -293,8 +273,8 @@ class Session:
 
     def certificate(self, max_age_s: float = CERTIFICATE_INTERVAL_S) -> Certificate | None:
         """How far the picture is from the best one; measured again if what is known is older."""
-        if self._uploaded and self._draws and self._clock() - self._certified_at >= max_age_s:
-            self._certificate, self._certified_at = self.renderer.certificate(), self._clock()
+        if self._uploaded and self._draws and self.clock() - self._certified_at >= max_age_s:
+            self._certificate, self._certified_at = self.renderer.certificate(), self.clock()
         return self._certificate
 
     @property
@@ -331,12 +311,12 @@ class Session:
         give_back()
         return True
 
-    def _draw(self, frame: Frame | None) -> None:
+    def _draw(self, frame: Frame | None, page: Callable[[], Page | None]) -> None:
         """Render if the view has changed, and present if that or the page over it has; black before the first frame."""
         render = self._changed and self._uploaded
         if render:
             self._render()
-        shown = self._overlay.page(), self.blackout or not self._draws
+        shown = page(), self.blackout or not self._draws
         if render or self._uncovered or shown != self._shown:
             start = time.perf_counter()
             self.display.present(shown[0], black=shown[1])
@@ -344,7 +324,7 @@ class Session:
             self._shown, self._uncovered = shown, False
         due_s = None if frame is None or self.playback is None else self.playback.due_at(frame)
         if due_s is not None:
-            self.stats.shown(self._clock(), due_s)
+            self.stats.shown(self.clock(), due_s)
         elif frame is not None:
             self.stats.interrupted()
 
@@ -361,7 +341,7 @@ class Session:
         self._steps_made += steps
         self._changed = False
 
-    def _sound(self, info: MediaInfo, medium: Medium) -> Sound | None:
+    def _sound(self, info: MediaInfo, medium: Medium) -> Track | None:
         """The sound of a medium that has one; why it is not heard is told once."""
         if not info.sound or info.still or info.live:
             return None
@@ -375,7 +355,8 @@ class Session:
             self.notice(silence)
         return None
 
-    def _wait_s(self) -> float:
+    def wait_s(self) -> float:
+        """How long nothing will be due, if nobody acts."""
         if self._changed and self._uploaded:
             return 0.0
         wait = LONGEST_WAIT_S if self.playback is None else self.playback.wait_s(LONGEST_WAIT_S)

@@ -7,8 +7,8 @@ from typing import Any
 
 from counterlight.errors import InputError, nearest, shown
 from counterlight.reading import read_toml
-from counterlight.show.commands import CommandError
 from counterlight.show.keys import check_bindings
+from counterlight.show.registry import CommandError
 from counterlight.tables import LONGEST_TEXT
 
 NOT_SETTINGS = ("help", "config", "list-monitors", "output", "supervised")

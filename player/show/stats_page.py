@@ -1,18 +1,16 @@
 """What a session says of itself: the page that `i` shows, and the facts of the heartbeat."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from counterlight.show.osd import Histogram, Page
+from counterlight.show.session import Session
 from counterlight.stats import LATE_LABELS
-
-if TYPE_CHECKING:
-    from counterlight.show.session import Session
 
 STAGES = ("decode", "upload", "gpu", "present")
 
 
-def stats_page(session: "Session", message: str) -> Page:
+def stats_page(session: Session, message: str) -> Page:
     """Medium, position, rates, the milliseconds of each stage, refinement, and how late frames were."""
     stats, playback = session.stats, session.playback
     assert playback is not None
@@ -36,7 +34,7 @@ def stats_page(session: "Session", message: str) -> Page:
     return Page(tuple(lines), Histogram((*stats.late_counts, stats.dropped), (*LATE_LABELS, "dropped")))
 
 
-def position(session: "Session") -> str:
+def position(session: Session) -> str:
     """`0:00:05 / 0:01:30`."""
     playback = session.playback
     assert playback is not None
@@ -45,7 +43,7 @@ def position(session: "Session") -> str:
     return _clock(playback.position_s) + total + (" paused" if playback.paused else "")
 
 
-def facts(session: "Session") -> dict[str, Any]:
+def facts(session: Session) -> dict[str, Any]:
     """JSON-able: what somebody far away wants to know of the show. Costs a step of refinement, for the gap."""
     stats, playback = session.stats, session.playback
     certificate = session.certificate()

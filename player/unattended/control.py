@@ -12,12 +12,13 @@ import contextlib
 import json
 import socket
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from counterlight.command import tell
 from counterlight.errors import InputError
+from counterlight.show.registry import Commands
 from counterlight.unattended.json_lines import encode
 from counterlight.unattended.listening import listen
 
@@ -28,22 +29,6 @@ MAX_UNSENT = 256 << 10  # bytes; beyond it a client is neither read nor told of 
 MAX_OBSERVED = 64  # properties a client
 POLL_S = 0.004  # a quarter of a frame at 60 Hz
 _CHUNK = 16 << 10
-
-
-class CommandsProtocol(Protocol):
-    """What the player can do: counterlight.show.commands.Commands. A refusal is a ValueError of one line."""
-
-    def names(self) -> Mapping[str, str]: ...
-
-    def properties(self) -> Mapping[str, str]: ...
-
-    def writable(self, name: str) -> bool: ...
-
-    def run(self, name: str, *arguments: object) -> object: ...
-
-    def get(self, name: str) -> object: ...
-
-    def set(self, name: str, value: object) -> None: ...
 
 
 class ControlServer:
@@ -58,7 +43,7 @@ class ControlServer:
         status = path.stat()
         self._inode = status.st_dev, status.st_ino
 
-    def poll(self, commands: CommandsProtocol) -> None:
+    def poll(self, commands: Commands) -> None:
         """Answer what has arrived and tell what has changed; never waits."""
         self._accept()
         deadline = time.monotonic() + POLL_S
@@ -96,7 +81,7 @@ class ControlServer:
             self._count += 1
             self._clients.append(_Client(connection, f"ipc-{self._count}"))
 
-    def _tell(self, commands: CommandsProtocol) -> None:
+    def _tell(self, commands: Commands) -> None:
         if not self._clients:
             self._playing = None
             return
@@ -122,7 +107,7 @@ class ControlServer:
 class _Values(dict[str, object]):
     """Values of properties, each asked for once a poll; None where there is none now."""
 
-    def __init__(self, commands: CommandsProtocol) -> None:
+    def __init__(self, commands: Commands) -> None:
         super().__init__()
         self._commands = commands
 
@@ -174,7 +159,7 @@ class _Client:
             "disable_event": self._disable,
         }
 
-    def receive(self, commands: CommandsProtocol, deadline: float) -> None:
+    def receive(self, commands: Commands, deadline: float) -> None:
         """Run the lines that have arrived until the deadline, one at least; what is left waits for the next poll."""
         while len(self._unsent) < MAX_UNSENT and not self.gone:
             line = self._next_line()
@@ -241,7 +226,7 @@ class _Client:
         self._arrived += piece
         return bool(piece)
 
-    def _answer(self, commands: CommandsProtocol, line: bytes) -> dict[str, object]:
+    def _answer(self, commands: Commands, line: bytes) -> dict[str, object]:
         request: dict[str, Any] = {}
         try:
             request = _parse(line)
@@ -250,7 +235,7 @@ class _Client:
         except _RefusedError as refusal:
             return {"request_id": _number(request), "error": refusal.word, "message": str(refusal)}
 
-    def _run(self, commands: CommandsProtocol, name: str, arguments: list[object]) -> object:
+    def _run(self, commands: Commands, name: str, arguments: list[object]) -> object:
         request = self._requests.get(name)
         if request is None and name not in commands.names():
             raise _RefusedError(_INVALID, f"{name[:80]}: no such command; get_property command-list names them")
@@ -266,19 +251,19 @@ class _Client:
             tell(f"control: {name} failed: {error!r}")
             raise _RefusedError(_FAILED, f"{name} failed: {error!r}") from None
 
-    def _observe(self, commands: CommandsProtocol, number: object, name: object, *, text: bool = False) -> None:
+    def _observe(self, commands: Commands, number: object, name: object, *, text: bool = False) -> None:
         observation = _Observation(_expect(number, int), _known(commands, name), text)
         if len(self._observed) >= MAX_OBSERVED:
             raise _RefusedError(_INVALID, f"more than {MAX_OBSERVED} observed properties; unobserve some")
         self._observed.append(observation)
 
-    def _unobserve(self, _: CommandsProtocol, number: object) -> int:
+    def _unobserve(self, _: Commands, number: object) -> int:
         """How many were observed under this number."""
         kept = [observation for observation in self._observed if observation.number != _expect(number, int)]
         count, self._observed = len(self._observed) - len(kept), kept
         return count
 
-    def _disable(self, _: CommandsProtocol, event: object) -> None:
+    def _disable(self, _: Commands, event: object) -> None:
         known = ("property-change", "start-file", "end-file", "shutdown")
         if event not in known:
             raise _RefusedError(_INVALID, f"expected one of {', '.join(known)}")
@@ -335,7 +320,7 @@ def _number(request: dict[str, Any]) -> int:
     return number if isinstance(number, int) else 0
 
 
-def _get(commands: CommandsProtocol, name: object) -> object:
+def _get(commands: Commands, name: object) -> object:
     if name == "command-list":
         return [{"name": command, "help": text} for command, text in commands.names().items()]
     if name == "property-list":
@@ -343,14 +328,14 @@ def _get(commands: CommandsProtocol, name: object) -> object:
     return commands.get(_known(commands, name))
 
 
-def _set(commands: CommandsProtocol, name: object, value: object) -> None:
+def _set(commands: Commands, name: object, value: object) -> None:
     known = _known(commands, name)
     if not commands.writable(known):
         raise _RefusedError(_READ_ONLY, f"{known}: can be read only")
     commands.set(known, value)
 
 
-def _known(commands: CommandsProtocol, name: object) -> str:
+def _known(commands: Commands, name: object) -> str:
     if not isinstance(name, str) or name not in commands.properties():
         raise _RefusedError(_UNKNOWN, f"{str(name)[:80]}: no such property; get_property property-list names them")
     return name

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from counterlight import calibration
-from counterlight.app import read_room
+from counterlight.adjustments import Adjustments
 from counterlight.cpu_renderer import CpuRenderer
 from counterlight.errors import InputError
 from counterlight.maps import FOLDER
-from counterlight.picture import Picture
 from counterlight.placement import read_placement, write_placement
+from counterlight.room import read_room
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.room import build_room_maps
 from tests.fuzz.tally import LEFT, READ, REFUSED, WRONG, Trial
@@ -90,7 +90,7 @@ class Calibrations(FileCampaign):
         renderer = CpuRenderer(room)
         frame = rgb_frame(picture)
         renderer.open(frame.format)
-        renderer.adjust(Picture(corners=corners))
+        renderer.adjust(Adjustments(corners=corners))
         renderer.upload(frame)
         for view in ("projector", "camera"):
             renderer.render(view, compensate=True, steps=2)

@@ -10,11 +10,11 @@ import moderngl
 import numpy as np
 import pytest
 
+from counterlight.adjustments import Adjustments
 from counterlight.gl.renderer import GlRenderer
-from counterlight.picture import Picture
 from counterlight.refinement import STARTS
-from counterlight.renderer import VIEWS
 from counterlight.unattended.heartbeat import rss_bytes
+from counterlight.views import VIEWS
 from tests.media import numbered, write_video
 from tests.programs import descendants, wait_until
 from tests.refined_rooms import physical_room
@@ -83,7 +83,7 @@ def test_a_room_is_freed_with_its_renderer(gl_context: moderngl.Context, rng: np
     try:
         renderer = GlRenderer(gl_context, room)
         renderer.open(frame.format)
-        renderer.adjust(Picture(adapt=2, black_level=0.1, flicker=0.5, clipping=True))
+        renderer.adjust(Adjustments(adapt=2, black_level=0.1, flicker=0.5, clipping=True))
         renderer.upload(frame)
         for view in VIEWS:
             renderer.render(view, compensate=True, steps=2)

@@ -6,20 +6,21 @@ import moderngl
 import numpy as np
 import pytest
 
-from counterlight import picture_reference
+from counterlight import reference
+from counterlight.adjustments import NEUTRAL, Adjustments
 from counterlight.colour import decoding_of
 from counterlight.content import approach
+from counterlight.fitting import Fitter
 from counterlight.gl import shaders
 from counterlight.gl.adaptation import Adapter
-from counterlight.gl.decoding import Decoder
+from counterlight.gl.device import GlDevice
 from counterlight.gl.passes import Pass, float_texture, picture_texture, table_texture
-from counterlight.gl.placing import Fitter
+from counterlight.gl.planes import Planes
 from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.row_map_pass import MapTextures, RowMapPass
-from counterlight.picture import NEUTRAL, Picture
-from counterlight.renderer import VIEWS
 from counterlight.test_cards import CARDS, card
 from counterlight.video import Frame
+from counterlight.views import VIEWS
 from tests.refined_rooms import physical_room
 from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_room, rgb_frame, yuv_frame
@@ -27,18 +28,18 @@ from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_room, rgb_fram
 ATOL = 1e-5  # the issue's bound
 PINNED = ((0.1, 0.15), (0.85, 0.05), (0.95, 0.9), (0.2, 0.8))
 PICTURES = {
-    "brightness": Picture(brightness=23),
-    "contrast": Picture(contrast=-37),
-    "gamma": Picture(gamma=40),
-    "saturation": Picture(saturation=80),
-    "grey": Picture(saturation=-100, brightness=-10, contrast=50, gamma=-30),
-    "black level": Picture(black_level=0.07),
-    "adapt": Picture(adapt=2),
-    "adapt, much": Picture(adapt=30, black_level=0.1),
-    "flicker": Picture(flicker=0.6),
-    "pinned": Picture(corners=PINNED),
-    "mirrored": Picture(corners=(PINNED[1], PINNED[0], PINNED[3], PINNED[2]), black_level=0.05),
-    "everything": Picture(5, 10, -15, 20, 0.03, 4.0, 0.4, corners=PINNED),
+    "brightness": Adjustments(brightness=23),
+    "contrast": Adjustments(contrast=-37),
+    "gamma": Adjustments(gamma=40),
+    "saturation": Adjustments(saturation=80),
+    "grey": Adjustments(saturation=-100, brightness=-10, contrast=50, gamma=-30),
+    "black level": Adjustments(black_level=0.07),
+    "adapt": Adjustments(adapt=2),
+    "adapt, much": Adjustments(adapt=30, black_level=0.1),
+    "flicker": Adjustments(flicker=0.6),
+    "pinned": Adjustments(corners=PINNED),
+    "mirrored": Adjustments(corners=(PINNED[1], PINNED[0], PINNED[3], PINNED[2]), black_level=0.05),
+    "everything": Adjustments(5, 10, -15, 20, 0.03, 4.0, 0.4, corners=PINNED),
 }
 
 
@@ -95,13 +96,13 @@ def test_every_view_equals_its_twin(
     room = replace(physical, white=1.1)  # more than many pixels can show
     with both(gl_context, room, scene(rng)) as (gl, cpu):
         for renderer in (gl, cpu):
-            renderer.adjust(Picture(clipping=clipping, contrast=30))
+            renderer.adjust(Adjustments(clipping=clipping, contrast=30))
             renderer.render(view, compensate=compensate, steps=2)
         # A map's colour changes by up to 25 times what its figures do, whose float32 error is 5e-7.
         np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=2 * ATOL)
         assert np.abs(gl.encoded().astype(int) - cpu.encoded()).max() <= 1
         mapped = gl.linear().copy()
-        gl.adjust(Picture(contrast=30))
+        gl.adjust(Adjustments(contrast=30))
         gl.render(view, compensate=compensate, steps=2)
         shown = clipping and view != "impossible" and (compensate or view != "projector")
         assert np.any(np.abs(gl.linear() - mapped) > 0.05) == shown
@@ -112,7 +113,7 @@ def test_frames_in_a_row_equal_their_twins(gl_context: moderngl.Context, rng: np
     first, other = (rng.integers(0, 200, (*CAMERA, 3)).astype(np.uint8) for _ in range(2))
     shown = [first, first // 2 + 60, first // 2 + 60, other, other + 20, other]
     room = replace(physical_room(rng).room, white=0.8)
-    picture = Picture(adapt=3, flicker=0.7)
+    picture = Adjustments(adapt=3, flicker=0.7)
     drives = []
     with both(gl_context, room, rgb_frame(first)) as (gl, cpu):
         for index, codes in enumerate(shown):
@@ -134,10 +135,10 @@ def test_the_adaptation_of_a_large_view_equals_its_twin(gl_context: moderngl.Con
     shape, white, share = (301, 523), 0.7, 0.02
     ambient = rng.uniform(0, 0.2, (*shape, 3)).astype(np.float32)
     seen = np.repeat(rng.uniform(0.3, 1, (*shape, 1)), 3, axis=2).astype(np.float32)
-    most = picture_reference.reach_of(seen, 0 * seen, rng.uniform(size=shape) < 0.9).astype(np.float32)
+    most = reference.reach_of(seen, 0 * seen, rng.uniform(size=shape) < 0.9).astype(np.float32)
     textures = picture_texture(gl_context, ambient), float_texture(gl_context, shape, most)
     adapter = Adapter(gl_context, lambda b: b, *textures, white)
-    limits = picture_reference.Limits(np.ones_like(ambient), ambient, ambient, most)
+    limits = reference.Limits(np.ones_like(ambient), ambient, ambient, most)
     adapter.set(100 * share, 1.0, 0.0)
     expected: list[np.ndarray] = []
     for power in (1.0, 3.0):
@@ -146,7 +147,7 @@ def test_the_adaptation_of_a_large_view_equals_its_twin(gl_context: moderngl.Con
         adapter.advance(cut=power == 1, duration_s=0.04)
         found = np.frombuffer(adapter.run(texture).read(), np.float32)[:2]
         texture.release()
-        target = picture_reference.tone_of(picture, picture, limits, white, share)
+        target = reference.tone_of(picture, picture, limits, white, share)
         expected.append(target if power == 1 else expected[0] + approach(0.04) * (target - expected[0]))
         np.testing.assert_allclose(found, expected[-1], atol=ATOL)
         assert 0.3 < found[0] < 0.95
@@ -158,12 +159,14 @@ def test_the_adaptation_of_a_large_view_equals_its_twin(gl_context: moderngl.Con
 def test_a_neutral_picture_is_bit_for_bit_what_the_bare_passes_give(
     gl_context: moderngl.Context, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The pipeline written out without anything of player/picture.py; its shader without the term for brightness."""
+    """The pipeline written out without anything of player/adjustments.py, its shader without brightness."""
     room, frame = random_room(rng, far=False, dither="noise"), yuv_frame(rng, (9, 15))
     with both(gl_context, room, frame) as (gl, _):
-        gl.adjust(Picture(brightness=9, gamma=30, saturation=-40, black_level=0.1, adapt=3, flicker=0.5, clipping=True))
+        gl.adjust(
+            Adjustments(brightness=9, gamma=30, saturation=-40, black_level=0.1, adapt=3, flicker=0.5, clipping=True)
+        )
         gl.render("projector", compensate=True)
-        gl.adjust(Picture())
+        gl.adjust(Adjustments())
         gl.render("projector", compensate=True, frame=7)
         found, codes, desired = gl.linear().tobytes(), gl.encoded().tobytes(), gl.desired().tobytes()
     original = shaders.read_source
@@ -171,10 +174,13 @@ def test_a_neutral_picture_is_bit_for_bit_what_the_bare_passes_give(
     assert "lift" not in bare
     monkeypatch.setattr(shaders, "read_source", lambda name: bare if name.startswith("planes") else original(name))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Decoder, "adjust", lambda self, picture: None)
-        decoder = Decoder(gl_context, frame.format)
+        patch.setattr(Planes, "adjust", lambda self, picture: None)
+        decoder = Planes(gl_context, frame.format)
     decoder._pass.set(to_rgb=tuple(decoding_of(frame.format).to_rgb.T.ravel()))
-    fitter, ambient = Fitter(gl_context, frame.format, CAMERA), picture_texture(gl_context, room.calibration.ambient)
+    fitter, ambient = (
+        Fitter(GlDevice(gl_context), frame.format, CAMERA),
+        picture_texture(gl_context, room.calibration.ambient),
+    )
     asked = Pass(gl_context, "desired.frag", float_texture(gl_context, CAMERA), white=room.white)
     textures = MapTextures(gl_context, room.maps.correction)
     correct = RowMapPass(gl_context, textures, "CLAMP")
@@ -196,7 +202,7 @@ def test_a_neutral_picture_is_bit_for_bit_what_the_bare_passes_give(
 def test_a_card_is_sent_as_it_is(gl_context: moderngl.Context, rng: np.random.Generator, name: str) -> None:
     with both(gl_context, physical_room(rng).room, scene(rng)) as renderers:
         for renderer in renderers:
-            renderer.adjust(Picture(card=name, brightness=50, adapt=5, flicker=0.9, clipping=True))
+            renderer.adjust(Adjustments(card=name, brightness=50, adapt=5, flicker=0.9, clipping=True))
             renderer.render("projector", compensate=True, steps=3)
             np.testing.assert_array_equal(renderer.linear(), card(name, PROJECTOR))
             assert renderer.certificate() is None
@@ -243,7 +249,11 @@ def test_frames_allocate_nothing_whatever_is_on(gl_context: moderngl.Context, rn
     with both(gl_context, physical_room(rng).room, frame) as (gl, _):
 
         def play(index: int) -> None:
-            for picture in (PICTURES["everything"], Picture(clipping=True), Picture(card=CARDS[index % len(CARDS)])):
+            for picture in (
+                PICTURES["everything"],
+                Adjustments(clipping=True),
+                Adjustments(card=CARDS[index % len(CARDS)]),
+            ):
                 gl.adjust(picture)
                 for view in VIEWS:
                     gl.upload(frame)

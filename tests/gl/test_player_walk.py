@@ -14,10 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterlight.picture import Picture
-from counterlight.show.commands import Commands
 from counterlight.show.keys import KEYS, PLACING
-from counterlight.show.session_inputs import Setup
+from counterlight.show.registry import Commands
 from tests.desktop import press
 from tests.player_page import ARGUMENTS, table
 from tests.programs import PATIENCE_S, ROOT, on, running
@@ -57,12 +55,12 @@ def documented(commands: Commands) -> None:
     """The page lists the commands with their arguments, and the properties, that there are."""
     listed = {row[0]: row[1] for row in table("Commands")}
     assert listed == {name: commands.usage(name) for name in commands.names()}
-    properties = {row[0]: row[1] == "read-only" for row in table("Properties")}
-    assert properties == {name: not commands.writable(name) for name in commands.properties()}
+    properties = {row[0]: row[1:] for row in table("Properties")}
+    assert properties == {name: [commands.takes(name), text] for name, text in commands.properties().items()}
 
 
 def test_the_page_lists_what_there_is() -> None:
-    documented(Stage(setup=Setup(picture=Picture())).commands)
+    documented(Stage().commands)
     assert {row[0]: row[1] for row in table("Keys")} == KEYS
     assert {row[0]: row[1] for row in table("Keys", 1)} == PLACING
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from counterlight.calibration import Device
 from counterlight.errors import InputError
-from counterlight.response import Response
+from counterlight.response import Response, named_response
 from counterlight.tools.acquisition.cameras.camera import Camera, Exposures
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
 from counterlight.tools.acquisition.cameras.live import Eye, LiveCamera
@@ -19,7 +19,6 @@ from counterlight.tools.acquisition.cameras.simulated import (
     simulated_room,
 )
 from counterlight.tools.acquisition.rig_options import CAMERAS
-from counterlight.tools.acquisition.room_options import named_response
 
 
 @contextmanager

@@ -8,8 +8,7 @@ import numpy as np
 
 from counterlight.errors import InputError
 from counterlight.exr import write_rgb
-from counterlight.response import Response
-from counterlight.tools.acquisition.room_options import named_response
+from counterlight.response import Response, named_response
 from counterlight.tools.hdr.bracket import Bracket, open_bracket
 from counterlight.tools.hdr.radiance import MergeOptions, RadianceMap, merge
 from counterlight.tools.hdr.recovery import METHODS as RECOVERIES

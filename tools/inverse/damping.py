@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
-from counterlight.tools.clusters.jobs import run_jobs
 from counterlight.tools.inverse.bidiagonal import Products, bidiagonalise, largest_singular_value
 from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.transport import Csr
 
 CANDIDATES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.4)

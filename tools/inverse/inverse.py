@@ -16,7 +16,6 @@ from counterlight.tools.choices import INVERSE_METHODS
 from counterlight.tools.clusters.components import Clusters, find_clusters
 from counterlight.tools.clusters.decomposition import Parameters, Report
 from counterlight.tools.clusters.finite import refuse_not_finite
-from counterlight.tools.clusters.jobs import run_jobs
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.bidiagonal import largest_singular_value
@@ -26,6 +25,7 @@ from counterlight.tools.inverse.method import Method, choose_method
 from counterlight.tools.inverse.noise import noise_of_matrix
 from counterlight.tools.inverse.pieces import Piece, Truncation, join
 from counterlight.tools.inverse.windowed import FINEST_TOLERANCE, WindowedChannel, plan_windows, windowed_jobs
+from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.transport import CHANNELS, Csr, channels, luminance_matrix
 
 GOLDEN_RATIO = (np.sqrt(5) - 1) / 2

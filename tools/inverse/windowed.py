@@ -21,8 +21,8 @@ from scipy.linalg.lapack import dtrtri
 
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.calibration import Region
-from counterlight.tools.clusters.jobs import run_jobs
 from counterlight.tools.inverse.pieces import Piece, Truncation, truncated_piece
+from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.transport import Csr
 
 BLOCKS = (16, 8, 4, 2, 1)

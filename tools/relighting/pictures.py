@@ -10,8 +10,8 @@ from counterlight.arrays import FloatArray
 from counterlight.colour import decoding_of
 from counterlight.errors import InputError
 from counterlight.headless import FRAME_TIMEOUT_S
+from counterlight.placement import place
 from counterlight.png import write_png
-from counterlight.renderer import place
 from counterlight.response import Response, transfer_table
 from counterlight.video import Frame, MediaReader
 

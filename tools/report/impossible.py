@@ -13,7 +13,7 @@ from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration
 from counterlight.maps import RoomMaps
 from counterlight.operators import chained, compensation
-from counterlight.picture_reference import reach_of, shortfalls
+from counterlight.reference import reach_of, shortfalls
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.transport import Transport
 from counterlight.views import MID_GREY

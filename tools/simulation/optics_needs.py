@@ -1,17 +1,16 @@
 """Which optical effects of materials a scene calls for: coats that reflect, clear solids, translucent bodies."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from counterlight.tools.simulation.scene import Scene
+from counterlight.tools.simulation.scene import Scene
+from counterlight.tools.simulation.surfaces import facing_pairs
 
-Rule = Callable[["Scene"], tuple[bool, str]]
+Rule = Callable[[Scene], tuple[bool, str]]
 
 
-def _refraction(scene: "Scene") -> tuple[bool, str]:
+def _refraction(scene: Scene) -> tuple[bool, str]:
     for surface in scene.surfaces:
         solid = surface.material.dielectric
         if solid is not None:
@@ -19,7 +18,7 @@ def _refraction(scene: "Scene") -> tuple[bool, str]:
     return False, "no solid is clear"
 
 
-def _dispersion(scene: "Scene") -> tuple[bool, str]:
+def _dispersion(scene: Scene) -> tuple[bool, str]:
     clear = [(surface.name, surface.material.dielectric) for surface in scene.surfaces]
     for name, solid in clear:
         if solid is not None and np.isfinite(solid.abbe) and solid.index > 1:
@@ -27,7 +26,7 @@ def _dispersion(scene: "Scene") -> tuple[bool, str]:
     return False, "no solid is clear" if not _refraction(scene)[0] else "all channels have one index"
 
 
-def _gloss(scene: "Scene") -> tuple[bool, str]:
+def _gloss(scene: Scene) -> tuple[bool, str]:
     for surface in scene.surfaces:
         coat = surface.material.gloss
         if coat is not None:
@@ -35,20 +34,18 @@ def _gloss(scene: "Scene") -> tuple[bool, str]:
     return False, "no surface is coated"
 
 
-def _caustics(scene: "Scene") -> tuple[bool, str]:
-    from counterlight.tools.simulation.needs import facing_pairs  # which imports this module
-
+def _caustics(scene: Scene) -> tuple[bool, str]:
     for surface in scene.surfaces:
         if surface.material.dielectric is not None:
             return True, f"'{surface.name}' hands light on to other surfaces"
-    for a, b in facing_pairs(scene):
+    for a, b in facing_pairs(scene.surfaces):
         for coated, other in ((a, b), (b, a)):
             if coated.material.gloss is not None:
                 return True, f"'{coated.name}' reflects light onto '{other.name}'"
     return False, "no clear solid or coat hands light on to a surface"
 
 
-def _subsurface(scene: "Scene") -> tuple[bool, str]:
+def _subsurface(scene: Scene) -> tuple[bool, str]:
     for surface in scene.surfaces:
         if surface.material.translucency is not None:
             longest = 1000 * surface.material.translucency.mean_free_path.max()

@@ -1,9 +1,17 @@
-"""A surface: a shape made of a material."""
+"""A surface: a shape made of a material; and which surfaces face each other."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from counterlight.arrays import FloatArray
 from counterlight.tools.simulation.materials import Material
-from counterlight.tools.simulation.shapes.shape import Shape
+from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
+from counterlight.tools.simulation.shapes.shape import Shape, sample_places
+
+AHEAD = 1e-9  # metres
+OUTLINE_SIDE = 17  # points an axis that stand for a curved surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,3 +26,33 @@ class Surface:
     def matt(self) -> bool:
         """Does some light that meets it leave evenly to all sides?"""
         return self.material.dielectric is None
+
+
+def outline(surface: Surface) -> tuple[FloatArray, FloatArray]:
+    """Points (n, 3) and normals (n, 3) that stand for a surface: a plane's corners, else places all over it."""
+    shape = surface.shape
+    if isinstance(shape, Parallelogram):
+        return shape.corners, np.broadcast_to(shape.normal, (4, 3))
+    if getattr(shape, "grid", True) is None:  # a mesh without (u, v)
+        step = max(1, len(shape.vertices) // OUTLINE_SIDE**2)  # type: ignore[attr-defined]
+        faces = shape.faces[::step]  # type: ignore[attr-defined]
+        return shape.vertices[faces].mean(axis=1), shape.facet_normals[::step]  # type: ignore[attr-defined]
+    u, v = sample_places(shape, OUTLINE_SIDE)
+    return shape.at(u, v), shape.normals(u, v)
+
+
+def facing_pairs(surfaces: Sequence[Surface]) -> list[tuple[Surface, Surface]]:
+    """Pairs of matt surfaces that have points in front of each other; a surface that is not convex may face itself."""
+    matt = [surface for surface in surfaces if surface.matt]
+    pairs = [(a, b) for i, a in enumerate(matt) for b in matt[i:] if a is not b or not a.shape.convex]
+    return [(a, b) for a, b in pairs if _face(a, b)]
+
+
+def _face(a: Surface, b: Surface) -> bool:
+    (p, normal_p), (q, normal_q) = outline(a), outline(b)
+    if a.shape.flat and b.shape.flat:
+        return bool(np.any((q - p[0]) @ normal_p[0] > AHEAD) and np.any((p - q[0]) @ normal_q[0] > AHEAD))
+    between = q[None] - p[:, None]
+    leaves = np.sum(between * normal_p[:, None], axis=-1) > AHEAD
+    arrives = -np.sum(between * normal_q[None], axis=-1) > AHEAD
+    return bool(np.any(leaves & arrives))

@@ -7,12 +7,13 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from counterlight.app import headless_renderer
 from counterlight.arrays import FloatArray
 from counterlight.frames import Frame, PixelFormat, PlaneShape
 from counterlight.gl.probe import probe_opengl
+from counterlight.headless import headless_renderer
 from counterlight.operators import Compensation, compensation
-from counterlight.renderer import Renderer, Room
+from counterlight.renderer import Renderer
+from counterlight.room import Room
 
 SOFTWARE = ("llvmpipe", "softpipe", "swrast")
 REPEATS, ENOUGH_S = 15, 0.1

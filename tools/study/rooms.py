@@ -15,7 +15,7 @@ from counterlight.calibration import Calibration
 from counterlight.content import reachable_white
 from counterlight.errors import InputError
 from counterlight.maps import RefinementMaps, RoomMaps
-from counterlight.renderer import Room
+from counterlight.room import Room
 from counterlight.row_map import RowMap, pack
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.inverse.inverse import InverseOptions

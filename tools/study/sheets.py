@@ -8,12 +8,12 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
+from counterlight.colour import LUMINANCE
 from counterlight.content import psnr
 from counterlight.response import Response
 from counterlight.tools.relighting.pictures import encoded
 from counterlight.tools.study.measure import OURS_LABEL, THESIS_LABEL, RoomFigures
 from counterlight.tools.study.plots import save, subplots
-from counterlight.tools.transport.transport import LUMINANCE
 
 WORST = 0.25  # of white: errors from here on are drawn in the brightest colour
 LOWEST_SHARE = 0.25  # of the grey scale that Figure 5.2 stretches to all of it

@@ -13,10 +13,11 @@ from scipy import sparse
 
 from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration, Device, StoredCalibration
+from counterlight.colour import LUMINANCE
 from counterlight.errors import InputError
 from counterlight.tools.transport.mask import BRIGHT_PERCENTILE, FRACTION_OF_AMBIENT
 from counterlight.tools.transport.storage import read_transport, write_transport
-from counterlight.tools.transport.transport import LUMINANCE, Csr, FarLight, Transport, channels, stacked
+from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, stacked
 
 # Of the brightest floodlit pixels: a display's black level, which one measurement may hold and another not.
 FRACTION_OF_BRIGHT = 0.005

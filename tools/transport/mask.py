@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.tools.transport.transport import LUMINANCE, Transport
+from counterlight.colour import LUMINANCE
+from counterlight.tools.transport.transport import Transport
 
 BRIGHT_PERCENTILE = 99.0
 FRACTION_OF_BRIGHT = 0.05

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from counterlight.arrays import FloatArray
+from counterlight.colour import LUMINANCE
 from counterlight.operators import Light, Sum
 from counterlight.row_map import SparseRows
 
 Csr: TypeAlias = sparse.csr_array  # scipy's stubs make it generic, scipy itself does not
 Shape: TypeAlias = tuple[int, int]
 CHANNELS = ("red", "green", "blue")
-LUMINANCE = (0.2126, 0.7152, 0.0722)  # ITU-R BT.709
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
+from counterlight.colour import LUMINANCE
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.direct_mapping import direct_mapping, direct_transport
 from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Reference, Scheme
 from counterlight.tools.acquisition.schemes.blocks import BlockGrid, BlockLight, as_transport, fit_to_floodlight
 from counterlight.tools.acquisition.schemes.hierarchical import DEFAULT, Threshold
 from counterlight.tools.acquisition.schemes.stripes import Stripe, locate, stripes
-from counterlight.tools.transport.transport import LUMINANCE
 
 FILL_RADIUS = 4  # cells, as counterlight import-graycode's
 SURE_SIGMAS = 4.0

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from counterlight.arrays import FloatArray, IntArray
+from counterlight.colour import LUMINANCE
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Reference, Scheme
 from counterlight.tools.acquisition.schemes.blocks import (
@@ -29,7 +30,6 @@ from counterlight.tools.acquisition.schemes.blocks import (
 )
 from counterlight.tools.acquisition.schemes.codes import code_length, s_inverse, s_matrix
 from counterlight.tools.acquisition.schemes.stripes import Stripe, locate, stripes
-from counterlight.tools.transport.transport import LUMINANCE
 
 STRIPE_CELL = 2  # projector pixels: half of the least tile, so that cell and place in the tile agree on one window
 LEAST_TILE, MOST_TILE = 4, 14

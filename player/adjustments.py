@@ -18,73 +18,66 @@ from numpy.typing import NDArray
 from counterlight.colour import LUMA_WEIGHTS, Decoding
 from counterlight.errors import InputError
 from counterlight.frames import PixelFormat
+from counterlight.kinds import UnreadError
+from counterlight.parameters import CONTROL, PARAMETERS
 from counterlight.placement import Corners, check_corners
-from counterlight.test_cards import CARDS
 
-CONTROL = 100  # brightness, contrast, gamma and saturation go from minus this to this
-MOST_FLICKER = 0.95
-MOST_BLACK = 0.5  # share of white
 LARGEST_GAMMA = 8.0
 
 
 @dataclass(frozen=True)
-class Picture:
-    """All that can be changed live; as it is made, nothing is.
+class Adjustments:
+    """All that can be changed live; as it is made, nothing is. See PARAMETERS.
 
-    brightness, contrast, gamma, saturation : -100..100, as in mpv.
-    black_level : share of white, 0..0.5, that black asks for; white stays.
-    adapt : percent of the light that may clip (player/content.py); 0 leaves the picture as it is.
-    flicker : weight of the previous frame's drive, 0..0.95.
-    clipping : colour what clips.
+    adapt : see player/content.py.  flicker : weight of the previous frame's drive.
     card : one of counterlight.test_cards.CARDS instead of the picture, uncompensated.
     corners : of the picture in the camera's view; None fits it in.
     Raises InputError for a value out of its range.
     """
 
-    brightness: int = 0
-    contrast: int = 0
-    gamma: int = 0
-    saturation: int = 0
-    black_level: float = 0.0
-    adapt: float = 0.0
-    flicker: float = 0.0
-    clipping: bool = False
+    brightness: int = PARAMETERS["brightness"].default
+    contrast: int = PARAMETERS["contrast"].default
+    gamma: int = PARAMETERS["gamma"].default
+    saturation: int = PARAMETERS["saturation"].default
+    black_level: float = PARAMETERS["black-level"].default
+    adapt: float = PARAMETERS["adapt"].default
+    flicker: float = PARAMETERS["flicker"].default
+    clipping: bool = PARAMETERS["clipping"].default
     card: str | None = None
     corners: Corners | None = None
 
     def __post_init__(self) -> None:
-        for name in ("brightness", "contrast", "gamma", "saturation"):
-            _check_range(name, getattr(self, name), -CONTROL, CONTROL)
-        _check_range("black_level", self.black_level, 0, MOST_BLACK)
-        _check_range("adapt", self.adapt, 0, 100)
-        _check_range("flicker", self.flicker, 0, MOST_FLICKER)
-        if self.card is not None and self.card not in CARDS:
-            raise InputError(f"no test card {self.card!r}; there are {', '.join(CARDS)}")
+        for name, value in vars(self).items():
+            if name not in ("card", "corners"):
+                _check(name.replace("_", "-"), value)
+        _check("test-card", self.card or "no")
         if self.corners is not None:
             check_corners(self.corners)
 
 
-def adjusted_decoding(decoding: Decoding, pixels: PixelFormat, picture: Picture) -> tuple[Decoding, float]:
+def adjusted_decoding(decoding: Decoding, pixels: PixelFormat, adjustments: Adjustments) -> tuple[Decoding, float]:
     """The decoding with contrast and saturation in its matrix, and the lift of every code (brightness)."""
     kr, kb = LUMA_WEIGHTS.get(pixels.matrix, LUMA_WEIGHTS["bt709"])
-    gain, saturation = 1 + picture.contrast / CONTROL, 1 + picture.saturation / CONTROL
+    gain, saturation = 1 + adjustments.contrast / CONTROL.high, 1 + adjustments.saturation / CONTROL.high
     luma = np.outer(np.ones(3), (kr, 1 - kr - kb, kb))
     matrix = gain * (saturation * np.eye(3) + (1 - saturation) * luma)
-    return replace(decoding, to_rgb=matrix @ decoding.to_rgb), picture.brightness / CONTROL
+    return replace(decoding, to_rgb=matrix @ decoding.to_rgb), adjustments.brightness / CONTROL.high
 
 
-def adjusted_transfer(table: NDArray[np.float32], picture: Picture) -> NDArray[np.float32]:
+def adjusted_transfer(table: NDArray[np.float32], adjustments: Adjustments) -> NDArray[np.float32]:
     """The transfer table with the viewer's gamma in it: light of code^(1/γ)."""
-    if not picture.gamma:
+    if not adjustments.gamma:
         return table
     codes = np.linspace(0, 1, table.size)
-    exponent = float(LARGEST_GAMMA ** (-picture.gamma / CONTROL))
+    exponent = float(LARGEST_GAMMA ** (-adjustments.gamma / CONTROL.high))
     return np.asarray(np.interp(codes**exponent, codes, table), np.float32)
 
 
-def _check_range(name: str, value: float, low: float, high: float) -> None:
-    if not low <= value <= high:  # NaN is refused, too
-        raise InputError(f"{name.replace('_', '-')} {value}: expected {low} to {high}")
+def _check(name: str, value: object) -> None:
+    try:
+        PARAMETERS[name].kind.read(value)
+    except UnreadError as error:
+        raise InputError(f"{name}: {error}") from None
 
 
-NEUTRAL = Picture()
+NEUTRAL = Adjustments()

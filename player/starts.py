@@ -1,41 +1,26 @@
 """Where refinement starts: the drive that the first step of a frame improves (`--refine-from`)."""
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
-import moderngl
 import numpy as np
 
-from counterlight.gl.passes import Owner, Pass, float_texture, picture_texture
-from counterlight.gl.paths import Product, StoredMap
+from counterlight.device import Device, Light, Owner, StoredMap
 from counterlight.refinement import GREY
 
-Correct: TypeAlias = Callable[[moderngl.Texture], moderngl.Texture]
+Correct: TypeAlias = Callable[[Light], Light]
 
 
 class Iterate(NamedTuple):
     """p and y of player/refinement.py, and how many steps led there since the last cut."""
 
-    p: moderngl.Texture
-    y: moderngl.Texture
+    p: Light
+    y: Light
     steps: int
 
 
-class Start(Protocol):
-    def advance(self, *, cut: bool) -> None:
-        """A new frame comes; cut: it has nothing to do with the one before."""
-
-    def run(self, b: moderngl.Texture) -> Iterate:
-        """Where to start, p within 0..1; the same for one frame however often it is drawn."""
-
-    def keep(self, last: Iterate) -> None:
-        """Take what refinement made of it."""
-
-    def release(self) -> None: ...
-
-
 class MapStart:
-    """clamp(T⁺ b): the thesis' method.  correct : b -> that."""
+    """clamp(T⁺ b): the thesis' method.  correct : b -> that, p within 0..1."""
 
     def __init__(self, correct: Correct) -> None:
         self._correct = correct
@@ -43,7 +28,7 @@ class MapStart:
     def advance(self, *, cut: bool) -> None:
         """Nothing is carried over."""
 
-    def run(self, b: moderngl.Texture) -> Iterate:
+    def run(self, b: Light) -> Iterate:
         drive = self._correct(b)
         return Iterate(drive, drive, 0)
 
@@ -61,25 +46,28 @@ class PreviousStart:
     correct : b -> T⁺ b, or direct mapping, not clamped.
     """
 
-    def __init__(self, context: moderngl.Context, shape: tuple[int, int], correct: Correct) -> None:
+    def __init__(self, device: Device, shape: tuple[int, int], correct: Correct) -> None:
         self._correct, self._owner = correct, Owner()
         own = self._owner.own
-        self._start = own(Pass(context, "combine.frag", float_texture(context, shape), {"CLAMP": None}, factor=1.0))
-        self._ahead = own(Pass(context, "combine.frag", float_texture(context, shape), factor=1.0))
-        self._before, self._now = (own(_Carried(context, shape)) for _ in range(2))
+        self._start = own(device.make_pass("combine.frag", shape, {"CLAMP": None}, factor=1.0))
+        self._ahead = own(device.make_pass("combine.frag", shape, factor=1.0))
+        self._before, self._now = (own(_Carried(device, shape)) for _ in range(2))
 
     def advance(self, *, cut: bool) -> None:
+        """A new frame comes; cut: it has nothing to do with the one before."""
         self._before, self._now = self._now, self._before
         self._now.steps = 0
         if cut or not self._before.steps:
             self._before.clear()
 
-    def run(self, b: moderngl.Texture) -> Iterate:
+    def run(self, b: Light) -> Iterate:
+        """Where to start; the same for one frame however often it is drawn."""
         self._map = self._correct(b)
         p = self._start.run(first=self._map, second=self._before.change.target)
         return Iterate(p, self._ahead.run(first=p, second=self._before.momentum.target), self._before.steps)
 
     def keep(self, last: Iterate) -> None:
+        """Take what refinement made of it."""
         self._now.change.run(first=last.p, second=self._map)
         self._now.momentum.run(first=last.y, second=last.p)
         self._now.steps = last.steps
@@ -91,10 +79,8 @@ class PreviousStart:
 class _Carried:
     """k, v and the steps of a frame, for the next one."""
 
-    def __init__(self, context: moderngl.Context, shape: tuple[int, int]) -> None:
-        self.change, self.momentum = (
-            Pass(context, "combine.frag", float_texture(context, shape), factor=-1.0) for _ in range(2)
-        )
+    def __init__(self, device: Device, shape: tuple[int, int]) -> None:
+        self.change, self.momentum = (device.make_pass("combine.frag", shape, factor=-1.0) for _ in range(2))
         self.clear()
 
     def clear(self) -> None:
@@ -111,7 +97,7 @@ class DirectStart(MapStart):
     """Direct mapping: each projector pixel asks the camera pixel that it lights most."""
 
     def __init__(self, direct: StoredMap) -> None:
-        self._product: Product = direct.product("CLAMP")
+        self._product = direct.product("CLAMP")
         super().__init__(self._product.run)
 
     def release(self) -> None:
@@ -121,9 +107,14 @@ class DirectStart(MapStart):
 class GreyStart(MapStart):
     """The same grey everywhere."""
 
-    def __init__(self, context: moderngl.Context, shape: tuple[int, int]) -> None:
-        self._grey = picture_texture(context, np.full((*shape, 3), GREY, np.float32))
-        super().__init__(lambda b: self._grey)
+    def __init__(self, device: Device, shape: tuple[int, int]) -> None:
+        grey = device.picture(np.full((*shape, 3), GREY, np.float32))
+        super().__init__(lambda b: grey)
+        self._owner = Owner()
+        self._owner.own(grey)
 
     def release(self) -> None:
-        self._grey.release()
+        self._owner.release()
+
+
+Start: TypeAlias = MapStart | PreviousStart

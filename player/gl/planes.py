@@ -7,17 +7,18 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
 from counterlight.colour import decoding_of
-from counterlight.gl.passes import Owner, Pass, Uniform, float_texture, plane_texture, table_texture
-from counterlight.picture import NEUTRAL, Picture, adjusted_decoding, adjusted_transfer
-from counterlight.renderer import shown_shape
+from counterlight.device import Owner
+from counterlight.gl.passes import Pass, Uniform, float_texture, plane_texture, table_texture
+from counterlight.placement import shown_shape
 from counterlight.response import transfer_table
 from counterlight.video import PixelFormat
 
 LAYOUTS = {"yuv": "LAYOUT_YUV", "rgb": "LAYOUT_RGB", "radiance": "LAYOUT_RADIANCE"}
 
 
-class Decoder:
+class Planes:
     """The planes of one pixel format and the pass that reads them."""
 
     def __init__(self, context: moderngl.Context, pixels: PixelFormat) -> None:
@@ -36,13 +37,13 @@ class Decoder:
         self._pass = own(Pass(context, "planes_to_linear.frag", target, defines, **_uniforms(pixels)))
         self.adjust(NEUTRAL)
 
-    def adjust(self, picture: Picture) -> None:
+    def adjust(self, adjustments: Adjustments) -> None:
         """Take over brightness, contrast, gamma and saturation; radiance has no codes that they could change."""
         if not self._codes:
             return
-        decoding, lift = adjusted_decoding(decoding_of(self._pixels), self._pixels, picture)
+        decoding, lift = adjusted_decoding(decoding_of(self._pixels), self._pixels, adjustments)
         self._pass.set(to_rgb=tuple(decoding.to_rgb.T.ravel()), lift=lift)  # column by column, as OpenGL wants it
-        self._inputs["transfer"].write(adjusted_transfer(self._transfer, picture))
+        self._inputs["transfer"].write(adjusted_transfer(self._transfer, adjustments))
 
     def upload(self, planes: Sequence[NDArray[Any]]) -> None:
         for texture, plane in zip(self._planes, planes, strict=True):

@@ -1,0 +1,152 @@
+"""OpenGL as a device of the pipeline; see counterlight.device."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.device import NearLight, Owner
+from counterlight.frames import PixelFormat
+from counterlight.gl.adaptation import Adapter
+from counterlight.gl.passes import Pass, ScreenPass, float_texture, integer_texture, picture_texture, table_texture
+from counterlight.gl.paths import GlMaps, store_maps
+from counterlight.gl.planes import Planes
+from counterlight.refinement import OVER_RELAXATION, momentum
+from counterlight.response import Response
+from counterlight.room import Room
+
+BLOCK = 16
+
+
+class GlDevice:
+    """Pictures are RGBA32F textures. The caller owns the context."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context = context
+
+    def picture(self, picture: NDArray[np.floating]) -> moderngl.Texture:
+        return picture_texture(self._context, picture.astype(np.float32))
+
+    def write(self, light: moderngl.Texture, picture: NDArray[np.floating]) -> None:
+        light.write(np.concatenate([picture, np.ones((*picture.shape[:2], 1))], axis=2).astype(np.float32))
+
+    def mask(self, mask: NDArray[np.bool_]) -> moderngl.Texture:
+        return integer_texture(self._context, mask.astype(np.uint32))
+
+    def make_pass(
+        self, shader: str, shape: tuple[int, int], defines: Mapping[str, int | None] | None = None, **uniforms: Any
+    ) -> Pass:
+        values = {name: tuple(v) if isinstance(v, np.ndarray) else v for name, v in uniforms.items()}
+        return Pass(self._context, shader, float_texture(self._context, shape), defines, **values)
+
+    def store(self, room: Room, path: str) -> GlMaps:
+        return store_maps(self._context, room, path)
+
+    def planes(self, pixels: PixelFormat) -> Planes:
+        return Planes(self._context, pixels)
+
+    def adapter(
+        self, near_light: NearLight, ambient: moderngl.Texture, most: moderngl.Texture, white: float
+    ) -> Adapter:
+        return Adapter(self._context, near_light, ambient, most, white)
+
+    def encoder(self, shape: tuple[int, int], response: Response, scale: float, dither: str) -> "_Encoder":
+        return _Encoder(self._context, shape, response, scale, dither)
+
+    def stepper(self, shape: tuple[int, int], step_size: NDArray[np.float32]) -> "_Stepper":
+        return _Stepper(self._context, shape, step_size)
+
+    def total(self, shape: tuple[int, int]) -> "_Total":
+        return _Total(self._context, shape)
+
+    def read(self, light: moderngl.Texture, dtype: type) -> NDArray[Any]:
+        width, height = light.size
+        return np.frombuffer(light.read(), dtype).reshape(height, width, 4)[..., :3]
+
+    def finish(self) -> None:
+        self._context.finish()
+
+
+class _Encoder:
+    """encode.frag."""
+
+    def __init__(
+        self, context: moderngl.Context, shape: tuple[int, int], response: Response, scale: float, dither: str
+    ) -> None:
+        defines: dict[str, int | None] = {} if dither == "none" else {f"DITHER_{dither.upper()}": None}
+        target = context.texture((shape[1], shape[0]), 4, dtype="f1")
+        self._table = table_texture(context, response.inverse_table())
+        self._pass = Pass(context, "encode.frag", target, defines, scale=scale)
+        self._noisy = dither == "noise"
+
+    def run(self, light: moderngl.Texture, frame: int) -> moderngl.Texture:
+        if self._noisy:
+            self._pass.set(frame=frame & 0xFFFFFFFF)
+        return self._pass.run(picture=light, inverse_response=self._table)
+
+    def release(self) -> None:
+        self._pass.release()
+        self._table.release()
+
+
+class _Stepper:
+    """refinement_step.frag, by turns into two pairs of targets."""
+
+    def __init__(self, context: moderngl.Context, shape: tuple[int, int], step_size: NDArray[np.float32]) -> None:
+        self._owner = Owner()
+        own = self._owner.own
+        try:
+            self._step_size = own(picture_texture(context, step_size))
+            uniforms = {"over_relaxation": OVER_RELAXATION}
+            self._pass = own(ScreenPass(context, "refinement_step.frag", uniforms=uniforms))
+            self._targets = [own(_Target(context, shape)) for _ in range(2)]
+        except BaseException:
+            self.release()
+            raise
+
+    def run(
+        self, step: int, descent: moderngl.Texture, y: moderngl.Texture, p: moderngl.Texture
+    ) -> tuple[moderngl.Texture, moderngl.Texture]:
+        following = self._targets[step % 2]
+        following.framebuffer.use()
+        self._pass.set(momentum=momentum(step))
+        self._pass.draw(descent=descent, y=y, p=p, step_size=self._step_size)
+        return following.p, following.y
+
+    def release(self) -> None:
+        self._owner.release()
+
+
+class _Target:
+    """p and y of one step, drawn together."""
+
+    def __init__(self, context: moderngl.Context, shape: tuple[int, int]) -> None:
+        self.p, self.y = float_texture(context, shape), float_texture(context, shape)
+        self.framebuffer = context.framebuffer([self.p, self.y])
+        self._context = context
+
+    def release(self) -> None:
+        self._context.detect_framebuffer(0).use()  # see Pass.release
+        for resource in (self.framebuffer, self.p, self.y):
+            resource.release()
+
+
+class _Total:
+    """A picture summed to one pixel, block by block."""
+
+    def __init__(self, context: moderngl.Context, shape: tuple[int, int]) -> None:
+        self._passes: list[Pass] = []
+        while shape != (1, 1):
+            shape = -(-shape[0] // BLOCK), -(-shape[1] // BLOCK)
+            self._passes.append(Pass(context, "block_sum.frag", float_texture(context, shape), {"SIDE": BLOCK}))
+
+    def run(self, picture: moderngl.Texture) -> NDArray[np.float64]:
+        for level in self._passes:
+            picture = level.run(source=picture)
+        return np.frombuffer(picture.read(), np.float32)[:3].astype(np.float64)
+
+    def release(self) -> None:
+        for level in self._passes:
+            level.release()

@@ -1,0 +1,121 @@
+"""What values options, settings and properties take: flags, numbers, choices, from words or from what JSON knows."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+MANY = 1e6  # a bound that is no bound to those who read of it
+
+
+class UnreadError(ValueError):
+    """What a kind expected and found; whoever reads puts the name of what it was meant for before it."""
+
+
+class Kind(Protocol):
+    """What values a parameter takes, in words by str()."""
+
+    def read(self, value: object) -> Any:
+        """The value as the parameter wants it; UnreadError, saying what was expected."""
+
+    def next(self, value: Any, direction: int) -> Any:
+        """The value that `cycle` goes to, 1 up or -1 down."""
+
+
+@dataclass(frozen=True)
+class Flag:
+    """True or false; "yes" and "no" in words."""
+
+    def __str__(self) -> str:
+        return "yes, no"
+
+    def read(self, value: object) -> bool:
+        words = {"yes": True, "true": True, "on": True, "no": False, "false": False, "off": False}
+        if isinstance(value, bool):
+            return value
+        if isinstance(value, str) and value.lower() in words:
+            return words[value.lower()]
+        raise UnreadError(f"expected yes or no, found {value!r}")
+
+    def next(self, value: bool, direction: int) -> bool:
+        return not value
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number between two bounds; whole numbers only if `whole`, and words beside numbers if there are any.
+
+    noun : what a refusal says that it is.
+    """
+
+    low: float
+    high: float
+    whole: bool = False
+    words: tuple[str, ...] = ()
+    noun: str = ""
+
+    def __str__(self) -> str:
+        return ", ".join((*self.words, f"from {self.low:g}" if self._endless else f"{self.low:g} to {self.high:g}"))
+
+    def read(self, value: object) -> Any:
+        if isinstance(value, str) and value in self.words:
+            return value
+        try:
+            if isinstance(value, bool) or not isinstance(value, str | int | float):
+                raise ValueError
+            number = float(value)
+        except (ValueError, OverflowError):
+            number = math.nan
+        if not self.low <= number <= self.high or (self.whole and number != round(number)):
+            words = "".join(f"{word} or " for word in self.words)
+            noun = self.noun or ("a whole number" if self.whole else "a number")
+            to = "" if self._endless else f" to {self.high:g}"
+            raise UnreadError(f"expected {words}{noun} from {self.low:g}{to}, found {value!r}")
+        return int(number) if self.whole else number
+
+    def next(self, value: Any, direction: int) -> Any:
+        return self.clamp((0 if isinstance(value, str) else value) + direction)
+
+    def clamp(self, number: float) -> Any:
+        bounded = min(max(number, self.low), self.high)
+        return round(bounded) if self.whole else bounded
+
+    @property
+    def _endless(self) -> bool:
+        return self.high >= MANY
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One of several words."""
+
+    words: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return ", ".join(self.words)
+
+    def read(self, value: object) -> str:
+        if isinstance(value, str) and value in self.words:
+            return value
+        raise UnreadError(f"expected {self}, found {value!r}")
+
+    def next(self, value: str, direction: int) -> str:
+        return self.words[(self.words.index(value) + direction) % len(self.words)]
+
+
+@dataclass(frozen=True)
+class Anything:
+    """Whatever the parameter's own setter takes, said in words."""
+
+    words: str = ""
+
+    def __str__(self) -> str:
+        return self.words
+
+    def read(self, value: object) -> Any:
+        return value
+
+    def next(self, value: Any, direction: int) -> Any:
+        raise UnreadError("has no next value")
+
+
+ANYTHING = Anything()

@@ -1,0 +1,154 @@
+"""What the player can do and what can be read or set: one registry for keys, the settings and the control socket.
+
+Names are mpv's where mpv has them. Values are what JSON knows; words of text ("yes", "12.5") are taken as well, since a
+key binding has nothing else.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from counterlight.errors import InputError, nearest
+from counterlight.kinds import ANYTHING, Kind, Number, UnreadError
+
+
+class CommandError(ValueError):
+    """A command or a value that is refused: one line, for the screen or the socket."""
+
+
+@dataclass(frozen=True)
+class Property:
+    """get : a JSON-able value.  set : None if read-only.  unit : said after the value on the screen."""
+
+    help: str
+    get: Callable[[], Any]
+    set: Callable[[Any], None] | None = None
+    kind: Kind = ANYTHING
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Command:
+    """run : takes words or JSON values.  usage : its arguments, `[]` around those that may be left out."""
+
+    help: str
+    run: Callable[..., object]
+    usage: str = ""
+
+
+class Commands:
+    """Runs commands and reads and sets properties by name; raises CommandError for whatever cannot be done."""
+
+    def __init__(self, commands: Mapping[str, Command], properties: Mapping[str, Property]) -> None:
+        self._properties = dict(properties)
+        self._commands = {
+            **commands,
+            "set": Command("set a property", self.set, "PROPERTY VALUE"),
+            "cycle": Command("the next value of a property", self._cycle, "PROPERTY [up|down]"),
+            "add": Command("add to a property; 1 by default", self._add, "PROPERTY [NUMBER]"),
+            "multiply": Command("multiply a property", self._multiply, "PROPERTY FACTOR"),
+        }
+
+    def names(self) -> Mapping[str, str]:
+        """Every command and, in one line, what it does."""
+        return {name: command.help for name, command in self._commands.items()}
+
+    def usage(self, name: str) -> str:
+        """A command's arguments."""
+        usage: str = _named(self._commands, name, "command").usage
+        return usage
+
+    def properties(self) -> Mapping[str, str]:
+        """Every property and, in one line, what it is."""
+        return {name: described.help for name, described in self._properties.items()}
+
+    def takes(self, name: str) -> str:
+        """The values of a property, in words."""
+        return str(_named(self._properties, name, "property").kind) if self.writable(name) else "read-only"
+
+    def writable(self, name: str) -> bool:
+        return _named(self._properties, name, "property").set is not None
+
+    def run(self, name: str, *arguments: object) -> object:
+        """Run a command; its result, if any, is JSON-able."""
+        command = _named(self._commands, name, "command")
+        least, most = _counts(command.usage)
+        if not least <= len(arguments) <= most:
+            raise CommandError(f"{name}: expected {command.usage or 'no arguments'}, found {_words(arguments)}")
+        with _refusing(name):
+            return command.run(*arguments)
+
+    def get(self, name: str) -> Any:
+        return _named(self._properties, name, "property").get()
+
+    def set(self, name: str, value: object) -> None:
+        described = _named(self._properties, name, "property")
+        if described.set is None:
+            raise CommandError(f"{name} is read-only")
+        with _refusing(name):
+            described.set(described.kind.read(value))
+
+    def tell(self, name: str) -> str:
+        """A property as the screen says it: `Brightness: 5`."""
+        described = self._properties[name]
+        value = described.get()
+        shown = {True: "on", False: "off", None: "no"}.get(value) if isinstance(value, bool | None) else None
+        if shown is None:
+            shown = f"{value:g}" if isinstance(value, float) else str(value)
+        unit = f" {described.unit}" if described.unit and isinstance(value, int | float) else ""
+        return f"{name.replace('-', ' ').capitalize()}: {shown}{unit}"
+
+    def _cycle(self, name: str, direction: str = "up") -> None:
+        kind = _named(self._properties, name, "property").kind
+        steps = {"up": 1, "down": -1}
+        if direction not in steps:
+            raise UnreadError(f"expected up or down, found {direction!r}")
+        self.set(name, kind.next(self.get(name), steps[direction]))
+
+    def _add(self, name: str, amount: object = 1) -> None:
+        kind, value = self._number(name)
+        self.set(name, kind.clamp(value + Number(-math.inf, math.inf).read(amount)))
+
+    def _multiply(self, name: str, factor: object) -> None:
+        """Whole numbers go down to the next one below, and up by at least one."""
+        kind, value = self._number(name)
+        by = Number(0, 1e6).read(factor)
+        product = math.floor(value * by) if kind.whole else value * by
+        self.set(name, kind.clamp(max(product, value + 1) if kind.whole and by > 1 else product))
+
+    def _number(self, name: str) -> tuple[Number, Any]:
+        described = _named(self._properties, name, "property")
+        value = described.get()
+        if not isinstance(described.kind, Number) or isinstance(value, str | None):
+            raise CommandError(f"{name} is no number now, but {value!r}")
+        return described.kind, value
+
+
+def _named(table: Mapping[str, Any], name: object, what: str) -> Any:
+    if isinstance(name, str) and name in table:
+        return table[name]
+    hint = nearest(name, table) if isinstance(name, str) else ""
+    raise CommandError(f"no {what} {name!r}{hint}")
+
+
+@contextmanager
+def _refusing(name: str) -> Iterator[None]:
+    """Whatever a command or a property cannot take, as CommandError."""
+    try:
+        yield
+    except UnreadError as error:
+        raise CommandError(f"{name}: {error}") from None
+    except InputError as error:
+        raise CommandError(str(error)) from None
+
+
+def _counts(usage: str) -> tuple[int, int]:
+    """`NAME [up|down]` -> (1, 2)."""
+    arguments = usage.split()
+    return sum(not argument.startswith("[") for argument in arguments), len(arguments)
+
+
+def _words(arguments: Sequence[object]) -> str:
+    return " ".join(map(str, arguments)) or "none"

@@ -1,0 +1,69 @@
+"""The room that a session plays in: read again on demand, and what is asked of its calibration and kept beside it."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from counterlight.calibration import Region
+from counterlight.errors import InputError
+from counterlight.frames import PixelFormat
+from counterlight.placement import Corners, corners_of, place, write_placement
+from counterlight.refinement import Certificate
+from counterlight.renderer import Renderer
+from counterlight.room import Room
+from counterlight.show.outline import Points, lit_by
+
+
+class RoomInUse:
+    """folder : its calibration.  read : reads it again.  make_renderer : for a room as read."""
+
+    def __init__(
+        self, folder: Path, room: Room, read: Callable[[], Room], make_renderer: Callable[[Room], Renderer]
+    ) -> None:
+        self._folder, self._room, self._read, self._make_renderer = folder, room, read, make_renderer
+
+    @property
+    def refinable(self) -> bool:
+        """Whether the maps are there that refinement needs."""
+        return self._room.maps.refinement is not None
+
+    @property
+    def camera(self) -> tuple[int, int]:
+        """(height, width) of the view."""
+        return self._room.calibration.camera.shape
+
+    def reload(self) -> Renderer:
+        """Read the maps and make a renderer of them; InputError if they do not suit the windows that are open."""
+        fresh, before = self._read(), self._room.calibration.regions
+        regions = fresh.calibration.regions
+        if regions != before:
+            raise InputError(
+                f"{self._folder}: the projector's size is now {_sizes(regions)}, was {_sizes(before)}; "
+                "start the player again"
+            )
+        renderer = self._make_renderer(fresh)
+        self._room = fresh
+        return renderer
+
+    def fit(self, pixels: PixelFormat) -> Corners:
+        """The corners of a picture that nobody placed."""
+        return corners_of(place(pixels, self.camera), self.camera)
+
+    def keep(self, corners: Corners | None) -> Path:
+        """Keep corners for the next time, in the file returned."""
+        return write_placement(self._folder, corners)
+
+    def psnr(self, certificate: Certificate) -> float:
+        """10 log₁₀(white² / mean (T p − b)²) over the camera pixels that count and their channels."""
+        values = 3 * np.count_nonzero(self._room.calibration.mask)
+        mean = certificate.squared_error.sum() / max(values, 1)
+        return float(10 * np.log10(self._room.white**2 / max(mean, 1e-30)))
+
+    def on_projector(self, points: Points) -> Points:
+        """Where the projector's picture lights points of the view most."""
+        return lit_by(self._room.maps.transport, points)
+
+
+def _sizes(regions: Sequence[Region]) -> str:
+    return " + ".join(f"{region.width}x{region.height}" for region in regions)

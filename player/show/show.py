@@ -1,0 +1,70 @@
+"""A show from loop to loop: what keys and remotes command, what the session shows, what is written over it and told."""
+
+from collections.abc import Mapping, Sequence
+
+from counterlight.show.commands import commands_of
+from counterlight.show.keys import Keys
+from counterlight.show.memory import short_collections
+from counterlight.show.overlay import Overlay
+from counterlight.show.session import Session
+from counterlight.show.stats_page import facts
+from counterlight.stats import Stats
+from counterlight.unattended.control import ControlServer
+from counterlight.unattended.heartbeat import Heartbeat
+
+REDRAW = "redraw"  # not a key: the window was resized or uncovered
+
+
+class Show:
+    """A session and all that it answers to.  bindings : of the settings file, see Keys."""
+
+    def __init__(
+        self,
+        session: Session,
+        *,
+        bindings: Mapping[str, str] | None = None,
+        remotes: Sequence[ControlServer] = (),
+        heartbeat: Heartbeat | None = None,
+    ) -> None:
+        self.session, self.commands = session, commands_of(session)
+        self._keys = Keys(self.commands, bindings)
+        self._overlay = Overlay(session, self._keys)
+        self._remotes, self._heartbeat = remotes, heartbeat
+
+    def run(self, limit: int | None = None) -> Stats:
+        """Play until the list ends, the window closes, `q`, or `limit` frames have been shown; ends the session.
+
+        Raises InputError if the show has ended since a medium could not be played.
+        """
+        try:
+            with short_collections():
+                self._run(limit)
+            return self.session.outcome()
+        finally:
+            self.session.close()
+
+    def _run(self, limit: int | None) -> None:
+        session = self.session
+        while not (session.done or session.display.closed):
+            for key in session.display.poll(session.wait_s()):
+                self.press(key)
+            for remote in self._remotes:
+                remote.poll(self.commands)
+            self.step()
+            if self._heartbeat is not None and self._heartbeat.due:
+                self._heartbeat.beat(facts(session))
+            if limit is not None and session.stats.frames >= limit:
+                return
+
+    def step(self) -> None:
+        """Show what is due, with what is written over it."""
+        self.session.step(self._overlay.page)
+
+    def press(self, key: str) -> None:
+        """Do what a key stands for and say on the screen what it changed; unknown keys do nothing."""
+        if key == REDRAW:
+            self.session.uncovered()
+            return
+        said = self._keys.press(key, placing=self.session.placing is not None)
+        if said:
+            self.session.say(said)

@@ -1,0 +1,64 @@
+"""Every shader names its CPU twin; the twin is there, and the CPU's renderer runs it."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from counterlight import cpu_renderer, reference
+from counterlight.adjustments import Adjustments
+from counterlight.cpu_renderer import CpuRenderer
+from counterlight.views import VIEWS
+from tests.refined_rooms import physical_room
+from tests.rooms import yuv_frame
+
+ROOT = Path(__file__).resolve().parents[1]
+TWIN = re.compile(r"^// CPU twin: ([\w.]+) in ([\w/]+\.py)\.$", re.MULTILINE)
+WITHOUT = {"present.frag"}  # lays what is drawn, and the page, onto the window: a screen's own pixels are compared
+PINNED = ((0.1, 0.1), (0.9, 0.0), (0.9, 0.9), (0.0, 1.0))
+
+
+def named() -> dict[str, tuple[str, str]]:
+    """Shader -> twin and its file."""
+    shaders = [path for path in sorted((ROOT / "shaders").iterdir()) if path.suffix in (".frag", ".comp")]
+    found = {path.name: TWIN.search(path.read_text()) for path in shaders if path.name not in WITHOUT}
+    assert [name for name, match in found.items() if match is None] == []
+    return {name: (match[1], match[2]) for name, match in found.items() if match is not None}
+
+
+def test_every_shader_but_the_window_s_names_a_twin_that_is_there() -> None:
+    for shader, (twin, file) in named().items():
+        defined = (ROOT / file).read_text()
+        assert re.search(rf"^ *(def|class) {twin.rpartition('.')[2]}\b", defined, re.MULTILINE), f"{shader}: {twin}"
+
+
+def test_the_renderer_without_opengl_runs_every_twin(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+    ran: set[str] = set()
+
+    def watched(name: str, twin: Callable[..., Any]) -> Callable[..., Any]:
+        def run(*arguments: Any, **words: Any) -> Any:
+            ran.add(name)
+            return twin(*arguments, **words)
+
+        return run
+
+    twins = {twin for twin, file in named().values() if file == "player/reference.py"}
+    for name in twins - {"PreparedRows"}:
+        original = getattr(reference, name)
+        monkeypatch.setattr(reference, name, watched(name, original))
+        for shader, drawn in cpu_renderer.TWINS.items():
+            if drawn is original:
+                monkeypatch.setitem(cpu_renderer.TWINS, shader, watched(name, original))
+    monkeypatch.setattr(cpu_renderer, "PreparedRows", watched("PreparedRows", reference.PreparedRows))
+    renderer, frame = CpuRenderer(physical_room(rng).room), yuv_frame(rng, (9, 15))
+    renderer.open(frame.format)
+    for adjustments in (Adjustments(), Adjustments(adapt=3, flicker=0.5, clipping=True, corners=PINNED)):
+        renderer.adjust(adjustments)
+        for view in VIEWS:
+            renderer.upload(frame)
+            renderer.render(view, compensate=True, steps=1)
+            renderer.certificate()
+    assert twins - ran == set()
