@@ -1,25 +1,20 @@
 """Which effects a scene calls for, and why: read off its geometry and its numbers, before any effect is imported."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from counterlight.arrays import FloatArray
-from counterlight.errors import InputError, nearest
+from counterlight.errors import InputError, nearest, nearest
 from counterlight.tools.simulation.devices import Device
-from counterlight.tools.simulation.optics_needs import OPTICS
+from counterlight.tools.simulation.optics_needs import OPTICS, Rule
 from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
-from counterlight.tools.simulation.shapes.shape import sample_places
-from counterlight.tools.simulation.surfaces import Surface
+from counterlight.tools.simulation.surfaces import Surface, facing_pairs, outline
 
-AHEAD = 1e-9  # metres
 OVERLAP = 1e-3  # projector pixels²
 SHARP = 0.5  # pixels: a smaller circle of confusion is no blur
-OUTLINE_SIDE = 17  # points an axis that stand for a curved surface
-Rule = Callable[[Scene], tuple[bool, str]]
 
 
 @dataclass(frozen=True)
@@ -49,36 +44,6 @@ def chosen(needs: Mapping[str, Need], without: Collection[str] = (), only: Colle
     }
 
 
-def outline(surface: Surface) -> tuple[FloatArray, FloatArray]:
-    """Points (n, 3) and normals (n, 3) that stand for a surface: a plane's corners, else places all over it."""
-    shape = surface.shape
-    if isinstance(shape, Parallelogram):
-        return shape.corners, np.broadcast_to(shape.normal, (4, 3))
-    if getattr(shape, "grid", True) is None:  # a mesh without (u, v)
-        step = max(1, len(shape.vertices) // OUTLINE_SIDE**2)  # type: ignore[attr-defined]
-        faces = shape.faces[::step]  # type: ignore[attr-defined]
-        return shape.vertices[faces].mean(axis=1), shape.facet_normals[::step]  # type: ignore[attr-defined]
-    u, v = sample_places(shape, OUTLINE_SIDE)
-    return shape.at(u, v), shape.normals(u, v)
-
-
-def facing_pairs(scene: Scene) -> list[tuple[Surface, Surface]]:
-    """Pairs of matt surfaces that have points in front of each other; a surface that is not convex may face itself."""
-    matt = [surface for surface in scene.surfaces if surface.matt]
-    pairs = [(a, b) for i, a in enumerate(matt) for b in matt[i:] if a is not b or not a.shape.convex]
-    return [(a, b) for a, b in pairs if _face(a, b)]
-
-
-def _face(a: Surface, b: Surface) -> bool:
-    (p, normal_p), (q, normal_q) = outline(a), outline(b)
-    if a.shape.flat and b.shape.flat:
-        return bool(np.any((q - p[0]) @ normal_p[0] > AHEAD) and np.any((p - q[0]) @ normal_q[0] > AHEAD))
-    between = q[None] - p[:, None]
-    leaves = np.sum(between * normal_p[:, None], axis=-1) > AHEAD
-    arrives = -np.sum(between * normal_q[None], axis=-1) > AHEAD
-    return bool(np.any(leaves & arrives))
-
-
 def _direct(scene: Scene) -> tuple[bool, str]:
     return True, "every scene has it"
 
@@ -97,7 +62,7 @@ def _shadows(scene: Scene) -> tuple[bool, str]:
 
 
 def _inter_reflection(scene: Scene) -> tuple[bool, str]:
-    pairs = facing_pairs(scene)
+    pairs = facing_pairs(scene.surfaces)
     if not pairs:
         alone = len(scene.surfaces) == 1 and scene.surfaces[0].shape.flat
         return False, "one plane" if alone else "no surface sees another"
