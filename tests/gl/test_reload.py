@@ -21,8 +21,8 @@ def installed(tmp_path: Path) -> Path:
     """A folder with the package as a wheel lays it out."""
     folder = tmp_path / "installed"
     left_out = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(ROOT / "player", folder / "player", ignore=left_out)
-    shutil.copytree(ROOT / "shaders", folder / "player" / "shaders", ignore=left_out)
+    shutil.copytree(ROOT / "player", folder / "counterlight", ignore=left_out)
+    shutil.copytree(ROOT / "shaders", folder / "counterlight" / "shaders", ignore=left_out)
     return folder
 
 
@@ -44,7 +44,7 @@ def test_shaders_are_compiled_anew_and_damaged_ones_leave_the_old(
     playing_copy: subprocess.Popen[str],
 ) -> None:
     corrected = expected_picture(plain_room, noise_picture, tmp_path)
-    shaders = installed / "player" / "shaders"
+    shaders = installed / "counterlight" / "shaders"
     present, encode = ((shaders / name).read_text() for name in ("present.frag", "encode.frag"))
     result = "encoded = vec4(code, 1.0)"
     assert result in present
@@ -89,7 +89,7 @@ def test_a_shader_that_fails_only_when_it_draws_leaves_the_old(
 ) -> None:
     """encode.frag without its textures compiles and links; the pass fails when the first picture is drawn."""
     corrected = expected_picture(plain_room, noise_picture, tmp_path)
-    shader = installed / "player" / "shaders" / "encode.frag"
+    shader = installed / "counterlight" / "shaders" / "encode.frag"
     wait_until(lambda: np.array_equal(screen(xvfb, BOX), corrected), "the picture", playing_copy)
     client = Client(installed / "show.socket")
     text = shader.read_text()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from counterlight.errors import InputError, nearest, nearest
+from counterlight.errors import InputError, nearest
 from counterlight.tools.simulation.devices import Device
 from counterlight.tools.simulation.optics_needs import OPTICS, Rule
 from counterlight.tools.simulation.scene import Scene
