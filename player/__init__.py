@@ -1,8 +1,38 @@
-"""Everything that runs once per frame: the player and the files it reads.
+"""Light transport measured or simulated, inverted, and played through: `import counterlight as cl` (docs/api.md).
 
+This folder is what runs once per frame: the player and the files it reads. tools/ is counterlight.tools.
 Whatever is read from outside comes in through reading.py (files, TOML), tables.py, picture_files.py and exr.py.
 Holds the calibration folder, the row map (the one packed matrix format), its CPU twin, pictures and their colours.
 decoding/ is how media come in, gl/ how they are drawn, show/ the loop in a window, unattended/ what watches over it.
-May import numpy, OpenEXR, cv2 and PyAV; never `tools`, never scipy. Only `counterlight.gl` touches moderngl and glfw.
+May import numpy, OpenEXR, cv2 and PyAV; never `counterlight.tools` (but for the names below, when somebody asks for
+them), never scipy. Only `counterlight.gl` touches moderngl and glfw.
 Read next: row_map.py (the contract), reference.py (the mathematics), app.py (the command).
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from counterlight.tools.api import (
+        Renderer,
+        Room,
+        Solution,
+        build_maps,
+        read_maps,
+        read_picture,
+        read_room,
+        simulate,
+        solve,
+    )
+
+__all__ = ["Renderer", "Room", "Solution", "build_maps", "read_maps", "read_picture", "read_room", "simulate", "solve"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module("counterlight.tools.api"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -65,18 +65,17 @@ def import_matrices_room(
     """
     with calibration.replacing(folder, force=force, inputs=files.all) as stage:
         shape = camera.pixels, projector.pixels
-        read = [_read_channel(path, shape) for path in files.matrices]
-        transport = Transport.from_matrices(
-            [matrix for matrix, _ in read], camera=camera.shape, projector=projector.shape
-        )
+        matrices = [read_matrix(path, shape) for path in files.matrices]
+        negative = tuple(map(keep_light, matrices, files.matrices))
+        transport = Transport.from_matrices(matrices, camera=camera.shape, projector=projector.shape)
         ambient = read_ambient(files.ambient, camera)
         mask = _mask(files.mask, camera, transport, ambient)
         named = folder.name if name is None else name
         write_transport(transport, stage)
         calibration.write(Calibration(named, _provenance(files), (projector,), camera, ambient, mask), stage)
     return MatricesSummary(
-        entries=tuple(int(matrix.nnz) for matrix, _ in read),
-        negative=tuple(negative for _, negative in read),
+        entries=tuple(int(matrix.nnz) for matrix in matrices),
+        negative=negative,
         size_bytes=sum(path.stat().st_size for path in folder.iterdir()),
         counting=int(mask.sum()),
         camera_pixels=camera.pixels,
@@ -112,18 +111,20 @@ def _read_npy(path: Path, camera: Device) -> NDArray[np.float32]:
         return rgb.astype(np.float32)
 
 
-def _read_channel(path: Path, shape: tuple[int, int]) -> tuple[Csr, int]:
-    """The matrix without negative entries and zeros, and how many were negative."""
-    matrix = read_matrix(path, shape)
+def keep_light(matrix: Csr, where: Path | str) -> int:
+    """Take out of a channel of T what is not light, negative entries and zeros; returns how many were negative.
+
+    InputError if nothing is left.
+    """
     negative = matrix.data < 0
     matrix.data[negative] = 0
     matrix.eliminate_zeros()
     count = int(negative.sum())
     if not matrix.nnz:
         raise InputError(
-            f"{path}: no positive entry ({count} negative); the projector would light nothing in this channel"
+            f"{where}: no positive entry ({count} negative); the projector would light nothing in this channel"
         )
-    return matrix, count
+    return count
 
 
 def _mask(path: Path | None, camera: Device, transport: Transport, ambient: NDArray[np.float32]) -> NDArray[np.bool_]:

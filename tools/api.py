@@ -1,0 +1,302 @@
+"""Counterlight in a notebook: arrays in, arrays out, and a folder only where one is wanted (docs/api.md).
+
+`import counterlight as cl` gives these names; what they need is imported when they are first used.
+Pictures are (height, width, 3), linear light; a picture to be shown is in shares of the room's white.
+"""
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from counterlight import calibration as calibrations
+from counterlight import maps as correction
+from counterlight.arrays import FloatArray
+from counterlight.calibration import Calibration, Device
+from counterlight.content import reachable_white
+from counterlight.errors import InputError, nearest
+from counterlight.maps import RoomMaps
+from counterlight.refinement import Certificate, default_start
+from counterlight.response import Response, parse_response
+from counterlight.tools.acquisition.matrices_room import keep_light
+from counterlight.tools.choices import PRESETS
+from counterlight.tools.shipped import parse_scene
+from counterlight.tools.transport.mask import directly_lit
+from counterlight.tools.transport.storage import check_entries, read_transport, write_transport
+from counterlight.tools.transport.transport import CHANNELS, Csr, Transport
+
+Shape: TypeAlias = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Room:
+    """A projector, a camera, and the light between them: camera = transport @ projector + ambient.
+
+    calibration : sizes, responses, ambient light, mask.  transport : T.
+    """
+
+    calibration: Calibration
+    transport: Transport
+
+    @classmethod
+    def from_matrices(
+        cls,
+        red: Any,
+        green: Any,
+        blue: Any,
+        *,
+        camera: Shape,
+        projector: Shape,
+        ambient: ArrayLike | None = None,
+        mask: ArrayLike | None = None,
+        response: str | float | Response = "linear",
+        name: str = "room",
+    ) -> Self:
+        """A room from T of three channels.
+
+        red, green, blue : (camera pixels, projector pixels), anything that scipy makes a sparse array of; pixels in
+            rows from the top. Negative entries, a measurement's noise, are set to 0.
+        camera, projector : (height, width).  ambient : the camera's picture with a black projector, None for darkness.
+        mask : (height, width), which camera pixels count; None for those that the projector lights.
+        response : the projector's light for a code value: linear, srgb, or a gamma.
+        Raises InputError for matrices that do not fit, have no light, or numbers that are none.
+        """
+        eye, lamp = Device(*camera, Response("linear")), Device(*projector, _response(response))
+        shape = eye.pixels, lamp.pixels
+        channels = [_channel(*each, shape) for each in zip((red, green, blue), CHANNELS, strict=True)]
+        transport = Transport.from_matrices(channels, camera=camera, projector=projector)
+        light = _picture(np.zeros(3) if ambient is None else ambient, camera, "ambient").astype(np.float32)
+        counts = directly_lit(transport, light) if mask is None else np.array(mask, bool)
+        if counts.shape != camera or not counts.any():
+            raise InputError(
+                f"mask of shape {counts.shape}, {counts.sum()} pixels count: expected {camera}, at least 1"
+            )
+        return cls(Calibration(name, "made of matrices in Python", (lamp,), eye, light, counts), transport)
+
+    @property
+    def camera(self) -> Shape:
+        """(height, width) of the camera's pictures."""
+        return self.calibration.camera.shape
+
+    @property
+    def projector(self) -> Shape:
+        """(height, width) of the projector's pictures."""
+        return self.calibration.projector.shape
+
+    @property
+    def ambient(self) -> NDArray[np.float32]:
+        return self.calibration.ambient
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        return self.calibration.mask
+
+    @cached_property
+    def white(self) -> float:
+        """The radiance of a white picture that most of the room can reach."""
+        return float(reachable_white(self.floodlight, self.mask))
+
+    @cached_property
+    def floodlight(self) -> FloatArray:
+        """T·1 + e: what the camera sees of a white projector."""
+        return self.transport.floodlight(self.ambient)
+
+    def seen(self, drive: ArrayLike) -> FloatArray:
+        """T p + e: what the camera sees of a projector picture, radiance."""
+        return self.transport.apply(_picture(drive, self.projector, "a projector picture")) + self.ambient
+
+    def write(self, folder: Path | str, *, maps: RoomMaps | None = None, force: bool = False) -> None:
+        """Write a calibration folder, with its maps if they are given; it appears whole or not at all."""
+        target = Path(folder)
+        with calibrations.writing(target, self.calibration, force=force) as stage:
+            write_transport(self.transport, stage)
+        if maps is not None:
+            stored = calibrations.read(target)
+            with correction.replacing(stored) as stage:
+                correction.write_maps(maps, stored, stage)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A projector picture for a camera picture.
+
+    drive : (projector height, projector width, 3), 0..1, linear light.  seen : what the camera sees of it, radiance.
+    below_optimum : decibels that `seen` can at most be below what the best drive would reach, from the gradient.
+    """
+
+    drive: FloatArray
+    seen: FloatArray
+    below_optimum: float
+
+
+def read_room(folder: Path | str) -> Room:
+    """A calibration folder; InputError for what is missing or damaged."""
+    stored = calibrations.read(Path(folder))
+    return _room(stored.calibration, read_transport(stored))
+
+
+def read_maps(folder: Path | str) -> RoomMaps:
+    """The maps of a calibration folder, as `counterlight build` or `Room.write` left them."""
+    return correction.read_maps(calibrations.read(Path(folder)))
+
+
+def read_picture(path: Path | str, shape: Shape) -> FloatArray:
+    """The first picture of a medium in linear light, fitted into (height, width) as the player fits it."""
+    from counterlight.tools.relighting.pictures import read_placed
+
+    return read_placed(Path(path), shape)
+
+
+def simulate(
+    scene: Path | str,
+    *,
+    camera: Shape | None = None,
+    projector: Shape | None = None,
+    without: Sequence[str] = (),
+    only: Sequence[str] = (),
+) -> Room:
+    """A room from a scene: a file, or the name of a shipped one.
+
+    camera, projector : (height, width), None for the scene's own.  without, only : effects to leave out, or to keep.
+    """
+    from counterlight.tools.simulation import simulate as simulation
+    from counterlight.tools.simulation.room import simulated_calibration
+    from counterlight.tools.simulation.scene import load_scene
+
+    described = load_scene(parse_scene(str(scene)))
+    if camera is not None:
+        described = replace(described, camera=described.camera.resized(*camera))
+    if projector is not None:
+        described = replace(described, projector=described.projector.resized(*projector))
+    result = simulation.simulate(described, without=without, only=only)
+    return _room(simulated_calibration(described, result), result.transport)
+
+
+def solve(room: Room, picture: ArrayLike, solver: str = "box", *, white: float | None = None) -> Solution:
+    """A projector picture by a CPU solver (docs/solvers.md).
+
+    picture : (camera height, camera width, 3), in shares of `white`, a radiance; None takes the room's.
+    solver : box (the best that a projector can show), nnls, svd, qr or direct; what is beyond 0..1 is clamped.
+    """
+    from counterlight.tools.solve.box import certificate
+    from counterlight.tools.solve.registry import SOLVERS, prepare
+
+    if solver not in SOLVERS:
+        raise InputError(f"solver {solver!r}: expected one of {', '.join(SOLVERS)}{nearest(solver, SOLVERS)}")
+    desired = _picture(picture, room.camera, "a picture") * (room.white if white is None else white)
+    task, b = prepare(solver, room.transport, room.mask), desired - room.ambient
+    drive = np.clip(task.solve(b).unclamped, 0, 1)
+    bound = certificate(task.T, np.where(room.mask[..., None], b, 0).reshape(-1, 3), drive)
+    shown = drive.reshape(*room.projector, 3)
+    return Solution(shown, room.seen(shown), bound.decibels)
+
+
+def build_maps(room: Room, preset: str | None = None, *, refine: bool = True, **options: Any) -> RoomMaps:
+    """The maps that the player multiplies with, as `counterlight build` makes them.
+
+    preset : fast, balanced or best.  options : damping, max_error, max_cluster, noise, method, which prevail
+    (counterlight.tools.inverse.inverse.InverseOptions).  refine : with what only refinement needs.
+    """
+    from counterlight.tools.inverse import presets
+    from counterlight.tools.inverse.inverse import InverseOptions
+    from counterlight.tools.inverse.room import build_maps as build
+
+    if preset is not None and preset not in PRESETS:
+        raise InputError(f"preset {preset!r}: expected one of {', '.join(PRESETS)}{nearest(preset, PRESETS)}")
+    wanted = replace(InverseOptions() if preset is None else presets.PRESETS[preset], **options)
+    return build(room.transport, room.calibration, wanted, refine=refine).maps
+
+
+class Renderer:
+    """The player's renderer without a window, for pictures of the camera's size; a context manager.
+
+    backend : "gl", OpenGL through EGL, or "cpu".  white : radiance of a white picture; None takes the room's.
+    """
+
+    def __init__(self, room: Room, maps: RoomMaps, *, backend: str = "gl", white: float | None = None) -> None:
+        from counterlight.headless import headless_renderer
+        from counterlight.room import Room as Rendered
+
+        self._white = room.white if white is None else white
+        self._room = Rendered(room.calibration, maps, self._white, start=default_start(maps.correction_in_steps))
+        self._stack = ExitStack()
+        self._renderer = self._stack.enter_context(headless_renderer(backend, self._room))
+        self._steps: int | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def render(self, picture: ArrayLike, *, refine: int | None = None) -> FloatArray:
+        """The projector picture for a camera picture: (projector height, projector width, 3), 0..1, linear light.
+
+        picture : (camera height, camera width, 3), in shares of white.  refine : steps; None for the usual number.
+        """
+        from counterlight.tools.study.frames import radiance_frame
+
+        desired = _picture(picture, self._room.calibration.camera.shape, "a picture") * self._white
+        frame = radiance_frame(desired)
+        if self._steps is None:
+            self._renderer.open(frame.format)
+        self._steps = self._room.default_steps if refine is None else refine
+        self._renderer.upload(frame)
+        return self._view("projector")
+
+    def camera_view(self) -> FloatArray:
+        """What the camera will see of the picture rendered last, radiance, by the maps."""
+        return self._view("camera")
+
+    def certificate(self) -> Certificate | None:
+        """How far the picture rendered last can be from the best one; None without the maps of refinement."""
+        return self._renderer.certificate()
+
+    def close(self) -> None:
+        self._stack.close()
+
+    def _view(self, view: str) -> FloatArray:
+        if self._steps is None:
+            raise InputError("nothing has been rendered; call render first")
+        self._renderer.render(view, compensate=True, steps=self._steps)
+        return np.array(self._renderer.linear(), np.float64)
+
+
+def _room(calibration: Calibration, transport: Transport) -> Room:
+    camera, projector = calibration.camera.shape, calibration.projector.shape
+    return Room(calibration, replace(transport, camera=camera, projector=projector))
+
+
+def _channel(matrix: Any, colour: str, shape: Shape) -> Csr:
+    """A channel of T as sparse rows, float32, without what is not light."""
+    channel = Csr(matrix, dtype=np.float32, copy=True)
+    channel.sum_duplicates()
+    if channel.shape != shape:
+        raise InputError(
+            f"T of the {colour} channel: {channel.shape[0]}x{channel.shape[1]} entries, expected {shape[0]} camera "
+            f"pixels (rows) x {shape[1]} projector pixels (columns)"
+        )
+    check_entries(channel.data, f"T of the {colour} channel")
+    keep_light(channel, f"T of the {colour} channel")
+    return channel
+
+
+def _response(response: str | float | Response) -> Response:
+    return response if isinstance(response, Response) else parse_response(response)
+
+
+def _picture(values: ArrayLike, shape: Shape, what: str) -> FloatArray:
+    """(height, width, 3) of what can be broadcast to it; InputError for another size, or numbers that are none."""
+    array = np.asarray(values, np.float64)
+    try:
+        picture = np.broadcast_to(array, (*shape, 3))
+    except ValueError:
+        raise InputError(f"{what} of shape {array.shape}, expected {(*shape, 3)}") from None
+    if not np.isfinite(picture).all():
+        raise InputError(f"{what} holds NaN or infinity; leave them out")
+    return picture
