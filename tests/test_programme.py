@@ -208,7 +208,7 @@ def test_a_lasting_show_tries_again_later_and_later_and_plays_what_has_come_back
     assert stage.commands.get("path") == "x"
 
 
-@pytest.mark.parametrize("kind", [{"loop_file": True}, {"loop_list": True}, {"lasting": True}, {"remotes": ["one"]}])
+@pytest.mark.parametrize("kind", [{"loop_file": True}, {"loop_list": True}, {"lasting": True}])
 def test_what_makes_a_show_last(kind: dict[str, object]) -> None:
     stage = Stage(Reader("x", error="x: gone"), **kind)  # type: ignore[arg-type]
     stage.advance(5.0)
