@@ -26,7 +26,8 @@ from counterlight.cpu_renderer import CpuRenderer
 from counterlight.gl.context import headless_context
 from counterlight.gl.renderer import GlRenderer
 from counterlight.room import Room, read_room
-from counterlight.tools.show_example import CLIP, DATA, prepare
+from counterlight.tools.shipped import CLIP, shipped_scenes
+from counterlight.tools.show_example import prepare
 from counterlight.video import Frame, MediaReader
 from tests.bench_frames import clock_of
 
@@ -209,7 +210,7 @@ def row(*cells: str) -> None:
 
 def run(context: moderngl.Context, folder: Path) -> None:
     print(f"{os.cpu_count()} cores, {context.info['GL_RENDERER']}")
-    prepare(DATA / "scenes" / "corner.toml", folder / "corner")
+    prepare(shipped_scenes()["corner"], folder / "corner")
     room = read_room(folder / "corner", None)
     for brighter in (1.0, 1.5):
         asked = replace(room, white=brighter * room.white)
