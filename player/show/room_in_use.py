@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from counterlight.calibration import Region
+from counterlight.content import psnr
 from counterlight.errors import InputError
 from counterlight.frames import PixelFormat
 from counterlight.placement import Corners, corners_of, place, write_placement
@@ -57,8 +58,7 @@ class RoomInUse:
     def psnr(self, certificate: Certificate) -> float:
         """10 log₁₀(white² / mean (T p − b)²) over the camera pixels that count and their channels."""
         values = 3 * np.count_nonzero(self._room.calibration.mask)
-        mean = certificate.squared_error.sum() / max(values, 1)
-        return float(10 * np.log10(self._room.white**2 / max(mean, 1e-30)))
+        return psnr(float(certificate.squared_error.sum()) / max(int(values), 1) / self._room.white**2)
 
     def on_projector(self, points: Points) -> Points:
         """Where the projector's picture lights points of the view most."""

@@ -14,7 +14,7 @@ from counterlight.colour import LUMINANCE
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.direct_mapping import direct_mapping, direct_transport
 from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Reference, Scheme
-from counterlight.tools.acquisition.schemes.blocks import BlockGrid, BlockLight, as_transport, fit_to_floodlight
+from counterlight.tools.acquisition.schemes.blocks import BlockGrid, BlockLight, as_transport, fit_to_composition
 from counterlight.tools.acquisition.schemes.hierarchical import DEFAULT, Threshold
 from counterlight.tools.acquisition.schemes.stripes import Stripe, locate, stripes
 
@@ -36,7 +36,7 @@ class PixelByPixelScheme:
         grid = BlockGrid(projector, 1)
         captures = yield Level("pixels", LazyPatterns(grid.count, lambda i: grid.paint(np.array([i]))), 0, cover=1)
         part = _columns(room, captures, grid, self.threshold)
-        return Measured(as_transport(fit_to_floodlight([part], room.light), len(room.light)))
+        return Measured(as_transport(fit_to_composition([part], room.light), len(room.light)))
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class FixedBlocksScheme:
             lit = np.flatnonzero(inside & np.any(light >= self.threshold.of(room), axis=1))
             parts.append(BlockLight(pixels, lit, (y * projector[1] + x)[lit], np.maximum(light[lit], 0)))
         part = _joined(pixels, parts)
-        return Measured(as_transport(fit_to_floodlight([part], room.light), len(room.light)))
+        return Measured(as_transport(fit_to_composition([part], room.light), len(room.light)))
 
 
 @dataclass(frozen=True)

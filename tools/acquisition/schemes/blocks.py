@@ -130,13 +130,13 @@ def sum_by_camera(parts: Sequence[BlockLight], camera_pixels: int) -> FloatArray
     return total
 
 
-def fit_to_floodlight(parts: Sequence[BlockLight], floodlight: FloatArray) -> list[BlockLight]:
-    """Scale each camera pixel's light so that it adds up to the floodlit room, (camera pixels, 3); channel by channel.
+def fit_to_composition(parts: Sequence[BlockLight], composition: FloatArray) -> list[BlockLight]:
+    """Scale each camera pixel's light so that it adds up to T·1, (camera pixels, 3); channel by channel.
 
     The floodlight is the capture with the least relative noise, a sum of many weak entries the one with the most.
     """
-    total = sum_by_camera(parts, len(floodlight))
-    scale = np.divide(np.maximum(floodlight, 0), total, out=np.ones_like(total), where=total > 0)
+    total = sum_by_camera(parts, len(composition))
+    scale = np.divide(np.maximum(composition, 0), total, out=np.ones_like(total), where=total > 0)
     return [BlockLight(p.grid, p.camera, p.block, p.light * scale[p.camera]) for p in parts]
 
 

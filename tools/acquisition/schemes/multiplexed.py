@@ -26,7 +26,7 @@ from counterlight.tools.acquisition.schemes.blocks import (
     BlockLight,
     KnownLight,
     as_transport,
-    fit_to_floodlight,
+    fit_to_composition,
 )
 from counterlight.tools.acquisition.schemes.codes import code_length, s_inverse, s_matrix
 from counterlight.tools.acquisition.schemes.stripes import Stripe, locate, stripes
@@ -64,7 +64,7 @@ class MultiplexedScheme:
         tile = Tile(projector, side)
         captures = yield Level(f"tiles of {side} px", tile.patterns, 1, cover=(tile.code + 1) // 2)
         near, pedestal = tile.decode(room, captures, place, self.sigmas)
-        floodlight = _better_floodlight(room, captures, (tile.code + 1) // 2)
+        composition = _better_composition(room, captures, (tile.code + 1) // 2)
         notes = [f"stripes: {len(shown)} pictures", f"tiles of {side} px: {tile.code} pictures"]
         parts = [near]
         far_share = float(np.sum(pedestal @ LUMINANCE) * side**2 / np.sum(room.light @ LUMINANCE))
@@ -73,7 +73,7 @@ class MultiplexedScheme:
             captures = yield Level(f"blocks of {blocks.grid.side} px", blocks.patterns, 0, cover=(blocks.code + 1) // 2)
             parts.append(blocks.decode(room, captures, near))
             notes.append(f"far light, {100 * far_share:.0f} %: {blocks.code} pictures of {blocks.grid.count} blocks")
-        transport = as_transport(fit_to_floodlight(parts, floodlight), len(room.light))
+        transport = as_transport(fit_to_composition(parts, composition), len(room.light))
         return Measured(transport, tuple(notes))
 
 
@@ -201,7 +201,7 @@ def _lit_share(room: Reference, captures: Captures, index: int) -> FloatArray:
     return np.asarray(room.above_black(captures[index]) @ LUMINANCE / np.where(flood > 0, flood, np.inf))
 
 
-def _better_floodlight(room: Reference, captures: Captures, cover: int) -> FloatArray:
+def _better_composition(room: Reference, captures: Captures, cover: int) -> FloatArray:
     """T·1 from the floodlight and from captures that add up to `cover` floodlit rooms: (camera pixels, 3)."""
     total = room.repeats * room.light
     for i in range(len(captures)):
