@@ -1,12 +1,13 @@
 """Light transport measured or simulated, inverted, and played through: `import counterlight as cl` (docs/api.md).
 
 This folder is what runs once per frame: the player and the files it reads. tools/ is counterlight.tools.
-Whatever is read from outside comes in through reading.py (files, TOML), tables.py, picture_files.py and exr.py.
-Holds the calibration folder, the row map (the one packed matrix format), its CPU twin, pictures and their colours.
-decoding/ is how media come in, gl/ how they are drawn, show/ the loop in a window, unattended/ what watches over it.
+files/ reads whatever comes from outside, writing/ is how anything gets onto the disk; maps/ is the packed matrix format.
+media/ is how pictures and sound come in, pipeline/ what a frame goes through, gl/ that on a GPU, overlay/ what is
+drawn over it; show/ is the loop in a window, unattended/ what watches over it. Beside them: calibration.py, the room's
+folder; response.py; command.py; errors.py. Which room may know which is in tests/test_house.py.
 May import numpy, OpenEXR, cv2 and PyAV; never `counterlight.tools` (but for the names below, when somebody asks for
 them), never scipy. Only `counterlight.gl` touches moderngl and glfw.
-Read next: row_map.py (the contract), reference.py (the mathematics), app.py (the command).
+Read next: maps/row_map.py (the contract), pipeline/reference.py (the mathematics), app.py (the command).
 """
 
 from importlib import import_module

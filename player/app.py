@@ -9,27 +9,27 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from counterlight.adjustments import Adjustments
-from counterlight.audio import open_audio
 from counterlight.calibration import check_order
 from counterlight.command import run, tell
 from counterlight.errors import InputError
-from counterlight.headless import headless_renderer, render_to_file
-from counterlight.output import check_output
-from counterlight.placement import read_placement
-from counterlight.renderer import Renderer
-from counterlight.room import Room, read_room
+from counterlight.media.audio import open_audio
+from counterlight.media.video import MediaReader
+from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.placement import read_placement
+from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.room import Room, read_room
+from counterlight.show.control import ControlServer
+from counterlight.show.headless import headless_renderer, render_to_file
 from counterlight.show.media import Media
 from counterlight.show.options import adjustments_of, image_display_duration, monitors_of, one_medium, read_options
+from counterlight.show.output import check_output
 from counterlight.show.playlist import Playlist, files_of
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.show.session import Session, Steps
 from counterlight.show.show import Show
-from counterlight.stats import Stats
-from counterlight.unattended.control import ControlServer
+from counterlight.show.stats import Stats
 from counterlight.unattended.heartbeat import Heartbeat, Notifier
 from counterlight.unattended.supervisor import supervise
-from counterlight.video import MediaReader
 from counterlight.writing.outputs import check_apart, check_file, check_log
 
 

@@ -16,15 +16,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight import exr
 from counterlight.errors import InputError
-from counterlight.files import describe_files, sha256_of, write_toml
-from counterlight.generation import read_steadily
-from counterlight.picture_files import MAX_SIDE, grey, read_picture
-from counterlight.png import write_png
-from counterlight.reading import MAX_TOML_BYTES, DescribedFiles, Source, opened, parse_toml, read_bytes
-from counterlight.response import Response
-from counterlight.tables import LONGEST_TEXT, Table
+from counterlight.files import exr
+from counterlight.files.generation import read_steadily
+from counterlight.files.manifest import describe_files, sha256_of, write_toml
+from counterlight.files.picture_files import MAX_SIDE, grey, read_picture
+from counterlight.files.png import write_png
+from counterlight.files.reading import MAX_TOML_BYTES, DescribedFiles, Source, opened, parse_toml, read_bytes
+from counterlight.files.tables import LONGEST_TEXT, Table
+from counterlight.response import Response, read_response
 from counterlight.writing.outputs import check_folder, is_vacant, refuse_strangers
 from counterlight.writing.replacing import replacing_folder
 
@@ -261,7 +261,7 @@ def _read_projector(table: Table) -> Device:
 
 def _read_device(table: Table) -> Device:
     height, width = (table.integer(key, None, 1, MAX_SIDE) for key in ("height", "width"))
-    return Device(height, width, table.response())
+    return Device(height, width, read_response(table))
 
 
 def _read_ambient(files: DescribedFiles, camera: Device) -> NDArray[np.float32]:

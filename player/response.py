@@ -1,7 +1,7 @@
 """Transfer curves: how code values become light, for projectors and for pictures.
 
 A *response* maps a code value (0..1, what goes over the cable) to linear drive (0..1). Shaders use tables only, so that
-an analytic curve and a measured one take the same path; player/reference.py reads the same tables.
+an analytic curve and a measured one take the same path; player/pipeline/reference.py reads the same tables.
 """
 
 from contextlib import suppress
@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.errors import InputError, shown
-from counterlight.reading import read_toml
+from counterlight.files.reading import read_toml
+from counterlight.files.tables import Table
 
 TABLE_SIZE = 1024
 FIX = "a response file holds: response = [[0, 0, 0], …, [1, 1, 1]], as in a calibration.toml"
@@ -84,6 +85,14 @@ def parse_response(value: object) -> Response:
     if not _is_number(value):
         raise InputError(f"response {shown(value)}: expected linear, srgb, a gamma such as 2.2, or a table")
     return Response("gamma", gamma=float(value))
+
+
+def read_response(table: Table) -> Response:
+    """A table's `response`, linear where it says nothing."""
+    try:
+        return parse_response(table.raw("response", "linear"))
+    except InputError as error:
+        raise table.refusal(f": {error}") from None
 
 
 def named_response(text: str) -> Response:

@@ -3,7 +3,7 @@
 //
 // Inputs: `now`, `before`, of one size.
 // Output: (1 − weight) now + weight before.
-// CPU twin: blend in player/reference.py.
+// CPU twin: blend in player/pipeline/reference.py.
 uniform sampler2D now, before;
 uniform float weight;
 

@@ -4,7 +4,7 @@
 // Inputs: `source`.
 // Defines: SIDE.
 // Output: one value a block and channel; blocks at the right and lower edge may be smaller.
-// CPU twin: block_sum in player/reference.py.
+// CPU twin: block_sum in player/pipeline/reference.py.
 uniform sampler2D source;
 
 out vec4 sum;

@@ -1,5 +1,5 @@
 #version 330 core
-// What clips less what may, of 4 of 16 candidates, in one tile of the camera's view (player/content.py).
+// What clips less what may, of 4 of 16 candidates, in one tile of the camera's view (player/pipeline/content.py).
 //
 // Inputs: `picture`, u in shares of white; `near`, u − F u; `near_white`, 1 − F 1; `near_ambient`, e − F e; `ambient`, e;
 //   `most`, near light of full drive, alpha 0 where a pixel does not count; `candidates`, 16 values; with SCALES `tone`,
@@ -7,7 +7,7 @@
 // Defines: TILES along a side; SCALES tries shares of the greatest scale at the given offset, else offsets are tried at
 //   their greatest scales, and only what is too dark counts.
 // Output: TILES columns, 4 · TILES rows: the tiles, four times, for candidates 0..3, 4..7, 8..11 and 12..15.
-// CPU twin: clip_sums in player/reference.py.
+// CPU twin: clip_sums in player/pipeline/reference.py.
 uniform sampler2D picture, near, near_white, near_ambient, ambient, most, candidates;
 #ifdef SCALES
 uniform sampler2D tone;

@@ -4,7 +4,7 @@
 // Inputs, all of one size: `view`, linear light; `asked`, what is asked for, at least 0 and at most 1 or, with MOST, at
 //   most `most`.
 // Output: linear light.
-// CPU twin: clipping in player/reference.py.
+// CPU twin: clipping in player/pipeline/reference.py.
 uniform sampler2D view, asked;
 #ifdef MOST
 uniform sampler2D most;

@@ -4,9 +4,9 @@
 // Inputs: `picture`, linear RGB; `ambient`, radiance of the same size.
 // Defines: CLAMP limits the result to 0..1 (a picture that goes to the projector as it is, with black as ambient);
 //   TONE asks for s (k + (1 − k) unit · picture) + o instead of the picture, k the black level, (s, o) the one texel of
-//   `tone` (player/content.py).
+//   `tone` (player/pipeline/content.py).
 // Output: b, radiance, of their size.
-// CPU twin: desired_light in player/reference.py.
+// CPU twin: desired_light in player/pipeline/reference.py.
 uniform sampler2D picture;
 uniform sampler2D ambient;
 uniform float white;

@@ -4,7 +4,7 @@
 // Inputs: `picture`, linear RGB; `inverse_response`, code values over √light 0..1 (width samples, height 1).
 // Defines: DITHER_ORDERED (8×8 Bayer), DITHER_NOISE (a hash of pixel, channel and frame), or neither: rounding.
 // Output: code / 255.
-// CPU twin: encode in player/reference.py.
+// CPU twin: encode in player/pipeline/reference.py.
 uniform sampler2D picture;
 uniform sampler2D inverse_response;
 uniform float scale;      // light of a white pixel, 1 for drive

@@ -4,7 +4,7 @@
 // Inputs: `seen`, radiance; `b`, what the projector was asked to add; `ambient`; `reach`, as reach.frag leaves it;
 //   `colours`, linear light over the error from −span to span.
 // Output: linear light, `white` times the colour; `uncounted` where reach's alpha is 0.
-// CPU twin: error_map in player/reference.py.
+// CPU twin: error_map in player/pipeline/reference.py.
 uniform sampler2D seen, b, ambient, reach, colours;
 uniform float white, span;
 uniform vec3 uncounted;

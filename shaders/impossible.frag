@@ -3,7 +3,7 @@
 //
 // Inputs: `reach`, as reach.frag leaves it; `colours`, linear light: can be corrected, unlit, below mid grey, below white.
 // Output: linear light, `white` times the colour.
-// CPU twin: impossible in player/reference.py.
+// CPU twin: impossible in player/pipeline/reference.py.
 uniform sampler2D reach, colours;
 uniform float white, mid_grey;   // radiance of both
 uniform float slack;

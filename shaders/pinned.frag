@@ -5,7 +5,7 @@
 // Inputs: `source`, linear RGB, row 0 at the top.
 // Defines: MOST_TAPS along an axis; a filter that is wider takes every second sample, or every third …
 // Output: linear RGB.
-// CPU twin: pinned in player/reference.py.
+// CPU twin: pinned in player/pipeline/reference.py.
 uniform sampler2D source;
 uniform mat3 to_source;    // target position -> source position, pixels, homogeneous
 

@@ -5,7 +5,7 @@
 //   light over the code value 0..1 (width samples, height 1).
 // Defines: LAYOUT_YUV, LAYOUT_RGB or LAYOUT_RADIANCE.
 // Output: linear RGB, 0..1 (radiance as it is), one texel a displayed pixel.
-// CPU twin: planes_to_linear in player/reference.py.
+// CPU twin: planes_to_linear in player/pipeline/reference.py.
 #ifdef LAYOUT_RADIANCE
 uniform sampler2D plane_0, plane_1, plane_2;
 #else

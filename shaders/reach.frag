@@ -3,7 +3,7 @@
 //
 // Inputs: `seen`, what full drive gives; `ambient`, what no drive gives; `mask`, not 0 inside; of one size.
 // Output: `seen`; alpha 1 inside the mask where every channel is lit, 0 elsewhere.
-// CPU twin: reach_of in player/reference.py.
+// CPU twin: reach_of in player/pipeline/reference.py.
 uniform sampler2D seen, ambient;
 uniform usampler2D mask;
 

@@ -1,10 +1,10 @@
 #version 330 core
-// One accelerated projected gradient step towards min ½‖T p − b‖², 0 ≤ p ≤ 1 (player/refinement.py).
+// One accelerated projected gradient step towards min ½‖T p − b‖², 0 ≤ p ≤ 1 (player/pipeline/refinement.py).
 //
 // Inputs, all of the projector's size: `descent`, Tᵀ(b − T y); `y`, where it was taken; `p`, the drive of the step before;
 //   `step_size`, 1 / (TᵀT·1), 0 where no camera pixel is lit, which keeps the pixel dark.
 // Outputs: `next_p`, the drive, 0..1; `next_y`, where the next step looks.
-// CPU twin: refinement_step in player/reference.py.
+// CPU twin: refinement_step in player/pipeline/reference.py.
 uniform sampler2D descent, y, p, step_size;
 uniform float momentum, over_relaxation;
 

@@ -1,12 +1,12 @@
 #version 430 core
 // A sparse matrix times a picture, LANES invocations an output pixel (thesis 5.2); row_map.frag is the same in fragments.
 //
-// Inputs: `Rows` and `Entries` as player/sliced_map.py lays them out, a workgroup's rows about equally long and their
+// Inputs: `Rows` and `Entries` as player/maps/sliced_map.py lays them out, a workgroup's rows about equally long and their
 //   entries interleaved; `source`, the picture that is multiplied. One index serves the three channels.
 // Defines: GROUP, LANES; SHORT reads entries of 8 bytes, halves times `scale` and offsets from the row's corner;
 //   ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product; CLAMP limits the result to 0..1.
 // Output: `target`, output size, one value a row and channel.
-// CPU twin: PreparedRows in player/reference.py.
+// CPU twin: PreparedRows in player/pipeline/reference.py.
 layout(local_size_x = GROUP) in;
 
 layout(std430, binding = 0) readonly buffer Rows { uvec4 rows[]; };

@@ -7,7 +7,7 @@
 //   WIDE_INDEX reads the index from a texture of its own; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product;
 //   CLAMP limits the result to 0..1.
 // Output: one value a row and channel, output size.
-// CPU twin: PreparedRows in player/reference.py.
+// CPU twin: PreparedRows in player/pipeline/reference.py.
 uniform usampler2D lookup;
 uniform sampler2D entries;
 uniform sampler2D source;

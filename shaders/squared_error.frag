@@ -3,7 +3,7 @@
 //
 // Inputs: `residual`, b − T p; `mask`, not 0 inside; of one size.
 // Output: residual² inside the mask, 0 outside.
-// CPU twin: squared_error in player/reference.py.
+// CPU twin: squared_error in player/pipeline/reference.py.
 uniform sampler2D residual;
 uniform usampler2D mask;
 

@@ -14,20 +14,20 @@ import numpy as np
 from scipy import sparse
 
 from counterlight.calibration import Calibration, Device
-from counterlight.cpu_renderer import CpuRenderer
-from counterlight.device import StoredMap
 from counterlight.gl.compute_pass import MapBuffers, supports_compute
 from counterlight.gl.context import headless_context
 from counterlight.gl.passes import picture_texture
 from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.row_map_pass import MapTextures
-from counterlight.maps import RefinementMaps, RoomMaps
-from counterlight.reference import PreparedRows
+from counterlight.maps.room_maps import RefinementMaps, RoomMaps
+from counterlight.maps.row_map import RowMap, SparseRows, pack, unpack
+from counterlight.maps.short_map import half_scale
+from counterlight.media.video import MediaReader
+from counterlight.pipeline.cpu_renderer import CpuRenderer
+from counterlight.pipeline.device import StoredMap
+from counterlight.pipeline.reference import PreparedRows
+from counterlight.pipeline.room import Room
 from counterlight.response import Response
-from counterlight.room import Room
-from counterlight.row_map import RowMap, SparseRows, pack, unpack
-from counterlight.short_map import half_scale
-from counterlight.video import MediaReader
 from tests.bench_rows import REPEATS, WARM_UP, median_ms
 from tests.rooms import radiance_frame
 

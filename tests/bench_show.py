@@ -18,8 +18,8 @@ import numpy as np
 
 from counterlight.gl.context import headless_context
 from counterlight.gl.renderer import GlRenderer
-from counterlight.room import read_room
-from counterlight.video import MediaReader
+from counterlight.media.video import MediaReader
+from counterlight.pipeline.room import read_room
 from tests.bench_rows import WARM_UP
 from tests.programs import on, succeed
 from tests.screens import one_screen

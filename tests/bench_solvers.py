@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from scipy.optimize import lsq_linear, nnls
 
-from counterlight.row_map import SparseRows
+from counterlight.maps.row_map import SparseRows
 from counterlight.tools.clusters.blocks import ClusterBlocks
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.solve.channel import Channel

@@ -17,9 +17,9 @@ import pytest
 import scipy.linalg  # noqa: F401 (its BLAS, beside numpy's, is there to be limited)
 from threadpoolctl import threadpool_limits
 
-from counterlight.decoding.child import all_buried
-from counterlight.decoding.ffmpeg_log import log_natively
 from counterlight.gl.context import headless_context
+from counterlight.media.decoding.child import all_buried
+from counterlight.media.decoding.ffmpeg_log import log_natively
 from tests import screens
 from tests.gl_objects import live_objects
 from tests.media import rings

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
-from counterlight.content import reachable_white
+from counterlight.pipeline.content import reachable_white
 from counterlight.tools.inverse.damping import largest_singular_value
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.pictures import typical_pictures

@@ -1,4 +1,4 @@
-"""Media of known pictures for tests of player/video.py, and what its reader gives back.
+"""Media of known pictures for tests of player/media/video.py, and what its reader gives back.
 
 Pictures are numbered: luma is 16 + 8 n on the left half and 100 on the right one, so that order and flips show.
 """
@@ -13,7 +13,7 @@ import av
 import numpy as np
 
 from counterlight.errors import InputError
-from counterlight.video import Frame, MediaReader
+from counterlight.media.video import Frame, MediaReader
 from tests.ffmpeg_frames import Planes, ffmpeg_frame
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"

@@ -20,11 +20,12 @@ from typing import TypeAlias
 import numpy as np
 import tomli_w
 
-from counterlight import calibration, maps
+from counterlight import calibration
 from counterlight.calibration import TOML
 from counterlight.errors import InputError
-from counterlight.maps import FOLDER, MANIFEST
-from counterlight.placement import read_placement
+from counterlight.maps import room_maps as maps
+from counterlight.maps.room_maps import FOLDER, MANIFEST
+from counterlight.pipeline.placement import read_placement
 from counterlight.tools.transport.storage import read_transport
 
 Rng: TypeAlias = np.random.Generator

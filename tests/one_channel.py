@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from counterlight.refinement import Certificate
+from counterlight.pipeline.refinement import Certificate
 from counterlight.tools.clusters.finite import refuse_not_finite
 from counterlight.tools.solve import box
 from counterlight.tools.solve.channel import Channel

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from counterlight.row_map import RowMap, pack
+from counterlight.maps.row_map import RowMap, pack
 from counterlight.tools.transport.transport import Csr, stacked
 
 

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from counterlight.calibration import Calibration, Device
-from counterlight.maps import RoomMaps
+from counterlight.maps.room_maps import RoomMaps
+from counterlight.pipeline.room import Room
 from counterlight.response import Response
-from counterlight.room import Room
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.packing.refinement_maps import pack_far, refinement_maps
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, stacked

@@ -6,10 +6,10 @@ from contextlib import contextmanager
 import moderngl
 import numpy as np
 
-from counterlight.cpu_renderer import CpuRenderer
 from counterlight.gl.renderer import GlRenderer
-from counterlight.room import Room
-from counterlight.video import Frame
+from counterlight.media.video import Frame
+from counterlight.pipeline.cpu_renderer import CpuRenderer
+from counterlight.pipeline.room import Room
 
 
 @contextmanager

@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from counterlight.calibration import Calibration, Device, writing
-from counterlight.maps import FarMaps, RoomMaps
+from counterlight.maps.room_maps import FarMaps, RoomMaps
+from counterlight.maps.row_map import RowMap, SparseRows, pack
+from counterlight.media.video import Frame, PixelFormat, PlaneShape
+from counterlight.pipeline.room import Room
 from counterlight.response import Response
-from counterlight.room import Room
-from counterlight.row_map import RowMap, SparseRows, pack
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import FarLight, Transport
-from counterlight.video import Frame, PixelFormat, PlaneShape
 
 CAMERA, PROJECTOR = (11, 17), (7, 13)
 CELLS = (1, 6)

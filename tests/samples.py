@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 from scipy import sparse
 
-from counterlight import exr
 from counterlight.calibration import Device, read_mask_picture
-from counterlight.decoding.media import open_source
-from counterlight.medium import Medium
-from counterlight.picture_files import read_picture
+from counterlight.files import exr
+from counterlight.files.picture_files import read_picture
+from counterlight.media.decoding.media import open_source
+from counterlight.media.medium import Medium
 from counterlight.response import Response, named_response
 from counterlight.show.options import read_options
 from counterlight.tools.acquisition.cameras.camera import Exposures

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from counterlight.adjustments import Adjustments
-from counterlight.device import PathReport
 from counterlight.errors import InputError
-from counterlight.medium import Border, Medium
-from counterlight.placement import Corners
-from counterlight.refinement import Certificate
-from counterlight.show.osd import Page
+from counterlight.media.medium import Border, Medium
+from counterlight.overlay.osd import Page
+from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.device import PathReport
+from counterlight.pipeline.placement import Corners
+from counterlight.pipeline.refinement import Certificate
 from counterlight.show.playlist import Playlist, is_list, read_list
 from counterlight.show.registry import Commands
 from counterlight.show.session import Session

@@ -22,7 +22,7 @@ from scipy import sparse
 from threadpoolctl import threadpool_limits
 
 from counterlight.command import parse_size
-from counterlight.content import camera_psnr, reachable_white
+from counterlight.pipeline.content import camera_psnr, reachable_white
 from counterlight.response import Response
 from counterlight.tools.acquisition.acquire import Acquisition, acquire
 from counterlight.tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom

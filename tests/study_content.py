@@ -20,15 +20,15 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.adjustments import Adjustments
-from counterlight.content import camera_psnr
-from counterlight.cpu_renderer import CpuRenderer
 from counterlight.gl.context import headless_context
 from counterlight.gl.renderer import GlRenderer
-from counterlight.room import Room, read_room
+from counterlight.media.video import Frame, MediaReader
+from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.content import camera_psnr
+from counterlight.pipeline.cpu_renderer import CpuRenderer
+from counterlight.pipeline.room import Room, read_room
 from counterlight.tools.shipped import CLIP, shipped_scenes
 from counterlight.tools.show_example import prepare
-from counterlight.video import Frame, MediaReader
 from tests.bench_frames import clock_of
 
 PASSAGES_S, FRAMES = (2.0, 0.5), 12  # where passages begin, and frames of each
@@ -83,7 +83,7 @@ def show(renderer: GlRenderer, frames: Iterator[Frame], adjustments: Adjustments
 
 
 class Limits:
-    """The light that clips, as player/content.py counts it, of all pixels and by other code than the player's."""
+    """The light that clips, as pipeline/content.py counts it, of all pixels and by other code than the player's."""
 
     def __init__(self, room: Room) -> None:
         self._cpu = CpuRenderer(room)

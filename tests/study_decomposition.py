@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from counterlight.content import camera_psnr, reachable_white
-from counterlight.operators import Compensation
-from counterlight.row_map import SparseRows
+from counterlight.maps.row_map import SparseRows
+from counterlight.pipeline.content import camera_psnr, reachable_white
+from counterlight.pipeline.operators import Compensation
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light

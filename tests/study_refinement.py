@@ -18,15 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from counterlight import calibration, maps
+from counterlight import calibration
 from counterlight.calibration import Calibration, Device, writing
-from counterlight.content import camera_psnr
 from counterlight.gl.context import headless_context
 from counterlight.gl.renderer import GlRenderer
-from counterlight.reference import refinement_step
-from counterlight.refinement import OVER_RELAXATION, STARTS, momentum
+from counterlight.maps import room_maps as maps
+from counterlight.media.video import MediaReader
+from counterlight.pipeline.content import camera_psnr
+from counterlight.pipeline.reference import refinement_step
+from counterlight.pipeline.refinement import OVER_RELAXATION, STARTS, momentum
+from counterlight.pipeline.room import Room
 from counterlight.response import Response
-from counterlight.room import Room
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.room import build_room_maps
 from counterlight.tools.simulation.scene import load_scene
@@ -35,7 +37,6 @@ from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.mask import lit_pixels
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport
-from counterlight.video import MediaReader
 from tests.bench_frames import clock_of
 
 DATA = Path(__file__).resolve().parents[1] / "calib_data"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from counterlight import calibration
-from counterlight.maps import read_maps
+from counterlight.maps.room_maps import read_maps
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.inverse.room import build_room_maps

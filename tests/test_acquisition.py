@@ -20,10 +20,10 @@ from scipy import sparse
 
 from counterlight import calibration
 from counterlight.calibration import Calibration, Device, writing
-from counterlight.content import camera_psnr, reachable_white
 from counterlight.errors import InputError
-from counterlight.maps import read_maps
-from counterlight.operators import compensation
+from counterlight.maps.room_maps import read_maps
+from counterlight.pipeline.content import camera_psnr, reachable_white
+from counterlight.pipeline.operators import compensation
 from counterlight.tools import acquire_transport, build_correction_map
 from counterlight.tools.acquisition import store
 from counterlight.tools.acquisition.acquire import REPEATS

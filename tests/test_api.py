@@ -9,7 +9,7 @@ from scipy import sparse
 
 import counterlight as cl
 from counterlight.errors import InputError
-from counterlight.png import write_png
+from counterlight.files.png import write_png
 from tests.programs import ROOT, python, succeed
 
 PAGE = (ROOT / "docs" / "api.md").read_text()

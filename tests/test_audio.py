@@ -13,11 +13,11 @@ import av
 import numpy as np
 import pytest
 
-from counterlight.audio import MISSING, AudioOutput, Pull, open_audio
-from counterlight.decoding.audio_decoder import RATE, decoded
-from counterlight.medium import Medium
+from counterlight.media.audio import MISSING, AudioOutput, Pull, open_audio
+from counterlight.media.decoding.audio_decoder import RATE, decoded
+from counterlight.media.medium import Medium
+from counterlight.media.video import MediaReader
 from counterlight.show.playback import Playback
-from counterlight.video import MediaReader
 from tests.ffmpeg_frames import ffmpeg_frame
 from tests.stage import Clock, Reader, Stage
 

@@ -16,13 +16,13 @@ import cv2
 import numpy as np
 import pytest
 
-from counterlight.decoding import opening
-from counterlight.decoding.audio_decoder import decoded
 from counterlight.errors import InputError
-from counterlight.medium import Border, Medium
+from counterlight.media.decoding import opening
+from counterlight.media.decoding.audio_decoder import decoded
+from counterlight.media.medium import Border, Medium
+from counterlight.media.video import MediaReader
 from counterlight.show.options import read_options
 from counterlight.show.playlist import expand, files_of
-from counterlight.video import MediaReader
 from tests.canaries import Canary, canary
 from tests.media import copies, numbered, write_video
 from tests.programs import ROOT
@@ -344,8 +344,8 @@ def test_every_opening_of_the_player_goes_through_one_door() -> None:
         for path in (ROOT / folder).rglob("*.py")
     }
     calls = {path: found for path, found in calls.items() if found}
-    assert calls.keys() == {"player/decoding/opening.py", "player/output.py"}
-    ((reading,), (writing,)) = calls["player/decoding/opening.py"], calls["player/output.py"]
+    assert calls.keys() == {"player/media/decoding/opening.py", "player/show/output.py"}
+    ((reading,), (writing,)) = calls["player/media/decoding/opening.py"], calls["player/show/output.py"]
     assert "options={**options, **whitelists}" in reading
     assert '"w"' in writing
     nested = {"concat", "hls", "dash", "imf", "sdp", "rtsp", "rtp", "vobsub", "mlv", "lavfi", "image2", "svg_pipe"}

@@ -12,15 +12,16 @@ import pytest
 import tomli_w
 from scipy import sparse
 
-from counterlight import calibration, exr
+from counterlight import calibration
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
-from counterlight.maps import FOLDER, MANIFEST, read_maps
-from counterlight.placement import FILE as PLACEMENT
-from counterlight.placement import write_placement
-from counterlight.reading import read_toml
+from counterlight.files import exr
+from counterlight.files.reading import read_toml
+from counterlight.maps.room_maps import FOLDER, MANIFEST, read_maps
+from counterlight.maps.row_map import SparseRows, pack
+from counterlight.pipeline.placement import FILE as PLACEMENT
+from counterlight.pipeline.placement import write_placement
 from counterlight.response import Response
-from counterlight.row_map import SparseRows, pack
 from counterlight.tools import acquire_transport, compensate_image, join_projectors, relight
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import InverseOptions

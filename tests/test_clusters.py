@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import sparse
 
-from counterlight.colour import LUMINANCE
 from counterlight.errors import InputError
+from counterlight.pipeline.colour import LUMINANCE
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.clusters.decomposition import Decomposition, Parameters, decompose
 from counterlight.tools.clusters.search import decompose_to

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from av.video.reformatter import ColorRange, Colorspace
 
-from counterlight import reference
-from counterlight.colour import decoding_of
-from counterlight.placement import place, shown_shape
+from counterlight.media.video import Frame, MediaReader
+from counterlight.pipeline import reference
+from counterlight.pipeline.colour import decoding_of
+from counterlight.pipeline.placement import place, shown_shape
 from counterlight.response import transfer_table
-from counterlight.video import Frame, MediaReader
 from tests.rooms import yuv_frame
 
 ROOT = Path(__file__).resolve().parents[1]

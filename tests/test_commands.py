@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from counterlight.kinds import Choice, Flag, Number
+from counterlight.pipeline.kinds import Choice, Flag, Number
 from counterlight.show.keys import KEYS, PLACING, Keys, check_bindings
 from counterlight.show.registry import Command, CommandError, Commands, Property
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterlight.unattended.control import MAX_CLIENTS, MAX_LINE, MAX_OBSERVED, MAX_UNSENT, ControlServer, as_text
+from counterlight.show.control import MAX_CLIENTS, MAX_LINE, MAX_OBSERVED, MAX_UNSENT, ControlServer, as_text
 from counterlight.unattended.json_lines import encode
 
 ENOUGH_POLLS = 4000

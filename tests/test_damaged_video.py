@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from counterlight.errors import InputError
-from counterlight.video import MediaReader
+from counterlight.media.video import MediaReader
 from tests.media import TIMEOUT_S, damage, number, numbered, until_error, write_h264, write_video
 
 COUNT, KEY = 40, 10  # pictures, and how far apart key frames are

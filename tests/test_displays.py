@@ -7,9 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from counterlight import app, calibration, exr
+from counterlight import app, calibration
 from counterlight.calibration import Calibration, Device, Region
 from counterlight.errors import InputError
+from counterlight.files import exr
 from counterlight.response import Response
 from counterlight.show.options import monitors_of, read_options
 from counterlight.show.room_in_use import RoomInUse

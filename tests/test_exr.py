@@ -7,10 +7,11 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from counterlight import exr, memory
-from counterlight.decoding.media import open_source
+from counterlight import memory
 from counterlight.errors import InputError
-from counterlight.medium import Medium
+from counterlight.files import exr
+from counterlight.media.decoding.media import open_source
+from counterlight.media.medium import Medium
 from tests.hostile import little_memory
 
 HOSTILE = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "hostile"

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterlight.picture_files import read_picture
+from counterlight.files.picture_files import read_picture
 from counterlight.show.registry import CommandError
 from tests.faults import Runner, can_mount, no_file_above, small_disk
 from tests.stage import Stage

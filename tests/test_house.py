@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from counterlight.command import SCRIPTS
+from counterlight.pipeline.views import VIEWS
 from counterlight.tools.verbs import SHELLS, VERBS
-from counterlight.views import VIEWS
 from tests.programs import ROOT, fail, python, script, succeed
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -74,7 +74,7 @@ def loaded_by(*names: str) -> list[str]:
 
 
 def test_the_player_without_opengl_imports_no_tool_no_scipy_no_window() -> None:
-    numba = "counterlight.products"  # which imports scipy
+    numba = "counterlight.maps.products"  # which imports scipy
     assert loaded_by(*(name for name in modules("player") if not name.startswith(("counterlight.gl", numba)))) == []
 
 
@@ -108,6 +108,38 @@ def test_no_file_imports_itself_through_others() -> None:
         list(TopologicalSorter(arrows).static_order())
     except CycleError as error:
         pytest.fail(" <- ".join(error.args[1]))
+
+
+ROOMS = {  # of the player, and which others each may know
+    "errors": "",
+    "arrays": "",
+    "memory": "errors",
+    "command": "errors",
+    "writing": "errors",
+    "files": "errors memory writing",
+    "response": "errors files",
+    "calibration": "errors files response writing",
+    "maps": "calibration errors files writing",
+    "media": "errors files writing",
+    "pipeline": "arrays calibration errors files maps media response writing",
+    "overlay": "maps pipeline",
+    "unattended": "command errors",
+    "gl": "calibration command errors maps media overlay pipeline response unattended",
+    "show": "calibration command errors files gl maps media overlay pipeline unattended writing",
+    "app": "calibration command errors gl media overlay pipeline show unattended writing",
+}
+
+
+def test_the_rooms_of_the_player_know_what_they_may_and_no_more() -> None:
+    rooms = {name: set(others.split()) for name, others in ROOMS.items()}
+    list(TopologicalSorter(rooms).static_order())  # no two know each other
+    known: dict[str, set[str]] = {name: set() for name in rooms}
+    for path in sources("player"):
+        room = path.relative_to(ROOT / "player").with_suffix("").parts[0]
+        if room not in ("__init__", "__main__"):
+            parts = [name.split(".") for name in imported(path) if name.startswith("counterlight.")]
+            known[room] |= {part[1] for part in parts} - {room}
+    assert {name: sorted(others - rooms[name]) for name, others in known.items() if others - rooms[name]} == {}
 
 
 def test_only_player_gl_imports_moderngl_and_glfw() -> None:

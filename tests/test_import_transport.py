@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from counterlight import calibration, exr
+from counterlight import calibration
 from counterlight.errors import InputError
+from counterlight.files import exr
 from counterlight.response import Response
 from counterlight.tools.import_transport import main
 from counterlight.tools.transport.mask import lit_pixels

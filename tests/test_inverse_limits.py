@@ -15,7 +15,7 @@ from scipy import sparse
 from counterlight import calibration
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
-from counterlight.files import describe_files
+from counterlight.files.manifest import describe_files
 from counterlight.memory import available_bytes
 from counterlight.response import Response
 from counterlight.tools import build_correction_map

@@ -8,8 +8,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy import sparse
 
-from counterlight import calibration, maps
+from counterlight import calibration
 from counterlight.errors import InputError
+from counterlight.maps import room_maps as maps
 from counterlight.tools.inverse.bidiagonal import largest_singular_value
 from counterlight.tools.inverse.clustered import damped_inverse
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light

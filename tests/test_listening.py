@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from counterlight.errors import InputError
-from counterlight.unattended.control import ControlServer
+from counterlight.show.control import ControlServer
 from tests.programs import ROOT
 from tests.test_control import Client, Lamp
 
@@ -33,7 +33,7 @@ def test_a_live_socket_is_refused_and_a_stale_one_replaced(server: ControlServer
     with pytest.raises(InputError, match=r"socket: another player is listening here; end it, or give --control"):
         ControlServer(tmp_path / "socket")
     stale = tmp_path / "stale"
-    listen = "import os, pathlib\nfrom counterlight.unattended.control import ControlServer"
+    listen = "import os, pathlib\nfrom counterlight.show.control import ControlServer"
     code = f"{listen}\nControlServer(pathlib.Path({str(stale)!r}))\nos._exit(9)"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 9
     assert stale.is_socket()

@@ -16,14 +16,14 @@ import av
 import numpy as np
 import pytest
 
-from counterlight import video
-from counterlight.decoding.laps import LIVE_SLOTS
-from counterlight.decoding.live import LiveAddress, live_address
 from counterlight.errors import InputError
-from counterlight.medium import Border, Medium
+from counterlight.media import video
+from counterlight.media.decoding.laps import LIVE_SLOTS
+from counterlight.media.decoding.live import LiveAddress, live_address
+from counterlight.media.medium import Border, Medium
+from counterlight.media.video import MAX_DEATHS, Frame, MediaReader
 from counterlight.show.playback import Playback
 from counterlight.show.playlist import expand
-from counterlight.video import MAX_DEATHS, Frame, MediaReader
 from tests.ffmpeg_frames import ffmpeg_frame
 from tests.stage import Reader, Stage
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from counterlight.gl.renderer import GlRenderer
-from counterlight.video import MediaReader
+from counterlight.media.video import MediaReader
 from tests.gl_objects import live_objects
 from tests.rooms import random_room
 

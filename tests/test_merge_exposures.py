@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
-from counterlight.exr import read_rgb
+from counterlight.files.exr import read_rgb
 from counterlight.response import named_response
 from counterlight.tools.hdr.camera_response import exposure_table
 from counterlight.tools.merge_exposures import main

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from counterlight.video import MediaReader
+from counterlight.media.video import MediaReader
 from counterlight.writing.numbered import is_numbered, name_of, number_of
 from tests.media import copies
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from counterlight.show.osd import GROUND_ALPHA, Histogram, Message, Page, draw, plain
+from counterlight.overlay.osd import GROUND_ALPHA, Histogram, Message, Page, draw, plain
 
 WINDOW = (720, 1280)
 

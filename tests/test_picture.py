@@ -6,22 +6,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from counterlight import reference, views
-from counterlight.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
 from counterlight.calibration import Calibration, Device
-from counterlight.colour import decoding_of
-from counterlight.content import SCALES, SMOOTHING_S, Succession, tile_grid
-from counterlight.cpu_renderer import CpuRenderer
 from counterlight.errors import InputError
-from counterlight.maps import RoomMaps
-from counterlight.reference import Limits, PreparedRows, reach_of, tone_of
+from counterlight.maps.room_maps import RoomMaps
+from counterlight.maps.row_map import SparseRows, pack
+from counterlight.media.video import Frame
+from counterlight.pipeline import reference, views
+from counterlight.pipeline.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
+from counterlight.pipeline.colour import decoding_of
+from counterlight.pipeline.content import SCALES, SMOOTHING_S, Succession, tile_grid
+from counterlight.pipeline.cpu_renderer import CpuRenderer
+from counterlight.pipeline.reference import Limits, PreparedRows, reach_of, tone_of
+from counterlight.pipeline.room import Room
+from counterlight.pipeline.test_cards import CARDS, card
+from counterlight.pipeline.views import VIEWS
 from counterlight.response import Response, transfer_table
-from counterlight.room import Room
-from counterlight.row_map import SparseRows, pack
-from counterlight.test_cards import CARDS, card
 from counterlight.tools.report.impossible import REASONS, SERVED, find_impossible
-from counterlight.video import Frame
-from counterlight.views import VIEWS
 from tests.refined_rooms import physical_room
 from tests.rooms import CAMERA, rgb_frame, yuv_frame
 

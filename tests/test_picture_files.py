@@ -10,7 +10,7 @@ import pytest
 
 from counterlight import memory
 from counterlight.errors import InputError
-from counterlight.picture_files import MOST_CHUNKS, read_picture
+from counterlight.files.picture_files import MOST_CHUNKS, read_picture
 from counterlight.tools.simulation.materials import read_texture
 from tests.hostile import little_memory
 

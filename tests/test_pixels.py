@@ -1,4 +1,4 @@
-"""player/decoding/pixels.py: FFmpeg frames of known code values, format by format, in odd sizes."""
+"""player/media/decoding/pixels.py: FFmpeg frames of known code values, format by format, in odd sizes."""
 
 from typing import Any
 
@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from counterlight.decoding import pixels
 from counterlight.errors import InputError
+from counterlight.media.decoding import pixels
 from tests.ffmpeg_frames import Planes, ffmpeg_frame
 
 

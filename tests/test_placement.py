@@ -6,10 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from counterlight import calibration, reference
+from counterlight import calibration
 from counterlight.errors import InputError
-from counterlight.placement import FILE, corners_of, fit, homography, read_placement, write_placement
-from counterlight.reference import pinned
+from counterlight.pipeline import reference
+from counterlight.pipeline.placement import FILE, corners_of, fit, homography, read_placement, write_placement
+from counterlight.pipeline.reference import pinned
 from tests.rooms import write_blurred_room
 
 

@@ -9,14 +9,14 @@ import av
 import numpy as np
 import pytest
 
-from counterlight.medium import Border, Medium
+from counterlight.media.medium import Border, Medium
+from counterlight.media.video import MediaReader
 from counterlight.show import playback as playbacks
 from counterlight.show.media import Media
 from counterlight.show.playback import Playback
 from counterlight.show.playlist import Playlist
 from counterlight.show.session import Session
 from counterlight.show.show import Show
-from counterlight.video import MediaReader
 from tests.ffmpeg_frames import ffmpeg_frame
 from tests.stage import Clock, Screen
 

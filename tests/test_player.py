@@ -12,9 +12,12 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from counterlight import app, calibration, exr, maps, output
-from counterlight.reference import PreparedRows
-from counterlight.renderer import Renderer
+from counterlight import app, calibration
+from counterlight.files import exr
+from counterlight.maps import room_maps as maps
+from counterlight.pipeline.reference import PreparedRows
+from counterlight.pipeline.renderer import Renderer
+from counterlight.show import output
 from counterlight.tools import build_correction_map
 from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.transport import Transport
@@ -304,7 +307,7 @@ def test_an_interrupt_leaves_the_previous_map(
 
     before = (room / "correction" / "manifest.toml").read_bytes()
     for step in (
-        "counterlight.row_map.write",
+        "counterlight.maps.row_map.write",
         "counterlight.tools.inverse.inverse.join",
     ):  # while writing, and while computing
         with monkeypatch.context() as patch:

@@ -13,9 +13,9 @@ import pytest
 from counterlight import calibration
 from counterlight.calibration import Device
 from counterlight.errors import InputError
-from counterlight.exr import write_rgb
-from counterlight.reading import read_toml
-from counterlight.reference import encode
+from counterlight.files.exr import write_rgb
+from counterlight.files.reading import read_toml
+from counterlight.pipeline.reference import encode
 from counterlight.response import Response, named_response
 from counterlight.tools.acquisition.captures import find_captures
 from counterlight.tools.acquisition.graycode import Decoded, decode

@@ -10,8 +10,9 @@ import pytest
 import tomli_w
 
 from counterlight.errors import InputError
-from counterlight.reading import MAX_TOML_BYTES, MOST_PARTS, DescribedFiles, read_bytes, read_toml
-from counterlight.tables import Table
+from counterlight.files.reading import MAX_TOML_BYTES, MOST_PARTS, DescribedFiles, read_bytes, read_toml
+from counterlight.files.tables import Table
+from counterlight.response import read_response
 from counterlight.tools.simulation.scene import load_scene
 from tests.hostile import little_memory, without_rights
 
@@ -186,7 +187,7 @@ VALUES |= {
         (lambda t: t.format(1), "format None, this version reads 1; make it again"),
         (lambda t: t.number("white", None, 0, 1), "needs white"),
         (lambda t: t.number("nam", None, 0, 1), "needs nam; is 'name' meant to be it"),
-        (lambda t: t.response(), None),
+        (read_response, None),
     ],
 )
 def test_a_value_that_is_not_what_it_should_be(ask: Callable[[Table], object], complaint: str | None) -> None:

@@ -8,12 +8,14 @@ import pytest
 from scipy import sparse
 from scipy.optimize import lsq_linear
 
-from counterlight import calibration, maps
-from counterlight.content import CUT, SceneCuts
-from counterlight.cpu_renderer import CpuRenderer
-from counterlight.maps import FarMaps, RefinementMaps, RoomMaps
-from counterlight.reference import PreparedRows
-from counterlight.refinement import (
+from counterlight import calibration
+from counterlight.maps import room_maps as maps
+from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
+from counterlight.media.video import Frame
+from counterlight.pipeline.content import CUT, SceneCuts
+from counterlight.pipeline.cpu_renderer import CpuRenderer
+from counterlight.pipeline.reference import PreparedRows
+from counterlight.pipeline.refinement import (
     LARGEST_MOMENTUM,
     OVER_RELAXATION,
     SHARE_OF_FRAME,
@@ -25,7 +27,6 @@ from counterlight.refinement import (
 )
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.room import build_room_maps
-from counterlight.video import Frame
 from tests.packing import pack_matrices
 from tests.refined_rooms import DARK, PhysicalRoom, physical_room
 from tests.rooms import CAMERA, radiance_frame, rgb_frame, write_blurred_room

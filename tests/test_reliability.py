@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from counterlight.gl.renderer import GlRenderer
+from counterlight.media.video import Frame, MediaReader
 from counterlight.unattended.heartbeat import rss_bytes
-from counterlight.video import Frame, MediaReader
 from tests.gl_objects import live_objects
 from tests.rooms import random_room
 from tests.test_memory import two_seconds  # noqa: F401 (a fixture)

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from counterlight import calibration, exr, maps
+from counterlight import calibration
 from counterlight.calibration import Calibration, StoredCalibration
-from counterlight.maps import FarMaps, RoomMaps
-from counterlight.operators import compensation
-from counterlight.row_map import RowMap, unpack
+from counterlight.files import exr
+from counterlight.maps import room_maps as maps
+from counterlight.maps.room_maps import FarMaps, RoomMaps
+from counterlight.maps.row_map import RowMap, unpack
+from counterlight.pipeline.operators import compensation
 from counterlight.tools import build_correction_map
 from counterlight.tools.relighting.pictures import white_level
 from counterlight.tools.transport.transport import FarLight, Transport, channels

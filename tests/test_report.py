@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from counterlight import calibration, maps
+from counterlight import calibration
 from counterlight.calibration import Calibration, Device
-from counterlight.maps import RoomMaps
+from counterlight.maps import room_maps as maps
+from counterlight.maps.room_maps import RoomMaps
+from counterlight.maps.row_map import unpack
 from counterlight.response import Response
-from counterlight.row_map import unpack
 from counterlight.tools.report import report
 from counterlight.tools.report.charts import bins_of
 from counterlight.tools.report.impossible import REASONS, find_impossible

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from counterlight.errors import InputError
-from counterlight.reference import encode
+from counterlight.pipeline.reference import encode
 from counterlight.response import parse_response, transfer_table
 
 

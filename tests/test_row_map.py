@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from counterlight import exr, row_map
 from counterlight.errors import InputError
-from counterlight.row_map import MAX_FLOAT_INDEX, RowMap, SparseRows, pack, unpack
-from counterlight.tables import Table
+from counterlight.files import exr
+from counterlight.files.tables import Table
+from counterlight.maps import row_map
+from counterlight.maps.row_map import MAX_FLOAT_INDEX, RowMap, SparseRows, pack, unpack
 
 
 def promised(sizes: dict[str, object]) -> Table:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterlight.medium import Medium
+from counterlight.media.medium import Medium
 from counterlight.show.registry import CommandError
 from tests.stage import Reader, Stage
 

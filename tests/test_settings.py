@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from counterlight.adjustments import Adjustments
 from counterlight.errors import InputError
-from counterlight.medium import Border, Medium
+from counterlight.media.medium import Border, Medium
+from counterlight.pipeline.adjustments import Adjustments
 from counterlight.show.options import adjustments_of, image_display_duration, monitors_of, read_options
 from counterlight.show.playlist import Playlist, expand
 from counterlight.show.settings import default_path

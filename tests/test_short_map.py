@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from counterlight.maps import RoomMaps
-from counterlight.row_map import RowMap, SparseRows, pack, unpack
-from counterlight.short_map import half_scale, in_half, rounding_of, to_half
+from counterlight.maps.room_maps import RoomMaps
+from counterlight.maps.row_map import RowMap, SparseRows, pack, unpack
+from counterlight.maps.short_map import half_scale, in_half, rounding_of, to_half
 from tests.packing import pack_matrices
 from tests.rooms import CAMERA, random_room
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from counterlight.row_map import RowMap, SparseRows, pack, unpack
-from counterlight.short_map import half_scale, in_half
-from counterlight.sliced_map import GROUP, NO_PIXEL, SHORT_SPAN, Part, lanes_of, parts, row_order, spans_fit
+from counterlight.maps.row_map import RowMap, SparseRows, pack, unpack
+from counterlight.maps.short_map import half_scale, in_half
+from counterlight.maps.sliced_map import GROUP, NO_PIXEL, SHORT_SPAN, Part, lanes_of, parts, row_order, spans_fit
 from tests.rooms import random_map
 
 OUTPUT, SOURCE = (19, 23), (31, 40)

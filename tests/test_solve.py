@@ -11,8 +11,9 @@ from scipy import sparse
 from scipy.optimize import lsq_linear, nnls
 from skimage.color import deltaE_ciede2000, rgb2lab
 
-from counterlight import calibration, exr
+from counterlight import calibration
 from counterlight.calibration import Calibration, Device, StoredCalibration
+from counterlight.files import exr
 from counterlight.response import Response
 from counterlight.tools import build_correction_map
 from counterlight.tools.clusters.finite import NonFiniteError

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterlight.files import describe_files
-from counterlight.room import Room
+from counterlight.files.manifest import describe_files
+from counterlight.pipeline.room import Room
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.presets import PRESETS
 from counterlight.tools.solve.compensate import CompensateOptions, CompensationTask

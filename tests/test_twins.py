@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterlight import cpu_renderer, reference
-from counterlight.adjustments import Adjustments
-from counterlight.cpu_renderer import CpuRenderer
-from counterlight.views import VIEWS
+from counterlight.pipeline import cpu_renderer, reference
+from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.cpu_renderer import CpuRenderer
+from counterlight.pipeline.views import VIEWS
 from tests.refined_rooms import physical_room
 from tests.rooms import yuv_frame
 
@@ -45,7 +45,7 @@ def test_the_renderer_without_opengl_runs_every_twin(rng: np.random.Generator, m
 
         return run
 
-    twins = {twin for twin, file in named().values() if file == "player/reference.py"}
+    twins = {twin for twin, file in named().values() if file == "player/pipeline/reference.py"}
     for name in twins - {"PreparedRows"}:
         original = getattr(reference, name)
         monkeypatch.setattr(reference, name, watched(name, original))

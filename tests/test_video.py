@@ -1,4 +1,4 @@
-"""player/video.py and its decoder process: known pictures through the whole pipe, in order and in time."""
+"""player/media/video.py and its decoder process: known pictures through the whole pipe, in order and in time."""
 
 import time
 from pathlib import Path
@@ -7,7 +7,7 @@ import av
 import numpy as np
 import pytest
 
-from counterlight.video import MediaReader
+from counterlight.media.video import MediaReader
 from tests.media import (
     RATE,
     SHARED,

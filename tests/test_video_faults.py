@@ -1,4 +1,4 @@
-"""What happens when media break or are none, and when their decoder dies: player/video.py says so and goes on."""
+"""What happens when media break or are none, and when their decoder dies: player/media/video.py says so and goes on."""
 
 import os
 import re
@@ -14,9 +14,9 @@ import av
 import numpy as np
 import pytest
 
-from counterlight.decoding.child import MAX_ADDRESS_SPACE
 from counterlight.errors import InputError
-from counterlight.video import MediaReader
+from counterlight.media.decoding.child import MAX_ADDRESS_SPACE
+from counterlight.media.video import MediaReader
 from tests.media import (
     RATE,
     SHARED,
@@ -180,7 +180,7 @@ def test_decoder_ends_with_its_parent(tmp_path: Path) -> None:
     path = write_h264(tmp_path / "clip.mp4", 40)
     code = f"""
 import os
-from counterlight.video import MediaReader
+from counterlight.media.video import MediaReader
 reader = MediaReader.open({str(path)!r}, loop=True)
 print(reader.decoder_pid, flush=True)
 os._exit(0)

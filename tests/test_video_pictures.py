@@ -1,4 +1,4 @@
-"""Pictures and numbered sequences through player/video.py: JPEG, PNG and OpenEXR, exact."""
+"""Pictures and numbered sequences through player/media/video.py: JPEG, PNG and OpenEXR, exact."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,9 +9,9 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from counterlight import exr
 from counterlight.errors import InputError
-from counterlight.video import MediaReader
+from counterlight.files import exr
+from counterlight.media.video import MediaReader
 from tests.media import assert_equal, copies, next_frame, read, write_jpeg, write_picture
 
 pytestmark = pytest.mark.usefixtures("nothing_is_left")

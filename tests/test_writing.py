@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterlight import calibration, maps
+from counterlight import calibration
 from counterlight.errors import InputError
+from counterlight.maps import room_maps as maps
 from counterlight.writing.stage import SUFFIX, finish
 from tests import written
 from tests.faults import KILL, REFUSE, Fault, Runner

@@ -9,8 +9,8 @@ import numpy as np
 from scipy import sparse
 
 from counterlight import calibration
-from counterlight.picture_files import read_picture
-from counterlight.reading import read_toml
+from counterlight.files.picture_files import read_picture
+from counterlight.files.reading import read_toml
 from counterlight.tools import build_correction_map
 from tests.brackets import CURVES, random_scene, write_bracket
 from tests.programs import CLIP, ROOT

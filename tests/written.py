@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 from scipy import sparse
 
-from counterlight import calibration, maps
+from counterlight import calibration
 from counterlight.calibration import Calibration, Device
-from counterlight.decoding.media import _sequence
 from counterlight.errors import InputError
-from counterlight.maps import RoomMaps, read_maps, write_maps
-from counterlight.picture_files import read_picture
-from counterlight.png import write_png
+from counterlight.files.picture_files import read_picture
+from counterlight.files.png import write_png
+from counterlight.maps import room_maps as maps
+from counterlight.maps.room_maps import RoomMaps, read_maps, write_maps
+from counterlight.media.decoding.media import _sequence
 from counterlight.response import Response
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport, channels

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from counterlight import calibration as calibrations
-from counterlight import maps as correction
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration, Device
-from counterlight.content import reachable_white
 from counterlight.errors import InputError, nearest
-from counterlight.maps import RoomMaps
-from counterlight.refinement import Certificate, default_start
+from counterlight.maps import room_maps as correction
+from counterlight.maps.room_maps import RoomMaps
+from counterlight.pipeline.content import reachable_white
+from counterlight.pipeline.refinement import Certificate, default_start
 from counterlight.response import Response, parse_response
 from counterlight.tools.acquisition.matrices_room import keep_light
 from counterlight.tools.choices import PRESETS
@@ -219,8 +219,8 @@ class Renderer:
     """
 
     def __init__(self, room: Room, maps: RoomMaps, *, backend: str = "gl", white: float | None = None) -> None:
-        from counterlight.headless import headless_renderer
-        from counterlight.room import Room as Rendered
+        from counterlight.pipeline.room import Room as Rendered
+        from counterlight.show.headless import headless_renderer
 
         self._white = room.white if white is None else white
         self._room = Rendered(room.calibration, maps, self._white, start=default_start(maps.correction_in_steps))

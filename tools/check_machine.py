@@ -216,7 +216,7 @@ def check_openexr() -> list[Finding]:
     try:
         import numpy as np
 
-        from counterlight.exr import read_channels, write_channels
+        from counterlight.files.exr import read_channels, write_channels
 
         written = np.linspace(-1, 1e4, 35, dtype=np.float32).reshape(5, 7)
         with tempfile.TemporaryDirectory() as folder:

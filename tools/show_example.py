@@ -9,15 +9,15 @@ import numpy as np
 
 from counterlight import app, calibration
 from counterlight.command import Parser, run
-from counterlight.content import camera_psnr
 from counterlight.errors import InputError
-from counterlight.headless import FRAME_TIMEOUT_S, headless_renderer
-from counterlight.output import write_picture
-from counterlight.png import write_png
-from counterlight.room import Room, read_room
+from counterlight.files.png import write_png
+from counterlight.media.video import MediaReader
+from counterlight.pipeline.content import camera_psnr
+from counterlight.pipeline.room import Room, read_room
+from counterlight.show.headless import FRAME_TIMEOUT_S, headless_renderer
+from counterlight.show.output import write_picture
 from counterlight.tools import build_correction_map, simulate_transport
 from counterlight.tools.shipped import CLIP, parse_scene
-from counterlight.video import MediaReader
 from counterlight.writing.replacing import replacing_file
 
 SHOWN_AT_S = 2.0

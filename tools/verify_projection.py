@@ -80,7 +80,7 @@ def _refuse_existing(folder: Path) -> None:
 
 
 def _write(stage: Path, task: "Verification", best: "Verified") -> None:
-    from counterlight.png import write_png
+    from counterlight.files.png import write_png
     from counterlight.tools.relighting.pictures import write_view
 
     write_png(stage / "projected.png", best.codes)

@@ -8,15 +8,15 @@ from collections.abc import Mapping
 import moderngl
 import numpy as np
 
-from counterlight.content import OFFSETS, SCALES, TILES, Succession, approach, tile_grid
-from counterlight.device import NearLight, Owner
 from counterlight.gl.passes import Pass, Uniform, float_texture, picture_texture, table_texture
+from counterlight.pipeline.content import OFFSETS, SCALES, TILES, Succession, approach, tile_grid
+from counterlight.pipeline.device import NearLight, Owner
 
 PERCENT = 0.01
 
 
 class Adapter:
-    """(s, o) of a frame (player/content.py), in the only texel of a texture.
+    """(s, o) of a frame (player/pipeline/content.py), in the only texel of a texture.
 
     near_light : u -> u − F u.  ambient, most : radiance, of the camera's size; see shaders/clip_sums.frag.
     """

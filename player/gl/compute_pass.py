@@ -3,12 +3,12 @@
 import moderngl
 import numpy as np
 
-from counterlight.device import LONG_BYTES, Owner
 from counterlight.errors import InputError
 from counterlight.gl.passes import float_texture
 from counterlight.gl.shaders import build_compute_program
-from counterlight.row_map import RowMap
-from counterlight.sliced_map import GROUP, Part, lanes_of, parts
+from counterlight.maps.row_map import RowMap
+from counterlight.maps.sliced_map import GROUP, Part, lanes_of, parts
+from counterlight.pipeline.device import LONG_BYTES, Owner
 
 VERSION = 430
 PART_ENTRIES = 1 << 23  # of a buffer, though drivers would take larger ones: the player arranges a part at a time
@@ -22,7 +22,7 @@ def supports_compute(context: moderngl.Context) -> bool:
 class MapBuffers:
     """The buffers of one row map; several passes may read them.
 
-    scale : makes entries of 8 bytes, halves multiplied by it (player/short_map.py).
+    scale : makes entries of 8 bytes, halves multiplied by it (player/maps/short_map.py).
     """
 
     def __init__(self, context: moderngl.Context, packed: RowMap, scale: np.float32 | None = None) -> None:

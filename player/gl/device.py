@@ -1,4 +1,4 @@
-"""OpenGL as a device of the pipeline; see counterlight.device."""
+"""OpenGL as a device of the pipeline; see counterlight.pipeline.device."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,15 +7,15 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.device import NearLight, Owner
-from counterlight.frames import PixelFormat
 from counterlight.gl.adaptation import Adapter
 from counterlight.gl.passes import Pass, ScreenPass, float_texture, integer_texture, picture_texture, table_texture
 from counterlight.gl.paths import GlMaps, store_maps
 from counterlight.gl.planes import Planes
-from counterlight.refinement import OVER_RELAXATION, momentum
+from counterlight.media.frames import PixelFormat
+from counterlight.pipeline.device import NearLight, Owner
+from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
+from counterlight.pipeline.room import Room
 from counterlight.response import Response
-from counterlight.room import Room
 
 BLOCK = 16
 

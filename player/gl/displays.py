@@ -13,7 +13,7 @@ from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.gl.monitors import Monitor, find_monitor, list_monitors
 from counterlight.gl.window import REDRAW, Window, wait_for_events
-from counterlight.show.osd import Page
+from counterlight.overlay.osd import Page
 
 
 class Displays:

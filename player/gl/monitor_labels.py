@@ -9,7 +9,7 @@ import moderngl
 
 from counterlight.gl.monitors import Monitor
 from counterlight.gl.passes import ScreenPass, Uniform
-from counterlight.show.osd import Page, draw
+from counterlight.overlay.osd import Page, draw
 
 LETTERS = (2160, 3840)  # as if the window were this large (height, width): the text is read across a room
 HINTS = {

@@ -9,15 +9,15 @@ from collections.abc import Iterable
 import moderngl
 import numpy as np
 
-from counterlight.device import LONG_BYTES, SHORT_BYTES, Operation, Owner, PathReport, StoredMap
 from counterlight.errors import InputError
 from counterlight.gl.compute_pass import MapBuffers, supports_compute
 from counterlight.gl.passes import float_texture
 from counterlight.gl.row_map_pass import MapTextures
-from counterlight.room import Room
-from counterlight.row_map import RowMap
-from counterlight.short_map import rounding_of
-from counterlight.sliced_map import spans_fit
+from counterlight.maps.row_map import RowMap
+from counterlight.maps.short_map import rounding_of
+from counterlight.maps.sliced_map import spans_fit
+from counterlight.pipeline.device import LONG_BYTES, SHORT_BYTES, Operation, Owner, PathReport, StoredMap
+from counterlight.pipeline.room import Room
 
 WARM_UP, FRAMES = 1, 5
 
@@ -25,7 +25,7 @@ WARM_UP, FRAMES = 1, 5
 class GlMaps:
     """Puts a room's maps on the GPU for one of the paths, each when first asked for, and holds them.
 
-    scale : of 16-bit weights for the correction map, None for 32-bit ones (player/short_map.py).
+    scale : of 16-bit weights for the correction map, None for 32-bit ones (player/maps/short_map.py).
     """
 
     def __init__(self, context: moderngl.Context, room: Room, path: str, scale: np.float32 | None = None) -> None:

@@ -7,13 +7,13 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
-from counterlight.colour import decoding_of
-from counterlight.device import Owner
 from counterlight.gl.passes import Pass, Uniform, float_texture, plane_texture, table_texture
-from counterlight.placement import shown_shape
+from counterlight.media.video import PixelFormat
+from counterlight.pipeline.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
+from counterlight.pipeline.colour import decoding_of
+from counterlight.pipeline.device import Owner
+from counterlight.pipeline.placement import shown_shape
 from counterlight.response import transfer_table
-from counterlight.video import PixelFormat
 
 LAYOUTS = {"yuv": "LAYOUT_YUV", "rgb": "LAYOUT_RGB", "radiance": "LAYOUT_RADIANCE"}
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from counterlight.calibration import Region
 from counterlight.gl.passes import ScreenPass
-from counterlight.show.osd import Page, draw, scale_for
-from counterlight.show.outline import Points, draw_outline
+from counterlight.overlay.osd import Page, draw, scale_for
+from counterlight.overlay.outline import Points, draw_outline
 
 Box: TypeAlias = tuple[int, int, int, int]  # left, top, width, height
 

@@ -3,8 +3,8 @@
 import moderngl
 
 from counterlight.gl.device import GlDevice
-from counterlight.renderer import Renderer
-from counterlight.room import Room
+from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.room import Room
 
 
 class GlRenderer(Renderer):

@@ -3,7 +3,7 @@
 import moderngl
 
 from counterlight.gl.passes import Pass, float_texture, integer_texture
-from counterlight.row_map import RowMap
+from counterlight.maps.row_map import RowMap
 
 
 class MapTextures:

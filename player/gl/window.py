@@ -20,7 +20,7 @@ from counterlight.gl.monitors import (
     start_glfw,
 )
 from counterlight.gl.presenter import Presenter
-from counterlight.show.osd import Page
+from counterlight.overlay.osd import Page
 
 REDRAW = "redraw"  # not a key: the window was resized or uncovered
 CURSOR_S = 1.0  # how long a cursor that rests is seen in a window; full screen it never is

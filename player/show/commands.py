@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from counterlight.command import tell
-from counterlight.kinds import Anything, Choice, Number
-from counterlight.output import write_picture
-from counterlight.parameters import FLAG, PARAMETERS
+from counterlight.pipeline.kinds import Anything, Choice, Number
+from counterlight.pipeline.parameters import FLAG, PARAMETERS
+from counterlight.show.output import write_picture
 from counterlight.show.placing import Placing
 from counterlight.show.playback import Playback
 from counterlight.show.registry import Command, CommandError, Commands, Property
@@ -274,7 +274,7 @@ def _point(now: Callable[[], Playback], name: str, text: str) -> Property:
 
 
 def _adjustments(session: Session) -> dict[str, Property]:
-    """Of counterlight.adjustments.Adjustments."""
+    """Of counterlight.pipeline.adjustments.Adjustments."""
 
     def field(name: str) -> Property:
         attribute = name.replace("-", "_")

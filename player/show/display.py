@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from counterlight.show.osd import Page
+from counterlight.overlay.osd import Page
 
 
 class Display(Protocol):

@@ -1,8 +1,8 @@
 """The media of a show: found within a border, opened by processes of their own."""
 
-from counterlight.medium import Border, Medium
+from counterlight.media.medium import Border, Medium
+from counterlight.media.video import MediaReader
 from counterlight.show.playlist import is_list, read_list
-from counterlight.video import MediaReader
 
 
 class Media:

@@ -7,27 +7,27 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from counterlight.adjustments import Adjustments
 from counterlight.calibration import RADIANCE
 from counterlight.command import Parser
-from counterlight.device import PATHS
 from counterlight.errors import InputError
-from counterlight.kinds import Choice, Flag, Kind, Number, UnreadError
-from counterlight.medium import Border, Medium
-from counterlight.parameters import LISTED_IMAGE_S, PARAMETERS
-from counterlight.refinement import STARTS
-from counterlight.room import DITHERS
+from counterlight.media.medium import Border, Medium
+from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.device import PATHS
+from counterlight.pipeline.kinds import Choice, Flag, Kind, Number, UnreadError
+from counterlight.pipeline.parameters import LISTED_IMAGE_S, PARAMETERS
+from counterlight.pipeline.refinement import STARTS
+from counterlight.pipeline.room import DITHERS
+from counterlight.pipeline.test_cards import CARDS
 from counterlight.show.keys import KEYS
 from counterlight.show.playlist import expand
 from counterlight.show.settings import Several, apply_settings, default_path
-from counterlight.test_cards import CARDS
 from counterlight.unattended.supervisor import SAFE
 
 
 def read_options(argv: Sequence[str] | None, description: str) -> argparse.Namespace:
     """Options over settings over defaults.
 
-    keys : the settings' key bindings.  media : player/medium.py, `lists` expanded.  border : what others may name.
+    keys : the settings' key bindings.  media : media/medium.py, `lists` expanded.  border : what others may name.
     lasting : whether nobody is there to start the show again.
     """
     parser = _parser(description)

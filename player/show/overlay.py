@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
+from counterlight.overlay.osd import MESSAGE_SIZE, Page
+from counterlight.overlay.outline import Outline, moved, outline_of
 from counterlight.show.keys import Keys
-from counterlight.show.osd import MESSAGE_SIZE, Page
-from counterlight.show.outline import Outline, moved, outline_of
 from counterlight.show.session import Session
 from counterlight.show.stats_page import stats_page
 

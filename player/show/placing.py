@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from counterlight.placement import Corners, check_corners
+from counterlight.pipeline.placement import Corners, check_corners
 
 CORNER_NAMES = ("upper left", "upper right", "lower right", "lower left")
 

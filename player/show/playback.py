@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 
-from counterlight.audio import Track
-from counterlight.frames import Frame
-from counterlight.video import MediaReader
+from counterlight.media.audio import Track
+from counterlight.media.frames import Frame
+from counterlight.media.video import MediaReader
 
 MORE_THAN_ROUNDING_S = 1e-3
 TOLERATED_S = 0.02  # frames may be that late whatever their rate

@@ -11,11 +11,11 @@ from functools import partial
 from typing import NamedTuple
 
 from counterlight.errors import InputError
-from counterlight.medium import Medium
+from counterlight.media.medium import Medium
+from counterlight.media.video import MediaReader
 from counterlight.show.lookup import LookUp
 from counterlight.show.media import Media
 from counterlight.show.playlist import Playlist, is_list
-from counterlight.video import MediaReader
 
 LOOK_S = 0.1  # how long a command waits for the disk; what is not known by then shows when the medium is opened
 LIST_S = 10.0  # how long a list may take to be read

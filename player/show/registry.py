@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from counterlight.errors import InputError, nearest
-from counterlight.kinds import ANYTHING, Kind, Number, UnreadError
+from counterlight.pipeline.kinds import ANYTHING, Kind, Number, UnreadError
 
 
 class CommandError(ValueError):

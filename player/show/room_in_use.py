@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 
 from counterlight.calibration import Region
-from counterlight.content import psnr
 from counterlight.errors import InputError
-from counterlight.frames import PixelFormat
-from counterlight.placement import Corners, corners_of, place, write_placement
-from counterlight.refinement import Certificate
-from counterlight.renderer import Renderer
-from counterlight.room import Room
-from counterlight.show.outline import Points, lit_by
+from counterlight.media.frames import PixelFormat
+from counterlight.overlay.outline import Points, lit_by
+from counterlight.pipeline.content import psnr
+from counterlight.pipeline.placement import Corners, corners_of, place, write_placement
+from counterlight.pipeline.refinement import Certificate
+from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.room import Room
 
 
 class RoomInUse:

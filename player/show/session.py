@@ -10,24 +10,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from counterlight.adjustments import NEUTRAL, Adjustments
-from counterlight.audio import AudioOutput, Track
 from counterlight.command import tell
 from counterlight.errors import InputError, printable
-from counterlight.frames import Frame, MediaInfo, PixelFormat
-from counterlight.medium import Medium
-from counterlight.refinement import Certificate, StepBudget
-from counterlight.renderer import Renderer
+from counterlight.media.audio import AudioOutput, Track
+from counterlight.media.frames import Frame, MediaInfo, PixelFormat
+from counterlight.media.medium import Medium
+from counterlight.overlay.osd import Message, Page
+from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
+from counterlight.pipeline.refinement import Certificate, StepBudget
+from counterlight.pipeline.renderer import Renderer
 from counterlight.show.display import Display
 from counterlight.show.media import Media
 from counterlight.show.memory import give_back
-from counterlight.show.osd import Message, Page
 from counterlight.show.placing import Placing
 from counterlight.show.playback import Playback
 from counterlight.show.playlist import Playlist
 from counterlight.show.programme import Opening, Programme
 from counterlight.show.room_in_use import RoomInUse
-from counterlight.stats import Stats
+from counterlight.show.stats import Stats
 
 CERTIFICATE_INTERVAL_S = 0.5
 LONGEST_WAIT_S = 0.05  # between looks at the decoder and the remotes; keys wake the window at once

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from counterlight.errors import InputError, nearest, shown
-from counterlight.reading import read_toml
+from counterlight.files.reading import read_toml
+from counterlight.files.tables import LONGEST_TEXT
 from counterlight.show.keys import check_bindings
 from counterlight.show.registry import CommandError
-from counterlight.tables import LONGEST_TEXT
 
 NOT_SETTINGS = ("help", "config", "list-monitors", "output", "supervised")
 KEYS_TABLE = "keys"

@@ -3,13 +3,13 @@
 from collections.abc import Mapping, Sequence
 
 from counterlight.show.commands import commands_of
+from counterlight.show.control import ControlServer
 from counterlight.show.keys import Keys
 from counterlight.show.memory import short_collections
 from counterlight.show.overlay import Overlay
 from counterlight.show.session import Session
+from counterlight.show.stats import Stats
 from counterlight.show.stats_page import facts
-from counterlight.stats import Stats
-from counterlight.unattended.control import ControlServer
 from counterlight.unattended.heartbeat import Heartbeat
 
 REDRAW = "redraw"  # not a key: the window was resized or uncovered

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-from counterlight.show.osd import Histogram, Page
+from counterlight.overlay.osd import Histogram, Page
 from counterlight.show.session import Session
-from counterlight.stats import LATE_LABELS
+from counterlight.show.stats import LATE_LABELS
 
 STAGES = ("decode", "upload", "gpu", "present")
 

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from counterlight import calibration
-from counterlight.adjustments import Adjustments
-from counterlight.cpu_renderer import CpuRenderer
 from counterlight.errors import InputError
-from counterlight.maps import FOLDER
-from counterlight.placement import read_placement, write_placement
-from counterlight.room import read_room
+from counterlight.maps.room_maps import FOLDER
+from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.cpu_renderer import CpuRenderer
+from counterlight.pipeline.placement import read_placement, write_placement
+from counterlight.pipeline.room import read_room
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.room import build_room_maps
 from tests.fuzz.tally import LEFT, READ, REFUSED, WRONG, Trial

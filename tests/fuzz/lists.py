@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from counterlight.medium import Medium
+from counterlight.media.medium import Medium
 from counterlight.show.playlist import is_list
 from counterlight.tools import build_correction_map
 from tests import screens

@@ -12,12 +12,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from counterlight import app, exr
-from counterlight.decoding.ffmpeg_log import log_natively
+from counterlight import app
 from counterlight.errors import InputError
-from counterlight.frames import MediaInfo
+from counterlight.files import exr
+from counterlight.media.decoding.ffmpeg_log import log_natively
+from counterlight.media.frames import MediaInfo
+from counterlight.media.video import Frame, MediaReader
 from counterlight.tools import build_correction_map
-from counterlight.video import Frame, MediaReader
 from tests.fuzz.tally import CRASHED, LEFT, READ, REFUSED, WRONG, Trial
 from tests.fuzz.warden import Case, FileCampaign, resident_bytes
 from tests.media import numbered, write_video

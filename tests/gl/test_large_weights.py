@@ -6,7 +6,7 @@ import pytest
 
 from counterlight.gl.passes import float_texture
 from counterlight.gl.row_map_pass import MapTextures, RowMapPass
-from counterlight.row_map import SparseRows, pack
+from counterlight.maps.row_map import SparseRows, pack
 
 OUTPUT, SOURCE = (6, 9), (15, 20)
 UNIT_ROUNDOFF = 2.0**-24

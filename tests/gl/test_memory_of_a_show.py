@@ -10,11 +10,11 @@ import moderngl
 import numpy as np
 import pytest
 
-from counterlight.adjustments import Adjustments
 from counterlight.gl.renderer import GlRenderer
-from counterlight.refinement import STARTS
+from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.refinement import STARTS
+from counterlight.pipeline.views import VIEWS
 from counterlight.unattended.heartbeat import rss_bytes
-from counterlight.views import VIEWS
 from tests.media import numbered, write_video
 from tests.programs import descendants, wait_until
 from tests.refined_rooms import physical_room

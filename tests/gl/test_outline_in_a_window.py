@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from counterlight.show.outline import SELECTED
+from counterlight.overlay.outline import SELECTED
 from tests.desktop import expected_picture, screen
 from tests.joint_rooms import SIDE_BY_SIDE
 from tests.programs import PATIENCE_S, wait_until

@@ -8,19 +8,20 @@ import moderngl
 import numpy as np
 import pytest
 
-from counterlight import app, exr
-from counterlight.device import Owner, StoredMap
+from counterlight import app
 from counterlight.errors import InputError
+from counterlight.files import exr
 from counterlight.gl import compute_pass, paths
 from counterlight.gl.compute_pass import MapBuffers, supports_compute
 from counterlight.gl.passes import picture_texture
 from counterlight.gl.paths import short_scale, store_maps
 from counterlight.gl.row_map_pass import MapTextures
-from counterlight.reference import PreparedRows
-from counterlight.refinement import STARTS
-from counterlight.room import Room
-from counterlight.row_map import RowMap, SparseRows, pack
-from counterlight.short_map import half_scale, in_half, rounding_of
+from counterlight.maps.row_map import RowMap, SparseRows, pack
+from counterlight.maps.short_map import half_scale, in_half, rounding_of
+from counterlight.pipeline.device import Owner, StoredMap
+from counterlight.pipeline.reference import PreparedRows
+from counterlight.pipeline.refinement import STARTS
+from counterlight.pipeline.room import Room
 from counterlight.tools import build_correction_map
 from counterlight.tools.inverse.inverse import InverseOptions
 from tests.refined_rooms import physical_room

@@ -6,11 +6,6 @@ import moderngl
 import numpy as np
 import pytest
 
-from counterlight import reference
-from counterlight.adjustments import NEUTRAL, Adjustments
-from counterlight.colour import decoding_of
-from counterlight.content import approach
-from counterlight.fitting import Fitter
 from counterlight.gl import shaders
 from counterlight.gl.adaptation import Adapter
 from counterlight.gl.device import GlDevice
@@ -18,9 +13,14 @@ from counterlight.gl.passes import Pass, float_texture, picture_texture, table_t
 from counterlight.gl.planes import Planes
 from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.row_map_pass import MapTextures, RowMapPass
-from counterlight.test_cards import CARDS, card
-from counterlight.video import Frame
-from counterlight.views import VIEWS
+from counterlight.media.video import Frame
+from counterlight.pipeline import reference
+from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
+from counterlight.pipeline.colour import decoding_of
+from counterlight.pipeline.content import approach
+from counterlight.pipeline.fitting import Fitter
+from counterlight.pipeline.test_cards import CARDS, card
+from counterlight.pipeline.views import VIEWS
 from tests.refined_rooms import physical_room
 from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_room, rgb_frame, yuv_frame
@@ -159,7 +159,7 @@ def test_the_adaptation_of_a_large_view_equals_its_twin(gl_context: moderngl.Con
 def test_a_neutral_picture_is_bit_for_bit_what_the_bare_passes_give(
     gl_context: moderngl.Context, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The pipeline written out without anything of player/adjustments.py, its shader without brightness."""
+    """The pipeline written out without anything of player/pipeline/adjustments.py, its shader without brightness."""
     room, frame = random_room(rng, far=False, dither="noise"), yuv_frame(rng, (9, 15))
     with both(gl_context, room, frame) as (gl, _):
         gl.adjust(

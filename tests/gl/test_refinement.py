@@ -6,10 +6,10 @@ import moderngl
 import numpy as np
 import pytest
 
-from counterlight import reference
 from counterlight.gl.passes import Pass, ScreenPass, float_texture, integer_texture, picture_texture
-from counterlight.refinement import STARTS
-from counterlight.video import Frame
+from counterlight.media.video import Frame
+from counterlight.pipeline import reference
+from counterlight.pipeline.refinement import STARTS
 from tests.refined_rooms import physical_room
 from tests.renderers import both, read
 from tests.rooms import CAMERA, radiance_frame, random_room, rgb_frame

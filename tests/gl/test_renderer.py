@@ -6,16 +6,16 @@ import moderngl
 import numpy as np
 import pytest
 
-from counterlight import reference
-from counterlight.cpu_renderer import CpuRenderer
 from counterlight.errors import InputError
 from counterlight.gl.passes import Pass, float_texture, table_texture
 from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.row_map_pass import MapTextures, RowMapPass
 from counterlight.gl.shaders import ShaderError, build_program
-from counterlight.reference import PreparedRows
+from counterlight.maps.row_map import RowMap, SparseRows, pack
+from counterlight.pipeline import reference
+from counterlight.pipeline.cpu_renderer import CpuRenderer
+from counterlight.pipeline.reference import PreparedRows
 from counterlight.response import parse_response
-from counterlight.row_map import RowMap, SparseRows, pack
 from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_map, random_room, rgb_frame, yuv_frame
 

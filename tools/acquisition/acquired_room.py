@@ -9,7 +9,7 @@ import numpy as np
 from counterlight import calibration
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
-from counterlight.files import sha256_of
+from counterlight.files.manifest import sha256_of
 from counterlight.tools.acquisition.acquire import Acquisition, acquire
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Camera
 from counterlight.tools.acquisition.cameras.folder import FolderCamera

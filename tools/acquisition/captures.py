@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from counterlight.errors import InputError
-from counterlight.picture_files import SUFFIXES
+from counterlight.files.picture_files import SUFFIXES
 
 _NAMED = re.compile(r"(?:.*_)?(?P<axis>[xy])_bit(?P<bit>\d{1,2})_(?P<sign>pos|inv)", re.IGNORECASE)
 

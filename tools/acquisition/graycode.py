@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from counterlight.command import track
 from counterlight.errors import InputError
-from counterlight.picture_files import read_picture
+from counterlight.files.picture_files import read_picture
 from counterlight.response import Response
 from counterlight.tools.acquisition.captures import Captures, Pair
 

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight import calibration, exr
+from counterlight import calibration
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
+from counterlight.files import exr
 from counterlight.tools.transport.arrays import opened_array
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.storage import read_matrix, write_transport

@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from counterlight.calibration import TOML
 from counterlight.errors import InputError, shown
-from counterlight.files import sha256_of, write_toml
-from counterlight.picture_files import read_picture
-from counterlight.png import encode_png
-from counterlight.reading import read_toml
-from counterlight.tables import Table
+from counterlight.files.manifest import sha256_of, write_toml
+from counterlight.files.picture_files import read_picture
+from counterlight.files.png import encode_png
+from counterlight.files.reading import read_toml
+from counterlight.files.tables import Table
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.writing.outputs import check_folder, is_vacant
 from counterlight.writing.replacing import filling_folder, holding, replacing_file

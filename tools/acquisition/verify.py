@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from counterlight import reference
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration, StoredCalibration
-from counterlight.content import camera_psnr, reachable_white
 from counterlight.errors import InputError
-from counterlight.maps import read_maps
-from counterlight.operators import compensation
+from counterlight.maps.room_maps import read_maps
+from counterlight.pipeline import reference
+from counterlight.pipeline.content import camera_psnr, reachable_white
+from counterlight.pipeline.operators import compensation
 from counterlight.tools.acquisition.cameras.live import Codes, LiveCamera
 from counterlight.tools.acquisition.movement import refuse_moved
 from counterlight.tools.acquisition.plan import measure_noise

@@ -8,7 +8,7 @@ from scipy import sparse
 
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.errors import InputError
-from counterlight.row_map import SparseRows
+from counterlight.maps.row_map import SparseRows
 from counterlight.tools.transport.transport import CHANNELS, Csr, luminance
 
 

@@ -26,7 +26,7 @@ import numpy as np
 
 from counterlight.arrays import BoolArray, IntArray
 from counterlight.errors import InputError
-from counterlight.row_map import SparseRows
+from counterlight.maps.row_map import SparseRows
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.clusters.connections import Connections, connections_of
 from counterlight.tools.clusters.energy import fit_composition

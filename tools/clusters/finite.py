@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.errors import InputError
-from counterlight.row_map import SparseRows
+from counterlight.maps.row_map import SparseRows
 from counterlight.tools.clusters.components import Clusters, find_clusters
 from counterlight.tools.transport.transport import luminance_matrix
 

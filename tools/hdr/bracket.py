@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
-from counterlight.picture_files import read_picture
+from counterlight.files.picture_files import read_picture
 from counterlight.tools.hdr.exif import exposure_times
 
 CANDIDATES = 1 << 15  # pixels looked at for a recovery, on a regular grid

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
 from counterlight.errors import InputError
-from counterlight.reading import opened
+from counterlight.files.reading import opened
 
 GIVE_TIMES = "give --times, one for each picture, in seconds"
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError, shown
-from counterlight.exr import read_rgb
-from counterlight.picture_files import SUFFIXES, read_picture
-from counterlight.reading import read_bytes
+from counterlight.files.exr import read_rgb
+from counterlight.files.picture_files import SUFFIXES, read_picture
+from counterlight.files.reading import read_bytes
 from counterlight.response import Response
 from counterlight.tools.hdr.camera_response import exposure_table
 

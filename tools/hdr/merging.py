@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from counterlight.errors import InputError
-from counterlight.exr import write_rgb
+from counterlight.files.exr import write_rgb
 from counterlight.response import Response, named_response
 from counterlight.tools.hdr.bracket import Bracket, open_bracket
 from counterlight.tools.hdr.radiance import MergeOptions, RadianceMap, merge

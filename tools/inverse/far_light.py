@@ -13,7 +13,7 @@ from scipy import sparse
 
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
-from counterlight.row_map import SparseRows
+from counterlight.maps.row_map import SparseRows
 from counterlight.tools.transport.transport import Csr, FarLight, channels, stacked
 
 LARGEST = 1e30  # of a factor's entry: times light and summed up, it stays within float32

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Region
 from counterlight.errors import InputError
-from counterlight.row_map import SparseRows
+from counterlight.maps.row_map import SparseRows
 from counterlight.tools.choices import INVERSE_METHODS
 from counterlight.tools.clusters.components import Clusters, find_clusters
 from counterlight.tools.clusters.decomposition import Parameters, Report

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
-from counterlight.row_map import SparseRows
+from counterlight.maps.row_map import SparseRows
 from counterlight.tools.inverse.truncation import entries_to_keep
 
 FLOAT32_ROUNDING = 2.0**-24  # relative, of a weight

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from counterlight import maps
 from counterlight.calibration import Calibration, StoredCalibration
-from counterlight.content import reachable_white
-from counterlight.maps import FarMaps, RoomMaps
-from counterlight.row_map import RowMap, pack
+from counterlight.maps import room_maps as maps
+from counterlight.maps.room_maps import FarMaps, RoomMaps
+from counterlight.maps.row_map import RowMap, pack
+from counterlight.pipeline.content import reachable_white
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.packing.refinement_maps import pack_far, refinement_maps

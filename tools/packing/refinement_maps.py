@@ -1,12 +1,12 @@
-"""Packing of far light, and of what refinement needs beside T (player/refinement.py): Tᵀ, step sizes, a start."""
+"""Packing of far light, and of what refinement needs beside T (pipeline/refinement.py): Tᵀ, step sizes, a start."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration
-from counterlight.maps import FarMaps, RefinementMaps
-from counterlight.row_map import RowMap, SparseRows, pack
+from counterlight.maps.room_maps import FarMaps, RefinementMaps
+from counterlight.maps.row_map import RowMap, SparseRows, pack
 from counterlight.tools.transport.transport import FarLight, Transport, dense_rows, luminance
 
 FAINTEST = 1e-12  # of the largest: a projector pixel whose TᵀT·1 is below lights nothing, and its step would overflow

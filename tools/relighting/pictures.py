@@ -5,15 +5,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight import exr, reference
 from counterlight.arrays import FloatArray
-from counterlight.colour import decoding_of
 from counterlight.errors import InputError
-from counterlight.headless import FRAME_TIMEOUT_S
-from counterlight.placement import place
-from counterlight.png import write_png
+from counterlight.files import exr
+from counterlight.files.png import write_png
+from counterlight.media.video import Frame, MediaReader
+from counterlight.pipeline import reference
+from counterlight.pipeline.colour import decoding_of
+from counterlight.pipeline.placement import place
 from counterlight.response import Response, transfer_table
-from counterlight.video import Frame, MediaReader
+from counterlight.show.headless import FRAME_TIMEOUT_S
 
 SUFFIXES = (".png", ".exr")
 WHITE_PERCENTILE = 99.0

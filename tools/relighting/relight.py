@@ -17,8 +17,8 @@ from counterlight import calibration as calibrations
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.errors import InputError
-from counterlight.maps import read_maps
-from counterlight.operators import compensation
+from counterlight.maps.room_maps import read_maps
+from counterlight.pipeline.operators import compensation
 from counterlight.tools.relighting.pictures import SUFFIXES, read_placed, white_level, write_view
 from counterlight.tools.transport.storage import read_transport
 from counterlight.writing.outputs import check_file

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration
-from counterlight.content import psnr, reachable_white
+from counterlight.pipeline.content import psnr, reachable_white
 from counterlight.tools.acquisition.acquired_room import AcquisitionReport
 from counterlight.tools.acquisition.preflight import Finding
 from counterlight.tools.inverse.pictures import typical_pictures

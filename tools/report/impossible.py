@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight import views
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration
-from counterlight.maps import RoomMaps
-from counterlight.operators import chained, compensation
-from counterlight.reference import reach_of, shortfalls
+from counterlight.maps.room_maps import RoomMaps
+from counterlight.pipeline import views
+from counterlight.pipeline.operators import chained, compensation
+from counterlight.pipeline.reference import reach_of, shortfalls
+from counterlight.pipeline.views import MID_GREY
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.transport import Transport
-from counterlight.views import MID_GREY
 
 BLACK_SHARE = 0.1  # of white: brighter than this, black reads as dark grey
 CONFLICT_SHARE = 0.1  # of mid grey: a difference that is seen beside an even grey

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import IntArray
-from counterlight.row_map import RowMap
+from counterlight.maps.row_map import RowMap
 from counterlight.tools.transport.transport import Csr
 
 Picture = NDArray[np.uint8]

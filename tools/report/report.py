@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.errors import InputError
-from counterlight.operators import compensation
-from counterlight.png import write_png
+from counterlight.files.png import write_png
+from counterlight.pipeline.operators import compensation
 from counterlight.tools.inverse.room import BuiltRoom
 from counterlight.tools.relighting.pictures import encoded, white_level
 from counterlight.tools.report import layout, pictures, spectra

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
-from counterlight.row_map import SparseRows
+from counterlight.maps.row_map import SparseRows
 
 MAX_BYTES = 6 << 30
 BYTES_AN_ENTRY = 4 + 3 * 4

@@ -7,8 +7,8 @@ import numpy as np
 
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
-from counterlight.response import Response
-from counterlight.tables import Table, Vector
+from counterlight.files.tables import Table, Vector
+from counterlight.response import Response, read_response
 
 MAX_SIDE = 4096
 
@@ -126,7 +126,7 @@ def read_projector(table: Table) -> Projector:
         **_pose(table),
         brightness=table.number("brightness", 1.0, 1e-6, 1e6),
         black_level=table.number("black_level", 0.0, 0.0, 1.0),
-        response=table.response(),
+        response=read_response(table),
     )
     table.refuse_unknown()
     return projector
@@ -136,7 +136,7 @@ def read_camera(table: Table) -> Camera:
     bloom, sensor = table.table("bloom", optional=True), table.table("sensor", optional=True)
     camera = Camera(
         **_pose(table),
-        response=table.response(),
+        response=read_response(table),
         bloom_share=bloom.number("share", 0.0, 0.0, 0.9) if bloom.values else 0.0,
         bloom_radius=float(np.radians(bloom.number("radius_deg", None, 0.001, 30.0))) if bloom.values else 0.0,
         sensor=_sensor(sensor) if sensor.values else None,

@@ -9,9 +9,9 @@ import numpy as np
 from counterlight import memory
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
-from counterlight.picture_files import read_picture
+from counterlight.files.picture_files import read_picture
+from counterlight.files.tables import Table
 from counterlight.response import Response
-from counterlight.tables import Table
 
 PATTERNS = ("bricks", "stripes", "checker")
 MORTAR = 0.08  # of a brick's height

@@ -63,8 +63,8 @@ from pathlib import Path
 import numpy as np
 
 from counterlight.errors import InputError
-from counterlight.reading import read_toml
-from counterlight.tables import Table, Vector
+from counterlight.files.reading import read_toml
+from counterlight.files.tables import Table, Vector
 from counterlight.tools.simulation.devices import Camera, Projector, read_camera, read_projector
 from counterlight.tools.simulation.materials import read_material
 from counterlight.tools.simulation.shapes.read import read_shapes

@@ -11,8 +11,8 @@ import numpy as np
 
 from counterlight.arrays import FloatArray
 from counterlight.command import track
-from counterlight.products import LARGE, compiled
-from counterlight.refinement import Certificate
+from counterlight.maps.products import LARGE, compiled
+from counterlight.pipeline.refinement import Certificate
 from counterlight.tools.solve.solution import Solution
 from counterlight.tools.transport.transport import CHANNELS, Transport
 

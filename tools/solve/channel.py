@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
 from counterlight.arrays import FloatArray
-from counterlight.row_map import SparseRows
+from counterlight.maps.row_map import SparseRows
 from counterlight.tools.clusters.components import Clusters, find_clusters
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, channel, stacked
 

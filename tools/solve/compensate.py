@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
-from counterlight import exr, reference
 from counterlight.arrays import FloatArray
 from counterlight.calibration import RADIANCE, Calibration
-from counterlight.content import reachable_white
 from counterlight.errors import InputError
-from counterlight.maps import RoomMaps, read_maps
-from counterlight.operators import compensation
-from counterlight.png import write_png
+from counterlight.files import exr
+from counterlight.files.png import write_png
+from counterlight.maps.room_maps import RoomMaps, read_maps
+from counterlight.pipeline import reference
+from counterlight.pipeline.content import reachable_white
+from counterlight.pipeline.operators import compensation
 from counterlight.tools.choices import COMPENSATIONS
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.relighting.pictures import SUFFIXES, read_placed

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
 from counterlight.arrays import FloatArray
-from counterlight.content import psnr
+from counterlight.pipeline.content import psnr
 
 SSIM_WINDOW = 11  # pixels that σ = 1.5 reaches, cut at 3.5 σ
 

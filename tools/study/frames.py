@@ -8,12 +8,12 @@ from functools import cache, cached_property
 import numpy as np
 
 from counterlight.arrays import FloatArray
-from counterlight.frames import Frame, PixelFormat, PlaneShape
 from counterlight.gl.probe import probe_opengl
-from counterlight.headless import headless_renderer
-from counterlight.operators import Compensation, compensation
-from counterlight.renderer import Renderer
-from counterlight.room import Room
+from counterlight.media.frames import Frame, PixelFormat, PlaneShape
+from counterlight.pipeline.operators import Compensation, compensation
+from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.room import Room
+from counterlight.show.headless import headless_renderer
 
 SOFTWARE = ("llvmpipe", "softpipe", "swrast")
 REPEATS, ENOUGH_S = 15, 0.1

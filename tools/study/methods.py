@@ -12,9 +12,9 @@ import numpy as np
 
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
-from counterlight.maps import RoomMaps
-from counterlight.refinement import DEFAULT_STEPS
-from counterlight.short_map import in_half
+from counterlight.maps.room_maps import RoomMaps
+from counterlight.maps.short_map import in_half
+from counterlight.pipeline.refinement import DEFAULT_STEPS
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.method import LARGEST_DENSE
 from counterlight.tools.solve import solution

@@ -12,11 +12,11 @@ import numpy as np
 from counterlight import calibration as calibrations
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration
-from counterlight.content import reachable_white
 from counterlight.errors import InputError
-from counterlight.maps import RefinementMaps, RoomMaps
-from counterlight.room import Room
-from counterlight.row_map import RowMap, pack
+from counterlight.maps.room_maps import RefinementMaps, RoomMaps
+from counterlight.maps.row_map import RowMap, pack
+from counterlight.pipeline.content import reachable_white
+from counterlight.pipeline.room import Room
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.room import BuiltRoom, build_maps

@@ -8,8 +8,8 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
-from counterlight.colour import LUMINANCE
-from counterlight.content import psnr
+from counterlight.pipeline.colour import LUMINANCE
+from counterlight.pipeline.content import psnr
 from counterlight.response import Response
 from counterlight.tools.relighting.pictures import encoded
 from counterlight.tools.study.measure import OURS_LABEL, THESIS_LABEL, RoomFigures

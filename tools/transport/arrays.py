@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from counterlight import memory
 from counterlight.errors import InputError, one_line, shown
-from counterlight.reading import Source, opened
+from counterlight.files.reading import Source, opened
 
 HEADER_BYTES = 512  # numpy writes 128
 MOST_MEMBERS, MOST_DIMENSIONS = 64, 3

@@ -13,8 +13,8 @@ from scipy import sparse
 
 from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration, Device, StoredCalibration
-from counterlight.colour import LUMINANCE
 from counterlight.errors import InputError
+from counterlight.pipeline.colour import LUMINANCE
 from counterlight.tools.transport.mask import BRIGHT_PERCENTILE, FRACTION_OF_AMBIENT
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, stacked

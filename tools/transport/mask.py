@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.colour import LUMINANCE
+from counterlight.pipeline.colour import LUMINANCE
 from counterlight.tools.transport.transport import Transport
 
 BRIGHT_PERCENTILE = 99.0

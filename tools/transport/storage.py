@@ -9,7 +9,7 @@ from scipy import sparse
 
 from counterlight.calibration import RADIANCE, REBUILD, StoredCalibration
 from counterlight.errors import InputError
-from counterlight.reading import Source
+from counterlight.files.reading import Source
 from counterlight.tools.transport.arrays import ArrayError, opened_archive
 from counterlight.tools.transport.sparse_files import Shape, read_compressed, read_sparse
 from counterlight.tools.transport.transport import CHANNELS, Csr, FarLight, Transport, channels, stacked

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from counterlight.arrays import FloatArray
-from counterlight.colour import LUMINANCE
-from counterlight.operators import Light, Sum
-from counterlight.row_map import SparseRows
+from counterlight.maps.row_map import SparseRows
+from counterlight.pipeline.colour import LUMINANCE
+from counterlight.pipeline.operators import Light, Sum
 
 Csr: TypeAlias = sparse.csr_array  # scipy's stubs make it generic, scipy itself does not
 Shape: TypeAlias = tuple[int, int]

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from counterlight.errors import InputError
-from counterlight.files import write_toml
-from counterlight.picture_files import SUFFIXES, read_picture
-from counterlight.png import encode_png
-from counterlight.reading import read_toml
+from counterlight.files.manifest import write_toml
+from counterlight.files.picture_files import SUFFIXES, read_picture
+from counterlight.files.png import encode_png
+from counterlight.files.reading import read_toml
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.plan import Pattern
 from counterlight.writing.replacing import filling_folder, replacing_file

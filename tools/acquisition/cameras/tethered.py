@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from counterlight.errors import InputError
-from counterlight.picture_files import decode
+from counterlight.files.picture_files import decode
 from counterlight.tools.acquisition.cameras.camera import Shot
 
 SHUTTERS = ("shutterspeed", "shutterspeed2")

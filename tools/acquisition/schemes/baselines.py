@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
-from counterlight.colour import LUMINANCE
 from counterlight.errors import InputError
+from counterlight.pipeline.colour import LUMINANCE
 from counterlight.tools.acquisition.direct_mapping import direct_mapping, direct_transport
 from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Reference, Scheme
 from counterlight.tools.acquisition.schemes.blocks import BlockGrid, BlockLight, as_transport, fit_to_composition

@@ -18,8 +18,8 @@ import numpy as np
 from scipy.special import ndtri
 
 from counterlight.arrays import FloatArray, IntArray
-from counterlight.colour import LUMINANCE
 from counterlight.errors import InputError
+from counterlight.pipeline.colour import LUMINANCE
 from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Reference, Scheme
 from counterlight.tools.acquisition.schemes.blocks import (
     BlockGrid,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray, IntArray
-from counterlight.row_map import SparseRows
+from counterlight.maps.row_map import SparseRows
 from counterlight.tools.simulation.cells import Grid, cut_into_cells, spread_places
 from counterlight.tools.simulation.geometry import blocked
 from counterlight.tools.simulation.paths import Deposits, Samples

@@ -8,7 +8,7 @@ import numpy as np
 
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError, one_line
-from counterlight.reading import read_bytes
+from counterlight.files.reading import read_bytes
 from counterlight.tools.simulation.shapes.triangles import Triangles
 
 MAX_BYTES = 256 << 20

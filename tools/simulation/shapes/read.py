@@ -8,7 +8,7 @@ import numpy as np
 
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
-from counterlight.tables import Table, Vector
+from counterlight.files.tables import Table, Vector
 from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
 from counterlight.tools.simulation.shapes.quadrics import Cylinder, Sphere
 from counterlight.tools.simulation.shapes.shape import Shape

@@ -7,7 +7,7 @@ import numpy as np
 
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
-from counterlight.picture_files import grey, read_picture
+from counterlight.files.picture_files import grey, read_picture
 from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
 from counterlight.tools.simulation.shapes.triangles import Triangles, over_grid
 

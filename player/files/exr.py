@@ -1,0 +1,151 @@
+"""OpenEXR files as named channels: the only importer of OpenEXR.
+
+The library opens truncated files without a word, so the header is checked against limits before pixels are decoded
+(exr_header.py), and callers that need the pixels to be right compare a checksum first (reading.py).
+"""
+
+import errno
+import io
+from collections.abc import Callable, Mapping
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from io import BufferedReader
+from math import prod
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import OpenEXR
+from numpy.typing import NDArray
+
+from counterlight import memory
+from counterlight.errors import InputError, one_line, shown
+from counterlight.files.exr_header import Part, read_parts
+from counterlight.files.reading import Source, opened
+from counterlight.files.silence import silence
+
+MAX_SURPLUS_BYTES = 1 << 30  # decoded for the sake of three channels among others
+FIX = "export it again"
+_HEADER = {
+    "compression": OpenEXR.ZIP_COMPRESSION,
+    "type": OpenEXR.scanlineimage,
+}  # ZIP: lossless, read by every version
+
+
+@dataclass(frozen=True)
+class Header:
+    """What a file claims before its pixels are decoded: display window size and channel names."""
+
+    height: int
+    width: int
+    channels: tuple[str, ...]
+
+
+Acceptance: TypeAlias = Callable[[Header, str], None]  # raises InputError, naming the file, for what is not wanted
+
+
+def write_channels(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
+    """Write channels of equal shape (rows, columns), float32 or uint32, losslessly; OSError if the system refuses."""
+    # `write` replaces the arrays of the dictionary it gets and misreads strided ones: hence a fresh one, contiguous.
+    contiguous = {name: np.ascontiguousarray(values) for name, values in channels.items()}
+    with OpenEXR.File(dict(_HEADER), contiguous) as file:
+        try:
+            file.write(str(path))
+        except RuntimeError as error:
+            reason = str(error).rpartition('". ')[2].rstrip(".")  # after the name of the file
+            raise OSError(errno.EIO, one_line(reason), str(path)) from None
+
+
+def write_rgb(path: Path, linear_rgb: NDArray[np.float32]) -> None:
+    """Write a picture (rows, columns, 3)."""
+    write_channels(path, {name: linear_rgb[..., i].astype(np.float32) for i, name in enumerate("RGB")})
+
+
+def read_channels(source: Source, accept: Acceptance = lambda header, name: None) -> dict[str, NDArray[Any]]:
+    """Decode every channel (rows, columns) as it is stored, placed in the display window (0 outside its data).
+
+    accept : looks at the header before pixels are decoded.
+    """
+    with opened(source, FIX) as file:
+        parts = _parts(file)
+        accept(_header(parts[0]), file.name)
+        return _decoded(file, parts, parts[0].channels)
+
+
+def read_rgb(source: Source, accept: Acceptance = lambda header, name: None) -> NDArray[np.float32]:
+    """Read the channels R, G and B, or Y alone, as a float32 picture (rows, columns, 3); see `read_channels`."""
+    with opened(source, FIX) as file:
+        parts = _parts(file)
+        names = parts[0].channels
+        wanted = ("R", "G", "B") if {"R", "G", "B"} <= set(names) else ("Y", "Y", "Y")
+        if wanted[0] not in names:
+            expected = "expected R, G and B (or Y); export it as RGB"
+            raise InputError(f"{file.name}: channels {shown(names)}, {expected}")
+        accept(_header(parts[0]), file.name)
+        channels = _decoded(file, parts, wanted)
+        return np.stack([channels[name].astype(np.float32) for name in wanted], axis=-1)
+
+
+def sized(shape: tuple[int, int], whose: str, fix: str) -> Acceptance:
+    """Accept pictures of that (height, width) alone, which is that of `whose`, such as the camera."""
+
+    def accept(header: Header, name: str) -> None:
+        if (header.height, header.width) != shape:
+            raise InputError(f"{name}: {header.width}x{header.height}, {whose} is {shape[1]}x{shape[0]}; {fix}")
+
+    return accept
+
+
+def _parts(file: BufferedReader) -> list[Part]:
+    try:
+        return read_parts(file)
+    except ValueError as error:
+        raise InputError(f"{file.name}: not a readable OpenEXR file ({error}); {FIX}") from None
+
+
+def _header(part: Part) -> Header:
+    return Header(*part.shape, part.channels)
+
+
+def _decoded(file: BufferedReader, parts: list[Part], wanted: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+    """The wanted channels of the first part; the library decodes all of every part."""
+    total = sum(part.nbytes for part in parts)
+    surplus = len(parts) > 1 or set(parts[0].channels) - set(wanted)
+    if surplus and total > MAX_SURPLUS_BYTES:
+        count = sum(len(part.channels) for part in parts)
+        raise InputError(
+            f"{file.name}: {count} channels of {total / 2**30:.1f} GiB in all, at most {MAX_SURPLUS_BYTES >> 30} GiB "
+            f"are decoded; export {', '.join(sorted(set(wanted)))} alone"
+        )
+    memory.check(total + 4 * len(wanted) * prod(parts[0].shape), f"{file.name}: decoding it", "scale it down")
+    stored = _library_channels(file)
+    data = parts[0].data
+    shape = data[3] - data[1] + 1, data[2] - data[0] + 1
+    if any(name not in stored or stored[name].shape != shape for name in wanted):
+        raise InputError(f"{file.name}: its channels are incomplete; {FIX}")
+    return {name: _in_display_window(stored[name], parts[0]) for name in wanted}
+
+
+def _library_channels(file: BufferedReader) -> dict[str, NDArray[Any]]:
+    """What the library decodes; it prints what is wrong with pixels, and goes on without them."""
+    file.seek(0)
+    said = io.StringIO()
+    try:
+        with silence(), redirect_stdout(said), OpenEXR.File(file, separate_channels=True) as picture:
+            return {name: np.asarray(channel.pixels) for name, channel in picture.channels().items()}
+    except Exception as error:  # the binding raises bare RuntimeError, ValueError and others
+        reason = one_line(said.getvalue().rpartition(" - ")[2] or error)
+        raise InputError(f"{file.name}: its pixels cannot be decoded ({reason}); {FIX}") from None
+
+
+def _in_display_window(pixels: NDArray[Any], part: Part) -> NDArray[Any]:
+    height, width = part.shape
+    left, top = part.data[0] - part.display[0], part.data[1] - part.display[1]
+    if (left, top) == (0, 0) and pixels.shape == (height, width):
+        return pixels
+    placed = np.zeros((height, width), pixels.dtype)
+    rows = slice(max(top, 0), min(top + pixels.shape[0], height))
+    columns = slice(max(left, 0), min(left + pixels.shape[1], width))
+    if rows.start < rows.stop and columns.start < columns.stop:
+        placed[rows, columns] = pixels[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
+    return placed

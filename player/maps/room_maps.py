@@ -1,0 +1,214 @@
+"""The folder correction/ of a calibration: every row map that the player uses, and the manifest, written last.
+
+correction : T⁺ of the near light, camera picture -> projector picture (the thesis' correction map).
+transport : near light, projector picture -> camera picture (what the camera will see).
+far : the far light's factors D, M, U, if the room has any: projector picture -> cells -> cells -> camera picture.
+undo : D' and M', which predict the far light of a *compensated* picture from the desired one, so that it can be
+subtracted before T⁺: p = T⁺ (b − U M' D' b), the fixed point of p = T⁺ (b − U M D p); see tools/inverse/far_light.py.
+refinement : what the player's projected gradient steps need beside T: Tᵀ, step sizes, and direct mapping to start from.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.calibration import RADIANCE, Device, StoredCalibration
+from counterlight.errors import InputError
+from counterlight.files import exr
+from counterlight.files.generation import read_steadily
+from counterlight.files.manifest import describe_files, write_toml
+from counterlight.files.reading import DescribedFiles, read_toml
+from counterlight.files.tables import Table
+from counterlight.maps import row_map
+from counterlight.maps.row_map import RowMap
+from counterlight.writing.replacing import replacing_folder
+
+FORMAT = 1
+UNUSABLE = "give more --regularize, or look for what is extreme in the calibration"
+FOLDER, MANIFEST, STEP_SIZE = "correction", "manifest.toml", "step_size.exr"
+
+
+@dataclass(frozen=True)
+class FarMaps:
+    """gather: picture -> cells; mix: cells -> cells; scatter: cells -> picture. Cells are a picture of height 1."""
+
+    gather: RowMap
+    mix: RowMap
+    scatter: RowMap
+
+    @property
+    def count(self) -> int:
+        """Entries."""
+        return self.gather.count + self.mix.count + self.scatter.count
+
+
+@dataclass(frozen=True)
+class RefinementMaps:
+    """What refinement needs beside the transport (pipeline/refinement.py); camera pixels outside the mask are left out.
+
+    dual : Tᵀ of the near light, camera picture -> projector picture.
+    far_dual : the far light's Uᵀ, Mᵀ, Dᵀ, if the room has any: camera picture -> cells -> cells -> projector picture.
+    direct : direct mapping, one entry a row: the camera pixel that a projector pixel lights most, over its T·1.
+    step_size : (projector height, projector width, 3) float32, 1 / (TᵀT·1), 0 where no camera pixel is lit.
+    """
+
+    dual: RowMap
+    far_dual: FarMaps | None
+    direct: RowMap
+    step_size: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class RoomMaps:
+    """Everything that the frame loop multiplies with.
+
+    white : the radiance level that most of the room can reach (`--white auto`).
+    details : what the builder wrote beside: options, clusters, bounds.
+    refinement : None if it was left out, when the maps were built or read.
+    """
+
+    correction: RowMap
+    transport: RowMap
+    far: FarMaps | None
+    undo: FarMaps | None
+    white: float
+    details: dict[str, Any] = field(default_factory=dict)
+    refinement: RefinementMaps | None = None
+
+    @property
+    def correction_in_steps(self) -> float:
+        """What T⁺ b takes over what a step of refinement takes, T p and Tᵀ r, in entries; 0 without refinement."""
+        if self.refinement is None:
+            return 0.0
+        chains = self.far, self.refinement.far_dual
+        step = self.transport.count + self.refinement.dual.count + sum(chain.count for chain in chains if chain)
+        return (self.correction.count + (self.undo.count if self.undo else 0)) / max(step, 1)
+
+    def named(self) -> dict[str, RowMap]:
+        """Every distinct map with the folder it is stored in, relative to correction/."""
+        maps = {".": self.correction, "transport": self.transport}
+        if self.far is not None and self.undo is not None:
+            maps |= {"far_gather": self.far.gather, "far_mix": self.far.mix, "far_scatter": self.far.scatter}
+            maps |= {"undo_gather": self.undo.gather, "undo_mix": self.undo.mix}  # U is shared: far_scatter
+        if self.refinement is not None:
+            maps |= {"dual": self.refinement.dual, "direct": self.refinement.direct}
+            far = self.refinement.far_dual
+            if far is not None:
+                maps |= {"dual_gather": far.gather, "dual_mix": far.mix, "dual_scatter": far.scatter}
+        return maps
+
+
+@contextmanager
+def replacing(stored: StoredCalibration) -> Iterator[Path]:
+    """Hold the calibration's correction/ before the long work; yields a stage for `write_maps`, which replaces it.
+
+    Raises InputError if another process is building it, or has replaced the calibration meanwhile.
+    """
+    with replacing_folder(stored.folder / FOLDER, lambda _: stored.refuse_replaced()) as stage:
+        yield stage
+
+
+def write_maps(maps: RoomMaps, stored: StoredCalibration, stage: Path) -> None:
+    """Write every map, and the manifest last; InputError for maps that `read_maps` would refuse."""
+    check_white(maps.white)
+    if maps.refinement is not None:
+        _check_step_size(maps.refinement.step_size, f"{stored.folder / FOLDER / STEP_SIZE}", UNUSABLE)
+    sizes = {name: row_map.write(packed, stage / name) for name, packed in maps.named().items()}
+    if maps.refinement is not None:
+        exr.write_rgb(stage / STEP_SIZE, maps.refinement.step_size)
+    manifest = {
+        "format": FORMAT,
+        "calibration": stored.fingerprint,
+        "white": maps.white,
+        **maps.details,
+        "maps": sizes,
+        "files": describe_files(stage),
+    }
+    write_toml(stage / MANIFEST, manifest)
+
+
+def check_white(white: float) -> None:
+    """InputError for a white level that no map is made for; asked before the work."""
+    if not RADIANCE[0] <= white <= RADIANCE[1]:
+        raise InputError(
+            f"white is a camera radiance of {white:g}, expected {RADIANCE[0]:g} to {RADIANCE[1]:g}; give T and the "
+            "ambient light in another unit"
+        )
+
+
+def read_maps(stored: StoredCalibration, *, refinement: bool = True) -> RoomMaps:
+    """Read and check correction/; InputError with the command that rebuilds it if anything is missing or damaged.
+
+    refinement : read what refinement needs, too, if it is there.
+    All of it is of one generation, even if another process builds the maps meanwhile.
+    """
+    return read_steadily(stored.folder / FOLDER / MANIFEST, lambda: _read_maps(stored, refinement))
+
+
+def _read_maps(stored: StoredCalibration, refinement: bool) -> RoomMaps:
+    folder = stored.folder / FOLDER
+    fix = f"rebuild it with: counterlight build {stored.folder}"
+    values = read_toml(folder / MANIFEST, fix)
+    manifest = Table(values, f"{folder / MANIFEST}", fix)
+    manifest.format(FORMAT)
+    if values.get("calibration") != stored.fingerprint:
+        raise manifest.refusal(f": made for another state of {stored.folder}/calibration.toml")
+    white = manifest.number("white", None, *RADIANCE)
+    files = DescribedFiles(folder, manifest.table("files").values, fix)
+    sizes = _sizes(manifest, stored, refinement=refinement)
+    maps = {name: row_map.read(folder / name, table, files.opened) for name, table in sizes.items()}
+    far = undo = further = None
+    if "far_mix" in maps:
+        far = FarMaps(maps["far_gather"], maps["far_mix"], maps["far_scatter"])
+        undo = FarMaps(maps["undo_gather"], maps["undo_mix"], far.scatter)
+    if "dual" in maps:
+        dual = FarMaps(maps["dual_gather"], maps["dual_mix"], maps["dual_scatter"]) if far else None
+        step_size = _read_step_size(files, stored.calibration.projector)
+        further = RefinementMaps(maps["dual"], dual, maps["direct"], step_size)
+    details = {key: value for key, value in values.items() if key not in ("maps", "files")}
+    return RoomMaps(maps["."], maps["transport"], far, undo, white, details, further)
+
+
+def _sizes(manifest: Table, stored: StoredCalibration, *, refinement: bool) -> dict[str, Table]:
+    """What the manifest says of each map that is to be read; InputError unless they are all there and fit together.
+
+    The names are ours: what else a manifest lists names no file.
+    """
+    listed = manifest.table("maps")
+    camera, projector = stored.calibration.camera.shape, stored.calibration.projector.shape
+    ends = {".": (camera, projector), "transport": (projector, camera)}
+    dual = refinement and "dual" in listed
+    if "far_mix" in listed:
+        cells = row_map.shapes(listed.table("far_mix"))[0]
+        ends |= {"far_gather": (projector, cells), "far_mix": (cells, cells), "far_scatter": (cells, camera)}
+        ends |= {"undo_gather": (camera, cells), "undo_mix": (cells, cells)}
+        if dual:
+            ends |= {"dual_gather": (camera, cells), "dual_mix": (cells, cells), "dual_scatter": (cells, projector)}
+    if dual:
+        ends |= {"dual": (camera, projector), "direct": (camera, projector)}
+    sizes = {name: listed.table(name) for name in ends}
+    for name, table in sizes.items():
+        output, source, _ = row_map.shapes(table)
+        if (source, output) != ends[name]:
+            raise table.refusal(
+                f": a map from {source} to {output} (height, width), the calibration needs {ends[name][0]} to "
+                f"{ends[name][1]}"
+            )
+    return sizes
+
+
+def _read_step_size(files: DescribedFiles, projector: Device) -> NDArray[np.float32]:
+    with files.opened(files.folder / STEP_SIZE) as file:
+        step_size = exr.read_rgb(file, exr.sized(projector.shape, "the projector", files.fix))
+        _check_step_size(step_size, file.name, files.fix)
+        return step_size
+
+
+def _check_step_size(step_size: NDArray[np.float32], where: str, fix: str) -> None:
+    if not (np.isfinite(step_size).all() and step_size.min() >= 0):
+        raise InputError(f"{where}: holds NaN, infinity or a negative step; {fix}")

@@ -1,0 +1,158 @@
+"""A row map's entries in the order in which a compute shader's workgroups read them (sliced ELLPACK, sorted rows).
+
+Rows are binned by length, eight bins to a doubling, and follow each other in tiles of 8×8 pixels within a bin: the
+invocations of a workgroup run about equally long and read neighbouring places of the source. A workgroup's entries are
+interleaved, so that its invocations read one contiguous stretch at a time (Kreutzer et al. 2014, SELL-C-σ). Where there
+are few rows, several invocations (`lanes`) share one. Knows no OpenGL; shaders/row_map.comp reads it.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.maps.row_map import RowMap, UintArray
+from counterlight.maps.short_map import to_half
+
+GROUP = 64  # invocations of a workgroup
+BINS = 8  # to a doubling of the length
+TILE = 8
+ENOUGH = 1 << 16  # invocations that keep a GPU busy
+MOST_GROUPS = 65535  # of a dispatch, what OpenGL promises
+NO_PIXEL = 0xFFFFFFFF
+SHORT_SPAN = 256  # source pixels that an 8-bit offset reaches
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Part:
+    """What one dispatch reads.
+
+    rows : (rows, 4) uint32: output pixel x | y << 16 (NO_PIXEL in place of a missing one), corner x | y << 16, length,
+    first entry. A row's k-th entry is entry `first + k // lanes · GROUP + k % lanes`.
+    entries : (entries, 4) uint32: bits of three float32 weights, source x | y << 16; or (entries, 2), short: halves
+    R | G << 16, half B and the offset from the row's corner, x << 16 | y << 24.
+    """
+
+    rows: UintArray
+    entries: UintArray
+
+
+def lanes_of(packed: RowMap) -> int:
+    """Invocations a row: more than one where there are few rows of many entries."""
+    rows = packed.lookup.shape[0] * packed.lookup.shape[1]
+    mean = packed.count / rows
+    lanes = 1
+    while lanes < GROUP and rows * lanes < ENOUGH and 2 * lanes <= mean:
+        lanes *= 2
+    return lanes
+
+
+def spans_fit(packed: RowMap) -> bool:
+    """Whether every row's entries lie within SHORT_SPAN source pixels across and down."""
+    _, starts, lengths = _rows(packed)
+    used = np.flatnonzero(lengths)
+    if not used.size:
+        return True
+    first, texels = _runs(starts[used], lengths[used])
+    return all(
+        bool((np.maximum.reduceat(at, first) - np.minimum.reduceat(at, first) < SHORT_SPAN).all())
+        for at in _source(packed, texels)
+    )
+
+
+def parts(packed: RowMap, lanes: int, most_entries: int, scale: np.float32 | None = None) -> Iterator[Part]:
+    """The map in pieces of at most `most_entries`, padding included; one workgroup is always whole.
+
+    scale : makes short entries of 16-bit weights, multiplied by it; `spans_fit` must hold.
+    """
+    shape, starts, lengths = _rows(packed)
+    order = row_order(lengths, shape)
+    a_group = GROUP // lanes
+    padded = np.concatenate([order, np.full(-order.size % a_group, -1)]).reshape(-1, a_group)
+    longest = np.where(padded >= 0, lengths[padded], 0).max(axis=1)
+    sizes = -(-longest // lanes) * GROUP
+    for groups in _cut(sizes, max(most_entries, int(sizes.max()))):
+        yield _part(packed, padded[groups], sizes[groups], lanes, scale, (shape[1], starts, lengths))
+
+
+def row_order(lengths: IntArray, shape: tuple[int, int]) -> IntArray:
+    """Output pixels, those with the longest rows first; of one bin, tile by tile.
+
+    lengths : (pixels,).  shape : (height, width).
+    """
+    bins = np.where(lengths > 0, np.floor(BINS * np.log2(np.maximum(lengths, 1))), -1)
+    y, x = np.divmod(np.arange(lengths.size), shape[1])
+    return np.lexsort((x % TILE, y % TILE, x // TILE, y // TILE, -bins))
+
+
+def _cut(sizes: IntArray, most: int) -> Iterator[slice]:
+    """Consecutive workgroups whose entries together are at most `most`, and at most MOST_GROUPS of them."""
+    ends, first = np.cumsum(sizes), 0
+    while first < sizes.size:
+        before = ends[first] - sizes[first]
+        last = min(int(np.searchsorted(ends, before + most, side="right")), first + MOST_GROUPS)
+        yield slice(first, last)
+        first = last
+
+
+def _part(
+    packed: RowMap,
+    groups: IntArray,
+    sizes: IntArray,
+    lanes: int,
+    scale: np.float32 | None,
+    places: tuple[int, IntArray, IntArray],
+) -> Part:
+    width, starts, lengths = places
+    pixels = groups.ravel()
+    here = np.where(pixels >= 0, lengths[pixels], 0)
+    before = np.cumsum(sizes) - sizes
+    first = (before[:, None] + lanes * np.arange(groups.shape[1])).ravel()
+    run, texels = _runs(starts[pixels], here)
+    k = np.arange(texels.size) - np.repeat(run, here)
+    to = np.repeat(first, here) + k // lanes * GROUP + k % lanes
+    x, y = _source(packed, texels)
+    weights = packed.entries.reshape(-1, 4)[texels, :3]
+    corner = np.zeros(pixels.size, np.int64)
+    if scale is None:
+        entries = np.zeros((int(sizes.sum()), 4), np.uint32)
+        entries[to, :3], entries[to, 3] = weights.view(np.uint32), x | y << 16
+    else:
+        entries = np.zeros((int(sizes.sum()), 2), np.uint32)
+        left, top = _corners(x, run, here), _corners(y, run, here)
+        corner = left | top << 16
+        offset = x - np.repeat(left, here) << 16 | y - np.repeat(top, here) << 24
+        red, green, blue = to_half(weights, scale).view(np.uint16).astype(np.int64).T
+        entries[to, 0], entries[to, 1] = red | green << 16, blue | offset
+    at = np.where(pixels >= 0, pixels % width | pixels // width << 16, NO_PIXEL)
+    return Part(np.stack([at, corner, here, first], axis=1).astype(np.uint32), entries)
+
+
+def _rows(packed: RowMap) -> tuple[tuple[int, int], IntArray, IntArray]:
+    """Output shape, and each row's first texel and length."""
+    x, y, lengths = (packed.lookup[..., i].ravel().astype(np.int64) for i in range(3))
+    return packed.output_shape, y * packed.entries.shape[1] + x, lengths
+
+
+def _runs(starts: IntArray, lengths: IntArray) -> tuple[IntArray, IntArray]:
+    """Where each row begins in a list of all rows' texels, and that list."""
+    first = np.cumsum(lengths) - lengths
+    return first, np.repeat(starts - first, lengths) + np.arange(int(lengths.sum()))
+
+
+def _source(packed: RowMap, texels: IntArray) -> tuple[IntArray, IntArray]:
+    """x and y of the source pixels."""
+    index = packed.entries[..., 3] if packed.index is None else packed.index
+    y, x = np.divmod(index.ravel()[texels].astype(np.int64), packed.source_shape[1])
+    return x, y
+
+
+def _corners(at: IntArray, run: IntArray, lengths: IntArray) -> IntArray:
+    """The smallest of each row's coordinates, 0 of an empty row's."""
+    result, used = np.zeros(run.size, np.int64), lengths > 0
+    if used.any():
+        result[used] = np.minimum.reduceat(at, run[used])
+    return result

@@ -1,0 +1,312 @@
+"""Videos, pictures and numbered pictures by FFmpeg, through PyAV. Live sources: live_source.py."""
+
+import re
+from collections.abc import Iterator
+from fractions import Fraction
+from itertools import chain
+from pathlib import Path
+
+import av
+
+from counterlight.errors import InputError
+from counterlight.media.decoding.opening import open_file, open_sequence, reason
+from counterlight.media.decoding.pixels import (
+    MAX_PIXELS,
+    UNTAGGED,
+    Samples,
+    Tags,
+    describe,
+    display_rotation,
+    hdr_notice,
+    unpack,
+)
+from counterlight.media.decoding.source import TIME_SLACK_S, Decoded, Sequence, is_wanted
+from counterlight.media.frames import MediaInfo
+from counterlight.media.medium import Medium
+
+DEFAULT_RATE = 25.0
+_PICTURE_CODECS = {"gif", "apng", "webp", "webp_anim"}
+_CENTERED_CODECS = {"mjpeg", "mjpegb", "mpeg1video", "webp", "jpegls"}
+_FIX = f"it is damaged, larger than {MAX_PIXELS} pixels or of an unknown kind: copy or export it again"
+
+
+class FfmpegSource:
+    """Whatever FFmpeg reads: videos, pictures, numbered pictures.
+
+    tolerant : leave out pictures that cannot be decoded, and take an early end for the end; a line says so, once.
+    """
+
+    def __init__(self, medium: Medium, sequence: Sequence | None, *, tolerant: bool = False) -> None:
+        self._medium, self._sequence, self._tolerant = medium, sequence, tolerant
+        self.path = Path(medium.name) if medium.live() is None else medium.name
+        self.notices: list[str] = []
+        self._damage: InputError | None = None  # the first that was tolerated
+        self._told = False
+        self.end_s = 0.0
+        self._picture = False
+        self._origin: int | None = None
+        self._open()
+        self._fresh: Iterator[Decoded] | None = self._read()
+        first, tags = self._first(self._fresh)
+        self.info = self._describe(first, tags)
+        self._check_trailer()
+
+    def lap(self, from_s: float, *, after: bool) -> Iterator[Decoded | str]:
+        """See Source. Decodes from the key frame before `from_s` and drops what comes too early.
+
+        Raises InputError at damage; if tolerant, only when the whole medium has no good picture.
+        """
+        fresh, self._fresh = self._fresh, None  # the pictures that opening has decoded
+        pictures, good = fresh if fresh is not None and from_s <= 0 else self._from(from_s), 0
+        for picture in pictures:
+            if is_wanted(picture.time_s, picture.time_s + picture.duration_s, from_s, after=after):
+                self._check_picture(picture)
+                good += not picture.corrupt
+                yield from self._news()
+                yield picture
+        if self._damage is not None and not good and from_s <= 0:
+            raise self._damage
+        yield from self._news()
+
+    def _news(self) -> Iterator[str]:
+        """What was tolerated, the first time."""
+        if self._damage is not None and not self._told:
+            self._told = True
+            yield f"{str(self._damage).removesuffix(f'; {_FIX}')}; left out, as all that cannot be decoded"
+
+    def _tolerate(self, damage: InputError) -> None:
+        """Raise it, unless it is to be tolerated."""
+        if not self._tolerant:
+            raise damage from None
+        self._damage = self._damage or damage
+
+    def _open(self) -> None:
+        path, options = Path(self.path), {"max_pixels": str(MAX_PIXELS)}
+        try:
+            if self._sequence is None:
+                self._container = open_file(self._medium, path, options)
+            else:
+                rate = Fraction(self._sequence.rate).limit_denominator(100_000)
+                options |= {"framerate": str(rate), "start_number": str(self._sequence.start)}
+                self._container = open_sequence(self._medium, path, options)
+        except (av.FFmpegError, OSError) as error:
+            raise InputError(f"{self.path}: FFmpeg cannot read it ({reason(error)}); {_FIX}") from None
+        self._stream = self._video_stream()
+
+    def _video_stream(self) -> av.VideoStream:
+        """Choose FFmpeg's best video stream and set its decoder up."""
+        container_name = self._container.format.name
+        stream = self._container.streams.best("video")
+        if stream is None or stream.disposition & stream.disposition.attached_pic:
+            raise InputError(f"{self.path}: holds no video or picture; choose a file with one")
+        assert isinstance(stream, av.VideoStream)
+        context: av.VideoCodecContext | None = stream.codec_context
+        if context is None:
+            raise InputError(f"{self.path}: FFmpeg does not know its video codec; {_FIX}")
+        if context.width * context.height > MAX_PIXELS:
+            claim = f"claims {context.width}x{context.height} pixels, at most {MAX_PIXELS} are shown"
+            raise InputError(f"{self.path}: {claim}; scale it down, unless it is damaged")
+        self._codec = context.name
+        pictures = container_name == "image2" or container_name.endswith("_pipe")
+        self._picture = pictures or self._codec in _PICTURE_CODECS
+        context.options = {"max_pixels": str(MAX_PIXELS)} | ({"err_detect": "explode"} if self._picture else {})
+        stream.thread_type = "AUTO"
+        return stream
+
+    def _first(self, pictures: Iterator[Decoded]) -> tuple[Decoded, Tags]:
+        """Decode the first picture and put it back; one that no second follows is a still."""
+        first = next(pictures, None)
+        if first is None:
+            raise self._damage or InputError(f"{self.path}: FFmpeg decodes no picture from it; {_FIX}")
+        tags = self._tags
+        second: Iterator[Decoded] = iter(())
+        self._still = self._sequence is None and self._stream.frames <= 1
+        if self._still:
+            try:
+                second = iter([next(pictures)])
+                self._still = False
+            except StopIteration:
+                pass
+            except InputError as error:
+                second, self._still = _failing(error), False
+        self._fresh = chain([first], second, pictures)
+        return first, tags
+
+    def _describe(self, first: Decoded, tags: Tags) -> MediaInfo:
+        try:
+            aspect = float(self._stream.sample_aspect_ratio or 1)
+            pixels = describe(first.samples, tags, rotation=self._rotation, pixel_aspect=aspect)
+        except InputError as error:
+            raise InputError(f"{self.path}: {error}") from None
+        self._plan = (pixels.layout, pixels.depth, pixels.planes)
+        notice = hdr_notice(tags.transfer)
+        self.notices += [f"{self.path}: {notice}"] if notice else []
+        duration = None if self._still else self._declared_s()
+        count = self._declared_frames() or (1 if self._still else None)
+        sound = bool(self._container.streams.audio)
+        return MediaInfo(self.path, pixels, self._rate(), duration, self._still, self._codec, count, sound=sound)
+
+    def _rate(self) -> float:
+        rate = self._sequence.rate if self._sequence else self._stream.average_rate or self._stream.guessed_rate
+        return float(rate or DEFAULT_RATE)
+
+    def _declared_frames(self) -> int | None:
+        return self._sequence.count if self._sequence else self._stream.frames or None
+
+    def _declared_s(self) -> float | None:
+        """How long the video stream says it is, in seconds; None when it does not say."""
+        if self._sequence:
+            return self._sequence.count / self._sequence.rate
+        time_base = self._stream.time_base or Fraction(0)
+        if self._stream.duration is not None and time_base:
+            declared = float(self._stream.duration * time_base)
+        elif clock := re.fullmatch(r"(\d+):(\d+):(\d+\.?\d*)", self._stream.metadata.get("DURATION", "")):  # Matroska
+            declared = sum(float(part) * unit for part, unit in zip(clock.groups(), (3600, 60, 1), strict=True))
+        else:
+            return None
+        # These two count from zero, also when the first picture comes later.
+        counts_from_zero = self._container.format.name in ("avi", "matroska,webm")
+        return declared - max(0.0, float((self._origin or 0) * time_base)) if counts_from_zero else declared
+
+    def _from(self, from_s: float) -> Iterator[Decoded]:
+        """Pictures from a key frame at or before `from_s`."""
+        if self._origin is not None and self._stream.time_base is not None:
+            try:
+                target = self._origin + int(max(from_s, 0.0) / self._stream.time_base)
+                self._container.seek(target, stream=self._stream, backward=True)
+                pictures = self._read(resume=True)
+                first = next(pictures, None)
+                if first is not None and first.time_s <= from_s + TIME_SLACK_S:
+                    return chain([first], pictures)
+            except (av.FFmpegError, InputError):
+                pass
+        # No timestamps, no index, or one that leads past the target: from the start, which always works.
+        self._container.close()
+        self._open()
+        return self._read()
+
+    def _read(self, *, resume: bool = False) -> Iterator[Decoded]:
+        """Decode from the container's position to its end, in presentation order with growing times."""
+        count, end_s, next_s = 0, 0.0, 0.0
+        for frame in self._frames(resume):
+            if frame.pts is None or frame.time_base is None:
+                time_s = next_s
+            else:
+                self._origin = frame.pts if self._origin is None else self._origin
+                time_s = float((frame.pts - self._origin) * frame.time_base)
+            time_s = max(time_s, next_s - 0.5 / self._rate()) if count else time_s  # timestamps that step back
+            duration_s = (
+                float(frame.duration * frame.time_base) if frame.duration and frame.time_base else 1 / self._rate()
+            )
+            count, next_s = count + 1, time_s + duration_s
+            end_s = max(end_s, next_s)
+            yield Decoded(time_s, duration_s, self._samples(frame, count), frame.is_corrupt)
+        try:
+            self._check_complete(None if resume else count, end_s)
+        except InputError as error:
+            self._tolerate(error)
+        self.end_s = end_s
+
+    def _frames(self, resume: bool) -> Iterator[av.VideoFrame]:
+        count = 0
+        try:
+            for packet in self._container.demux(self._stream):
+                if self._picture and self._codec == "mjpeg" and packet.size and not _jpeg_ends(bytes(packet)):
+                    self._tolerate(self._damaged(count, "the JPEG ends before its end marker"))
+                    continue
+                for frame in self._decode(packet, None if resume else count):
+                    count += 1
+                    yield frame
+        except (av.FFmpegError, OSError, MemoryError) as error:
+            self._tolerate(self._damaged(None if resume else count, reason(error)))
+
+    def _decode(self, packet: "av.Packet[av.VideoStream]", number: int | None) -> list[av.VideoFrame]:
+        """The pictures that a packet completes.  number : of the first one, for the error."""
+        try:
+            return [frame for frame in packet.decode() if isinstance(frame, av.VideoFrame)]
+        except (av.FFmpegError, OSError, MemoryError) as error:
+            self._tolerate(self._damaged(number, reason(error)))
+            return []
+
+    def _samples(self, frame: av.VideoFrame, count: int) -> Samples:
+        if count == 1:
+            self._rotation, self.flip_rows = display_rotation(frame)
+            self._tags = Tags(
+                int(frame.colorspace),
+                int(frame.color_range),
+                int(frame.color_trc or UNTAGGED),
+                self._picture,
+                self._is_centered(),
+            )
+        try:
+            return unpack(frame, picture=self._picture)
+        except InputError as error:
+            raise InputError(f"{self.path}: {error}") from None
+
+    def _is_centered(self) -> bool:
+        return self._codec in _CENTERED_CODECS
+
+    def _check_picture(self, picture: Decoded) -> None:
+        """Raise InputError for a picture that is not like the first one, or that FFmpeg patched up if that matters."""
+        number = round(picture.time_s * self.info.frames_per_second)
+        if picture.corrupt:
+            self._tolerate(self._damaged(number, "its data is damaged"))
+        if difference := self._unlike_the_first(picture):
+            raise InputError(
+                f"{self.path}: frame {number} is {difference} like the first; re-encode it at one size and format"
+            )
+
+    def _unlike_the_first(self, picture: Decoded) -> str:
+        """`64x48, expected 32x24`, or nothing."""
+        pixels, found, expected = self.info.format, picture.samples, self._plan
+        if tuple((p.shape[1], p.shape[0]) for p in found.planes) != tuple((s.width, s.height) for s in expected[2]):
+            height, width = found.planes[0].shape
+            return f"{width}x{height}, expected {pixels.width}x{pixels.height}"
+        if (found.layout, found.depth) != expected[:2]:
+            return f"{found.layout} of {found.depth} bits, expected {pixels.layout} of {pixels.depth} bits"
+        return ""
+
+    def _check_complete(self, count: int | None, end_s: float) -> None:
+        """Raise InputError when the medium stops clearly before the end that it declares.
+
+        Edit lists shorten the time but not the declared count, and containers round durations: hence both must fall
+        short, by more than 2 % and three frames.
+        """
+        if self._picture and not self._sequence:
+            return
+        frames, duration, rate = self._declared_frames(), self._declared_s(), self._rate()
+        by_time, by_count = duration is not None, frames is not None and count is not None
+        lacks_time = duration is not None and duration - end_s > max(3 / rate, 0.02 * duration)
+        tolerated = 0 if self._sequence else max(3, 0.02 * (frames or 0))
+        lacks_frames = frames is not None and count is not None and frames - count > tolerated
+        if (by_time or by_count) and lacks_time >= by_time and lacks_frames >= by_count:
+            found = f"{count} of {frames} frames" if by_count else f"{end_s:.2f} of {duration:.2f} s"
+            raise InputError(f"{self.path}: ends early: {found}; the file is truncated, copy or export it again")
+
+    def _check_trailer(self) -> None:
+        """A cut GIF decodes without complaint: its last byte must be the trailer `;`."""
+        if self._codec != "gif":
+            return
+        path = Path(self.path)
+        with path.open("rb") as file:
+            file.seek(-min(64, path.stat().st_size), 2)
+            if not file.read().rstrip(b"\0").endswith(b";"):
+                raise self._damaged(None, "the GIF ends before its trailer")
+
+    def _damaged(self, count: int | None, reason: str) -> InputError:
+        number = "" if count is None else f"frame {count} cannot be decoded: "
+        return InputError(f"{self.path}: {number}{reason}; {_FIX}")
+
+
+def _jpeg_ends(data: bytes) -> bool:
+    """Whether an end marker follows the last start of scan: FFmpeg fills a cut JPEG with gray and says nothing."""
+    return data.rfind(b"\xff\xd9") > data.rfind(b"\xff\xda")
+
+
+def _failing(error: InputError) -> Iterator[Decoded]:
+    """An iterator whose first step raises."""
+    yield from (_throw(error) for _ in range(1))
+
+
+def _throw(error: InputError) -> Decoded:
+    raise error

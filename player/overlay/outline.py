@@ -1,0 +1,84 @@
+"""The outline of a picture that is being placed: which points of the shown picture it runs through, and its dots.
+
+In the camera's views it is the quadrilateral of the corners. In the projector's picture each of its points stands at
+the pixel that lights it most, so that it runs there on the scene, too; it has gaps where the projector does not reach.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.maps.row_map import RowMap
+from counterlight.pipeline.placement import Corners
+
+Points: TypeAlias = NDArray[np.float64]  # (n, 2), x and y in shares of a picture from its upper left
+LINE, HANDLE, EDGE = 1, 6, 2  # half widths and what is added around them, in pixels of a window of REFERENCE_HEIGHT
+INK, GROUND, SELECTED = (255, 255, 255, 255), (0, 0, 0, 255), (255, 200, 0, 255)
+MOST_POINTS = 1000  # a side
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """points : of the sides.  handles : of the selected corner, or of all four."""
+
+    points: Points
+    handles: Points
+
+
+def outline_of(corners: Corners, corner: int | None, camera: tuple[int, int]) -> Outline:
+    """In shares of the camera's view, a point every pixel or so.  camera : (height, width).  corner : None for all."""
+    ends = np.asarray(corners, np.float64)
+    sides = []
+    for start, end in zip(ends, np.roll(ends, -1, axis=0), strict=True):
+        steps = int(np.clip(np.abs((end - start) * camera[::-1]).max(), 1, MOST_POINTS))
+        sides.append(start + np.linspace(0, 1, steps, endpoint=False)[:, None] * (end - start))
+    return Outline(np.concatenate(sides), ends if corner is None else ends[corner : corner + 1])
+
+
+def moved(outline: Outline, where: Callable[[Points], Points]) -> Outline:
+    return Outline(where(outline.points), where(outline.handles))
+
+
+def lit_by(transport: RowMap, points: Points) -> Points:
+    """The middles of the projector pixels that light points of the camera's view most; NaN where none does.
+
+    transport : T, camera pixels from the projector's.
+    """
+    height, width = transport.output_shape
+    source_width = transport.source_shape[1]
+    found = np.full(points.shape, np.nan)
+    pixels = np.minimum(points * (width, height), (width - 1, height - 1)).astype(np.int64)
+    for number in np.flatnonzero(((points >= 0) & (points <= 1)).all(axis=1)):
+        x, y, length = (int(value) for value in transport.lookup[pixels[number, 1], pixels[number, 0]])
+        if length:
+            best = x + int(transport.entries[y, x : x + length, :3].sum(axis=1).argmax())
+            index = int(transport.entries[y, best, 3] if transport.index is None else transport.index[y, best])
+            found[number] = index % source_width + 0.5, index // source_width + 0.5
+    return np.asarray(found / transport.source_shape[::-1])
+
+
+def draw_outline(canvas: NDArray[np.uint8], outline: Outline, place: Callable[[Points], Points], scale: float) -> None:
+    """Draw on a window's overlay (height, width, RGBA): dark edges, a white line, handles of their own colour.
+
+    place : shares of the shown picture -> pixels of the window.  scale : of the line's width.
+    """
+    line, handles = (place(points[np.isfinite(points).all(axis=1)]) for points in (outline.points, outline.handles))
+    for points, half, colour in (
+        (line, LINE + EDGE, GROUND),
+        (line, LINE, INK),
+        (handles, HANDLE + EDGE, GROUND),
+        (handles, HANDLE, SELECTED),
+    ):
+        _stamp(canvas, points, round(half * scale), colour)
+
+
+def _stamp(canvas: NDArray[np.uint8], points: Points, half: int, colour: tuple[int, ...]) -> None:
+    """Squares of 2 half + 1 pixels around points; what lies outside is left out."""
+    middles = np.floor(points).astype(np.int64)
+    offsets = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1)[::-1].T
+    x, y = (middles[:, None] + offsets).reshape(-1, 2).T
+    inside: Any = (x >= 0) & (x < canvas.shape[1]) & (y >= 0) & (y < canvas.shape[0])
+    canvas[y[inside], x[inside]] = colour

@@ -1,0 +1,83 @@
+"""What a viewer changes while a picture plays: mpv's picture controls, what may clip, what is shown instead of it.
+
+mpv's four act on the gamma-coded signal, before it becomes light, with mpv's ranges and meaning (its csputils.c). Of a
+code R' = (r, g, b), 0..1, with luma y by the medium's own weights,
+
+    R' ← clamp(k (y + s (R' − y)) + l)^(1/γ),   k = 1 + contrast/100,   s = 1 + saturation/100,
+                                                l = brightness/100,     γ = 8^(gamma/100).
+
+mpv leaves the saturation of pictures in RGB alone; here they have BT.709's luma. An OpenEXR picture is radiance, has no
+code, and keeps what it asks for; black level and adaptation act on linear light and on every picture.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.errors import InputError
+from counterlight.media.frames import PixelFormat
+from counterlight.pipeline.colour import LUMA_WEIGHTS, Decoding
+from counterlight.pipeline.kinds import UnreadError
+from counterlight.pipeline.parameters import CONTROL, PARAMETERS
+from counterlight.pipeline.placement import Corners, check_corners
+
+LARGEST_GAMMA = 8.0
+
+
+@dataclass(frozen=True)
+class Adjustments:
+    """All that can be changed live; as it is made, nothing is. See PARAMETERS.
+
+    adapt : see player/pipeline/content.py.  flicker : weight of the previous frame's drive.
+    card : one of counterlight.pipeline.test_cards.CARDS instead of the picture, uncompensated.
+    corners : of the picture in the camera's view; None fits it in.
+    Raises InputError for a value out of its range.
+    """
+
+    brightness: int = PARAMETERS["brightness"].default
+    contrast: int = PARAMETERS["contrast"].default
+    gamma: int = PARAMETERS["gamma"].default
+    saturation: int = PARAMETERS["saturation"].default
+    black_level: float = PARAMETERS["black-level"].default
+    adapt: float = PARAMETERS["adapt"].default
+    flicker: float = PARAMETERS["flicker"].default
+    clipping: bool = PARAMETERS["clipping"].default
+    card: str | None = None
+    corners: Corners | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if name not in ("card", "corners"):
+                _check(name.replace("_", "-"), value)
+        _check("test-card", self.card or "no")
+        if self.corners is not None:
+            check_corners(self.corners)
+
+
+def adjusted_decoding(decoding: Decoding, pixels: PixelFormat, adjustments: Adjustments) -> tuple[Decoding, float]:
+    """The decoding with contrast and saturation in its matrix, and the lift of every code (brightness)."""
+    kr, kb = LUMA_WEIGHTS.get(pixels.matrix, LUMA_WEIGHTS["bt709"])
+    gain, saturation = 1 + adjustments.contrast / CONTROL.high, 1 + adjustments.saturation / CONTROL.high
+    luma = np.outer(np.ones(3), (kr, 1 - kr - kb, kb))
+    matrix = gain * (saturation * np.eye(3) + (1 - saturation) * luma)
+    return replace(decoding, to_rgb=matrix @ decoding.to_rgb), adjustments.brightness / CONTROL.high
+
+
+def adjusted_transfer(table: NDArray[np.float32], adjustments: Adjustments) -> NDArray[np.float32]:
+    """The transfer table with the viewer's gamma in it: light of code^(1/γ)."""
+    if not adjustments.gamma:
+        return table
+    codes = np.linspace(0, 1, table.size)
+    exponent = float(LARGEST_GAMMA ** (-adjustments.gamma / CONTROL.high))
+    return np.asarray(np.interp(codes**exponent, codes, table), np.float32)
+
+
+def _check(name: str, value: object) -> None:
+    try:
+        PARAMETERS[name].kind.read(value)
+    except UnreadError as error:
+        raise InputError(f"{name}: {error}") from None
+
+
+NEUTRAL = Adjustments()

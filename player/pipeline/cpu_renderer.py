@@ -1,0 +1,202 @@
+"""The reference backend: the pipeline of renderer.py over the twins of the shaders, in numpy (`--backend cpu`)."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.maps.row_map import RowMap
+from counterlight.media.frames import PixelFormat
+from counterlight.pipeline import reference
+from counterlight.pipeline.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
+from counterlight.pipeline.colour import decoding_of
+from counterlight.pipeline.content import Succession, approach
+from counterlight.pipeline.device import LONG_BYTES, NearLight, PathReport
+from counterlight.pipeline.reference import Limits, PreparedRows
+from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
+from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.room import Room
+from counterlight.response import Response, transfer_table
+
+FloatArray = NDArray[np.floating]
+NO_TONE = np.array([1.0, 0.0])
+PERCENT = 0.01
+# With what shaders are told as uniforms and textures; colours and thresholds the twins take from views.py themselves.
+TWINS: dict[str, Callable[..., FloatArray]] = {
+    "blend.frag": reference.blend,
+    "clipping.frag": lambda view, asked, white, most=None, **_: reference.clipping(
+        view, asked, 1.0 if most is None else most[..., :3], white
+    ),
+    "combine.frag": reference.combine,
+    "desired.frag": reference.desired_light,
+    "error_map.frag": lambda seen, b, ambient, reach, white, **_: reference.error_map(seen, ambient, b, reach, white),
+    "gap.frag": reference.gap_terms,
+    "impossible.frag": lambda reach, white, **_: reference.impossible(reach, white),
+    "pinned.frag": lambda source, to_source, target: reference.pinned(source, target, np.reshape(to_source, (3, 3)).T),
+    "reach.frag": reference.reach_of,
+    "resample.frag": lambda source, axis, origin, extent, target: reference.resample_axis(
+        source, 1 - axis, target[1 - axis], origin, extent
+    ),
+    "split.frag": reference.split,
+    "squared_error.frag": reference.squared_error,
+}
+PLACING = "pinned.frag", "resample.frag"  # which need to know the shape of what they draw
+COMBINE: dict[str, Callable[[Any, Any], FloatArray]] = {
+    "": lambda base, product: product,
+    "ADD_TO_BASE": lambda base, product: base + product,
+    "SUBTRACT_FROM_BASE": lambda base, product: base - product,
+    "CLAMP": lambda base, product: np.clip(product, 0, 1),
+}
+
+
+class CpuRenderer(Renderer):
+    def __init__(self, room: Room) -> None:
+        super().__init__(CpuDevice(), room, "cpu")
+
+
+class CpuDevice:
+    """Numpy as a device of the pipeline: pictures are arrays (height, width, channels)."""
+
+    def picture(self, picture: FloatArray) -> FloatArray:
+        return picture
+
+    def write(self, light: FloatArray, picture: FloatArray) -> None:
+        light[...] = picture
+
+    def mask(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        return mask
+
+    def make_pass(
+        self, shader: str, shape: tuple[int, int], defines: Mapping[str, int | None] | None = None, **uniforms: Any
+    ) -> "_Twin":
+        if "CLAMP" in (defines or {}):
+            uniforms["clamp"] = True
+        if shader in PLACING:
+            uniforms["target"] = shape
+        return _Twin(TWINS[shader], shape, uniforms)
+
+    def store(self, room: Room, path: str) -> "_Maps":
+        return _Maps(room, path)
+
+    def planes(self, pixels: PixelFormat) -> "_Planes":
+        return _Planes(pixels)
+
+    def adapter(self, near_light: NearLight, ambient: FloatArray, most: FloatArray, white: float) -> "_Adapter":
+        return _Adapter(near_light, ambient.astype(np.float64), most, white)
+
+    def encoder(self, shape: tuple[int, int], response: Response, scale: float, dither: str) -> "_Function":
+        table = response.inverse_table()
+        return _Function(lambda light, frame: reference.encode(light, table, scale, dither, frame))
+
+    def stepper(self, shape: tuple[int, int], step_size: FloatArray) -> "_Function":
+        step = reference.refinement_step
+        return _Function(lambda k, descent, y, p: step(descent, y, p, step_size, momentum(k), OVER_RELAXATION))
+
+    def total(self, shape: tuple[int, int]) -> "_Function":
+        return _Function(lambda picture: reference.block_sum(picture, max(shape))[0, 0])
+
+    def read(self, light: NDArray[Any], dtype: type) -> NDArray[Any]:
+        return light.astype(dtype)
+
+    def finish(self) -> None:
+        """Nothing runs in the background."""
+
+
+class _Held:
+    def release(self) -> None:
+        """Nothing to give back."""
+
+
+class _Function(_Held):
+    def __init__(self, run: Callable[..., Any]) -> None:
+        self.run = run
+
+
+class _Twin(_Held):
+    """A shader's twin and what it has drawn last."""
+
+    def __init__(self, twin: Callable[..., FloatArray], shape: tuple[int, int], uniforms: dict[str, Any]) -> None:
+        self._twin, self._shape, self._uniforms = twin, shape, uniforms
+        self.target: FloatArray = np.zeros((*shape, 3))
+
+    def set(self, **uniforms: Any) -> None:
+        self._uniforms |= uniforms
+
+    def run(self, **inputs: Any) -> FloatArray:
+        self.target = self._twin(**inputs, **self._uniforms)
+        return self.target
+
+    def clear(self) -> None:
+        self.target = np.zeros((*self._shape, 3))
+
+
+class _Maps(_Held):
+    def __init__(self, room: Room, path: str) -> None:
+        self.room, self.report = room, PathReport(path, LONG_BYTES)
+        self._stored: dict[int, _Map] = {}
+
+    def of(self, packed: RowMap) -> "_Map":
+        if id(packed) not in self._stored:
+            self._stored[id(packed)] = _Map(packed)
+        return self._stored[id(packed)]
+
+
+class _Map(_Held):
+    def __init__(self, packed: RowMap) -> None:
+        self.output_shape, self.source_shape = packed.output_shape, packed.source_shape
+        self._rows = PreparedRows(packed)
+
+    def product(self, combine: str = "") -> _Function:
+        with_base = COMBINE[combine]
+        return _Function(lambda source, base=None: with_base(base, self._rows.apply(source)))
+
+
+class _Planes(_Held):
+    def __init__(self, pixels: PixelFormat) -> None:
+        self._pixels, self._adjustments = pixels, NEUTRAL
+        self._upright: FloatArray | None = None
+
+    def adjust(self, adjustments: Adjustments) -> None:
+        self._adjustments, self._upright = adjustments, None
+
+    def upload(self, planes: Sequence[NDArray[Any]]) -> None:
+        self._planes, self._upright = [plane.copy() for plane in planes], None
+
+    def run(self) -> FloatArray:
+        if self._upright is None:
+            self._upright = self._decode()
+        return self._upright
+
+    def _decode(self) -> FloatArray:
+        pixels, decoding, lift = self._pixels, None, 0.0
+        transfer = transfer_table("linear" if pixels.layout == "radiance" else pixels.transfer)
+        if pixels.layout != "radiance":
+            decoding, lift = adjusted_decoding(decoding_of(pixels), pixels, self._adjustments)
+            transfer = adjusted_transfer(transfer, self._adjustments)
+        luma, chroma = ((plane.height, plane.width) for plane in pixels.planes[:2])
+        return reference.planes_to_linear(self._planes, luma, chroma, decoding, transfer, pixels.rotation, lift)
+
+
+class _Adapter(_Held):
+    def __init__(self, near_light: NearLight, ambient: FloatArray, most: FloatArray, white: float) -> None:
+        self._near_light, self._white, self._succession = near_light, white, Succession(lasting=True)
+        self._limits = Limits(near_light(np.ones_like(ambient)), near_light(ambient), ambient, most)
+        self._before: FloatArray = NO_TONE
+        self._now: FloatArray = NO_TONE
+
+    def set(self, adapt: float, unit: float, black_level: float) -> None:
+        self._budget, self._unit, self._black_level = adapt * PERCENT, unit, black_level
+        self._succession.restart()
+
+    def advance(self, *, cut: bool, duration_s: float) -> None:
+        if self._succession.advance(cut=cut, duration_s=duration_s):
+            self._before = self._now
+
+    def run(self, placed: FloatArray) -> FloatArray:
+        u = reference.desired_light(placed, 0.0, 1.0, NO_TONE, self._unit, self._black_level)
+        found = reference.tone_of(u, self._near_light(u), self._limits, self._white, self._budget)
+        weight = 0.0 if self._succession.fresh else 1 - approach(self._succession.elapsed_s)
+        self._now = reference.blend(found, self._before, weight)
+        self._succession.draw()
+        return self._now

@@ -1,0 +1,187 @@
+"""What a backend offers the pipeline: it holds pictures, draws passes over them, and multiplies with a room's maps.
+
+gl/device.py does it with OpenGL, cpu_renderer.py with the twins of the shaders; what is done in which order is written
+once, in renderer.py and what that is made of.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.maps.room_maps import FarMaps
+from counterlight.maps.row_map import RowMap
+from counterlight.media.frames import PixelFormat
+from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.room import Room
+from counterlight.response import Response
+
+PATHS = ("auto", "fragment", "compute")
+LONG_BYTES, SHORT_BYTES = 16, 8  # an entry: weights of 32 bits and an index, or of 16 bits and an offset
+Light: TypeAlias = Any  # a picture as its device holds it: a texture or an array
+NearLight: TypeAlias = Callable[[Light], Light]  # b -> b without the far light of the compensated picture
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class PathReport:
+    """How a renderer multiplies with the room's maps.
+
+    name : "fragment", "compute" or "cpu".  entry_bytes : of an entry of the correction map.
+    fragment_ms, compute_ms : of a frame's products, measured at the start; None if that was not asked for.
+    """
+
+    name: str
+    entry_bytes: int
+    fragment_ms: float | None = None
+    compute_ms: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Milliseconds to the microsecond."""
+        shown = {key: round(value, 3) if isinstance(value, float) else value for key, value in asdict(self).items()}
+        return {key: value for key, value in shown.items() if value is not None}
+
+    def __str__(self) -> str:
+        measured = ""
+        if self.fragment_ms is not None and self.compute_ms is not None:
+            measured = f"; fragment {self.fragment_ms:.2f} ms, compute {self.compute_ms:.2f} ms"
+        return f"{self.name}, {self.entry_bytes} bytes an entry{measured}"
+
+
+class Owner:
+    """Holds what must be released, and releases it, the last first; arrays need no release."""
+
+    def __init__(self) -> None:
+        self._stack = ExitStack()
+
+    def own(self, resource: T) -> T:
+        release = getattr(resource, "release", None)
+        if release is not None:
+            self._stack.callback(release)
+        return resource
+
+    def release(self) -> None:
+        self._stack.close()
+
+
+class Operation(Protocol):
+    """What is built once and run every frame."""
+
+    @property
+    def run(self) -> Callable[..., Any]: ...
+
+    def release(self) -> None: ...
+
+
+class Pass(Operation, Protocol):
+    """One shader, or its twin: run(**pictures) draws and returns its target."""
+
+    @property
+    def target(self) -> Light: ...
+
+    def set(self, **uniforms: Any) -> None:
+        """Set uniforms by name."""
+
+    def clear(self) -> None:
+        """Make the target black."""
+
+
+class StoredMap(Protocol):
+    """A row map on its device; several products may read it."""
+
+    @property
+    def output_shape(self) -> tuple[int, int]: ...
+
+    @property
+    def source_shape(self) -> tuple[int, int]: ...
+
+    def product(self, combine: str = "") -> Operation:
+        """run(source, base) -> Σ weights · source, combined with the base, which may be left out.
+
+        combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE" or "CLAMP".
+        """
+
+    def release(self) -> None: ...
+
+
+class StoredMaps(Protocol):
+    """A room's maps, each stored when first asked for."""
+
+    room: Room
+    report: PathReport
+
+    def of(self, packed: RowMap) -> StoredMap: ...
+
+    def release(self) -> None: ...
+
+
+class FarPass:
+    """target = base ± scatter · mix · gather · source."""
+
+    def __init__(self, stored: StoredMaps, maps: FarMaps, combine: str) -> None:
+        self._gather, self._mix = stored.of(maps.gather).product(), stored.of(maps.mix).product()
+        self._scatter = stored.of(maps.scatter).product(combine)
+
+    def run(self, source: Light, base: Light) -> Light:
+        return self._scatter.run(self._mix.run(self._gather.run(source)), base)
+
+    def release(self) -> None:
+        for product in (self._gather, self._mix, self._scatter):
+            product.release()
+
+
+class Planes(Operation, Protocol):
+    """The planes of one pixel format: run() -> linear picture, upright."""
+
+    def adjust(self, adjustments: Adjustments) -> None:
+        """Take over brightness, contrast, gamma and saturation; radiance has no codes that they could change."""
+
+    def upload(self, planes: Sequence[NDArray[Any]]) -> None: ...
+
+
+class Adapter(Operation, Protocol):
+    """run(placed picture) -> (s, o) of a frame (player/pipeline/content.py)."""
+
+    def set(self, adapt: float, unit: float, black_level: float) -> None:
+        """adapt : percent of the light that may clip.  unit : share of white of a picture's 1."""
+
+    def advance(self, *, cut: bool, duration_s: float) -> None: ...
+
+
+class Device(Protocol):
+    """Whoever has something made here releases it; shapes are (height, width)."""
+
+    def picture(self, picture: NDArray[np.floating]) -> Light:
+        """(height, width, 3)."""
+
+    def write(self, light: Light, picture: NDArray[np.floating]) -> None:
+        """Replace what `picture` made."""
+
+    def mask(self, mask: NDArray[np.bool_]) -> Light: ...
+
+    def make_pass(
+        self, shader: str, shape: tuple[int, int], defines: Mapping[str, int | None] | None = None, **uniforms: Any
+    ) -> Pass: ...
+
+    def store(self, room: Room, path: str) -> StoredMaps: ...
+
+    def planes(self, pixels: PixelFormat) -> Planes: ...
+
+    def adapter(self, near_light: NearLight, ambient: Light, most: Light, white: float) -> Adapter: ...
+
+    def encoder(self, shape: tuple[int, int], response: Response, scale: float, dither: str) -> Operation:
+        """run(light, frame) -> 8 bit through an inverse response."""
+
+    def stepper(self, shape: tuple[int, int], step_size: NDArray[np.float32]) -> Operation:
+        """run(step, descent, y, p) -> the next p and y, valid until the step after the next."""
+
+    def total(self, shape: tuple[int, int]) -> Operation:
+        """run(picture) -> its sum, (3,) float64; waits for it."""
+
+    def read(self, light: Light, dtype: type) -> NDArray[Any]:
+        """A picture's three channels, (height, width, 3); waits for it."""
+
+    def finish(self) -> None: ...

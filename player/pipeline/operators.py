@@ -1,0 +1,91 @@
+"""Light as operators on pictures of three channels: sums and chains of parts, and what undoes them (DESIGN 6.7).
+
+A part has `apply` and `apply_transpose`. T = S + U M D is the sum of near light and a chain of gather, mix and scatter;
+T⁺ takes the far light of the compensated picture out before it inverts the near light.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import FloatArray
+from counterlight.maps.room_maps import FarMaps, RoomMaps
+from counterlight.maps.row_map import RowMap
+from counterlight.pipeline.reference import PreparedRows
+
+Light = NDArray[np.floating]
+
+
+class Operator(Protocol):
+    """A matrix for each channel."""
+
+    def apply(self, picture: Light) -> FloatArray: ...
+    def apply_transpose(self, picture: Light) -> FloatArray: ...
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Parts one after the other: D, M, U for U M D."""
+
+    parts: Sequence[Operator]
+
+    def apply(self, picture: Light) -> FloatArray:
+        return np.asarray(reduce(lambda light, part: part.apply(light), self.parts, picture), np.float64)
+
+    def apply_transpose(self, picture: Light) -> FloatArray:
+        found = reduce(lambda light, part: part.apply_transpose(light), reversed(self.parts), picture)
+        return np.asarray(found, np.float64)
+
+
+@dataclass(frozen=True)
+class Sum:
+    """Parts beside each other, of which the second may be missing: S and U M D for T."""
+
+    near: Operator
+    far: Operator | None
+
+    def apply(self, picture: Light) -> FloatArray:
+        near = self.near.apply(picture)
+        return near if self.far is None else near + self.far.apply(picture)
+
+    def apply_transpose(self, picture: Light) -> FloatArray:
+        near = self.near.apply_transpose(picture)
+        return near if self.far is None else near + self.far.apply_transpose(picture)
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """T⁺ = S⁺ (1 − U M' D'), as the player applies it, without the clamp (tools/inverse/far_light.py)."""
+
+    near_pinv: Operator
+    undo: Operator | None
+
+    def near_light(self, b: Light) -> FloatArray:
+        """b without the far light of the compensated picture."""
+        return np.asarray(b if self.undo is None else b - self.undo.apply(b), np.float64)
+
+    def apply(self, b: Light) -> FloatArray:
+        return self.near_pinv.apply(self.near_light(b))
+
+    def apply_transpose(self, drive: Light) -> FloatArray:
+        sums = self.near_pinv.apply_transpose(drive)
+        return sums if self.undo is None else sums - self.undo.apply_transpose(sums)
+
+
+def chained(maps: FarMaps | None) -> Chain | None:
+    """U M D of packed maps."""
+    return None if maps is None else Chain([PreparedRows(part) for part in (maps.gather, maps.mix, maps.scatter)])
+
+
+def light(near: RowMap, far: FarMaps | None) -> Sum:
+    """T, or Tᵀ, of packed maps."""
+    return Sum(PreparedRows(near), chained(far))
+
+
+def compensation(maps: RoomMaps) -> Compensation:
+    """T⁺ of packed maps."""
+    return Compensation(PreparedRows(maps.correction), chained(maps.undo))

@@ -1,0 +1,65 @@
+"""What can be set of a show, each once: its name, what it takes, what it is unless somebody says, and what it means.
+
+A row is an option of counterlight play and a setting, a property of the control socket, and a line of docs/player.md.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+from counterlight.pipeline.kinds import Choice, Flag, Kind, Number
+from counterlight.pipeline.refinement import DEFAULT_STEPS, MOST_STEPS, STEPS_WITHOUT_MAP
+from counterlight.pipeline.test_cards import CARDS
+from counterlight.pipeline.views import VIEWS
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """default : None where it depends on the media or the room; `unsaid` then says how.
+
+    value : what --help calls it.  unit : said after it on the screen.
+    """
+
+    help: str
+    kind: Kind
+    default: Any = None
+    value: str = "N"
+    unit: str = ""
+    unsaid: str = ""
+
+
+LISTED_IMAGE_S = 5.0  # how long a picture in a list is shown if nobody says
+FLAG, CONTROL = Flag(), Number(-100, 100, whole=True)
+STEPS = Number(0, MOST_STEPS, whole=True, words=("auto",), noun="a number of steps")
+PARAMETERS = {
+    "speed": Parameter("media seconds a second", Number(0.01, 100), 1.0, "FACTOR"),
+    "image-display-duration": Parameter(
+        "how long a picture is shown",
+        Number(0.01, 1e6, words=("inf",), noun="seconds"),
+        value="SECONDS|inf",
+        unit="s",
+        unsaid=f"inf, in a list {LISTED_IMAGE_S:g}",
+    ),
+    "volume": Parameter("loudness of the sound in percent; an error without audio", Number(0, 130), 100.0, "PERCENT"),
+    "mute": Parameter("whether sound is off; an error without audio", FLAG, False),
+    "brightness": Parameter("as in mpv", CONTROL, 0),
+    "contrast": Parameter("as in mpv", CONTROL, 0),
+    "gamma": Parameter("as in mpv", CONTROL, 0),
+    "saturation": Parameter("as in mpv", CONTROL, 0),
+    "black-level": Parameter("share of white that black asks for", Number(0, 0.5), 0.0, "SHARE"),
+    "adapt": Parameter("percent of the light that may clip; 0 adapts nothing", Number(0, 100), 0.0, "PERCENT", "%"),
+    "flicker": Parameter("weight of the frame before, against flicker", Number(0, 0.95), 0.0, "WEIGHT"),
+    "clipping": Parameter("colour what clips", FLAG, False),
+    "test-card": Parameter("test card instead of the picture", Choice(("no", *CARDS)), "no"),
+    "view": Parameter("what is shown", Choice(VIEWS), "projector"),
+    "compensation": Parameter("whether the room is compensated", FLAG, True),
+    "blackout": Parameter("show black", FLAG, False),
+    "refine": Parameter(
+        "steps of refinement a frame; auto, as many as the time of a frame leaves",
+        STEPS,
+        value="N|auto",
+        unit="steps",
+        unsaid=f"{DEFAULT_STEPS}, from direct mapping {STEPS_WITHOUT_MAP}; 0: the correction map alone",
+    ),
+    "osd": Parameter("whether the screen says what keys change", FLAG, True),
+    "fullscreen": Parameter("whether the monitor is filled", FLAG, False),
+}

@@ -1,0 +1,131 @@
+"""Where a picture stands in the camera's (or the projector's) view: fitted, its aspect kept, or pinned by its corners.
+
+Pinned, a pixel centre (x, y) of the target shows the picture at H (x, y, 1), H the projective map that takes the four
+corners to those of the picture; see pinned() in player/pipeline/reference.py for the filter.
+"""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.errors import InputError
+from counterlight.files.manifest import write_toml
+from counterlight.files.reading import read_toml
+from counterlight.files.tables import Table
+from counterlight.media.frames import PixelFormat
+from counterlight.writing.replacing import remove_file, replacing_file
+
+Corner: TypeAlias = tuple[float, float]
+Corners: TypeAlias = tuple[Corner, Corner, Corner, Corner]  # clockwise from the picture's upper left, in shares
+FILE, FORMAT = "placement.toml", 1
+FARTHEST = 2.0  # a corner may lie this many views outside
+SMALLEST_TURN = 1e-4  # twice the area of a triangle of corners, in views
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Upper left corner and size, in whole target pixels."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+
+def fit(shape: tuple[int, int], pixel_aspect: float, target: tuple[int, int]) -> Placement:
+    """The largest placement of a picture (height, width) that keeps its aspect inside a target (height, width).
+
+    pixel_aspect : width of one picture pixel over its height; target pixels are square.
+    """
+    height, width = shape[0], shape[1] * pixel_aspect
+    scale = min(target[0] / height, target[1] / width)
+    placed_height = min(max(1, round(height * scale)), target[0])
+    placed_width = min(max(1, round(width * scale)), target[1])
+    return Placement((target[1] - placed_width) // 2, (target[0] - placed_height) // 2, placed_width, placed_height)
+
+
+def shown_shape(pixels: PixelFormat) -> tuple[int, int]:
+    """(height, width) of the picture once it is turned upright."""
+    turned = pixels.rotation % 180 == 90
+    return (pixels.width, pixels.height) if turned else (pixels.height, pixels.width)
+
+
+def place(pixels: PixelFormat, target: tuple[int, int]) -> Placement:
+    """Where the upright picture stands in a target (height, width)."""
+    aspect = pixels.pixel_aspect
+    return fit(shown_shape(pixels), 1 / aspect if pixels.rotation % 180 == 90 else aspect, target)
+
+
+def corners_of(placement: Placement, target: tuple[int, int]) -> Corners:
+    """The corners of a placement in a target (height, width): where pinning starts."""
+    left, right = placement.left / target[1], (placement.left + placement.width) / target[1]
+    top, bottom = placement.top / target[0], (placement.top + placement.height) / target[0]
+    return (left, top), (right, top), (right, bottom), (left, bottom)
+
+
+def check_corners(corners: Corners) -> None:
+    """InputError unless the four corners make a convex quadrilateral, mirrored or not, near the view."""
+    points = np.asarray(corners, np.float64)
+    if points.shape != (4, 2) or not np.all(np.abs(points - 0.5) <= FARTHEST + 0.5):
+        raise InputError(
+            f"corners {corners}: expected four pairs (x, y), shares of the view, from {-FARTHEST:g} to {FARTHEST + 1:g}"
+        )
+    sides = np.roll(points, -1, axis=0) - points
+    following = np.roll(sides, -1, axis=0)
+    turns = sides[:, 0] * following[:, 1] - sides[:, 1] * following[:, 0]
+    if abs(np.sign(turns).sum()) != 4 or np.abs(turns).min() < SMALLEST_TURN:
+        raise InputError(
+            f"corners {corners}: they cross, or three of them lie on a line; "
+            "give the upper left, upper right, lower right and lower left corner of the picture"
+        )
+
+
+def homography(corners: Corners, target: tuple[int, int], picture: tuple[int, int]) -> NDArray[np.float64]:
+    """H with picture position ~ H (x, y, 1) of a target position, both in pixels from the upper left; (3, 3).
+
+    target, picture : (height, width). The third component is positive inside the corners.
+    """
+    x, y = (np.asarray(corners, np.float64) * (target[1], target[0])).T
+    height, width = picture
+    u, v = np.array([0, width, width, 0.0]), np.array([0, 0, height, height])
+    zero, one = np.zeros(4), np.ones(4)
+    equations = np.concatenate(
+        [
+            np.stack([x, y, one, zero, zero, zero, -u * x, -u * y], axis=1),
+            np.stack([zero, zero, zero, x, y, one, -v * x, -v * y], axis=1),
+        ]
+    )
+    H = np.append(np.linalg.solve(equations, np.concatenate([u, v])), 1.0).reshape(3, 3)
+    middle = H[2] @ (x.mean(), y.mean(), 1.0)
+    return np.asarray(H / middle)
+
+
+def read_placement(folder: Path) -> Corners | None:
+    """The corners kept beside a calibration; None where none were kept."""
+    path, fix = folder / FILE, "place the picture again, or remove the file"
+    if not os.path.exists(path):
+        return None
+    table = Table(read_toml(path, fix), f"{path}", fix)
+    table.format(FORMAT)
+    a, b, c, d = ((x, y) for x, y in table.rows("corners", 4, 2, -FARTHEST, FARTHEST + 1).tolist())
+    try:
+        check_corners((a, b, c, d))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return a, b, c, d
+
+
+def write_placement(folder: Path, corners: Corners | None) -> Path:
+    """Keep the corners beside a calibration; None, fitting, removes what was kept. Returns the file's path."""
+    path = folder / FILE
+    if corners is None:
+        remove_file(path)
+        return path
+    check_corners(corners)
+    with replacing_file(path) as temporary:
+        write_toml(temporary, {"format": FORMAT, "corners": [list(corner) for corner in corners]})
+    return path

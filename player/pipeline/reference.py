@@ -1,0 +1,380 @@
+"""The CPU twin of every shader pass, in numpy: what the GPU is checked against, and `--backend cpu`.
+
+Each function names its shader. Pictures are (row, column, channel), linear, row 0 at the top; sums are in float64 where
+it costs little, so that the twin is the more exact of the two.
+
+tone : (s, o), see content.py.  reach : (camera height, camera width, 4), the radiance of full drive, and 1 where
+a pixel is inside the mask and lit in every channel, 0 elsewhere.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.maps.row_map import RowMap, unpack
+from counterlight.pipeline.colour import Decoding
+from counterlight.pipeline.content import OFFSETS, SCALES, tile_grid
+from counterlight.pipeline.views import (
+    CLIP_FAINT,
+    CLIP_SPAN,
+    ERROR_SPAN,
+    IMPOSSIBLE,
+    MID_GREY,
+    OVER,
+    SLACK,
+    UNCOUNTED,
+    UNDER,
+    error_colours,
+)
+
+FloatArray = NDArray[np.floating]
+MOST_TAPS = 32  # along an axis; a filter that is wider takes every second sample, or every third …
+
+
+class PreparedRows:
+    """A row map unpacked for repeated products: per channel Σ_k weight[k] · source[index[k]] (row_map.frag).
+
+    Rows without entries give 0.
+    """
+
+    def __init__(self, packed: RowMap) -> None:
+        self._rows = unpack(packed)
+        self._shape, self._source_shape = packed.output_shape, packed.source_shape
+
+    def apply(self, source: FloatArray) -> NDArray[np.float64]:
+        """source : (source height, source width, 3).  Returns (output height, output width, 3)."""
+        if source.shape[:2] != self._source_shape:
+            raise ValueError(f"source of shape {source.shape[:2]}, the row map reads {self._source_shape}")
+        return self._rows.apply(source.reshape(-1, 3)).reshape(*self._shape, 3)
+
+    def apply_transpose(self, picture: FloatArray) -> NDArray[np.float64]:
+        """From a picture of the output's shape to one of the source's."""
+        return self._rows.apply_transpose(picture.reshape(-1, 3)).reshape(*self._source_shape, 3)
+
+
+def planes_to_linear(
+    planes: Sequence[NDArray[np.generic]],
+    size: tuple[int, int],
+    chroma_size: tuple[int, int],
+    decoding: Decoding | None,
+    transfer: FloatArray,
+    rotation: int,
+    lift: float = 0.0,
+) -> NDArray[np.float64]:
+    """Decoded planes -> linear RGB, upright (planes_to_linear.frag).
+
+    planes : three (rows, stride).  size, chroma_size : (height, width) in use.  decoding : None for linear radiance.
+    transfer : (samples,) linear light over the code value 0..1.  rotation : degrees counter-clockwise.
+    lift : added to every code value.
+    """
+    first = planes[0][: size[0], : size[1]].astype(np.float64)
+    others = [plane[: chroma_size[0], : chroma_size[1]].astype(np.float64) for plane in planes[1:]]
+    if decoding is None:
+        linear = np.stack([first, *others], axis=-1)
+    else:
+        others = [_upsample(plane, size, decoding) for plane in others]
+        samples = (np.stack([first, *others], axis=-1) - decoding.black) / decoding.span
+        codes = np.clip(samples @ decoding.to_rgb.T + lift, 0, 1)
+        linear = np.interp(codes, np.linspace(0, 1, transfer.size), transfer)
+    return np.rot90(linear, rotation // 90)
+
+
+def resample(picture: FloatArray, target: tuple[int, int], placement: tuple[int, int, int, int]) -> FloatArray:
+    """Place a picture in a black target (height, width). Placement: left, top, width, height (resample.frag, twice)."""
+    left, top, width, height = placement
+    across = resample_axis(picture, 1, target[1], left, width)
+    return resample_axis(across, 0, target[0], top, height)
+
+
+def resample_axis(picture: FloatArray, axis: int, length: int, origin: float, extent: float) -> FloatArray:
+    """Tent-filter a picture along one axis into `length` target pixels, of which it covers origin … origin + extent."""
+    count = picture.shape[axis]
+    scale = count / extent
+    centre = (np.arange(length) + 0.5 - origin) * scale
+    radius = max(scale, 1.0)
+    weights = np.maximum(0, 1 - np.abs(np.arange(count) + 0.5 - centre[:, None]) / radius)
+    weights[(centre <= 0) | (centre >= count)] = 0
+    total = weights.sum(axis=1, keepdims=True)
+    weights = np.divide(weights, total, out=np.zeros_like(weights), where=total > 0)
+    return np.moveaxis(np.tensordot(weights, picture, axes=(1, axis)), 0, axis)
+
+
+def pinned(picture: FloatArray, target: tuple[int, int], H: FloatArray) -> FloatArray:
+    """Place a picture by a projective map, black around it (pinned.frag).
+
+    H : target position -> picture position, in pixels (counterlight.pipeline.placement.homography).
+    A tent along each axis of the picture, as wide as a target pixel is there: its half width is √(∂x² + ∂y²) of the
+    map's derivatives and at least one pixel, so that an upright placement is filtered as by resample. Edges are covered
+    by the part of a pixel that lies inside, from its distance to the edge.
+    """
+    y, x = np.mgrid[: target[0], : target[1]] + 0.5
+    u, v, w = np.einsum("ij,jyx->iyx", H, np.stack([x, y, np.ones_like(x)]))
+    ahead = w > 0
+    w = np.where(ahead, w, 1)
+    u, v = u / w, v / w
+    reach_u = np.hypot(H[0, 0] - u * H[2, 0], H[0, 1] - u * H[2, 1]) / w
+    reach_v = np.hypot(H[1, 0] - v * H[2, 0], H[1, 1] - v * H[2, 1]) / w
+    height, width = picture.shape[:2]
+    inside = np.minimum(np.minimum(u, width - u) / reach_u, np.minimum(v, height - v) / reach_v)
+    cover = np.where(ahead, np.clip(inside + 0.5, 0, 1), 0)
+    shown = cover > 0
+    sums, total = np.zeros((np.count_nonzero(shown), 3)), np.zeros((np.count_nonzero(shown), 1))
+    across = list(_taps(u[shown], np.maximum(reach_u[shown], 1), width))
+    for row, down in _taps(v[shown], np.maximum(reach_v[shown], 1), height):
+        for column, weight in across:
+            weight = (down * weight)[:, None]
+            sums += weight * picture[row, column]
+            total += weight
+    result = np.zeros((*target, 3))
+    result[shown] = cover[shown][:, None] * np.divide(sums, total, out=np.zeros_like(sums), where=total > 0)
+    return result
+
+
+def _taps(centre: FloatArray, radius: FloatArray, count: int) -> Iterator[tuple[NDArray[np.int64], FloatArray]]:
+    """The first tap of every filter along an axis and its weight, then the second, …; weight 0 where there is none."""
+    step = np.maximum(np.ceil(2 * radius / MOST_TAPS), 1)
+    tap = np.maximum(np.ceil(centre - radius - 0.5), 0)
+    last = np.minimum(np.floor(centre + radius - 0.5), count - 1)
+    while np.any(tap <= last):
+        weight = np.where(tap <= last, np.maximum(0, 1 - np.abs(tap + 0.5 - centre) / radius), 0)
+        yield np.minimum(tap, count - 1).astype(int), weight
+        tap = tap + step
+
+
+def desired_light(
+    picture: FloatArray,
+    ambient: FloatArray | float,
+    white: float,
+    tone: FloatArray | tuple[float, float] = (1.0, 0.0),
+    unit: float = 1.0,
+    black_level: float = 0.0,
+    *,
+    clamp: bool = False,
+) -> FloatArray:
+    """What the projector must add: b = white (s u + o) − e (thesis eq. 5.1; desired.frag).
+
+    u = k + (1 − k) unit · picture.  unit : share of white of a picture's 1.  black_level : k, what black asks for.
+    clamp : limit the result to 0..1, as of a picture that goes to the projector.
+    """
+    scale, offset = np.ravel(tone)[:2]
+    u = black_level + (1 - black_level) * (unit * picture)
+    b = white * (scale * u + offset) - ambient
+    return np.asarray(np.clip(b, 0, 1) if clamp else b)
+
+
+def combine(first: FloatArray, second: FloatArray, factor: float, *, clamp: bool = False) -> FloatArray:
+    """One picture plus a multiple of another, limited to 0..1 if `clamp` (combine.frag)."""
+    result = first + factor * second
+    return np.clip(result, 0, 1) if clamp else result
+
+
+def refinement_step(
+    descent: FloatArray,
+    y: FloatArray,
+    p: FloatArray,
+    step_size: FloatArray,
+    momentum: float,
+    over_relaxation: float,
+) -> tuple[FloatArray, FloatArray]:
+    """One accelerated projected gradient step from y, Tᵀ(b − T y) given; the next p and y (refinement_step.frag).
+
+    A pixel whose step size is 0 stays dark.
+    """
+    q = np.where(step_size > 0, np.clip(y + step_size * descent, 0, 1), 0)
+    return q, q + momentum * (q - p) + over_relaxation * (q - y)
+
+
+def gap_terms(descent: FloatArray, p: FloatArray) -> FloatArray:
+    """Each pixel's share of the gap, max(g p, g (p − 1)), of the gradient g = −descent (gap.frag)."""
+    return np.maximum(-descent * p, descent * (1 - p))
+
+
+def squared_error(residual: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
+    """residual² inside the mask, 0 outside (squared_error.frag)."""
+    return np.where(mask[..., None], residual**2, 0)
+
+
+def block_sum(picture: FloatArray, side: int) -> FloatArray:
+    """The sum of each block of side × side pixels, smaller at the right and lower edge (block_sum.frag)."""
+    rows, columns = (np.arange(0, length, side) for length in picture.shape[:2])
+    return np.asarray(np.add.reduceat(np.add.reduceat(picture, rows, axis=0), columns, axis=1))
+
+
+def split(left: FloatArray, right: FloatArray, line: float) -> FloatArray:
+    """The left half of one picture, the right half of the other, a line of light `line` between (split.frag)."""
+    middle = left.shape[1] // 2
+    result = np.concatenate([left[:, :middle], right[:, middle:]], axis=1)
+    result[:, middle] = line
+    return result
+
+
+def encode(
+    light: FloatArray, inverse_response: FloatArray, scale: float = 1.0, dither: str = "none", frame: int = 0
+) -> NDArray[np.uint8]:
+    """Linear light -> 8-bit code values (encode.frag).
+
+    inverse_response : (samples, 3) code values over √light 0..1.  scale : light of a white pixel.
+    dither : "ordered", "noise" or "none".
+    """
+    grid = np.linspace(0, 1, len(inverse_response))
+    root = np.sqrt(np.clip(light / scale, 0, 1))
+    codes = np.stack([np.interp(root[..., i], grid, inverse_response[:, i]) for i in range(3)], axis=-1)
+    height, width = light.shape[:2]
+    threshold: float | NDArray[np.float64] = 0.5
+    if dither != "none":
+        threshold = _bayer(height, width) if dither == "ordered" else _noise(height, width, frame)
+    return np.asarray(np.floor(np.minimum(codes * 255 + threshold, 255)), np.uint8)
+
+
+def reach_of(seen: FloatArray, ambient: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
+    """What full drive gives, `seen`, and which pixels count (reach.frag)."""
+    lit = mask & np.all(seen > ambient, axis=2)
+    return np.concatenate([seen, lit[..., None]], axis=2)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a room lets a camera pixel have, (camera height, camera width, 3) each; see content.py.
+
+    near_white : 1 − F 1.  near_ambient : e − F e.  ambient : e.  most : S·1, and a fourth channel, 0 where a pixel does
+    not count.
+    """
+
+    near_white: FloatArray
+    near_ambient: FloatArray
+    ambient: FloatArray
+    most: FloatArray
+
+
+def clip_sums(
+    u: FloatArray, near: FloatArray, limits: Limits, white: float, budget: float, offset: float | None
+) -> FloatArray:
+    """What clips less what may, of 16 candidates, over all samples (clip_sums.frag, then block_sum.frag).
+
+    u : in shares of white.  near : u − F u.  budget : share of A.  offset : o, of which the scales are tried; None
+    tries the offsets at s = 1 − o, and counts only what is too dark. Returns (16,).
+    """
+    tile, step = tile_grid(u.shape[:2])
+    at = np.ix_(*(_samples(u.shape[axis], tile[axis], step[axis]) for axis in (0, 1)))
+    ambient, most = limits.ambient[at], limits.most[at]
+    offsets, shares = (OFFSETS, np.ones(16)) if offset is None else (np.full(16, offset), SCALES)
+    allowed = budget * np.maximum(white * u[at], ambient)
+    sums = np.empty(16)
+    for i, (o, share) in enumerate(zip(offsets, shares, strict=True)):
+        needed = white * ((1 - o) * share * near[at] + o * limits.near_white[at]) - limits.near_ambient[at]
+        clipped = np.maximum(-needed, 0)
+        if offset is not None:
+            clipped = clipped + np.maximum(needed - most[..., :3], 0)
+        sums[i] = np.sum((clipped - allowed) * most[..., 3:])
+    return sums
+
+
+def _samples(length: int, tile: int, step: int) -> NDArray[np.int64]:
+    starts = range(0, length, tile)
+    return np.concatenate([np.arange(start, min(start + tile, length), step) for start in starts])
+
+
+def choose(candidates: FloatArray, sums: FloatArray, otherwise: int) -> float:
+    """The first candidate whose sum is at most 0, moved towards the one before as far as a line allows (choose.frag).
+
+    otherwise : the candidate to take where there is none.
+    """
+    within = np.flatnonzero(sums <= 0)
+    if not within.size:
+        return float(candidates[otherwise])
+    i = within[0]
+    if i == 0:
+        return float(candidates[0])
+    share = sums[i - 1] / (sums[i - 1] - sums[i])
+    return float(candidates[i - 1] + share * (candidates[i] - candidates[i - 1]))
+
+
+def tone_of(u: FloatArray, near: FloatArray, limits: Limits, white: float, budget: float) -> NDArray[np.float64]:
+    """(s, o) for one picture."""
+    sums = clip_sums(u, near, limits, white, budget / 2, None)
+    offset = choose(OFFSETS, sums, len(OFFSETS) - 1)
+    sums = clip_sums(u, near, limits, white, budget, offset)
+    return np.array([(1 - offset) * choose(SCALES, sums, int(np.argmin(sums))), offset])
+
+
+def blend(now: FloatArray, before: FloatArray, weight: float) -> FloatArray:
+    """(1 − weight) now + weight before (blend.frag)."""
+    return np.asarray((1 - weight) * now + weight * before)
+
+
+def error_map(
+    seen: FloatArray, ambient: FloatArray, b: FloatArray, reach: FloatArray, white: float
+) -> NDArray[np.float64]:
+    """What the camera sees less what was asked, of the channel that is furthest off, as colours (error_map.frag)."""
+    error = (seen - ambient - b) / white
+    rows, columns = np.indices(error.shape[:2])
+    worst = error[rows, columns, np.argmax(np.abs(error), axis=2)]
+    colours = error_colours()
+    position = (np.clip(worst / ERROR_SPAN, -1, 1) + 1) / 2
+    grid = np.linspace(0, 1, len(colours))
+    light = np.stack([np.interp(position, grid, colours[:, i]) for i in range(3)], axis=-1)
+    return np.asarray(white * np.where(reach[..., 3:] > 0, light, UNCOUNTED))
+
+
+def impossible(reach: FloatArray, white: float) -> NDArray[np.float64]:
+    """The colour of what a camera pixel cannot be asked for (impossible.frag); classes as in views.py."""
+    short = np.stack(shortfalls(reach, white))
+    return np.asarray(white * IMPOSSIBLE[np.where(short.any(axis=0), 1 + short.argmax(axis=0), 0)])
+
+
+def shortfalls(reach: FloatArray, white: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Camera pixels that do not count, cannot reach mid grey, cannot reach white: (camera height, camera width)."""
+    least, lit = reach[..., :3].min(axis=2) * (1 + SLACK), reach[..., 3] > 0
+    return ~lit, lit & (least < MID_GREY * white), lit & (least < white)
+
+
+def clipping(view: FloatArray, asked: FloatArray, most: FloatArray | float, white: float) -> NDArray[np.float64]:
+    """Colour what is asked for below 0 or above `most`, by how far, of the worst channel (clipping.frag).
+
+    white : light of the colours, and what amounts are shares of.
+    """
+    over = np.max(asked - most, axis=2, keepdims=True) / white
+    under = np.max(-asked, axis=2, keepdims=True) / white
+    amount = np.maximum(np.maximum(over, under), 0)
+    weight = 0.5 * np.minimum(amount / CLIP_FAINT, 1) + 0.5 * np.minimum(amount / CLIP_SPAN, 1)
+    colour = white * np.where(over >= under, OVER, UNDER)
+    return np.asarray(view + weight * (colour - view))
+
+
+def _upsample(plane: FloatArray, size: tuple[int, int], decoding: Decoding) -> NDArray[np.float64]:
+    """Chroma at every luma pixel, bilinear between samples, clamped at the borders."""
+    result = np.asarray(plane, np.float64)
+    for axis in (0, 1):
+        position = np.arange(size[axis]) / decoding.subsampling[1 - axis] + decoding.chroma_offset[1 - axis]
+        low = np.floor(position)
+        share = np.expand_dims(position - low, 1 - axis)
+        last = plane.shape[axis] - 1
+        a = np.take(result, np.clip(low, 0, last).astype(int), axis)
+        b = np.take(result, np.clip(low + 1, 0, last).astype(int), axis)
+        result = a + (b - a) * share
+    return result
+
+
+def _bayer(height: int, width: int) -> NDArray[np.float64]:
+    y, x = np.mgrid[:height, :width]
+    x ^= y
+    rank = np.zeros((height, width), np.int64)
+    for bit in range(3):
+        rank = (rank << 2) | (((x >> bit) & 1) << 1) | ((y >> bit) & 1)
+    return ((rank + 0.5) / 64)[..., None]
+
+
+def _noise(height: int, width: int, frame: int) -> NDArray[np.float64]:
+    """Uniform thresholds from the PCG hash of pixel, channel and frame (Jarzynski and Olano 2020)."""
+    y, x = np.mgrid[:height, :width].astype(np.uint32)
+    seed = _scramble(x + _scramble(y + _scramble(np.full((1, 1), frame & 0xFFFFFFFF, np.uint32))))
+    noise = np.stack([_scramble(seed + np.uint32(i)) for i in range(3)], axis=-1)
+    return ((noise >> np.uint32(9)).astype(np.float64) + 0.5) / 8388608.0
+
+
+def _scramble(v: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    v = v * np.uint32(747796405) + np.uint32(2891336453)
+    v = ((v >> ((v >> np.uint32(28)) + np.uint32(4))) ^ v) * np.uint32(277803737)
+    return (v >> np.uint32(22)) ^ v

@@ -1,0 +1,234 @@
+"""What a frame goes through on either backend: planes -> linear picture -> placed in the camera's view -> b -> drive ->
+8 bit (thesis 5.2).
+
+Which view is shown, what drives the projector and how far from the best one that is are said once, for every device
+(device.py). Whatever a device holds is made when the room or the medium is opened, or when something is first asked for
+(a view, an adjustment of the picture); a frame allocates nothing.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.calibration import Calibration
+from counterlight.errors import InputError
+from counterlight.maps.room_maps import RefinementMaps
+from counterlight.media.frames import Frame, PixelFormat
+from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
+from counterlight.pipeline.content import SceneCuts
+from counterlight.pipeline.damper import Damper
+from counterlight.pipeline.device import Device, FarPass, Light, Operation, Owner, StoredMap, StoredMaps
+from counterlight.pipeline.map_views import MapViews, Observer
+from counterlight.pipeline.refinement import Certificate
+from counterlight.pipeline.refiner import Refiner
+from counterlight.pipeline.request import Request
+from counterlight.pipeline.room import Room
+from counterlight.pipeline.starts import DirectStart, GreyStart, MapStart, PreviousStart, Start
+from counterlight.response import Response
+
+
+class Renderer:
+    """open, then upload and render as often as you like, then read what is needed; release at the end.
+
+    path : one of counterlight.pipeline.device.PATHS; afterwards, how it multiplies.
+    No part refers back to the renderer, so that a reload frees the room it replaces, and not some later collection.
+    """
+
+    def __init__(self, device: Device, room: Room, path: str) -> None:
+        self._device, self._room = device, room
+        self._owner, self._medium = Owner(), Owner()
+        self._adjustments = NEUTRAL
+        self._opened = False
+        self._damper: Damper | None = None
+        try:
+            self._build(path)
+        except BaseException:
+            self._owner.release()
+            raise
+
+    def _build(self, path: str) -> None:
+        device, room, own = self._device, self._room, self._owner.own
+        maps, calibration = room.maps, room.calibration
+        camera, projector = calibration.camera.shape, calibration.projector.shape
+        ambient = own(device.picture(calibration.ambient))
+        stored = own(device.store(room, path))
+        self.path = stored.report
+        self._correction = stored.of(maps.correction)
+        self._correct = own(self._correction.product("CLAMP"))
+        undo = None if maps.undo is None else own(FarPass(stored, maps.undo, "SUBTRACT_FROM_BASE"))
+        self._near_light = _NearLight(undo)
+        self._unclamped = own(_Unclamped(self._correction, self._near_light))
+        self._refiner = None
+        if maps.refinement is not None:
+            self._refiner = own(Refiner(device, stored, maps.refinement, calibration.mask))
+            self._start = own(self._make_start(stored, maps.refinement))
+        self._observers = [own(Observer(stored, ambient)) for _ in range(2)]
+        self._maps = own(MapViews(device, stored, ambient))
+        self._request = own(Request(device, room, ambient, self._maps, self._near_light))
+        self._split = own(device.make_pass("split.frag", camera, line=room.white))
+        self._projector_view = own(device.encoder(projector, calibration.projector.response, 1.0, room.dither))
+        self._camera_view = own(device.encoder(camera, Response("srgb"), room.white, "none"))
+
+    def _make_start(self, stored: StoredMaps, maps: RefinementMaps) -> Start:
+        device, projector = self._device, self._room.calibration.projector.shape
+        start = self._room.start
+        if start == "previous-direct":
+            return PreviousStart(device, projector, self._owner.own(stored.of(maps.direct).product()).run)
+        if start == "direct":
+            return DirectStart(stored.of(maps.direct))
+        if start == "grey":
+            return GreyStart(device, projector)
+        if start == "map":
+            correct, near_light = self._correct, self._near_light
+            return MapStart(lambda b: correct.run(near_light(b)))
+        return PreviousStart(device, projector, self._unclamped)
+
+    def open(self, pixels: PixelFormat) -> None:
+        """Prepare for frames of one format; raises InputError if they do not suit the room."""
+        check_radiance_size(pixels, self._room.calibration)
+        self._medium.release()
+        self._planes = self._medium.own(self._device.planes(pixels))
+        self._planes.adjust(self._adjustments)
+        self._request.open(pixels, self._adjustments)
+        self._cuts = SceneCuts()
+        self._opened = True
+
+    def adjust(self, adjustments: Adjustments) -> None:
+        """Take over what the viewer changed, from the next render on; stays when another medium is opened.
+
+        Something used for the first time is built here, so that a frame afterwards allocates nothing.
+        """
+        previous, self._adjustments = self._adjustments, adjustments
+        if self._opened:
+            self._planes.adjust(adjustments)
+            self._request.adjust(adjustments)
+        if adjustments.flicker and self._damper is None:
+            self._damper = self._owner.own(Damper(self._device, self._room.calibration.projector.shape))
+        if self._damper is not None and not previous.flicker:
+            self._damper.restart()
+
+    def upload(self, frame: Frame) -> None:
+        """Take a frame's planes; the frame may be released afterwards."""
+        self._planes.upload(frame.planes)
+        cut = self._cuts.starts_with(frame)
+        self._request.advance(cut=cut, duration_s=frame.duration_s)
+        if self._refiner is not None:
+            self._start.advance(cut=cut)
+        if self._damper is not None:
+            self._damper.advance(cut=cut)
+
+    def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
+        """Compute a view of the uploaded frame, one of VIEWS.
+
+        split shows the camera's view without | with compensation, error how far it is from what was asked, impossible
+        what no picture can reach (views.py). A test card has no error: error shows the camera's view of it.
+        steps : of refinement, if the room has its maps; 0 is clamp(T⁺ b), the thesis' method.
+        """
+        self._decoded = self._planes.run()
+        self._compensated: tuple[Light, Light] | None = None
+        self._linear = self._shown(view, compensate=compensate and self._adjustments.card is None, steps=steps)
+        encoder = self._projector_view if view == "projector" else self._camera_view
+        self._encoded = encoder.run(self._linear, frame)
+
+    def encoded(self) -> NDArray[np.uint8]:
+        """The rendered view as 8-bit code values: the projector's response, or sRGB with white = 1 for the camera."""
+        return self._device.read(self._encoded, np.uint8)
+
+    def linear(self) -> NDArray[np.float32]:
+        """The rendered view in linear light: drive 0..1, or camera radiance."""
+        return self._device.read(self._linear, np.float32)
+
+    def desired(self) -> NDArray[np.float32]:
+        """The camera radiance that is asked for, as adapted and placed, (camera height, camera width, 3)."""
+        return self._request.desired(self._planes.run())
+
+    def finish(self) -> None:
+        """Wait until everything asked for has been computed."""
+        self._device.finish()
+
+    def certificate(self) -> Certificate | None:
+        """How far the drive of the rendered view can be from the best one; None without compensation or its maps.
+
+        Costs as much as a step of refinement.
+        """
+        if self._refiner is None or self._compensated is None:
+            return None
+        return self._refiner.certify(*self._compensated)
+
+    def release(self) -> None:
+        """Give back what the renderer holds."""
+        self._medium.release()
+        self._owner.release()
+
+    def _shown(self, view: str, *, compensate: bool, steps: int) -> Light:
+        if view == "impossible":
+            return self._maps.impossible()
+        if view == "projector":
+            return self._shown_to_projector(compensate=compensate, steps=steps)
+        if self._adjustments.card is not None:
+            return self._observers[0].run(self._request.plain(self._decoded))
+        b = self._request.light(self._decoded)
+        if view == "split":
+            drives = self._request.plain(self._decoded), self._drive(b, steps)
+            plain, corrected = (observe.run(drive) for observe, drive in zip(self._observers, drives, strict=True))
+            seen = self._split.run(left=plain, right=corrected)
+        else:
+            seen = self._observers[0].run(self._drive(b, steps) if compensate else self._request.plain(self._decoded))
+        if view == "error":
+            seen = self._maps.error(seen, b)
+        return self._maps.over_camera(seen, self._near_light(b)) if self._adjustments.clipping else seen
+
+    def _shown_to_projector(self, *, compensate: bool, steps: int) -> Light:
+        if not compensate:
+            return self._request.plain(self._decoded)
+        b = self._request.light(self._decoded)
+        drive = self._drive(b, steps)
+        return self._maps.over_projector(drive, self._unclamped(b)) if self._adjustments.clipping else drive
+
+    def _drive(self, b: Light, steps: int) -> Light:
+        if self._refiner is None or not steps:
+            drive = self._correct.run(self._near_light(b))
+        else:
+            last = self._refiner.run(self._start.run(b), b, steps)
+            self._start.keep(last)
+            drive = last.p
+        if self._damper is not None and self._adjustments.flicker:
+            drive = self._damper.run(drive, self._adjustments.flicker)
+        self._compensated = drive, b
+        return drive
+
+
+class _NearLight:
+    """b -> b without the far light of the compensated picture."""
+
+    def __init__(self, undo: FarPass | None) -> None:
+        self._undo = undo
+
+    def __call__(self, b: Light) -> Light:
+        return b if self._undo is None else self._undo.run(b, b)
+
+
+class _Unclamped:
+    """b -> T⁺ b of the near light; built when first asked."""
+
+    def __init__(self, correction: StoredMap, near_light: _NearLight) -> None:
+        self._correction, self._near_light = correction, near_light
+        self._product: Operation | None = None
+
+    def __call__(self, b: Light) -> Light:
+        if self._product is None:
+            self._product = self._correction.product()
+        return self._product.run(self._near_light(b))
+
+    def release(self) -> None:
+        if self._product is not None:
+            self._product.release()
+
+
+def check_radiance_size(pixels: PixelFormat, calibration: Calibration) -> None:
+    """An OpenEXR picture is the camera's radiance as it is: InputError unless it has the camera's size."""
+    camera = calibration.camera
+    if pixels.layout == "radiance" and (pixels.height, pixels.width) != camera.shape:
+        raise InputError(
+            f"an OpenEXR picture of {pixels.width}x{pixels.height} pixels, the camera has "
+            f"{camera.width}x{camera.height}: it is taken as radiance pixel by pixel, so resize it or save it as PNG"
+        )

@@ -1,0 +1,136 @@
+"""What a frame asks for: light in the camera's view, and the drive that it would be without compensation."""
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.media.frames import PixelFormat
+from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
+from counterlight.pipeline.device import Adapter, Device, Light, NearLight, Owner, Pass
+from counterlight.pipeline.fitting import Fitter, Pinner
+from counterlight.pipeline.map_views import MapViews
+from counterlight.pipeline.placement import shown_shape
+from counterlight.pipeline.room import Room
+from counterlight.pipeline.test_cards import card
+
+
+class Request:
+    """Places and tones the decoded picture; a neutral picture takes the passes that know of no tone.
+
+    ambient : radiance.  maps, near_light : for what the adaptation needs to know.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        room: Room,
+        ambient: Light,
+        maps: MapViews,
+        near_light: NearLight,
+    ) -> None:
+        self._device, self._room, self._ambient = device, room, ambient
+        self._maps, self._near_light = maps, near_light
+        self._camera, self._projector = room.calibration.camera.shape, room.calibration.projector.shape
+        self._owner, self._medium = Owner(), Owner()
+        self._adjustments, self._unit = NEUTRAL, 1.0
+        own = self._owner.own
+        try:
+            self._black = own(device.picture(np.zeros((*self._projector, 3), np.float32)))
+            self._desired = own(device.make_pass("desired.frag", self._camera))
+            self._plain = own(device.make_pass("desired.frag", self._projector, {"CLAMP": None}))
+        except BaseException:
+            self._owner.release()
+            raise
+
+    def open(self, pixels: PixelFormat, adjustments: Adjustments) -> None:
+        self._medium.release()
+        own, self._pixels = self._medium.own, pixels
+        self._fitter = own(Fitter(self._device, pixels, self._camera))
+        self._plain_fitter = own(Fitter(self._device, pixels, self._projector))
+        self._radiance = pixels.layout == "radiance"
+        self._unit = 1 / self._room.white if self._radiance else 1.0
+        self._desired.set(white=1.0 if self._radiance else self._room.white)
+        self._plain.set(white=self._unit)
+        self._adjustments = NEUTRAL
+        self.adjust(adjustments)
+
+    def adjust(self, adjustments: Adjustments) -> None:
+        previous, self._adjustments = self._adjustments, adjustments
+        if adjustments.corners is not None:
+            self._pinner.pin(adjustments.corners, shown_shape(self._pixels))
+        if self._toned:
+            self._toned_desired.set(unit=self._unit, black_level=adjustments.black_level)
+            self._toned_plain.set(unit=self._unit, black_level=adjustments.black_level)
+        if adjustments.adapt and (adjustments.adapt, adjustments.black_level) != (previous.adapt, previous.black_level):
+            self._adapter.set(adjustments.adapt, self._unit, adjustments.black_level)
+        if adjustments.card is not None and adjustments.card != previous.card:
+            self._device.write(self._card, card(adjustments.card, self._projector))
+
+    def advance(self, *, cut: bool, duration_s: float) -> None:
+        if self._adjustments.adapt:
+            self._adapter.advance(cut=cut, duration_s=duration_s)
+
+    def light(self, picture: Light) -> Light:
+        """b = c − e of a decoded picture."""
+        placed = (self._fitter if self._adjustments.corners is None else self._pinner).run(picture)
+        if not self._toned:
+            return self._desired.run(picture=placed, ambient=self._ambient)
+        tone = self._adapter.run(placed) if self._adjustments.adapt else self._no_tone
+        return self._toned_desired.run(picture=placed, ambient=self._ambient, tone=tone)
+
+    def plain(self, picture: Light) -> Light:
+        """The drive without compensation: the test card, or the picture as it fits the projector."""
+        if self._adjustments.card is not None:
+            return self._card
+        placed = self._plain_fitter.run(picture)
+        if not self._adjustments.black_level:
+            return self._plain.run(picture=placed, ambient=self._black)
+        return self._toned_plain.run(picture=placed, ambient=self._black, tone=self._no_tone)
+
+    def desired(self, picture: Light) -> NDArray[np.float32]:
+        """c, (camera height, camera width, 3)."""
+        if self._toned or self._adjustments.corners is not None:
+            return self._device.read(self.light(picture), np.float32) + self._room.calibration.ambient
+        white = 1.0 if self._radiance else self._room.white
+        return np.float32(white) * self._device.read(self._fitter.run(picture), np.float32)
+
+    def release(self) -> None:
+        self._medium.release()
+        self._owner.release()
+
+    @property
+    def _toned(self) -> bool:
+        return bool(self._adjustments.adapt or self._adjustments.black_level)
+
+    @cached_property
+    def _pinner(self) -> Pinner:
+        return self._owner.own(Pinner(self._device, self._camera))
+
+    @cached_property
+    def _adapter(self) -> Adapter:
+        adapter = self._owner.own(
+            self._device.adapter(self._near_light, self._ambient, self._maps.most, self._room.white)
+        )
+        adapter.set(self._adjustments.adapt, self._unit, self._adjustments.black_level)
+        return adapter
+
+    @cached_property
+    def _toned_desired(self) -> Pass:
+        return self._owner.own(
+            self._device.make_pass("desired.frag", self._camera, {"TONE": None}, white=self._room.white)
+        )
+
+    @cached_property
+    def _toned_plain(self) -> Pass:
+        return self._owner.own(
+            self._device.make_pass("desired.frag", self._projector, {"TONE": None, "CLAMP": None}, white=1.0)
+        )
+
+    @cached_property
+    def _no_tone(self) -> Light:
+        return self._owner.own(self._device.picture(np.array([[[1, 0, 0]]], np.float32)))
+
+    @cached_property
+    def _card(self) -> Light:
+        return self._owner.own(self._device.picture(np.zeros((*self._projector, 3), np.float32)))

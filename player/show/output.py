@@ -1,0 +1,158 @@
+"""Rendered frames into files: a picture, a numbered sequence, or a video. What fails leaves nothing half-written."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol
+
+import av
+import numpy as np
+from av.video.reformatter import ColorRange, Colorspace
+from numpy.typing import NDArray
+
+from counterlight.errors import InputError
+from counterlight.files import exr
+from counterlight.files.png import write_png
+from counterlight.media.decoding.ffmpeg_log import log_natively
+from counterlight.pipeline.renderer import Renderer
+from counterlight.writing.numbered import is_numbered, name_of
+from counterlight.writing.outputs import check_file, check_sequence
+from counterlight.writing.replacing import replacing_file, replacing_sequence
+
+PICTURES, VIDEOS = (".png", ".exr"), (".mp4", ".mov", ".mkv", ".webm")
+CLOCK = Fraction(1, 90_000)  # ticks of a written video: each frame keeps the time that it had
+BT709 = 1  # FFmpeg's number for the primaries, the transfer and the matrix of ITU-R BT.709
+
+log_natively(av.logging.ERROR)
+
+
+class Output(Protocol):
+    """Takes rendered frames one by one."""
+
+    single: bool
+
+    def write(self, renderer: Renderer, time_s: float) -> None: ...
+
+
+@contextmanager
+def open_output(path: Path, frames_per_second: float) -> Iterator[Output]:
+    """Open `path` for rendered frames; whatever was written is removed again if the block fails.
+
+    `.png` holds the encoded view, `.exr` the linear one, `name%05d.png` numbers them, a video holds the encoded view.
+    Raises InputError as `check_output` does, and where another process is writing it.
+    """
+    check_output(path)
+    if path.suffix.lower() in VIDEOS:
+        with replacing_file(path) as temporary, _VideoOutput(temporary, frames_per_second) as video:
+            yield video
+    elif is_numbered(path):
+        with replacing_sequence(path) as stage:
+            yield _SequenceOutput(stage, path.name)
+    else:
+        with replacing_file(path) as temporary:
+            yield _PictureOutput(temporary)
+
+
+def check_output(path: Path, *, inputs: Iterable[Path] = ()) -> None:
+    """InputError for a suffix that is not written, a place where nothing can be, and what would overwrite an input."""
+    check_file(path, suffixes=PICTURES + VIDEOS, inputs=inputs)
+    if is_numbered(path):
+        suffix = path.suffix.lower()
+        if suffix in VIDEOS:
+            raise InputError(f"{path}: only .png and .exr are numbered; write name%05d.png or a plain {suffix}")
+        check_sequence(path, inputs=inputs)
+
+
+def write_picture(path: Path, renderer: Renderer) -> None:
+    """One rendered view: 8-bit PNG of the code values, or float32 EXR of the linear light."""
+    if path.suffix.lower() == ".exr":
+        exr.write_rgb(path, renderer.linear())
+    else:
+        write_png(path, renderer.encoded())
+
+
+class _PictureOutput:
+    single = True
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def write(self, renderer: Renderer, time_s: float) -> None:
+        write_picture(self._path, renderer)
+
+
+class _SequenceOutput:
+    """Files numbered from 0 in a folder."""
+
+    single = False
+
+    def __init__(self, folder: Path, pattern: str) -> None:
+        self._folder, self._pattern = folder, pattern
+        self._count = 0
+
+    def write(self, renderer: Renderer, time_s: float) -> None:
+        write_picture(self._folder / name_of(self._pattern, self._count), renderer)
+        self._count += 1
+
+
+class _VideoOutput:
+    """H.264 in BT.709 limited range, or lossless FFV1 for .mkv."""
+
+    single = False
+
+    def __init__(self, path: Path, frames_per_second: float) -> None:
+        self._container = av.open(f"file:{path}", "w")  # else a colon in the name would be taken for a protocol
+        self._rate = Fraction(frames_per_second).limit_denominator(1001)
+        self._lossless = path.suffix.lower() == ".mkv"
+        self._stream: av.VideoStream | None = None
+        self._first_s: float | None = None
+
+    def write(self, renderer: Renderer, time_s: float) -> None:
+        picture = renderer.encoded()
+        stream = self._stream or self._add_stream(picture)
+        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
+        if not self._lossless:
+            # Without this, FFmpeg converts with BT.601 whatever the stream's tags say.
+            frame = frame.reformat(
+                format=stream.pix_fmt, dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG
+            )
+        if self._first_s is None:
+            self._first_s = time_s
+        frame.time_base = CLOCK
+        frame.pts = round((time_s - self._first_s) / CLOCK)
+        self._container.mux(stream.encode(frame))
+
+    def _add_stream(self, picture: NDArray[np.uint8]) -> av.VideoStream:
+        height, width = picture.shape[:2]
+        codec = "ffv1" if self._lossless else "libvpx-vp9" if self._container.format.name == "webm" else "libx264"
+        stream = self._container.add_stream(codec, rate=self._rate)
+        assert isinstance(stream, av.VideoStream)
+        stream.width, stream.height = width, height
+        stream.codec_context.time_base = CLOCK
+        if self._lossless:
+            stream.pix_fmt = "bgr0"
+        else:
+            even = width % 2 == 0 and height % 2 == 0
+            stream.pix_fmt = "yuv420p" if even else "yuv444p"
+            stream.options = {"crf": "14"}
+            context = stream.codec_context
+            context.colorspace = context.color_primaries = context.color_trc = BT709
+            context.color_range = int(ColorRange.MPEG)
+        self._stream = stream
+        return stream
+
+    def __enter__(self) -> "_VideoOutput":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None:
+            with suppress(av.FFmpegError):  # of what the block failed of already
+                self._container.close()
+            return
+        if self._stream is not None:
+            self._container.mux(self._stream.encode(None))
+        self._container.close()
