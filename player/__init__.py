@@ -1,7 +1,7 @@
 """Light transport measured or simulated, inverted, and played through: `import counterlight as cl` (docs/api.md).
 
 This folder is what runs once per frame: the player and the files it reads. tools/ is counterlight.tools.
-files/ reads whatever comes from outside, writing/ is how anything gets onto the disk; maps/ is the packed matrix format.
+files/ reads whatever comes from outside, writing/ is how anything gets onto the disk; maps/ is the matrix format.
 media/ is how pictures and sound come in, pipeline/ what a frame goes through, gl/ that on a GPU, overlay/ what is
 drawn over it; show/ is the loop in a window, unattended/ what watches over it. Beside them: calibration.py, the room's
 folder; response.py; command.py; errors.py. Which room may know which is in tests/test_house.py.

@@ -78,7 +78,7 @@ def test_the_player_without_opengl_imports_no_tool_no_scipy_no_window() -> None:
     assert loaded_by(*(name for name in modules("player") if not name.startswith(("counterlight.gl", numba)))) == []
 
 
-@pytest.mark.parametrize("module", ["row_map", "reference", "calibration", "video", "app"])
+@pytest.mark.parametrize("module", ["maps.row_map", "pipeline.reference", "calibration", "media.video", "app"])
 def test_each_module_of_the_player_alone_needs_no_opengl(module: str) -> None:
     assert loaded_by(f"counterlight.{module}") == []
 
