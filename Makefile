@@ -37,7 +37,7 @@ study: $(ready) ## what accuracy costs in time: study/report.html
 	$(python) -m counterlight study -o study
 
 hard-cases: $(ready) ## how every method takes near-singular, contradictory and noisy systems
-	$(python) -m tests.hard_cases
+	$(python) -m tests.studies.hard_cases
 
 clean: ## remove the environment and everything that was built
 	[ ! -f $(VENV)/pyvenv.cfg ] || rm -rf $(VENV)

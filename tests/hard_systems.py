@@ -1,4 +1,4 @@
-"""The hard cases as data, and the methods: tests/hard_cases.py measures them, tests/test_hard_*.py prove what holds."""
+"""The hard cases as data, and the methods: studies/hard_cases.py measures them, test_hard_*.py prove what holds."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

@@ -11,7 +11,7 @@ from counterlight.maps.room_maps import RoomMaps
 from counterlight.pipeline.room import Room
 from counterlight.response import Response
 from counterlight.tools.inverse.far_light import undo_far_light
-from counterlight.tools.packing.refinement_maps import pack_far, refinement_maps
+from counterlight.tools.inverse.refinement_maps import pack_far, refinement_maps
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, stacked
 from tests.packing import pack_matrices
 from tests.rooms import CAMERA, CELLS, PROJECTOR, blurred_transport

@@ -51,7 +51,7 @@ from tests.acquired_rooms import (
     sharp_wall,
     with_far_light,
 )
-from tests.study_acquisition import relative_error
+from tests.studies.acquisition import relative_error
 
 # Which blocks may be lit together.
 

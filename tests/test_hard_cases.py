@@ -15,10 +15,10 @@ from counterlight.tools.inverse.damping import largest_singular_value
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.solve.box import TOLERANCE
 from counterlight.tools.transport.transport import channels
-from tests import hard_cases
 from tests import hard_systems as hard
 from tests.hard_systems import CONDITIONS, KEEP_ALL, METHODS, HardCase
 from tests.one_channel import linear_system, relative_gap, solve
+from tests.studies import hard_cases
 
 FloatArray = NDArray[np.float64]
 FLOAT32_EPS = float(np.finfo(np.float32).eps)

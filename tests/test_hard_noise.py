@@ -18,10 +18,10 @@ from scipy.optimize import lsq_linear, nnls
 from counterlight.tools.inverse.damping import largest_singular_value
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.transport.transport import channels
-from tests import hard_cases
 from tests import hard_systems as hard
 from tests.hard_systems import CONDITIONS, KEEP_ALL
 from tests.one_channel import linear_system, relative_gap, solve
+from tests.studies import hard_cases
 from tests.test_hard_cases import MAPS, SQUARES, WALLS, cut_off, drive, matrix_of, unclamped
 
 FloatArray = NDArray[np.float64]

@@ -12,7 +12,7 @@ from counterlight.maps.row_map import RowMap, pack
 from counterlight.pipeline.content import reachable_white
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
-from counterlight.tools.packing.refinement_maps import pack_far, refinement_maps
+from counterlight.tools.inverse.refinement_maps import pack_far, refinement_maps
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
 

@@ -19,8 +19,8 @@ from counterlight.pipeline.content import reachable_white
 from counterlight.pipeline.room import Room
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.refinement_maps import refinement_maps
 from counterlight.tools.inverse.room import BuiltRoom, build_maps
-from counterlight.tools.packing.refinement_maps import refinement_maps
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.room import simulated_calibration
 from counterlight.tools.simulation.scene import Scene, load_scene

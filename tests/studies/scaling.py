@@ -1,4 +1,4 @@
-"""How the row-map product grows: python -m tests.study_scaling prints the table of docs/gpu.md, draws docs/scaling.png.
+"""How the row-map product grows: python -m tests.studies.scaling for docs/gpu.md and docs/scaling.png.
 
 The fragment path at four sizes and four row lengths, a square of entries around each pixel's place. On llvmpipe,
 milliseconds are of processor time, all cores together, which other load on the machine hardly changes. Nothing here
@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from counterlight.gl.context import headless_context
 from counterlight.gl.passes import picture_texture
 from counterlight.gl.row_map_pass import MapTextures
-from tests.bench_frames import CAMERA, PROJECTOR, clock_of, local_map
+from tests.bench.frames import CAMERA, PROJECTOR, clock_of, local_map
 
-PLOT = Path(__file__).resolve().parents[1] / "docs" / "scaling.png"
+PLOT = Path(__file__).resolve().parents[2] / "docs" / "scaling.png"
 SCALES, SIDES = (1, 2, 3, 4), (2, 4, 6, 8)  # halves of the benchmark's sides; sides of a row's square of entries
 REPEATS = 15
 

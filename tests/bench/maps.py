@@ -1,6 +1,6 @@
 """What a correction map costs, from T to files, beside numpy.linalg.pinv looped over the same systems.
 
-The wall of bench_rooms: camera 640x480, projector 512x512, 25 entries a column, three channels.
+The wall of rooms.py: camera 640x480, projector 512x512, 25 entries a column, three channels.
 """
 
 import resource
@@ -25,8 +25,8 @@ from counterlight.tools.inverse.windowed import BLOCKS, HALOS, Windows
 from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Csr, Transport, channels
-from tests.bench_rooms import CAMERA, MAX_CLUSTER, PROJECTOR, wall, wall_decomposed
-from tests.bench_rows import Timed, seconds
+from tests.bench.rooms import CAMERA, MAX_CLUSTER, PROJECTOR, wall, wall_decomposed
+from tests.bench.rows import Timed, seconds
 
 GIB_PER_KB = 1 / (1 << 20)
 

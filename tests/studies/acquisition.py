@@ -1,4 +1,4 @@
-"""What each scheme of acquisition costs and gives: python -m tests.study_acquisition.
+"""What each scheme of acquisition costs and gives: python -m tests.studies.acquisition.
 
 Fills docs/acquisition.csv, prints it as the table of docs/acquisition.md and draws docs/acquisition.png. Rows that are
 there are kept (remove a line to measure it again), and each is written when it is known. Every room is simulated, with
@@ -38,7 +38,7 @@ from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.transport import Transport, channel
 from tests.acquired_rooms import Memory
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 TABLE, PLOT = ROOT / "docs" / "acquisition.csv", ROOT / "docs" / "acquisition.png"
 TRUTH = "(the truth)"
 DETAILS = 1, 6  # camera pixels per picture pixel
@@ -268,7 +268,7 @@ def draw(rows: Sequence[Row]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m tests.study_acquisition", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tests.studies.acquisition", description=__doc__)
     parser.add_argument("--camera", type=parse_size, default=(72, 96), help="default 96x72")
     parser.add_argument("--projector", type=parse_size, default=(96, 128), help="default 128x96")
     parser.add_argument("--room", action="append", help="only this one; may be given several times")

@@ -1,4 +1,4 @@
-"""What adaptation and damping do: python -m tests.study_content [FOLDER] prints the tables of docs/content.md and
+"""What adaptation and damping do: python -m tests.studies.content [FOLDER] prints the tables of docs/content.md and
 writes its picture, FOLDER/content.png.
 
 The example room (calib_data/scenes/corner.toml, simulated and built into FOLDER once, or into a temporary one), frames
@@ -29,7 +29,7 @@ from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.room import Room, read_room
 from counterlight.tools.shipped import CLIP, shipped_scenes
 from counterlight.tools.show_example import prepare
-from tests.bench_frames import clock_of
+from tests.bench.frames import clock_of
 
 PASSAGES_S, FRAMES = (2.0, 0.5), 12  # where passages begin, and frames of each
 NOISY, NOISE = 12, 2.0  # repetitions of a frame, standard deviation in code values

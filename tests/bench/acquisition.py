@@ -12,7 +12,7 @@ from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalSche
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.acquisition.schemes.schedule import colour_graph, conflict_graph
 from tests.acquired_rooms import room_of, run, sharp_wall
-from tests.bench_rows import Timed
+from tests.bench.rows import Timed
 
 CAMERA, BLOCKS = (480, 640), (512, 512)
 WINDOW = 3  # blocks a side that a camera pixel sees

@@ -1,4 +1,4 @@
-"""What every method makes of the hard cases: python -m tests.hard_cases prints three tables, case × method.
+"""What every method makes of the hard cases: python -m tests.studies.hard_cases prints three tables, case × method.
 
 The cases and the methods are those of tests/hard_systems.py; tests/test_hard_cases.py and tests/test_hard_noise.py hold
 what is known or proven of each. Nothing here decides a test. The figures do not depend on T's unit:

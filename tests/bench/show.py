@@ -20,7 +20,7 @@ from counterlight.gl.context import headless_context
 from counterlight.gl.renderer import GlRenderer
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.room import read_room
-from tests.bench_rows import WARM_UP
+from tests.bench.rows import WARM_UP
 from tests.programs import on, succeed
 from tests.screens import one_screen
 from tests.test_graycode import SHARED, opencv_code, write_capture

@@ -28,10 +28,10 @@ from counterlight.pipeline.device import StoredMap
 from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.room import Room
 from counterlight.response import Response
-from tests.bench_rows import REPEATS, WARM_UP, median_ms
+from tests.bench.rows import REPEATS, WARM_UP, median_ms
 from tests.rooms import radiance_frame
 
-CLIP = Path(__file__).resolve().parents[1] / "calib_data" / "media" / "big_buck_bunny.mp4"
+CLIP = Path(__file__).resolve().parents[2] / "calib_data" / "media" / "big_buck_bunny.mp4"
 PROJECTOR, CAMERA = (384, 512), (480, 640)
 FULL_HD = (1080, 1920)
 REFINED_ENTRIES, STEPS = 25, 8

@@ -1,4 +1,4 @@
-"""What cutting clusters costs: python -m tests.study_decomposition prints the table of docs/decomposition.md.
+"""What cutting clusters costs: python -m tests.studies.decomposition prints the table of docs/decomposition.md.
 
 Simulated rooms: those of calib_data/scenes (projector 96x72, camera 160x120) and a white wall out of focus (64x48,
 80x60). Every row is T⁺ of one decomposition, clamped, seen through the whole undecomposed transport; each row
@@ -29,7 +29,7 @@ from counterlight.tools.transport.transport import Transport
 from tests.rooms import blurred_transport
 
 FloatArray = NDArray[np.float64]
-SCENES = Path(__file__).resolve().parents[1] / "calib_data" / "scenes"
+SCENES = Path(__file__).resolve().parents[2] / "calib_data" / "scenes"
 PROJECTOR, CAMERA = (72, 96), (120, 160)
 BLURRED_PROJECTOR, BLURRED_CAMERA, BLUR = (48, 64), (60, 80), 0.8
 DETAIL = 4  # camera pixels per picture pixel

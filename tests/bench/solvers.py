@@ -14,8 +14,8 @@ from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.solve.channel import Channel
 from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.transport import Transport, stacked
-from tests.bench_rooms import CAMERA, FOCUS_CAMERA, focus, wall, wall_decomposed
-from tests.bench_rows import Timed, seconds
+from tests.bench.rooms import CAMERA, FOCUS_CAMERA, focus, wall, wall_decomposed
+from tests.bench.rows import Timed, seconds
 
 FloatArray = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 SAMPLED_CLUSTERS = 150

@@ -1,4 +1,4 @@
-"""What refinement buys: python -m tests.study_refinement prints the tables of docs/refinement.md.
+"""What refinement buys: python -m tests.studies.refinement prints the tables of docs/refinement.md.
 
 Simulated rooms: those of calib_data/scenes (projector 256x144, camera 320x180) and a textured wall out of focus
 (128x96, 160x120, σ of one projector pixel). Frames of the shipped clip. The optimum is tools/solve's box solver's;
@@ -37,9 +37,9 @@ from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.mask import lit_pixels
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport
-from tests.bench_frames import clock_of
+from tests.bench.frames import clock_of
 
-DATA = Path(__file__).resolve().parents[1] / "calib_data"
+DATA = Path(__file__).resolve().parents[2] / "calib_data"
 CLIP = DATA / "media" / "big_buck_bunny.mp4"
 PROJECTOR, CAMERA = (144, 256), (180, 320)
 BLURRED_PROJECTOR, BLURRED_CAMERA, BLUR, REACH = (96, 128), (120, 160), 1.0, 4

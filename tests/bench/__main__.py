@@ -9,21 +9,21 @@ import platform
 import time
 from collections.abc import Callable, Iterable
 
-from tests import bench_acquisition, bench_frames, bench_hdr, bench_maps, bench_show, bench_solvers
+from tests.bench import acquisition, frames, hdr, maps, show, solvers
 
 ROWS: dict[str, Callable[[], Iterable[object]]] = {
-    "shader": bench_frames.shader,
-    "refined": bench_frames.refined,
-    "frames": bench_frames.frames,
-    "show": bench_show.show,
-    "focus": bench_solvers.focus_experiment,
-    "box": bench_solvers.box,
-    "nnls": bench_solvers.non_negative,
-    "decomposed": bench_maps.map_decomposed,
-    "windowed": bench_maps.map_windowed,
-    "hdr": bench_hdr.radiance_maps,
-    "schedule": bench_acquisition.schedule,
-    "acquisition": bench_acquisition.whole,
+    "shader": frames.shader,
+    "refined": frames.refined,
+    "frames": frames.frames,
+    "show": show.show,
+    "focus": solvers.focus_experiment,
+    "box": solvers.box,
+    "nnls": solvers.non_negative,
+    "decomposed": maps.map_decomposed,
+    "windowed": maps.map_windowed,
+    "hdr": hdr.radiance_maps,
+    "schedule": acquisition.schedule,
+    "acquisition": acquisition.whole,
 }
 
 
