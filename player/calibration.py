@@ -1,4 +1,5 @@
-"""A calibration folder: one room, one camera position (calibration.toml, transport_*.npz, ambient.exr, mask.png).
+"""A calibration folder: one room, one camera position (calibration.toml, transport_*.npz, ambient.exr, mask.png, and
+floodlights of the primaries if they were measured).
 
 The folder's metadata, ambient picture and mask are read here; the transport matrices by tools/transport. Every file is
 listed in calibration.toml with its size and SHA-256 and is refused if it differs.
@@ -30,7 +31,8 @@ from counterlight.writing.replacing import replacing_folder
 
 FORMAT = 1
 TOML, AMBIENT, MASK = "calibration.toml", "ambient.exr", "mask.png"
-PARTS = (TOML, AMBIENT, MASK, "transport_*.npz", "far_light.npz", "correction", "placement.toml")
+PRIMARIES = "primary_red.exr", "primary_green.exr", "primary_blue.exr"
+PARTS = (TOML, AMBIENT, MASK, *PRIMARIES, "transport_*.npz", "far_light.npz", "correction", "placement.toml")
 MOST_PROJECTORS, LONGEST_PROVENANCE = 64, 1 << 16
 # White is no less, light no more, in any unit: of what lies between, squares and a frame's sums stay within float32.
 RADIANCE = (1e-12, 1e12)
@@ -80,6 +82,8 @@ class Calibration:
     projectors : one or more, of one response; several stand side by side in one raster, in this order from the left.
     ambient : (camera height, camera width, 3) float32, radiance with the projector at black.
     mask : (camera height, camera width) bool, the camera pixels that count.
+    primaries : (3, camera height, camera width, 3) float32, radiance above ambient with red, green or blue alone at
+    full drive, what the camera's channels see of each (thesis eq. 4.1); None if that was not measured.
     """
 
     name: str
@@ -88,6 +92,7 @@ class Calibration:
     camera: Device
     ambient: NDArray[np.float32]
     mask: NDArray[np.bool_]
+    primaries: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         if len(self.name) > LONGEST_TEXT or len(self.projectors) > MOST_PROJECTORS:
@@ -103,7 +108,9 @@ class Calibration:
                     "or give each a calibration and a player of its own"
                 )
         _ = self.projector  # its size is checked
-        _check_ambient(self.ambient, "ambient light")
+        _check_light(self.ambient, "ambient light")
+        if self.primaries is not None:
+            _check_light(self.primaries, "light of the primaries")
 
     @property
     def projector(self) -> Device:
@@ -174,6 +181,9 @@ def write(calibration: Calibration, stage: Path) -> None:
     """Write a calibration beside its transport, which must be there already: calibration.toml lists all files."""
     exr.write_rgb(stage / AMBIENT, calibration.ambient)
     write_png(stage / MASK, calibration.mask.astype(np.uint8) * 255)
+    if calibration.primaries is not None:
+        for file_name, light in zip(PRIMARIES, calibration.primaries, strict=True):
+            exr.write_rgb(stage / file_name, light)
     write_toml(stage / TOML, _to_toml(calibration, describe_files(stage)))
 
 
@@ -209,9 +219,9 @@ def _read(folder: Path) -> StoredCalibration:
     camera = _read_device(table.table("camera"))
     files = DescribedFiles(folder, table.table("files").values, REBUILD)
     name, provenance = table.text("name", folder.name), table.text("provenance", "", LONGEST_PROVENANCE)
-    ambient, mask = _read_ambient(files, camera), _read_mask(files, camera)
+    ambient, mask = _read_light(files, AMBIENT, camera), _read_mask(files, camera)
     try:
-        calibration = Calibration(name, provenance, projectors, camera, ambient, mask)
+        calibration = Calibration(name, provenance, projectors, camera, ambient, mask, _read_primaries(files, camera))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     return StoredCalibration(folder, calibration, hashlib.sha256(content).hexdigest(), files)
@@ -264,16 +274,23 @@ def _read_device(table: Table) -> Device:
     return Device(height, width, read_response(table))
 
 
-def _read_ambient(files: DescribedFiles, camera: Device) -> NDArray[np.float32]:
-    with files.opened(files.folder / AMBIENT) as file:
-        ambient = exr.read_rgb(file, exr.sized(camera.shape, "the camera", REBUILD))
-        _check_ambient(ambient, file.name)
-        return ambient
+def _read_light(files: DescribedFiles, name: str, camera: Device) -> NDArray[np.float32]:
+    with files.opened(files.folder / name) as file:
+        light = exr.read_rgb(file, exr.sized(camera.shape, "the camera", REBUILD))
+        _check_light(light, file.name)
+        return light
 
 
-def _check_ambient(ambient: NDArray[np.float32], where: str) -> None:
+def _read_primaries(files: DescribedFiles, camera: Device) -> NDArray[np.float32] | None:
+    """All three if any is listed."""
+    if not any(name in files for name in PRIMARIES):
+        return None
+    return np.stack([_read_light(files, name, camera) for name in PRIMARIES])
+
+
+def _check_light(light: NDArray[np.float32], where: str) -> None:
     """InputError for what is no light; what a subtracted dark frame leaves below 0 is no larger than what is above."""
-    low, high = float(ambient.min()), float(ambient.max())
+    low, high = float(light.min()), float(light.max())
     if not (-high <= low and high <= RADIANCE[1]):  # NaN is no number's equal
         raise InputError(
             f"{where}: radiance from {low:g} to {high:g}, expected numbers from 0 (a little noise below) to "

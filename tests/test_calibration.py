@@ -1,5 +1,6 @@
 """The calibration folder: what is written is read back; what is damaged is refused with the fix."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -38,6 +39,18 @@ def test_round_trip(folder: Path, room: Calibration) -> None:
     np.testing.assert_array_equal(stored.calibration.mask, room.mask)
     with stored.opened("transport_red.npz") as file:
         assert file.read() == b"matrix"
+
+
+def test_floodlights_of_the_primaries_are_kept(tmp_path: Path, room: Calibration, rng: np.random.Generator) -> None:
+    light = rng.uniform(0, 1, (3, 9, 13, 3)).astype(np.float32)
+    with calibration.writing(tmp_path / "room", replace(room, primaries=light)):
+        pass
+    found = calibration.read(tmp_path / "room").calibration.primaries
+    assert found is not None
+    np.testing.assert_array_equal(found, light)
+    (tmp_path / "room" / "primary_green.exr").unlink()
+    with pytest.raises(InputError, match="primary_green"):
+        calibration.read(tmp_path / "room")
 
 
 def test_nothing_is_left_when_writing_fails(tmp_path: Path, room: Calibration) -> None:
