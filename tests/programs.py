@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-CLIP = ROOT / "calib_data" / "media" / "big_buck_bunny.mp4"
 PATIENCE_S = 60.0
 
 

@@ -85,14 +85,6 @@ def rgb_frame(picture: NDArray[np.uint8], transfer: str = "srgb") -> Frame:
     return _frame(pixels, tuple(np.ascontiguousarray(picture[..., i]) for i in range(3)))
 
 
-def radiance_frame(radiance: NDArray[np.float32]) -> Frame:
-    """Linear radiance (rows, columns, 3) as a frame."""
-    height, width = radiance.shape[:2]
-    plane = PlaneShape(width, height, width)
-    pixels = PixelFormat(width, height, "radiance", 32, (plane,) * 3, "identity", True, "linear", "center", 0, 1.0)
-    return _frame(pixels, tuple(np.ascontiguousarray(radiance[..., i]) for i in range(3)))
-
-
 def frame_of(pixels: PixelFormat, rng: np.random.Generator) -> Frame:
     """Random code values in the planes of a format."""
     shapes = [(plane.height, plane.stride_samples) for plane in pixels.planes]

@@ -1,6 +1,5 @@
 """Scenes for tests: the shipped ones made small, and simple ones written on the spot."""
 
-from dataclasses import replace
 from pathlib import Path
 
 from counterlight.tools.simulation.scene import Scene, load_scene
@@ -10,8 +9,7 @@ SCENES = Path(__file__).resolve().parents[1] / "calib_data" / "scenes"
 
 
 def small(name: str, camera: tuple[int, int] = (27, 48), projector: tuple[int, int] = (24, 40)) -> Scene:
-    scene = load_scene(SCENES / f"{name}.toml")
-    return replace(scene, camera=scene.camera.resized(*camera), projector=scene.projector.resized(*projector))
+    return load_scene(SCENES / f"{name}.toml").resized(camera, projector)
 
 
 def scene_file(tmp_path: Path, surfaces: str, **changes: str) -> Path:

@@ -13,13 +13,12 @@ from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.inverse.room import build_room_maps
 from counterlight.tools.simulation.room import fill_simulated_room
-from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.compensate import CompensateOptions, CompensationTask
 from counterlight.tools.transport.storage import read_transport
 from tests.rooms import write_blurred_room
+from tests.scenes import small
 
-SCENES = Path(__file__).resolve().parents[1] / "calib_data" / "scenes"
 CAMERA, PROJECTOR = (36, 48), (24, 32)
 SINGLE_PICTURE_DB = 0.3  # λ serves pictures together; on a smooth ramp less of it would do
 
@@ -36,11 +35,9 @@ def test_the_default_map_is_never_worse_than_direct_or_the_plain_inverse(room: s
     if room == "imported":
         write_blurred_room(tmp_path / room, np.random.default_rng(1), CAMERA, PROJECTOR)
     else:
-        scene = load_scene(SCENES / f"{room}.toml")
-        small = replace(scene, camera=scene.camera.resized(*CAMERA), projector=scene.projector.resized(*PROJECTOR))
-        small = replace(small, cells=150)
+        scene = replace(small(room, CAMERA, PROJECTOR), cells=150)
         with calibration.replacing(tmp_path / room) as stage:
-            fill_simulated_room(small, simulate(small), stage)
+            fill_simulated_room(scene, simulate(scene), stage)
     stored = calibration.read(tmp_path / room)
     psnr: dict[str, list[float]] = {}
     for name, damping in (("default", None), ("plain", 0.0)):

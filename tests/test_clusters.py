@@ -1,9 +1,7 @@
 """Cluster decomposition: Appendix A against its pseudo-code, what no cut may break, and the search for a size."""
 
 import math
-from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,12 +15,11 @@ from counterlight.pipeline.colour import LUMINANCE
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.clusters.decomposition import Decomposition, Parameters, decompose
 from counterlight.tools.clusters.search import decompose_to
-from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.transport.transport import Csr, Shape, channels, stacked
 from tests.rooms import blurred_transport
+from tests.scenes import small
 
-SCENES = Path(__file__).resolve().parents[1] / "calib_data" / "scenes"
 CAMERA, PROJECTOR = (9, 11), (8, 13)
 CUTS = [Parameters(*numbers) for numbers in ((1, 0.3), (1, 1, 0.5), (2, 0.6), (3, 1), (1.5, 0.9, 0), (1e9, 0.5))]
 FLOAT32_SUM = 1e-6  # a kept weight is rounded once to float32 (6e-8 relative), all are positive, sums are in float64
@@ -59,9 +56,12 @@ def entries_reversed(T: Csr) -> Csr:
 
 
 def simulated_room(name: str) -> Graph:
-    scene, camera, projector = load_scene(SCENES / f"{name}.toml"), (27, 48), (24, 40)
-    scene = replace(scene, camera=scene.camera.resized(*camera), projector=scene.projector.resized(*projector))
-    return channels(simulate(scene).transport.near), camera, projector
+    scene = small(name)
+    return (
+        channels(simulate(scene).transport.near),
+        (scene.camera.height, scene.camera.width),
+        (scene.projector.height, scene.projector.width),
+    )
 
 
 def cut(matrices: tuple[Csr, ...], camera: Shape, projector: Shape, parameters: Parameters) -> Decomposition:

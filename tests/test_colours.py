@@ -12,10 +12,11 @@ from counterlight.pipeline import reference
 from counterlight.pipeline.colour import decoding_of
 from counterlight.pipeline.placement import place, shown_shape
 from counterlight.response import transfer_table
+from counterlight.tools.shipped import CLIP
 from tests.rooms import yuv_frame
 
 ROOT = Path(__file__).resolve().parents[1]
-CLIPS = [ROOT / "calib_data" / "media" / "big_buck_bunny.mp4"]
+CLIPS = [CLIP]
 CLIPS += sorted((ROOT.parent / "shared" / "data" / "video").glob("*.mp4"))
 SPACES = {"bt601": Colorspace.ITU601, "bt709": Colorspace.ITU709}
 CODES = transfer_table("srgb")  # any monotone curve: codes go in and come out again

@@ -13,8 +13,9 @@ import pytest
 from scipy import sparse
 
 from counterlight.tools import acquire_transport, build_correction_map
+from counterlight.tools.shipped import CLIP
 from tests.brackets import CURVES, random_scene, write_bracket
-from tests.programs import CLIP, ROOT
+from tests.programs import ROOT
 from tests.rooms import write_one_to_one_room
 
 SHAPE = (6, 9)

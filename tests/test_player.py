@@ -19,9 +19,10 @@ from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.renderer import Renderer
 from counterlight.show import output
 from counterlight.tools import build_correction_map
+from counterlight.tools.shipped import CLIP
 from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.transport import Transport
-from tests.programs import CLIP, fail, on, succeed
+from tests.programs import fail, on, succeed
 from tests.rooms import write_blurred_room
 
 ROOM_CAMERA, ROOM_PROJECTOR = (36, 50), (30, 40)

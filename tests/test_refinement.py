@@ -11,6 +11,7 @@ from scipy.optimize import lsq_linear
 from counterlight import calibration
 from counterlight.maps import room_maps as maps
 from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
+from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
 from counterlight.pipeline.content import CUT, SceneCuts
 from counterlight.pipeline.cpu_renderer import CpuRenderer
@@ -29,7 +30,7 @@ from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.room import build_room_maps
 from tests.packing import pack_matrices
 from tests.refined_rooms import DARK, PhysicalRoom, physical_room
-from tests.rooms import CAMERA, radiance_frame, rgb_frame, write_blurred_room
+from tests.rooms import CAMERA, rgb_frame, write_blurred_room
 
 
 def desired(rng: np.random.Generator) -> Frame:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from counterlight.tools.shipped import CLIP
 from counterlight.unattended import heartbeat
 from counterlight.unattended.supervisor import (
     BACK_OFF_S,
@@ -32,7 +33,7 @@ from counterlight.unattended.supervisor import (
 from tests import screens
 from tests.desktop import mapped_windows
 from tests.media import numbered, write_video
-from tests.programs import CLIP, PATIENCE_S, descendants, fail, is_running, on, running, succeed, verb, wait_until
+from tests.programs import PATIENCE_S, descendants, fail, is_running, on, running, succeed, verb, wait_until
 from tests.rooms import write_blurred_room
 from tests.stage import Clock
 from tests.test_heartbeat import received

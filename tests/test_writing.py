@@ -13,10 +13,11 @@ import pytest
 from counterlight import calibration
 from counterlight.errors import InputError
 from counterlight.maps import room_maps as maps
+from counterlight.tools.shipped import CLIP
 from counterlight.writing.stage import SUFFIX, finish
 from tests import written
 from tests.faults import KILL, REFUSE, Fault, Runner
-from tests.programs import CLIP, ROOT, fail, running
+from tests.programs import ROOT, fail, running
 
 SCENE = ROOT / "calib_data" / "scenes" / "wall.toml"
 KINDS: dict[str, tuple[str, str]] = {  # what is written, and the name that it gets

@@ -12,8 +12,9 @@ from counterlight import calibration
 from counterlight.files.picture_files import read_picture
 from counterlight.files.reading import read_toml
 from counterlight.tools import build_correction_map
+from counterlight.tools.shipped import CLIP
 from tests.brackets import CURVES, random_scene, write_bracket
-from tests.programs import CLIP, ROOT
+from tests.programs import ROOT
 from tests.rooms import write_blurred_room
 from tests.stage import Stage
 from tests.test_graycode import PROJECTOR, make_rig, write_opencv_captures

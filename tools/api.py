@@ -168,11 +168,7 @@ def simulate(
     from counterlight.tools.simulation.room import simulated_calibration
     from counterlight.tools.simulation.scene import load_scene
 
-    described = load_scene(parse_scene(str(scene)))
-    if camera is not None:
-        described = replace(described, camera=described.camera.resized(*camera))
-    if projector is not None:
-        described = replace(described, projector=described.projector.resized(*projector))
+    described = load_scene(parse_scene(str(scene))).resized(camera, projector)
     result = simulation.simulate(described, without=without, only=only)
     return _room(simulated_calibration(described, result), result.transport)
 
@@ -239,7 +235,7 @@ class Renderer:
 
         picture : (camera height, camera width, 3), in shares of white.  refine : steps; None for the usual number.
         """
-        from counterlight.tools.study.frames import radiance_frame
+        from counterlight.media.frames import radiance_frame
 
         desired = _picture(picture, self._room.calibration.camera.shape, "a picture") * self._white
         frame = radiance_frame(desired)

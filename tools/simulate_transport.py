@@ -3,7 +3,6 @@
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,11 +38,7 @@ def _simulate(options: argparse.Namespace) -> "tuple[Scene, Simulated]":
     from counterlight.tools.simulation.scene import load_scene
     from counterlight.tools.simulation.simulate import simulate
 
-    scene = load_scene(options.scene)
-    if options.camera:
-        scene = replace(scene, camera=scene.camera.resized(*options.camera))
-    if options.projector:
-        scene = replace(scene, projector=scene.projector.resized(*options.projector))
+    scene = load_scene(options.scene).resized(options.camera, options.projector)
     result = simulate(scene, without=options.without, only=options.only)
     print(result.explained(all_effects=options.explain))
     return scene, result

@@ -94,6 +94,15 @@ class Frame:
     skipped: int = 0
 
 
+def radiance_frame(radiance: NDArray[np.floating]) -> Frame:
+    """(rows, columns, 3) linear radiance as a frame of a medium."""
+    height, width = radiance.shape[:2]
+    plane = PlaneShape(width, height, width)
+    pixels = PixelFormat(width, height, "radiance", 32, (plane,) * 3, "identity", True, "linear", "center", 0, 1.0)
+    planes = tuple(np.ascontiguousarray(radiance[..., i], np.float32) for i in range(3))
+    return Frame(0, 0.0, 0.04, 0.0, pixels, planes, (0, 0))
+
+
 def slot_bytes(pixels: PixelFormat) -> int:
     """Size of one ring slot, planes aligned to 64 bytes."""
     return sum(_plane_bytes(pixels, plane) for plane in pixels.planes)

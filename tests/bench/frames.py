@@ -7,7 +7,6 @@ there is a GPU, 1920x1080 for both, too.
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import moderngl
 import numpy as np
@@ -22,16 +21,16 @@ from counterlight.gl.row_map_pass import MapTextures
 from counterlight.maps.room_maps import RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack, unpack
 from counterlight.maps.short_map import half_scale
+from counterlight.media.frames import radiance_frame
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.device import StoredMap
 from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.room import Room
 from counterlight.response import Response
+from counterlight.tools.shipped import CLIP
 from tests.bench.rows import REPEATS, WARM_UP, median_ms
-from tests.rooms import radiance_frame
 
-CLIP = Path(__file__).resolve().parents[2] / "calib_data" / "media" / "big_buck_bunny.mp4"
 PROJECTOR, CAMERA = (384, 512), (480, 640)
 FULL_HD = (1080, 1920)
 REFINED_ENTRIES, STEPS = 25, 8

@@ -18,6 +18,7 @@ from counterlight.gl.paths import short_scale, store_maps
 from counterlight.gl.row_map_pass import MapTextures
 from counterlight.maps.row_map import RowMap, SparseRows, pack
 from counterlight.maps.short_map import half_scale, in_half, rounding_of
+from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.device import Owner, StoredMap
 from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.refinement import STARTS
@@ -26,7 +27,7 @@ from counterlight.tools import build_correction_map
 from counterlight.tools.inverse.inverse import InverseOptions
 from tests.refined_rooms import physical_room
 from tests.renderers import both, read
-from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_map, random_room, write_one_to_one_room, yuv_frame
+from tests.rooms import CAMERA, PROJECTOR, random_map, random_room, write_one_to_one_room, yuv_frame
 
 ATOL = 1e-5  # the bound; float32 sums of at most 20 terms of size 3 are far below
 PATHS = ("fragment", "compute")

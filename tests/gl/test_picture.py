@@ -13,6 +13,7 @@ from counterlight.gl.passes import Pass, float_texture, picture_texture, table_t
 from counterlight.gl.planes import Planes
 from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.row_map_pass import MapTextures, RowMapPass
+from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
 from counterlight.pipeline import reference
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
@@ -23,7 +24,7 @@ from counterlight.pipeline.test_cards import CARDS, card
 from counterlight.pipeline.views import VIEWS
 from tests.refined_rooms import physical_room
 from tests.renderers import both, read
-from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_room, rgb_frame, yuv_frame
+from tests.rooms import CAMERA, PROJECTOR, random_room, rgb_frame, yuv_frame
 
 ATOL = 1e-5  # the bound
 PINNED = ((0.1, 0.15), (0.85, 0.05), (0.95, 0.9), (0.2, 0.8))

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from counterlight.gl.passes import Pass, ScreenPass, float_texture, integer_texture, picture_texture
+from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
 from counterlight.pipeline import reference
 from counterlight.pipeline.refinement import STARTS
 from tests.refined_rooms import physical_room
 from tests.renderers import both, read
-from tests.rooms import CAMERA, radiance_frame, random_room, rgb_frame
+from tests.rooms import CAMERA, random_room, rgb_frame
 
 ATOL = 1e-5  # the bound
 SHAPE = (37, 21)

@@ -12,12 +12,13 @@ from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.row_map_pass import MapTextures, RowMapPass
 from counterlight.gl.shaders import ShaderError, build_program
 from counterlight.maps.row_map import RowMap, SparseRows, pack
+from counterlight.media.frames import radiance_frame
 from counterlight.pipeline import reference
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.reference import PreparedRows
 from counterlight.response import parse_response
 from tests.renderers import both, read
-from tests.rooms import CAMERA, PROJECTOR, radiance_frame, random_map, random_room, rgb_frame, yuv_frame
+from tests.rooms import CAMERA, PROJECTOR, random_map, random_room, rgb_frame, yuv_frame
 
 FLOAT_ATOL = 1e-5  # the bound; float32 sums of at most 20 terms of size 3 are far below
 CODE_ATOL = 1  # a float32 rounding may tip one code value

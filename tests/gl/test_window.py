@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 import pytest
 
+from counterlight.tools.shipped import CLIP
 from tests.desktop import expected_picture, playing, press, screen, xrandr
-from tests.programs import CLIP, PATIENCE_S, command, descendants, fail, on, succeed, wait_until
+from tests.programs import PATIENCE_S, command, descendants, fail, on, succeed, wait_until
 from tests.rooms import write_blurred_room, write_one_to_one_room
 
 WINDOW = (0, 0, 50, 37)  # left, top, width, height, of the room's projector on a bare X server

@@ -7,8 +7,7 @@ camera's size, enlarged: detail that no projector pixel can show would hide it t
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -22,14 +21,13 @@ from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.pictures import typical_pictures
-from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.transport import Transport
 from tests.rooms import blurred_transport
+from tests.scenes import small
 
 FloatArray = NDArray[np.float64]
-SCENES = Path(__file__).resolve().parents[2] / "calib_data" / "scenes"
 PROJECTOR, CAMERA = (72, 96), (120, 160)
 BLURRED_PROJECTOR, BLURRED_CAMERA, BLUR = (48, 64), (60, 80), 0.8
 DETAIL = 4  # camera pixels per picture pixel
@@ -76,8 +74,8 @@ class StudyRoom:
         undo = None if self.transport.far is None else undo_far_light(self.transport.far, inverse.T_pinv)
         T_pinv = Compensation(inverse.T_pinv, undo)
         figures = []
-        for small in typical_pictures((self.camera[0] // DETAIL, self.camera[1] // DETAIL)):
-            picture = cv2.resize(small, self.camera[::-1], interpolation=cv2.INTER_LINEAR)
+        for coarse in typical_pictures((self.camera[0] // DETAIL, self.camera[1] // DETAIL)):
+            picture = cv2.resize(coarse, self.camera[::-1], interpolation=cv2.INTER_LINEAR)
             desired = self.white * np.repeat(picture[:, :, None], 3, axis=2)
             drive = np.clip(T_pinv.apply((desired - self.ambient).reshape(-1, 3)), 0, 1)
             seen = self.transport.apply(drive).reshape(desired.shape) + self.ambient
@@ -87,9 +85,7 @@ class StudyRoom:
 
 def rooms() -> Iterator[StudyRoom]:
     for name in ("wall", "corner"):
-        scene = load_scene(SCENES / f"{name}.toml")
-        scene = replace(scene, camera=scene.camera.resized(*CAMERA), projector=scene.projector.resized(*PROJECTOR))
-        simulated = simulate(scene)
+        simulated = simulate(small(name, CAMERA, PROJECTOR))
         yield StudyRoom(name, PROJECTOR, simulated.transport, simulated.ambient.astype(np.float64))
     T = blurred_transport(np.random.default_rng(2006), BLURRED_CAMERA, BLURRED_PROJECTOR, BLUR)
     white = sparse.csr_array(sparse.diags_array(1 / T.sum(axis=1)) @ T, dtype=np.float32)

@@ -31,16 +31,15 @@ from counterlight.pipeline.room import Room
 from counterlight.response import Response
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.room import build_room_maps
-from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.shipped import CLIP
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.mask import lit_pixels
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport
 from tests.bench.frames import clock_of
+from tests.scenes import small
 
-DATA = Path(__file__).resolve().parents[2] / "calib_data"
-CLIP = DATA / "media" / "big_buck_bunny.mp4"
 PROJECTOR, CAMERA = (144, 256), (180, 320)
 BLURRED_PROJECTOR, BLURRED_CAMERA, BLUR, REACH = (96, 128), (120, 160), 1.0, 4
 STEPS = (1, 2, 4, 8, 16, 32, 64)
@@ -68,9 +67,7 @@ class StudyRoom:
 
 def rooms(folder: Path) -> Iterator[StudyRoom]:
     for name in ("wall", "corner", "two_planes"):
-        scene = load_scene(DATA / "scenes" / f"{name}.toml")
-        scene = replace(scene, camera=scene.camera.resized(*CAMERA), projector=scene.projector.resized(*PROJECTOR))
-        simulated = simulate(scene)
+        simulated = simulate(small(name, CAMERA, PROJECTOR))
         lit = Transport(simulated.transport.near).composition().reshape(*CAMERA, 3)
         mask = lit_pixels(lit, simulated.ambient)
         yield _built(folder / name, simulated.transport, simulated.ambient, PROJECTOR, mask)

@@ -57,8 +57,9 @@ Closed shapes (sphere, cylinder, lathe, mesh) can be clear solids, without a col
 Anything else in the file is an error that names the nearest known key.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -70,6 +71,7 @@ from counterlight.tools.simulation.materials import read_material
 from counterlight.tools.simulation.shapes.read import read_shapes
 from counterlight.tools.simulation.surfaces import Surface
 
+Size: TypeAlias = tuple[int, int]  # (height, width)
 MAX_SAMPLES, MAX_CELLS = 16, 4000
 
 
@@ -85,6 +87,14 @@ class Scene:
     samples: int
     cells: int
     threshold: float
+
+    def resized(self, camera: Size | None = None, projector: Size | None = None) -> "Scene":
+        """With other pixels, (height, width) each, None to keep them; the horizontal fields of view stay."""
+        return replace(
+            self,
+            camera=self.camera if camera is None else self.camera.resized(*camera),
+            projector=self.projector if projector is None else self.projector.resized(*projector),
+        )
 
 
 def load_scene(path: Path) -> Scene:

@@ -9,7 +9,7 @@ import numpy as np
 
 from counterlight.arrays import FloatArray
 from counterlight.gl.probe import probe_opengl
-from counterlight.media.frames import Frame, PixelFormat, PlaneShape
+from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.operators import Compensation, compensation
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
@@ -28,15 +28,6 @@ def graphics() -> str:
 def in_software() -> bool:
     """OpenGL runs on the processor: its milliseconds are then of processor time, which other load hardly changes."""
     return any(name in graphics() for name in SOFTWARE)
-
-
-def radiance_frame(radiance: FloatArray) -> Frame:
-    """(rows, columns, 3) linear radiance as a frame of a medium."""
-    height, width = radiance.shape[:2]
-    plane = PlaneShape(width, height, width)
-    pixels = PixelFormat(width, height, "radiance", 32, (plane,) * 3, "identity", True, "linear", "center", 0, 1.0)
-    planes = tuple(np.ascontiguousarray(radiance[..., i], np.float32) for i in range(3))
-    return Frame(0, 0.0, 0.04, 0.0, pixels, planes, (0, 0))
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
@@ -78,12 +78,7 @@ def open_room(place: Path, size: tuple[int, int]) -> "StudyRoom":
         (max(1, round(scale * device.height)), max(1, round(scale * device.width)))
         for device in (scene.camera, scene.projector)
     )
-    return simulated_room(resized(scene, camera, projector), place.stem)
-
-
-def resized(scene: Scene, camera: tuple[int, int], projector: tuple[int, int]) -> Scene:
-    """With other pixels, (height, width) each; the horizontal fields of view stay."""
-    return replace(scene, camera=scene.camera.resized(*camera), projector=scene.projector.resized(*projector))
+    return simulated_room(scene.resized(camera, projector), place.stem)
 
 
 def simulated_room(scene: Scene, name: str) -> "StudyRoom":

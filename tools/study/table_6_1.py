@@ -10,7 +10,7 @@ from counterlight.tools.study.measure import RoomFigures, study_room
 from counterlight.tools.study.methods import CUT, PLAIN, Method, Solver
 from counterlight.tools.study.pictures import Picture
 from counterlight.tools.study.results import label
-from counterlight.tools.study.rooms import resized, simulated_room
+from counterlight.tools.study.rooms import simulated_room
 
 CAMERA, PROJECTOR = (480, 640), (512, 512)  # the sizes that 4.2 and 5.2 name
 FOCUS_CAMERA, FOCUS_PROJECTOR = (48, 48), (52, 52)  # 4.3.3 solves about 2304 equations for 2700 unknowns
@@ -112,7 +112,7 @@ def measure_at_thesis_size(picture: Picture) -> Iterator[OurRow]:
             continue
         scene = load_scene(shipped[row.scene])
         camera, projector = (FOCUS_CAMERA, FOCUS_PROJECTOR) if row.scene == "two_planes" else (CAMERA, PROJECTOR)
-        with closing(simulated_room(resized(scene, camera, projector), row.scene)) as room:
+        with closing(simulated_room(scene.resized(camera, projector), row.scene)) as room:
             yield table_row(study_room(room, [picture], METHODS))
 
 

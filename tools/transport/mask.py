@@ -13,7 +13,7 @@ FRACTION_OF_AMBIENT = 0.02
 
 def directly_lit(transport: Transport, ambient: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Camera pixels that count by their near light alone; ambient : (height, width, 3)."""
-    return lit_pixels(transport.near.apply(np.ones((transport.shape[1], 3))).reshape(ambient.shape), ambient)
+    return lit_pixels(transport.near.sums().reshape(ambient.shape), ambient)
 
 
 def lit_pixels(composition: NDArray[np.floating], ambient: NDArray[np.floating]) -> NDArray[np.bool_]:

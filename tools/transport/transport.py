@@ -116,7 +116,8 @@ class Transport:
 
     def composition(self) -> FloatArray:
         """T·1, the floodlit room without ambient light: (camera pixels, 3)."""
-        return self.apply(np.ones((self.shape[1], 3)))
+        near = self.near.sums()
+        return near if self.far is None else near + self.far.apply(np.ones((self.shape[1], 3)))
 
     def floodlight(self, ambient: NDArray[np.floating]) -> FloatArray:
         """T·1 + e, the floodlit room as the camera sees it, of the shape of e."""
