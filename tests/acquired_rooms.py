@@ -10,9 +10,10 @@ from scipy import sparse
 from counterlight.response import Response
 from counterlight.tools.acquisition.acquire import Acquisition, acquire
 from counterlight.tools.acquisition.cameras.camera import Camera, Exposures, Shot
-from counterlight.tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom
+from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, SimulatedRoom
 from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.store import Wanted, open_store
+from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.transport.transport import FarLight, Transport, channels
 from tests.rooms import blurred_transport
 
@@ -20,8 +21,8 @@ CAMERA, PROJECTOR = (18, 26), (21, 30)
 SHAPE = CAMERA[0] * CAMERA[1], PROJECTOR[0] * PROJECTOR[1]
 LINEAR = Response("linear")
 SEEDS = st.integers(0, 2**32 - 1)
-QUIET = Sensor(bits=16, full_well=0, read_noise=0)
-NOISY = Sensor(bits=14, full_well=20000, read_noise=5)
+QUIET = CameraSettings(Sensor(0, 0, 16))
+NOISY = CameraSettings(Sensor(20000, 5, 14))
 
 
 def dense(transport: Transport) -> np.ndarray:
@@ -81,8 +82,10 @@ class Memory:
         return self._exposures.radiance(self._kept[number])
 
 
-def run(room: SimulatedRoom, scheme: MakeScheme, sensor: Sensor = NOISY, camera: Camera | None = None) -> Acquisition:
-    camera = camera or SimulatedCamera(room, sensor)
+def run(
+    room: SimulatedRoom, scheme: MakeScheme, settings: CameraSettings = NOISY, camera: Camera | None = None
+) -> Acquisition:
+    camera = camera or SimulatedCamera(room, settings)
     return acquire(camera, Memory(camera.exposures), scheme, room.projector)
 
 

@@ -28,7 +28,12 @@ from counterlight.tools import acquire_transport, build_correction_map
 from counterlight.tools.acquisition import store
 from counterlight.tools.acquisition.acquire import REPEATS
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
-from counterlight.tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom, simulated_room
+from counterlight.tools.acquisition.cameras.simulated import (
+    CameraSettings,
+    SimulatedCamera,
+    SimulatedRoom,
+    simulated_room,
+)
 from counterlight.tools.acquisition.plan import Pattern, Reference, measure_noise
 from counterlight.tools.acquisition.schemes.baselines import GrayCodeScheme
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
@@ -184,7 +189,7 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
 ) -> None:
     room = small_room(tmp_path / "room", rng)
     succeed("acquire", "--camera", f"simulated:{room}", "-o", tmp_path / "direct")
-    eye = SimulatedCamera(simulated_room(room), Sensor())
+    eye = SimulatedCamera(simulated_room(room), CameraSettings())
     exchange = tmp_path / "exchange"
     arguments = ["--camera", f"folder:{exchange}", "--projector", "30x21", "--response", "srgb"]
     arguments += ["--exposures", str(eye.exposures.times[0]), "-o", str(tmp_path / "asked")]
@@ -205,7 +210,7 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
 
 def prepared_folder(tmp_path: Path, rng: np.random.Generator) -> tuple[list[str], Path]:
     """A folder whose captures of black and floodlight are there."""
-    eye = SimulatedCamera(room_of(sharp_wall(rng)), Sensor())
+    eye = SimulatedCamera(room_of(sharp_wall(rng)), CameraSettings())
     captures = tmp_path / "x" / "captures"
     captures.mkdir(parents=True)
     for number in range(2 * REPEATS):

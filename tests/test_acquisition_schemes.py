@@ -14,8 +14,8 @@ from counterlight.tools.acquisition.acquire import REPEATS
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.cameras.live import LiveCamera
 from counterlight.tools.acquisition.cameras.simulated import (
+    CameraSettings,
     MemoryScreen,
-    Sensor,
     SimulatedCamera,
     SimulatedEye,
     SimulatedRoom,
@@ -37,6 +37,7 @@ from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalSche
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.acquisition.schemes.schedule import colour_graph, conflict_graph
 from counterlight.tools.acquisition.schemes.stripes import locate, stripes
+from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.transport.transport import Transport, channel, channels
 from tests.acquired_rooms import (
     NOISY,
@@ -246,7 +247,7 @@ def test_a_bracket_reaches_where_one_exposure_saturates() -> None:
         (sparse.csr_array(np.diag(np.geomspace(1e-3, 1, SHAPE[0]))[:, : SHAPE[1]]),) * 3
     )
     room = room_of(transport, 0.0, projector=(1, SHAPE[0]))
-    camera = SimulatedCamera(room, replace(QUIET, bits=8, exposures=(8.0, 1.0), response=Response("srgb")))
+    camera = SimulatedCamera(room, CameraSettings(Sensor(0, 0, 8), (8.0, 1.0), Response("srgb")))
     shots = camera.capture(0, np.ones((1, SHAPE[0]), bool))
     assert [shot.dtype for shot in shots] == [np.uint8, np.uint8]
     light = camera.exposures.radiance(shots).reshape(-1, 3)[:, 0]
@@ -274,8 +275,8 @@ def test_shots_of_a_capture_are_averaged_and_the_threshold_follows_their_noise(r
 class CountingEye(SimulatedEye):
     """Counts the frames that are let pass, and remembers how each capture was exposed."""
 
-    def __init__(self, room: SimulatedRoom, sensor: Sensor) -> None:
-        super().__init__(room, sensor, MemoryScreen(room.projector))
+    def __init__(self, room: SimulatedRoom, settings: CameraSettings) -> None:
+        super().__init__(room, settings, MemoryScreen(room.projector))
         self.passed, self.exposed = 0, list[float]()
 
     def expose(self, time: float) -> None:
@@ -292,9 +293,9 @@ class CountingEye(SimulatedEye):
 
 
 def test_shots_of_one_exposure_follow_each_other_without_a_wait(rng: np.random.Generator) -> None:
-    sensor = replace(NOISY, exposures=(1.0, 1.0, 1.0, 0.5, 0.5), lag=2)
-    eye = CountingEye(room_of(sharp_wall(rng)), sensor)
-    camera = LiveCamera(MemoryScreen(PROJECTOR), eye, Exposures(sensor.exposures), lag=2)
+    settings = replace(NOISY, exposures=(1.0, 1.0, 1.0, 0.5, 0.5), lag=2)
+    eye = CountingEye(room_of(sharp_wall(rng)), settings)
+    camera = LiveCamera(MemoryScreen(PROJECTOR), eye, Exposures(settings.exposures), lag=2)
     shots = camera.capture_codes(0, np.full((*PROJECTOR, 3), 255, np.uint8))
     assert (len(shots), eye.exposed, eye.passed) == (5, [1.0, 0.5], 4)
 

@@ -198,12 +198,13 @@ def test_noise_has_the_variance_of_its_electrons(tmp_path: Path, rng: np.random.
     sensor = "sensor = { full_well_electrons = 5000, read_noise_electrons = 12, bits = 12 }"
     camera = load_scene(scene_file(tmp_path, plane(), camera=sensor)).camera
     radiance = np.full((300, 300, 3), 0.4)
-    codes = capture(radiance, camera, 0.5, rng) / 4095  # 1000 electrons
+    assert camera.sensor
+    codes = capture(0.5 * radiance, camera.sensor, camera.response, rng) / 4095  # 1000 electrons
     assert codes.mean() == pytest.approx(0.2, rel=1e-3)
     electrons = codes.std() * 5000
     rounding = 5000 / 4095 / np.sqrt(12)
     assert electrons == pytest.approx(np.sqrt(1000 + 12**2 + rounding**2), rel=0.01)  # 270 000 samples
-    assert capture(radiance, camera, 50.0, rng).min() == 4095  # saturated
+    assert capture(50 * radiance, camera.sensor, camera.response, rng).min() == 4095  # saturated
     expected = deviation(camera, np.array([0.4, 2.0]))  # the brightest is 2, near enough to the percentile
     assert expected[0] / 2 == pytest.approx(codes.std(), rel=0.02)
 
@@ -213,4 +214,5 @@ def test_a_capture_goes_through_the_response(tmp_path: Path, rng: np.random.Gene
     camera = load_scene(scene_file(tmp_path, plane(), camera=sensor)).camera
     codes = np.arange(256)
     light = Response("srgb").to_linear(np.repeat(codes[:, None], 3, axis=1) / 255)[None]
-    np.testing.assert_array_equal(capture(light, camera, 1.0, rng)[0, :, 0], codes)
+    assert camera.sensor
+    np.testing.assert_array_equal(capture(light, camera.sensor, camera.response, rng)[0, :, 0], codes)

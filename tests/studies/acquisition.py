@@ -25,12 +25,13 @@ from counterlight.command import parse_size
 from counterlight.pipeline.content import camera_psnr, reachable_white
 from counterlight.response import Response
 from counterlight.tools.acquisition.acquire import Acquisition, acquire
-from counterlight.tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, SimulatedRoom
+from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, SimulatedRoom
 from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.schemes.baselines import FixedBlocksScheme, GrayCodeScheme, PixelByPixelScheme
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.box import Box
@@ -116,14 +117,13 @@ def rooms(
     camera: tuple[int, int], projector: tuple[int, int], wanted: Sequence[str] | None = None
 ) -> Iterator[StudyRoom]:
     """The shipped scenes, a wall out of focus, and a wall with a mirror's second picture on its upper half."""
-    for path in sorted((ROOT / "calib_data" / "scenes").glob("*.toml")):
-        if wanted and path.stem not in wanted:
+    for name, path in shipped_scenes().items():
+        if wanted and name not in wanted:
             continue
-        scene = load_scene(path)
-        scene = replace(scene, camera=scene.camera.resized(*camera), projector=scene.projector.resized(*projector))
+        scene = load_scene(path).resized(camera, projector)
         simulated = simulate(scene)
         yield StudyRoom(
-            SimulatedRoom(path.stem, simulated.transport, simulated.ambient, projector, scene.projector.response)
+            SimulatedRoom(name, simulated.transport, simulated.ambient, projector, scene.projector.response)
         )
     if wanted and not {"out of focus", "mirror"} & set(wanted):
         return
@@ -174,9 +174,9 @@ def schemes(projector: tuple[int, int]) -> Iterator[tuple[str, int, MakeScheme]]
         yield "pixel by pixel", 1, PixelByPixelScheme()
 
 
-def sensor(shots: int) -> Sensor:
+def sensor(shots: int) -> CameraSettings:
     """What the mean of so many shots is like."""
-    one = Sensor()
+    one = CameraSettings()
     steps = min(16, one.bits + (shots - 1).bit_length())
     return replace(one, bits=steps, full_well=shots * one.full_well, read_noise=shots**0.5 * one.read_noise)
 

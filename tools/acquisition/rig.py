@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from counterlight.calibration import Device
@@ -12,13 +13,14 @@ from counterlight.tools.acquisition.cameras.camera import Camera, Exposures
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
 from counterlight.tools.acquisition.cameras.live import Eye, LiveCamera
 from counterlight.tools.acquisition.cameras.simulated import (
-    Sensor,
+    CameraSettings,
     SimulatedCamera,
     SimulatedRoom,
     VisibleScreen,
     simulated_room,
 )
-from counterlight.tools.acquisition.rig_options import CAMERAS
+from counterlight.tools.acquisition.rig_options import CAMERAS, SENSOR
+from counterlight.tools.simulation.devices import Sensor
 
 
 @contextmanager
@@ -57,16 +59,9 @@ def _simulated(
     if options.projector not in (None, room.projector):
         height, width = room.projector
         raise InputError(f"--projector: the projector of {room.name} has {width}x{height} pixels; leave it out")
-    sensor = Sensor(
-        options.bits,
-        options.full_well,
-        options.read_noise,
-        _bracket(options),
-        response,
-        options.seed,
-        options.lag,
-    )
-    return SimulatedCamera(room, sensor, screen)
+    given = {name: getattr(options, name) for name in SENSOR if getattr(options, name) is not None}
+    sensor = replace(room.sensor or Sensor(), **given)
+    return SimulatedCamera(room, CameraSettings(sensor, _bracket(options), response, options.seed, options.lag), screen)
 
 
 def _screen(options: argparse.Namespace, shape: tuple[int, int] | None, opened: ExitStack) -> VisibleScreen:

@@ -6,6 +6,7 @@ from counterlight.command import parse_size
 from counterlight.tools.choices import MOST_LAG
 
 MOST_SHOTS = 256
+SENSOR = "bits", "full_well", "read_noise"
 CAMERAS = "simulated:SCENE.toml, simulated:CALIBRATION, folder:DIR, v4l2:NUMBER or gphoto2"
 
 
@@ -30,9 +31,11 @@ def add_rig_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-preflight", action="store_true", help="do not check projector and camera first")
     parser.add_argument("--wait", type=float, default=0.0, metavar="SECONDS", help="folder: for captures (default 0)")
     sensor = parser.add_argument_group("simulated camera")
-    sensor.add_argument("--bits", type=int, default=14, help="of a code value (default 14)")
-    sensor.add_argument("--full-well", type=float, default=20000.0, metavar="ELECTRONS", help="0: no noise")
-    sensor.add_argument("--read-noise", type=float, default=5.0, metavar="N", help="electrons (default 5)")
+    sensor.add_argument("--bits", type=int, help="of a code value (default: the scene's, or 14)")
+    sensor.add_argument(
+        "--full-well", type=float, metavar="ELECTRONS", help="0: no noise (default: the scene's, or 20000)"
+    )
+    sensor.add_argument("--read-noise", type=float, metavar="N", help="electrons (default: the scene's, or 5)")
     sensor.add_argument("--lag", type=int, default=0, metavar="FRAMES", help=f"0 to {MOST_LAG} (default 0)")
     sensor.add_argument("--seed", type=int, default=0, help="of its noise (default 0)")
 

@@ -104,11 +104,14 @@ class Projector(Device):
 
 @dataclass(frozen=True)
 class Sensor:
-    """What turns radiance into code values (EMVA Standard 1288): electrons at saturation, read noise, bits."""
+    """What turns radiance into code values (EMVA Standard 1288): electrons at saturation, read noise, bits.
 
-    full_well: float
-    read_noise: float
-    bits: int
+    full_well : 0 for no photon noise.
+    """
+
+    full_well: float = 20000.0
+    read_noise: float = 5.0
+    bits: int = 14
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """A camera in a simulated room: c = T p + e, then photons, noise, exposure, response and code values."""
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -15,40 +15,38 @@ from counterlight.response import Response
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Exposures, Shot
 from counterlight.tools.acquisition.cameras.live import Codes, LiveCamera, Screen
 from counterlight.tools.choices import MOST_LAG
+from counterlight.tools.simulation.devices import Sensor
+from counterlight.tools.simulation.effects.capture_noise import capture
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
 
 HEADROOM = 1.25  # full scale of an exposure of 1, above the floodlit room's brightest pixel
-ENCODING_STEPS = 1 << 16
 
 
 @dataclass(frozen=True)
-class Sensor:
-    """A camera's sensor.
+class CameraSettings:
+    """How a simulated camera takes pictures.
 
-    bits : of a code value.  full_well : electrons at full scale, 0 for no photon noise.  read_noise : electrons, of one
-    shot.  exposures : of a bracket; 1 puts the floodlit room's brightest pixel at 80 % of full scale.
+    exposures : of a bracket; 1 puts the floodlit room's brightest pixel at 80 % of full scale.
     seed : capture n always has the noise of (seed, n), whatever was captured before.  lag : frames that a picture takes
     to reach the sensor.
     """
 
-    bits: int = 14
-    full_well: float = 20000.0
-    read_noise: float = 5.0
+    sensor: Sensor = field(default_factory=Sensor)
     exposures: tuple[float, ...] = (1.0,)
     response: Response = LINEAR
     seed: int = 0
     lag: int = 0
 
     def __post_init__(self) -> None:
-        if not 1 <= self.bits <= 16:
-            raise InputError(f"--bits {self.bits}: expected 1 to 16")
-        for option, value in (("--full-well", self.full_well), ("--read-noise", self.read_noise)):
+        if not 1 <= self.sensor.bits <= 16:
+            raise InputError(f"--bits {self.sensor.bits}: expected 1 to 16")
+        for option, value in (("--full-well", self.sensor.full_well), ("--read-noise", self.sensor.read_noise)):
             if not 0 <= value < float("inf"):
                 raise InputError(f"{option} {value:g}: expected a number of electrons, 0 or more")
-        if self.read_noise and not self.full_well:
+        if self.sensor.read_noise and not self.sensor.full_well:
             raise InputError("--read-noise needs --full-well above 0: it is counted in electrons of the full well")
         if not 0 <= self.lag <= MOST_LAG:
             raise InputError(f"--lag {self.lag}: expected 0 to {MOST_LAG} frames")
@@ -60,6 +58,7 @@ class SimulatedRoom:
     """What is in front of the camera.
 
     ambient : (camera height, camera width, 3).  projector : (height, width).  response : of the projector.
+    sensor : the scene's own, if it describes one.
     """
 
     name: str
@@ -67,6 +66,7 @@ class SimulatedRoom:
     ambient: NDArray[np.float32]
     projector: tuple[int, int]
     response: Response
+    sensor: Sensor | None = None
 
 
 class VisibleScreen(Screen, Protocol):
@@ -93,23 +93,22 @@ class MemoryScreen:
 
 
 class SimulatedEye:
-    """A sensor in a simulated room that looks at what a screen shows, `sensor.lag` frames late."""
+    """A sensor in a simulated room that looks at what a screen shows, `settings.lag` frames late."""
 
     timed = False
 
-    def __init__(self, room: SimulatedRoom, sensor: Sensor, screen: VisibleScreen) -> None:
-        self._room, self._sensor, self._screen = room, sensor, screen
+    def __init__(self, room: SimulatedRoom, settings: CameraSettings, screen: VisibleScreen) -> None:
+        self._room, self._settings, self._screen = room, settings, screen
         self._drive = room.response.to_linear(np.repeat(np.linspace(0, 1, 256)[:, None], 3, axis=1))
-        self._curve = _encoding(sensor.response)
-        self._pictures = deque([screen.look()], sensor.lag + 1)
-        self._rng, self._time = np.random.default_rng(sensor.seed), 1.0
+        self._pictures = deque([screen.look()], settings.lag + 1)
+        self._rng, self._time = np.random.default_rng(settings.seed), 1.0
 
     @property
     def name(self) -> str:
-        return f"simulated {self._room.name}, {self._sensor}"
+        return f"simulated {self._room.name}, {self._settings}"
 
     def begin(self, number: int) -> None:
-        self._rng = np.random.default_rng((self._sensor.seed, number))
+        self._rng = np.random.default_rng((self._settings.seed, number))
 
     def expose(self, time: float) -> None:
         self._time = time
@@ -128,19 +127,10 @@ class SimulatedEye:
 
     def _shot(self, light: FloatArray) -> Shot:
         """Code values of light, 1 being full scale; stored so that the top code fills the container."""
-        if self._sensor.full_well:
-            electrons = self._rng.poisson(np.minimum(light, 2) * self._sensor.full_well)
-            light = (electrons + self._rng.normal(0, self._sensor.read_noise, light.shape)) / self._sensor.full_well
-        top = (1 << self._sensor.bits) - 1
-        codes = np.rint(self._encode(np.clip(light, 0, 1)) * top)
-        container = np.uint8 if self._sensor.bits <= 8 else np.uint16
-        return np.rint(codes * (np.iinfo(container).max / top)).astype(container)
-
-    def _encode(self, light: FloatArray) -> FloatArray:
-        if self._curve is None:
-            return light
-        codes = np.linspace(0, 1, len(self._curve))
-        return np.stack([np.interp(light[..., i], self._curve[:, i], codes) for i in range(3)], axis=-1)
+        sensor = self._settings.sensor
+        codes, top = capture(light, sensor, self._settings.response, self._rng), (1 << sensor.bits) - 1
+        container = np.uint8 if sensor.bits <= 8 else np.uint16
+        return np.asarray(np.rint(codes * (np.iinfo(container).max / top)), container)
 
 
 class SimulatedCamera(LiveCamera):
@@ -149,12 +139,12 @@ class SimulatedCamera(LiveCamera):
     screen : where it sees the projector's picture; None for a picture in memory.
     """
 
-    def __init__(self, room: SimulatedRoom, sensor: Sensor, screen: VisibleScreen | None = None) -> None:
+    def __init__(self, room: SimulatedRoom, settings: CameraSettings, screen: VisibleScreen | None = None) -> None:
         brightest = float(room.transport.floodlight(room.ambient).max())
-        times = tuple(time / (HEADROOM * brightest) for time in sensor.exposures)
+        times = tuple(time / (HEADROOM * brightest) for time in settings.exposures)
         shown: VisibleScreen = MemoryScreen(room.projector) if screen is None else screen
-        eye = SimulatedEye(room, sensor, shown)
-        super().__init__(shown, eye, Exposures(times, sensor.response), lag=sensor.lag)
+        eye = SimulatedEye(room, settings, shown)
+        super().__init__(shown, eye, Exposures(times, settings.response), lag=settings.lag)
 
 
 def simulated_room(source: Path) -> SimulatedRoom:
@@ -168,12 +158,6 @@ def simulated_room(source: Path) -> SimulatedRoom:
     scene = load_scene(source)
     result = simulate(scene)
     projector = scene.projector.height, scene.projector.width
-    return SimulatedRoom(scene.name, result.transport, result.ambient, projector, scene.projector.response)
-
-
-def _encoding(response: Response) -> FloatArray | None:
-    """Light of equally spaced code values, (steps, 3), to be read backwards; None for a linear camera."""
-    if response.kind == "linear":
-        return None
-    codes = np.linspace(0, 1, ENCODING_STEPS)
-    return response.to_linear(np.repeat(codes[:, None], 3, axis=1))
+    return SimulatedRoom(
+        scene.name, result.transport, result.ambient, projector, scene.projector.response, scene.camera.sensor
+    )
