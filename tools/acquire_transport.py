@@ -1,7 +1,7 @@
 """counterlight acquire: a calibration folder from a projector and a camera, or from a simulated pair.
 
-Patterns are black and white, so that the projector's response does not matter. Every capture is on disk before the next
-pattern is shown; the same command goes on where an interrupted one stopped.
+Patterns are black and white, so that the projector's response does not matter; it is measured beside them. Every
+capture is on disk before the next pattern is shown; the same command goes on where an interrupted one stopped.
 """
 
 import argparse
@@ -25,11 +25,6 @@ if TYPE_CHECKING:
     from counterlight.tools.acquisition.schemes.hierarchical import Threshold
     from counterlight.tools.acquisition.store import Wanted
 
-SUSPECT = (
-    "warning: the check is far off what noise explains; light may reach some camera pixels from several places (use "
-    "--scheme hierarchical), or be too weak (longer exposures, lower --threshold)"
-)
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     return run(_main, argv)
@@ -50,15 +45,16 @@ def _main(argv: Sequence[str] | None) -> None:
     make_scheme = _scheme(options)
     wanted = Wanted(output, anew=options.force, reuse=options.reuse_captures)
     _check_outputs(options, wanted, captures, report_folder)
+    response = None if options.response is None else named_response(options.response)
     decides = {"threshold": str(_threshold(options)), "tile": options.tile or 0}
     # One BLAS thread: two made small products several times slower.
-    with threadpool_limits(limits=1), open_rig(options, named_response(options.response)) as (camera, projector):
+    with threadpool_limits(limits=1), open_rig(options) as (camera, projector):
         findings = [] if options.no_preflight or wanted.reuse else _checked(camera)
-        plan = Plan(options.scheme, make_scheme, projector, decides)
+        plan = Plan(options.scheme, make_scheme, projector, decides, response)
         report = acquire_room(camera, plan, captures, wanted, name=options.name)
         print(f"{report}\n{output}: written; the captures stay in {captures}")
-        if report.suspect:
-            print(SUSPECT, file=sys.stderr)
+        for warning in report.warnings:
+            print(f"warning: {warning}", file=sys.stderr)
         print(f"{write_acquisition_report(output, report, findings, report_folder)}: the report")
 
 
@@ -135,7 +131,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--report", type=Path, metavar="FOLDER", help="the page (default OUTPUT.report)")
     add_rig_options(parser)
-    add_room_options(parser)
+    add_room_options(parser, "measured")
     return parser
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from counterlight.command import Parser, parse_size, run
 from counterlight.response import named_response
-from counterlight.tools.acquisition.room_options import add_room_options
+from counterlight.tools.acquisition.room_options import add_room_options, given_or_assumed
 from counterlight.tools.choices import GRAYCODE_ORDERS
 
 
@@ -24,7 +24,7 @@ def _main(argv: Sequence[str] | None) -> None:
     start = time.monotonic()
     height, width = options.projector
     graycode_options = GraycodeOptions(
-        Device(height, width, named_response(options.response)),
+        Device(height, width, given_or_assumed(options.response)),
         named_response(options.camera_response),
         options.order,
         options.step,

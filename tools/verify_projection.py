@@ -53,12 +53,12 @@ def _verify(options: argparse.Namespace) -> "tuple[Verification, Verified]":
     stored = calibrations.read(options.calibration)
     room = stored.calibration
     picture = read_placed(options.picture, room.camera.shape)
-    with threadpool_limits(limits=1), open_rig(options, room.projector.response) as (camera, projector):
+    with threadpool_limits(limits=1), open_rig(options) as (camera, projector):
         if not isinstance(camera, LiveCamera):
             raise InputError(f"--camera {options.camera}: cannot be shown a picture now; use another camera")
-        if projector.shape != room.projector.shape:
+        if projector != room.projector.shape:
             raise InputError(
-                f"the projector has {projector.width}x{projector.height} pixels, {options.calibration} is for "
+                f"the projector has {projector[1]}x{projector[0]} pixels, {options.calibration} is for "
                 f"{room.projector.width}x{room.projector.height}; choose the calibrated one"
             )
         for finding in () if options.no_preflight else preflight(camera):

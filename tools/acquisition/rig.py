@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from counterlight.calibration import Device
 from counterlight.errors import InputError
 from counterlight.response import Response, named_response
 from counterlight.tools.acquisition.cameras.camera import Camera, Exposures
@@ -22,22 +21,19 @@ from counterlight.tools.acquisition.rig_options import CAMERAS
 
 
 @contextmanager
-def open_rig(options: argparse.Namespace, projector: Response) -> Iterator[tuple[Camera, Device]]:
-    """The camera and the projector that the options name; InputError for what is not there.
-
-    projector : its response, where the camera does not know it.
-    """
+def open_rig(options: argparse.Namespace) -> Iterator[tuple[Camera, tuple[int, int]]]:
+    """The camera and the projector's (height, width) that the options name; InputError for what is not there."""
     kind, _, source = options.camera.partition(":")
     response = named_response(options.camera_response)
     with ExitStack() as opened:
         if kind == "simulated" and source:
             room = simulated_room(Path(source))
             screen = _screen(options, room.projector, opened) if options.monitor or options.window else None
-            yield _simulated(options, room, response, screen), Device(*room.projector, room.response)
+            yield _simulated(options, room, response, screen), room.projector
         elif kind == "folder" and source:
             size = _needed_size(options)
             exposures = Exposures(_bracket(options), response)
-            yield FolderCamera(Path(source), exposures, options.wait), Device(*size, projector)
+            yield FolderCamera(Path(source), exposures, options.wait), size
         elif kind in ("v4l2", "gphoto2") and bool(source) == (kind == "v4l2"):
             if not (options.monitor or options.window):
                 raise InputError(f"--camera {kind}: where is the projector? add --monitor NAME (or --window to try)")
@@ -46,7 +42,7 @@ def open_rig(options: argparse.Namespace, projector: Response) -> Iterator[tuple
             eye = _eye(kind, source, opened)
             shown = _screen(options, options.projector, opened)
             camera = LiveCamera(shown, eye, Exposures(_bracket(options), response))
-            yield camera, Device(*shown.shape, projector)
+            yield camera, shown.shape
         else:
             raise InputError(f"--camera {options.camera}: expected {CAMERAS}")
 
