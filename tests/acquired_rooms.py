@@ -91,9 +91,15 @@ class Memory:
         return self._exposures.radiance(self._kept[number])
 
 
-def run(room: SimulatedRoom, scheme: MakeScheme, sensor: Sensor = NOISY, camera: Camera | None = None) -> Acquisition:
+def run(
+    room: SimulatedRoom,
+    scheme: MakeScheme,
+    sensor: Sensor = NOISY,
+    camera: Camera | None = None,
+    given: Response | None = None,
+) -> Acquisition:
     camera = camera or SimulatedCamera(room, sensor)
-    return acquire(camera, Memory(camera.exposures), scheme, room.projector)
+    return acquire(camera, Memory(camera.exposures), scheme, room.projector, given)
 
 
 def run_on_disk(folder: Path, room: SimulatedRoom, scheme: MakeScheme) -> Acquisition:

@@ -197,6 +197,10 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
         waiting = [path for path in shown if not (exchange / "captures" / path.name).exists()]
         assert f"waiting for {len(waiting)} captures, {waiting[0].name}" in capsys.readouterr().err
         for path in waiting:
+            coloured = cv2.imread(str(path), cv2.IMREAD_UNCHANGED).ndim == 3
+            assert coloured == (
+                2 * REPEATS <= int(path.stem) < TAKEN or (int(path.stem) > TAKEN and path is waiting[-1])
+            )
             (shot,) = eye.capture(int(path.stem), shown_by(path))
             cv2.imwrite(str(exchange / "captures" / path.name), shot[..., ::-1])
         rounds += 1
