@@ -197,14 +197,12 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
         waiting = [path for path in shown if not (exchange / "captures" / path.name).exists()]
         assert f"waiting for {len(waiting)} captures, {waiting[0].name}" in capsys.readouterr().err
         for path in waiting:
-            coloured = cv2.imread(str(path), cv2.IMREAD_UNCHANGED).ndim == 3
-            assert coloured == (
-                2 * REPEATS <= int(path.stem) < TAKEN or (int(path.stem) > TAKEN and path is waiting[-1])
-            )
             (shot,) = eye.capture(int(path.stem), shown_by(path))
             cv2.imwrite(str(exchange / "captures" / path.name), shot[..., ::-1])
         rounds += 1
     assert rounds == 3 + 5  # black and floodlight, ramps, levels of 16 to 1 px, floodlight and checks
+    kinds = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED).ndim for path in shown]
+    assert [number for number, kind in enumerate(kinds) if kind == 3] == [*range(2 * REPEATS, TAKEN), len(shown) - 1]
     names = [path.name for path in (tmp_path / "direct").iterdir() if path.name != "calibration.toml"]
     assert len(names) == 3 + 1 + 3 + 2  # T of three channels and far, primaries, ambient light, mask
     assert filecmp.cmpfiles(tmp_path / "direct", tmp_path / "asked", names, shallow=False) == (names, [], [])

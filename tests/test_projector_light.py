@@ -1,4 +1,4 @@
-"""The projector's response, black and primaries as an acquisition measures them, and what it says of light that is odd."""
+"""A projector's response and primaries as an acquisition measures them, and what it says of light that is odd."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -32,12 +32,11 @@ MIXED = np.array([[0.88, 0.12, 0], [0.06, 0.88, 0.06], [0, 0.12, 0.88]])
 
 
 class OddEye(SimulatedEye):
-    """Looks at a projector that makes any light of its codes, with channels that each see a mixture of the primaries."""
+    """Looks at a projector that makes any light of its codes; each channel sees a mixture of the primaries."""
 
-    def __init__(
-        self, room: SimulatedRoom, sensor: Sensor, screen: MemoryScreen, light: Light, mixing: FloatArray
-    ) -> None:
-        super().__init__(room, sensor, screen)
+    def __init__(self, room: SimulatedRoom, sensor: Sensor, light: Light, mixing: FloatArray) -> None:
+        self.screen = MemoryScreen(PROJECTOR)
+        super().__init__(room, sensor, self.screen)
         self._light, self._mixing = light, mixing
 
     def radiance(self, codes: Codes) -> FloatArray:
@@ -52,10 +51,10 @@ def acquired(
     transport: Transport | None = None, given: Response | None = None,
 ) -> Acquisition:  # fmt: skip
     """A wall under a projector, acquired with noise; its brightest pixel is at 70 % of full scale."""
-    room, screen = room_of(transport or sharp_wall(rng)), MemoryScreen(PROJECTOR)
-    eye = OddEye(room, sensor, screen, light, np.eye(3) if mixing is None else mixing)
+    room = room_of(transport or sharp_wall(rng))
+    eye = OddEye(room, sensor, light, np.eye(3) if mixing is None else mixing)
     time = 0.7 / float(eye.radiance(np.full((*PROJECTOR, 3), 255, np.uint8)).max())
-    return run(room, HierarchicalScheme(), camera=LiveCamera(screen, eye, Exposures((time,))), given=given)
+    return run(room, HierarchicalScheme(), camera=LiveCamera(eye.screen, eye, Exposures((time,))), given=given)
 
 
 def report_on(done: Acquisition, given: Response | None = None) -> AcquisitionReport:
@@ -120,7 +119,7 @@ def test_the_primaries_are_what_the_camera_sees_of_each(rng: np.random.Generator
 
 
 def test_noise_does_not_break_the_rise(rng: np.random.Generator) -> None:
-    """Sixty electrons: dark levels are lost in noise, and the table rises strictly nevertheless (Response refuses others)."""
+    """Sixty electrons: dark levels are lost in noise, and the table rises strictly (Response refuses others)."""
     done = acquired(rng, gammas(2.1, 2.2, 2.35), sensor=Sensor(bits=8, full_well=60, read_noise=2))
     assert done.light is not None
     error = done.light.response.to_linear(GREY) - gammas(2.1, 2.2, 2.35)(GREY)
@@ -174,7 +173,7 @@ def test_a_given_response_counts_and_is_compared(rng: np.random.Generator) -> No
     assert done.coloured.error > 0.3
     assert done.by_measured.error < 2 * done.by_measured.noise + 0.01
     (warning,) = report_on(done, wrong).warnings
-    assert warning.startswith("the given response is up to 3")  # 0.317 of white, at code 133
+    assert warning.startswith("the given response is up to 28 % of white")  # at code 132
     assert "leave out --response" in warning
 
 
