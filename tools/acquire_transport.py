@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from counterlight.command import Parser, run
 from counterlight.errors import InputError
-from counterlight.response import named_response
+from counterlight.response import projector_response
 from counterlight.tools.acquisition.rig_options import add_rig_options
 from counterlight.tools.acquisition.room_options import add_room_options
 from counterlight.tools.choices import SCHEMES
@@ -45,7 +45,7 @@ def _main(argv: Sequence[str] | None) -> None:
     make_scheme = _scheme(options)
     wanted = Wanted(output, anew=options.force, reuse=options.reuse_captures)
     _check_outputs(options, wanted, captures, report_folder)
-    response = None if options.response is None else named_response(options.response)
+    response = None if options.response is None else projector_response(options.response)
     decides = {"threshold": str(_threshold(options)), "tile": options.tile or 0}
     # One BLAS thread: two made small products several times slower.
     with threadpool_limits(limits=1), open_rig(options) as (camera, projector):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from counterlight.command import Parser, parse_size, run
-from counterlight.tools.acquisition.room_options import add_room_options, given_or_assumed
+from counterlight.tools.acquisition.room_options import ASSUMED_LINE, add_room_options, given_or_assumed
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -29,6 +29,8 @@ def _main(argv: Sequence[str] | None) -> None:
         force=options.force,
     )
     print(f"{options.output}: {summary}")
+    if options.response is None:
+        print(ASSUMED_LINE)
 
 
 def _parser() -> argparse.ArgumentParser:

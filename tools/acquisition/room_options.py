@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from counterlight.response import Response, named_response
+from counterlight.response import Response, projector_response
 
 ASSUMED = Response("srgb")
 ASSUMED_LINE = "response: sRGB assumed; measure it with counterlight fit-response, and give it with --response"
@@ -25,7 +25,5 @@ def add_room_options(parser: argparse.ArgumentParser, unless_given: str = "sRGB 
 
 
 def given_or_assumed(text: str | None) -> Response:
-    """The response that --response names; what nobody gave is assumed, and told on standard output."""
-    if text is None:
-        print(ASSUMED_LINE)
-    return ASSUMED if text is None else named_response(text)
+    """The response that --response names; who takes what nobody gave says `ASSUMED_LINE`."""
+    return ASSUMED if text is None else projector_response(text)
