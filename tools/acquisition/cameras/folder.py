@@ -71,7 +71,7 @@ class FolderCamera:
                 if not path.exists():
                     put(path, encode_png(_stored(patterns[number - first])))
         if missing:  # otherwise captures of later levels may be there, from an earlier run
-            self._refuse_strangers(seen, first + len(patterns))
+            self._refuse_strangers(shown, seen, first + len(patterns))
         deadline = time.monotonic() + self._wait_s
         while absent := [stem for number in missing for stem in self._stems(number) if self._find(stem) is None]:
             if time.monotonic() >= deadline:
@@ -100,14 +100,17 @@ class FolderCamera:
         paths = (self._folder / "captures" / f"{stem}{suffix}" for suffix in SUFFIXES)
         return next((path for path in paths if path.is_file()), None)
 
-    def _refuse_strangers(self, folder: Path, end: int) -> None:
+    def _refuse_strangers(self, shown: Path, folder: Path, end: int) -> None:
+        """InputError for captures of nothing that was shown; an earlier run may have come further than this one."""
         found: dict[str, Path] = {}
         for path in _pictures(folder):
             if path.stem in found:
                 raise InputError(f"{path}: the same capture as {found[path.stem].name}; keep one of the two")
             found[path.stem] = path
             named = _NUMBERED.fullmatch(path.stem)
-            if named is None or int(named["number"]) >= end or path.stem not in self._stems(int(named["number"])):
+            number = int(named["number"]) if named else -1
+            known = 0 <= number < end or (shown / f"{number:05}.png").exists()
+            if not known or path.stem not in self._stems(number):
                 raise InputError(
                     f"{path}: belongs to no pattern, expected {self._stems(0)[0]}.png to "
                     f"{self._stems(end - 1)[-1]}.png so far; move it out of the folder, or check --exposures"
