@@ -31,7 +31,7 @@ from counterlight.tools.acquisition.cameras.simulated import Sensor, SimulatedCa
 from counterlight.tools.acquisition.plan import REPEATS, Picture, Reference, measure_noise
 from counterlight.tools.acquisition.ramps import light_level
 from counterlight.tools.acquisition.schemes.baselines import GrayCodeScheme
-from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
+from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.acquisition.store import CaptureStore
 from counterlight.tools.inverse.pictures import typical_pictures
@@ -316,8 +316,14 @@ def test_a_capture_of_the_wrong_moment_is_noticed(tmp_path: Path, rng: np.random
         (["--camera", "folder:x"], "needs the projector's size"),
         (["--camera", "simulated:absent.toml"], "absent.toml: missing"),
         (["--camera", "simulated:ROOM", "--projector", "9x9"], "has 30x21 pixels; leave it out"),
+        (["--camera", "simulated:ROOM", "--projector", "21x30"], "has 30x21 pixels; width and height are swapped"),
         (["--camera", "simulated:ROOM", "--threshold", "much"], "--threshold much: expected a multiple"),
         (["--camera", "simulated:ROOM", "--threshold", "-1"], "--threshold"),
+        (
+            ["--camera", "simulated:ROOM", "--threshold", "0.01"],
+            "--threshold 0.01: less than the noise",
+        ),
+        (["--camera", "simulated:ROOM", "--threshold", "radiance=0"], "--threshold 0: expected a radiance above 0"),
         (["--camera", "simulated:ROOM", "--bits", "17"], "--bits 17: expected 1 to 16"),
         (["--camera", "simulated:ROOM", "--exposures", "1,0"], "expected one or more numbers above 0"),
         (["--camera", "simulated:ROOM", "--shots", "0"], "--shots: expected a number of shots from 1 to 256"),
@@ -389,6 +395,18 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
         for name in ("true", "acquired")
     ]
     assert figures[1] > figures[0] - 0.5  # dB, at the default camera's noise
+
+
+@pytest.mark.parametrize("text", ["4", "4x", "4.0", "radiance=0.01"])
+def test_a_threshold_is_a_multiple_of_the_noise_unless_it_says_radiance(
+    tmp_path: Path, rng: np.random.Generator, text: str
+) -> None:
+    room = small_room(tmp_path / "room", rng)
+    words = ["--camera", f"simulated:{room}", "--scheme", "graycode", "--no-preflight", "-o", str(tmp_path / "out")]
+    assert acquire_transport.main([*words, "--threshold", text]) == 0
+    said = (tmp_path / "out.captures" / "session.toml").read_text()
+    expected = Threshold(absolute=0.01) if text.startswith("radiance") else Threshold(sigmas=4.0)
+    assert f'threshold = "{expected}"' in said
 
 
 def test_a_scene_without_a_lit_pixel_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -73,6 +73,13 @@ def test_a_sound_rig_passes_and_its_lag_is_found(room: SimulatedRoom, lag: int) 
     assert f"{lag} to {lag} frames" in found["latency"].sentence
 
 
+@pytest.mark.parametrize("bracket", [(1.0, 4.0), (4.0, 1.0), (4.0, 1.0, 2.0)])
+def test_a_bracket_may_come_in_any_order(room: SimulatedRoom, bracket: tuple[float, ...]) -> None:
+    """What the longer exposure saturates, the shortest tells."""
+    found = findings(SimulatedCamera(room, replace(NOISY, exposures=bracket)))
+    assert [finding.grade for finding in found.values()] == ["good"] * len(CHECKS)
+
+
 def test_captures_with_the_lag_that_was_found_are_those_without_lag(room: SimulatedRoom) -> None:
     late, direct = SimulatedCamera(room, replace(NOISY, lag=3)), SimulatedCamera(room, NOISY)
     late.lag = 0

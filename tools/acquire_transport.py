@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from counterlight.tools.acquisition.schemes.hierarchical import Threshold
     from counterlight.tools.acquisition.store import Wanted
 
+RADIANCE = "radiance="
+THRESHOLDS = "expected a multiple of the noise such as 4, or a radiance such as radiance=0.01"
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     return run(_main, argv)
@@ -106,23 +109,25 @@ def _scheme(options: argparse.Namespace) -> "MakeScheme":
 
 
 def _threshold(options: argparse.Namespace) -> "Threshold":
-    """`4x` is a multiple of the noise, `0.01` a radiance."""
+    """`4` and `4x` are multiples of the noise, `radiance=0.01` is a radiance."""
     from counterlight.tools.acquisition.schemes.hierarchical import Threshold
 
     text: str = options.threshold
+    absolute = text.startswith(RADIANCE)
     try:
-        return Threshold(sigmas=float(text[:-1])) if text.endswith("x") else Threshold(absolute=float(text))
+        number = float(text.removeprefix(RADIANCE) if absolute else text.removesuffix("x"))
     except ValueError:
-        raise InputError(
-            f"--threshold {text}: expected a multiple of the noise such as 4x, or a radiance such as 0.01"
-        ) from None
+        raise InputError(f"--threshold {text}: {THRESHOLDS}") from None
+    if 0 < number < 1 and not absolute and not text.endswith("x"):
+        raise InputError(f"--threshold {text}: less than the noise would take noise for light; {THRESHOLDS}")
+    return Threshold(absolute=number) if absolute else Threshold(sigmas=number)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser("acquire", description=__doc__)
     parser.add_argument("--scheme", choices=SCHEMES, default="hierarchical", help="default hierarchical")
     parser.add_argument(
-        "--threshold", default="4x", metavar="Nx|RADIANCE", help="τ, a multiple of the noise or absolute (default 4x)"
+        "--threshold", default="4", metavar="N|radiance=R", help="τ, a multiple of the noise or absolute (default 4)"
     )
     parser.add_argument("--tile", type=int, metavar="PIXELS", help="multiplexed: window a side (default: measured)")
     parser.add_argument("--captures", type=Path, metavar="FOLDER", help="kept there (default OUTPUT.captures)")

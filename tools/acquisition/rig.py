@@ -1,6 +1,7 @@
 """The camera and the projector that a command line names, opened."""
 
 import argparse
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -52,7 +53,8 @@ def _simulated(
 ) -> SimulatedCamera:
     if options.projector not in (None, room.projector):
         height, width = room.projector
-        raise InputError(f"--projector: the projector of {room.name} has {width}x{height} pixels; leave it out")
+        fix = "width and height are swapped" if options.projector == (width, height) else "leave it out"
+        raise InputError(f"--projector: the projector of {room.name} has {width}x{height} pixels; {fix}")
     sensor = Sensor(
         options.bits,
         options.full_well,
@@ -84,8 +86,10 @@ def _eye(kind: str, source: str, opened: ExitStack) -> Eye:
 def _needed_size(options: argparse.Namespace) -> tuple[int, int]:
     if options.projector is None:
         raise InputError("--camera folder: needs the projector's size; add --projector WIDTHxHEIGHT")
-    size: tuple[int, int] = options.projector
-    return size
+    height, width = options.projector
+    if height > width:
+        print(f"note: a projector {width} pixels wide and {height} high, upright: WIDTHxHEIGHT", file=sys.stderr)
+    return height, width
 
 
 def _bracket(options: argparse.Namespace) -> tuple[float, ...]:

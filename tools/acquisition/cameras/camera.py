@@ -57,6 +57,11 @@ class Exposures:
         if not self.times or not all(0 < time < float("inf") for time in self.times):
             raise InputError(f"exposures {self.times}: expected one or more numbers above 0")
 
+    @property
+    def shortest(self) -> float:
+        """Of a bracket in any order: what saturates at this is lost."""
+        return min(self.times)
+
     def radiance(self, shots: Sequence[Shot]) -> NDArray[np.float32]:
         """(height, width, 3): all light over all time, of shots that are not clipped (hdr/estimators.py, average).
 
@@ -70,7 +75,7 @@ class Exposures:
 
     def saturated(self, shots: Sequence[Shot]) -> NDArray[np.bool_]:
         """(height, width), the shortest exposure is at the top of the camera's range."""
-        shot = _coloured(shots[int(np.argmin(self.times))])
+        shot = _coloured(shots[self.times.index(self.shortest)])
         return np.asarray(np.any(shot >= _estimator(self.response, shot.dtype).top, axis=2))
 
     def one(self, shot: Shot, time: float) -> FloatArray:
