@@ -421,6 +421,13 @@ def test_a_scene_without_a_lit_pixel_is_refused(tmp_path: Path, capsys: pytest.C
     assert "projector: white instead of black changes 0.00 % of the camera's picture: switch the projector on" in line
 
 
+def test_the_reference_knows_the_noise_of_faint_light(rng: np.random.Generator) -> None:
+    black, white = (rng.normal(level, [0.01, 0.02, 0.04], (REPEATS, 60, 80, 3)) for level in (0.1, 0.1 + 1e-4))
+    noise = measure_noise(list(black), list(white))
+    room = Reference(black.mean(axis=0), white.mean(axis=0), noise, np.zeros((60, 80), bool), REPEATS)
+    np.testing.assert_allclose(room.light.std(axis=0), room.rise_noise, rtol=0.05)  # 4800 pixels: 1 %, and a median
+
+
 def test_the_reference_tells_light_from_black() -> None:
     black, white = np.full((2, 3, 3), 0.25), np.full((2, 3, 3), 1.0)
     noise = measure_noise([black, black], [white, white])

@@ -74,7 +74,7 @@ def light_level(projector: tuple[int, int]) -> Level:
 
 def measure_light(captures: Captures, room: Reference) -> ProjectorLight:
     """Evaluate the captures of `light_level`; InputError if all that is well lit is saturated."""
-    primaries = [_mean(room, captures[PRIMARIES + i :: 3]) for i in range(3)]
+    primaries = [_mean(room, captures, range(PRIMARIES + i, len(captures), 3)) for i in range(3)]
     templates = [_Template(room, light) for light in (room.light, *primaries)]
     white = templates[0]
     if not white.tells:
@@ -103,12 +103,12 @@ def measure_light(captures: Captures, room: Reference) -> ProjectorLight:
     )
 
 
-def _mean(room: Reference, captures: Captures) -> FloatArray:
+def _mean(room: Reference, captures: Captures, numbers: range) -> FloatArray:
     """Light above black, (camera pixels, 3), one capture in memory at a time."""
     total = np.zeros_like(room.light)
-    for capture in captures:
-        total += room.above_black(capture)
-    return total / len(captures)
+    for number in numbers:
+        total += room.above_black(captures[number])
+    return total / len(numbers)
 
 
 class _Template:

@@ -187,8 +187,7 @@ def _response(calibration: Calibration, report: AcquisitionReport) -> dict[str, 
 
 
 def _light(figures: dict[str, Any]) -> Section:
-    said = [line for line in figures["summary"] if line.startswith(("response:", "contrast:", "colour:"))]
-    rows = [tuple(line.split(": ", 1)) for line in said]
+    said = [line.partition(": ") for line in figures["summary"]]
     return Section(
         "The projector's light",
         [
@@ -198,7 +197,7 @@ def _light(figures: dict[str, Any]) -> Section:
                 svg=charts.rising(figures["response"]["curves"], PRIMARY_COLOURS, "code value, 0 to 255"),
             )
         ],
-        table([(what, words) for what, words in rows]),
+        table([(what, words) for what, _, words in said if what in ("response", "contrast", "colour")]),
     )
 
 
