@@ -87,8 +87,13 @@ def parse_response(value: object) -> Response:
     return Response("gamma", gamma=float(value))
 
 
-def read_response(table: Table) -> Response:
-    """A table's `response`, linear where it says nothing."""
+def read_response(table: Table, folder: Path | None = None) -> Response:
+    """A table's `response`, linear where it says nothing.
+
+    folder : where response files may be named, there or below; None for a table that names none.
+    """
+    if folder is not None and _names_file(table.values.get("response")):
+        return named_response(str(table.path("response", folder)))
     try:
         return parse_response(table.raw("response", "linear"))
     except InputError as error:
@@ -100,13 +105,25 @@ def named_response(text: str) -> Response:
     if not text.endswith(".toml"):
         return parse_response(text)
     path = Path(text)
-    table = read_toml(path, FIX)
-    if "response" not in table:
+    values = read_toml(path, FIX)
+    if "response" not in values:
         raise InputError(f"{path}: has no entry named response; {FIX}")
-    try:
-        return parse_response(table["response"])
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+    return read_response(Table(values, f"{path}", FIX))
+
+
+def projector_response(text: str) -> Response:
+    """As `named_response`; a .toml file may also be a scene or a calibration.toml, whose projector's it is."""
+    path = Path(text)
+    values = read_toml(path, FIX) if text.endswith(".toml") else {}
+    if "response" in values or not {"projector", "projectors"} & values.keys():
+        return named_response(text)
+    file = Table(values, f"{path}", FIX)
+    projector = file.table("projector") if "projector" in values else file.tables("projectors")[0]
+    return read_response(projector, path.parent)
+
+
+def _names_file(value: object) -> bool:
+    return isinstance(value, str) and value.endswith(".toml")
 
 
 def _is_number(value: object) -> TypeGuard[int | float]:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import cv2
 import numpy as np
 from hypothesis import strategies as st
 from scipy import sparse
@@ -63,8 +64,17 @@ def mirror(rng: np.random.Generator) -> Transport:
     return Transport.from_matrices(tuple(sparse.csr_array(M + 0.6 * (half @ M[:, flipped])) for M in channels(T)))
 
 
+def shown_by(path: Path) -> np.ndarray:
+    """The code values of a picture that a folder asks for: (height, width, 3)."""
+    picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    assert picture is not None, path
+    return picture[..., ::-1]
+
+
 class Memory:
     """A store that keeps captures in memory."""
+
+    coloured = True
 
     def __init__(self, exposures: Exposures) -> None:
         self._exposures, self._kept = exposures, dict[int, Sequence[Shot]]()
@@ -83,10 +93,14 @@ class Memory:
 
 
 def run(
-    room: SimulatedRoom, scheme: MakeScheme, settings: CameraSettings = NOISY, camera: Camera | None = None
+    room: SimulatedRoom,
+    scheme: MakeScheme,
+    settings: CameraSettings = NOISY,
+    camera: Camera | None = None,
+    given: Response | None = None,
 ) -> Acquisition:
     camera = camera or SimulatedCamera(room, settings)
-    return acquire(camera, Memory(camera.exposures), scheme, room.projector)
+    return acquire(camera, Memory(camera.exposures), scheme, room.projector, given)
 
 
 def run_on_disk(folder: Path, room: SimulatedRoom, scheme: MakeScheme) -> Acquisition:

@@ -14,11 +14,16 @@ from counterlight.errors import InputError
 from counterlight.tools import acquire_transport
 from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_room
+from counterlight.tools.acquisition.plan import REPEATS
+from counterlight.tools.acquisition.ramps import light_level
 from counterlight.tools.acquisition.store import SESSION, Wanted, open_store
 from counterlight.tools.transport.storage import read_transport
-from tests.acquired_rooms import CAMERA, PROJECTOR
+from tests.acquired_rooms import CAMERA, PROJECTOR, shown_by
 from tests.faults import Fault, Runner
 from tests.rooms import write_blurred_room
+
+# Black and floodlight, ramps and primaries, Gray code of 30x21, floodlight and checks.
+PICTURES = 2 * REPEATS + len(light_level(PROJECTOR).patterns) + 2 * (5 + 5) + 3
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +92,7 @@ def test_old_captures_are_used_again_only_by_who_asks_for_that(
     for force in ([], ["--force"]):
         shutil.rmtree(output, ignore_errors=True)
         assert acquire_transport.main([*arguments_of(room, output), "--reuse-captures", *force]) == 0
-        assert "54 of them from before" in capsys.readouterr().out
+        assert f"{PICTURES} of them from before" in capsys.readouterr().out
         assert same_folders(output, tmp_path / "first")
     nowhere = [*arguments_of(room, tmp_path / "other"), "--reuse-captures"]
     assert "holds no captures to use again" in refused(capsys, nowhere)
@@ -140,7 +145,7 @@ def test_interrupted_after_a_finished_one_it_goes_on_with_its_own(
     run = runner.run("counterlight.tools.acquire_transport:main", [command], Fault(steps // 3))
     assert run.code == -9
     taken = len(list((tmp_path / "out.captures" / "captures").glob("0*.png")))
-    assert 3 < taken < 54
+    assert 3 < taken < PICTURES
     capsys.readouterr()
     assert acquire_transport.main(command) == 0
     assert f"{taken} of them from before" in capsys.readouterr().out
@@ -183,9 +188,9 @@ def photograph(command: list[str], exchange: Path, eye: SimulatedCamera) -> None
         for path in shown:
             capture = exchange / "captures" / path.name
             if not capture.exists():
-                (shot,) = eye.capture(int(path.stem), cv2.imread(str(path), cv2.IMREAD_UNCHANGED) > 0)
+                (shot,) = eye.capture(int(path.stem), shown_by(path))
                 cv2.imwrite(str(capture), shot[..., ::-1])
-        if len(shown) == 54:
+        if len(shown) == PICTURES:
             return
 
 
@@ -193,7 +198,7 @@ def photograph(command: list[str], exchange: Path, eye: SimulatedCamera) -> None
 def test_a_session_of_another_format_is_refused_in_a_short_line(value: str, tmp_path: Path) -> None:
     (tmp_path / SESSION).write_text(f'format = {value}\nid = "a"\ncaptures = "captures"\n')
     with (
-        pytest.raises(InputError, match=r"session\.toml: format .*, this version reads 3; name another") as caught,
+        pytest.raises(InputError, match=r"session\.toml: format .*, this version reads 4; name another") as caught,
         open_store(tmp_path, {}, Exposures((0.1,)), Wanted(tmp_path.with_name("room"))),
     ):
         pass

@@ -26,7 +26,6 @@ from counterlight.pipeline.content import camera_psnr, reachable_white
 from counterlight.pipeline.operators import compensation
 from counterlight.tools import acquire_transport, build_correction_map
 from counterlight.tools.acquisition import store
-from counterlight.tools.acquisition.acquire import REPEATS
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.cameras.simulated import (
     CameraSettings,
@@ -34,9 +33,10 @@ from counterlight.tools.acquisition.cameras.simulated import (
     SimulatedRoom,
     simulated_room,
 )
-from counterlight.tools.acquisition.plan import Pattern, Reference, measure_noise
+from counterlight.tools.acquisition.plan import REPEATS, Picture, Reference, measure_noise
+from counterlight.tools.acquisition.ramps import light_level
 from counterlight.tools.acquisition.schemes.baselines import GrayCodeScheme
-from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
+from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.acquisition.store import CaptureStore
 from counterlight.tools.inverse.pictures import typical_pictures
@@ -53,10 +53,13 @@ from tests.acquired_rooms import (
     run,
     run_on_disk,
     sharp_wall,
+    shown_by,
 )
 from tests.faults import no_file_above
 from tests.programs import succeed
 from tests.rooms import write_blurred_room
+
+TAKEN = 2 * REPEATS + len(light_level(PROJECTOR).patterns)  # before the first pattern of a scheme
 
 # Interruptions.
 
@@ -191,7 +194,7 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
     succeed("acquire", "--camera", f"simulated:{room}", "-o", tmp_path / "direct")
     eye = SimulatedCamera(simulated_room(room), CameraSettings())
     exchange = tmp_path / "exchange"
-    arguments = ["--camera", f"folder:{exchange}", "--projector", "30x21", "--response", "srgb"]
+    arguments = ["--camera", f"folder:{exchange}", "--projector", "30x21"]
     arguments += ["--exposures", str(eye.exposures.times[0]), "-o", str(tmp_path / "asked")]
     rounds = 0
     while acquire_transport.main(arguments) != 0:
@@ -199,13 +202,17 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
         waiting = [path for path in shown if not (exchange / "captures" / path.name).exists()]
         assert f"waiting for {len(waiting)} captures, {waiting[0].name}" in capsys.readouterr().err
         for path in waiting:
-            pattern = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) > 0
-            (shot,) = eye.capture(int(path.stem), pattern)
+            (shot,) = eye.capture(int(path.stem), shown_by(path))
             cv2.imwrite(str(exchange / "captures" / path.name), shot[..., ::-1])
         rounds += 1
-    assert rounds == 2 + 5  # black and floodlight, levels of 16 to 1 px, floodlight and check
-    for name in ("transport_red.npz", "transport_green.npz", "transport_blue.npz", "ambient.exr", "mask.png"):
-        assert filecmp.cmp(tmp_path / "direct" / name, tmp_path / "asked" / name, shallow=False)
+    assert rounds == 3 + 5  # black and floodlight, ramps, levels of 16 to 1 px, floodlight and checks
+    kinds = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED).ndim for path in shown]
+    assert [number for number, kind in enumerate(kinds) if kind == 3] == [*range(2 * REPEATS, TAKEN), len(shown) - 1]
+    names = [path.name for path in (tmp_path / "direct").iterdir() if path.name != "calibration.toml"]
+    assert len(names) == 3 + 1 + 3 + 2  # T of three channels and far, primaries, ambient light, mask
+    assert filecmp.cmpfiles(tmp_path / "direct", tmp_path / "asked", names, shallow=False) == (names, [], [])
+    one, other = (calibration.read(tmp_path / name).calibration for name in ("direct", "asked"))
+    assert one.projector == other.projector  # with its response
 
 
 def prepared_folder(tmp_path: Path, rng: np.random.Generator) -> tuple[list[str], Path]:
@@ -274,21 +281,21 @@ class Spoilt:
     def exposures(self) -> Exposures:
         return self._camera.exposures
 
-    def prepare(self, first: int, patterns: Sequence[Pattern], missing: Sequence[int]) -> None:
+    def prepare(self, first: int, patterns: Sequence[Picture], missing: Sequence[int]) -> None:
         pass
 
-    def capture(self, number: int, pattern: Pattern) -> tuple[Shot, ...]:
-        shots = self._camera.capture(number, pattern)
+    def capture(self, number: int, picture: Picture) -> tuple[Shot, ...]:
+        shots = self._camera.capture(number, picture)
         return tuple(map(self._spoil, shots)) if number in self._numbers else shots
 
 
 def test_a_moved_camera_is_noticed(tmp_path: Path, rng: np.random.Generator) -> None:
     room = room_of(sharp_wall(rng))
     pictures = run(room, GrayCodeScheme()).pictures
-    moved = Spoilt(room, pictures - 2, lambda shot: np.roll(shot, 1, axis=1))
+    moved = Spoilt(room, pictures - 3, lambda shot: np.roll(shot, 1, axis=1))
     with pytest.raises(InputError, match=r"the floodlit room now differs by .* moved"):
         run(room, GrayCodeScheme(), camera=moved)
-    dimmed = Spoilt(room, pictures - 2, lambda shot: (shot * 0.9).astype(shot.dtype))
+    dimmed = Spoilt(room, pictures - 3, lambda shot: (shot * 0.9).astype(shot.dtype))
     with pytest.raises(InputError, match=r"the floodlit room is now 90 % as bright"):
         run(room, GrayCodeScheme(), camera=dimmed)
 
@@ -297,7 +304,7 @@ def test_a_capture_of_the_wrong_moment_is_noticed(tmp_path: Path, rng: np.random
     room = room_of(sharp_wall(rng))
     for scheme in (HierarchicalScheme(), MultiplexedScheme()):
         for number in (0, 14) if isinstance(scheme, HierarchicalScheme) else (12, 17):
-            number += 2 * REPEATS
+            number += TAKEN
             black = Spoilt(room, number, np.zeros_like, number + 1)
             with pytest.raises(InputError, match=r"do not add up to the floodlit room in .* is black"):
                 run(room, scheme, camera=black)
@@ -314,8 +321,14 @@ def test_a_capture_of_the_wrong_moment_is_noticed(tmp_path: Path, rng: np.random
         (["--camera", "folder:x"], "needs the projector's size"),
         (["--camera", "simulated:absent.toml"], "absent.toml: missing"),
         (["--camera", "simulated:ROOM", "--projector", "9x9"], "has 30x21 pixels; leave it out"),
+        (["--camera", "simulated:ROOM", "--projector", "21x30"], "has 30x21 pixels; width and height are swapped"),
         (["--camera", "simulated:ROOM", "--threshold", "much"], "--threshold much: expected a multiple"),
         (["--camera", "simulated:ROOM", "--threshold", "-1"], "--threshold"),
+        (
+            ["--camera", "simulated:ROOM", "--threshold", "0.01"],
+            "--threshold 0.01: less than the noise",
+        ),
+        (["--camera", "simulated:ROOM", "--threshold", "radiance=0"], "--threshold 0: expected a radiance above 0"),
         (["--camera", "simulated:ROOM", "--bits", "17"], "--bits 17: expected 1 to 16"),
         (["--camera", "simulated:ROOM", "--exposures", "1,0"], "expected one or more numbers above 0"),
         (["--camera", "simulated:ROOM", "--shots", "0"], "--shots: expected a number of shots from 1 to 256"),
@@ -370,7 +383,11 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
     stored = calibration.read(tmp_path / "true")
     truth, room = read_transport(stored), stored.calibration
     acquired = calibration.read(tmp_path / "acquired").calibration
-    assert acquired.projector == room.projector
+    codes = np.linspace(0, 1, 256)[:, None].repeat(3, axis=1)
+    found, true = (each.projector.response.to_linear(codes) for each in (acquired, room))
+    np.testing.assert_allclose(
+        found, true, atol=2e-3
+    )  # sRGB's bend below the first of 17 levels; noise is 10 times less
     np.testing.assert_allclose(acquired.ambient, room.ambient, atol=4e-3)  # 10 σ of two dark captures
     assert np.mean(acquired.mask == room.mask) > 0.95
     flood = truth.composition().reshape(*room.camera.shape, 3) + room.ambient
@@ -385,6 +402,18 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
     assert figures[1] > figures[0] - 0.5  # dB, at the default camera's noise
 
 
+@pytest.mark.parametrize("text", ["4", "4x", "4.0", "radiance=0.01"])
+def test_a_threshold_is_a_multiple_of_the_noise_unless_it_says_radiance(
+    tmp_path: Path, rng: np.random.Generator, text: str
+) -> None:
+    room = small_room(tmp_path / "room", rng)
+    words = ["--camera", f"simulated:{room}", "--scheme", "graycode", "--no-preflight", "-o", str(tmp_path / "out")]
+    assert acquire_transport.main([*words, "--threshold", text]) == 0
+    said = (tmp_path / "out.captures" / "session.toml").read_text()
+    expected = Threshold(absolute=0.01) if text.startswith("radiance") else Threshold(sigmas=4.0)
+    assert f'threshold = "{expected}"' in said
+
+
 def test_a_scene_without_a_lit_pixel_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     dark = Transport.from_matrices((sparse.csr_array((SHAPE[0], SHAPE[1]), dtype=np.float32),) * 3)
     room = Calibration(
@@ -395,6 +424,13 @@ def test_a_scene_without_a_lit_pixel_is_refused(tmp_path: Path, capsys: pytest.C
         write_transport(dark, stage)
     line = refusal(capsys, "--camera", f"simulated:{tmp_path / 'dark'}", "-o", tmp_path / "out")
     assert "projector: white instead of black changes 0.00 % of the camera's picture: switch the projector on" in line
+
+
+def test_the_reference_knows_the_noise_of_faint_light(rng: np.random.Generator) -> None:
+    black, white = (rng.normal(level, [0.01, 0.02, 0.04], (REPEATS, 60, 80, 3)) for level in (0.1, 0.1 + 1e-4))
+    noise = measure_noise(list(black), list(white))
+    room = Reference(black.mean(axis=0), white.mean(axis=0), noise, np.zeros((60, 80), bool), REPEATS)
+    np.testing.assert_allclose(room.light.std(axis=0), room.rise_noise, rtol=0.05)  # 4800 pixels: 1 %, and a median
 
 
 def test_the_reference_tells_light_from_black() -> None:

@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,10 +11,11 @@ from scipy import sparse
 import counterlight as cl
 from counterlight.errors import InputError
 from counterlight.files.png import write_png
+from counterlight.response import Response
 from tests.programs import ROOT, python, succeed
 
 PAGE = (ROOT / "docs" / "api.md").read_text()
-SIZE = {"camera": (12, 16), "projector": (9, 14)}
+GIVEN: dict[str, Any] = {"camera": (12, 16), "projector": (9, 14), "response": "srgb"}
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +27,7 @@ def matrices() -> list[sparse.csr_array]:
 
 @pytest.fixture(scope="module")
 def room(matrices: list[sparse.csr_array]) -> cl.Room:
-    return cl.Room.from_matrices(*matrices, **SIZE, ambient=0.01, mask=np.ones((12, 16), bool))
+    return cl.Room.from_matrices(*matrices, **GIVEN, ambient=0.01, mask=np.ones((12, 16), bool))
 
 
 def test_the_page_runs_as_it_is_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -107,7 +109,15 @@ def test_matrices_that_do_not_fit_are_told(
     matrices: list[sparse.csr_array], change: dict[str, object], complaint: str
 ) -> None:
     with pytest.raises(InputError, match=complaint):
-        cl.Room.from_matrices(*matrices, **(SIZE | change))
+        cl.Room.from_matrices(*matrices, **(GIVEN | change))
+
+
+def test_a_response_that_nobody_gave_is_srgb_with_a_warning(matrices: list[sparse.csr_array]) -> None:
+    unsaid = {key: value for key, value in GIVEN.items() if key != "response"}
+    with pytest.warns(UserWarning, match="response: sRGB assumed; measure it") as caught:
+        room = cl.Room.from_matrices(*matrices, **unsaid)
+    assert caught[0].filename == __file__
+    assert room.calibration.projector.response == Response("srgb")
 
 
 def test_wrong_pictures_and_names_are_told(room: cl.Room) -> None:

@@ -1,5 +1,6 @@
 """Several projectors: their raster, joint transport and map, and what cannot be joined."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -14,10 +15,11 @@ from counterlight.files import exr
 from counterlight.response import Response
 from counterlight.show.options import monitors_of, read_options
 from counterlight.show.room_in_use import RoomInUse
+from counterlight.tools.hdr.response_table import table_response
 from counterlight.tools.inverse.inverse import InverseOptions, invert_near_light
 from counterlight.tools.solve.quality import psnr
 from counterlight.tools.transport.joining import join_transports
-from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport, channel, channels
 from tests.joint_rooms import CAMERA, LEFT, RIGHT, join, write_halves
 from tests.programs import fail, succeed
@@ -132,6 +134,23 @@ def test_joint_rooms_are_joined_in_turn(tmp_path: Path, rng: np.random.Generator
     lit = zip(parts, pictures(drive, three.calibration.regions), strict=True)
     expected = sum(part.apply(picture.reshape(-1, 3)) for part, picture in lit)
     np.testing.assert_allclose(read_transport(three).apply(drive.reshape(-1, 3)), expected, rtol=1e-6, atol=1e-9)
+
+
+def test_projectors_of_one_kind_share_the_mean_of_what_was_measured_of_each(tmp_path: Path) -> None:
+    rooms = write_halves(tmp_path)
+    codes = np.linspace(0, 1, 256)[:, None].repeat(3, axis=1)
+    curves = codes**2.2, codes**2.23  # 0.5 % of white apart
+    for room, curve in zip(rooms, curves, strict=True):
+        stored = calibration.read(room)
+        measured = tuple(replace(device, response=table_response(curve)) for device in stored.calibration.projectors)
+        transport = read_transport(stored)
+        with calibration.writing(room, replace(stored.calibration, projectors=measured), force=True) as stage:
+            write_transport(transport, stage)
+    succeed("join", *rooms, "-o", tmp_path / "joint")
+    joint = calibration.read(tmp_path / "joint").calibration
+    assert joint.projectors[0].response == joint.projectors[1].response
+    found = joint.projector.response.to_linear(codes)
+    np.testing.assert_allclose(found, (curves[0] + curves[1]) / 2, atol=2e-6)  # what makes a table rise strictly
 
 
 def test_what_cannot_be_joined(tmp_path: Path) -> None:

@@ -280,6 +280,17 @@ def test_a_measured_response_comes_from_a_file(
         assert message in refusal(tmp_path, capsys, "--response", str(path), "--force")
 
 
+def test_a_response_that_nobody_gave_is_srgb_and_said(
+    tmp_path: Path, matrices: list[sparse.csr_array], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments(tmp_path)) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("response: sRGB assumed; measure it with counterlight")
+    assert calibration.read(tmp_path / "room").calibration.projector.response == Response("srgb")
+    assert main(arguments(tmp_path, "--response", "linear", "--force")) == 0
+    assert "assumed" not in capsys.readouterr().out
+    assert calibration.read(tmp_path / "room").calibration.projector.response == Response("linear")
+
+
 def test_a_calibration_is_replaced_only_with_force(
     tmp_path: Path, matrices: list[sparse.csr_array], capsys: pytest.CaptureFixture[str]
 ) -> None:

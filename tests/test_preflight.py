@@ -13,11 +13,11 @@ from scipy import sparse
 
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.cameras.camera import Shot
-from counterlight.tools.acquisition.cameras.live import Codes
 from counterlight.tools.acquisition.cameras.simulated import SimulatedCamera, SimulatedRoom
 from counterlight.tools.acquisition.cameras.tethered import open_tethered_eye, shutter_time
 from counterlight.tools.acquisition.cameras.video import VideoEye
 from counterlight.tools.acquisition.cameras.window import projector_monitor
+from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.acquisition.preflight import CHECKS, Finding, preflight
 from counterlight.tools.transport.transport import Transport
 from tests.acquired_rooms import CAMERA, NOISY, PROJECTOR, SHAPE, room_of, sharp_wall
@@ -71,6 +71,13 @@ def test_a_sound_rig_passes_and_its_lag_is_found(room: SimulatedRoom, lag: int) 
     assert {finding.grade for finding in found.values()} == {"good"}
     assert camera.lag == lag + 1
     assert f"{lag} to {lag} frames" in found["latency"].sentence
+
+
+@pytest.mark.parametrize("bracket", [(1.0, 4.0), (4.0, 1.0), (4.0, 1.0, 2.0)])
+def test_a_bracket_may_come_in_any_order(room: SimulatedRoom, bracket: tuple[float, ...]) -> None:
+    """What the longer exposure saturates, the shortest tells."""
+    found = findings(SimulatedCamera(room, replace(NOISY, exposures=bracket)))
+    assert [finding.grade for finding in found.values()] == ["good"] * len(CHECKS)
 
 
 def test_captures_with_the_lag_that_was_found_are_those_without_lag(room: SimulatedRoom) -> None:

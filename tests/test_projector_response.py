@@ -11,20 +11,22 @@ import numpy as np
 import pytest
 
 from counterlight import calibration
-from counterlight.calibration import Device
+from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files.exr import write_rgb
 from counterlight.files.reading import read_toml
 from counterlight.pipeline.reference import encode
-from counterlight.response import Response, named_response
+from counterlight.response import Response, named_response, projector_response
 from counterlight.tools.acquisition.captures import find_captures
 from counterlight.tools.acquisition.graycode import Decoded, decode
 from counterlight.tools.acquisition.graycode_room import GraycodeOptions, import_graycode_room
 from counterlight.tools.fit_projector_response import main
 from counterlight.tools.hdr.projector_response import fit_projector_response
+from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import channel
 from tests.brackets import CURVES, write_picture
+from tests.programs import ROOT
 
 LEVELS = np.arange(0, 256, 5) / 255
 GREY = Response("linear")
@@ -203,6 +205,30 @@ def test_a_measured_projector_is_linearised(shared_data: Path, tmp_path: Path) -
     codes = encode(light, response.inverse_table())[0].astype(np.float64)
     shown = np.stack([np.interp(codes[:, i], levels, relative[:, i]) for i in range(3)], axis=1)
     assert np.abs(shown - light[0]).max() < 0.02  # the same, and half a code
+
+
+def test_scenes_and_fitted_responses_read_each_other(tmp_path: Path) -> None:
+    """What fit-response writes is a scene's response, and a scene's, or a room's, is one for --response."""
+    readings = readings_of(CURVES["film"], np.zeros(3), np.array([100.0, 200.0, 50.0]))
+    table = write_table(tmp_path / "ramp.csv", LEVELS * 255, readings)
+    fitted = tmp_path / "projector.toml"
+    assert main([str(table), "-o", str(fitted)]) == 0
+    text = (ROOT / "calib_data" / "scenes" / "wall.toml").read_text()
+    assert text.count('response = "srgb"') == 1
+    scene = tmp_path / "wall.toml"
+    scene.write_text(text.replace('response = "srgb"', 'response = "projector.toml"'))
+    response = named_response(str(fitted))
+    assert load_scene(scene).projector.response == response
+    assert projector_response(str(scene)) == response
+    assert projector_response(str(fitted)) == response
+    devices = (Device(3, 4, response),), Device(2, 5, GREY)
+    room = Calibration("room", "", *devices, np.zeros((2, 5, 3), np.float32), np.ones((2, 5), bool))
+    with calibration.writing(tmp_path / "room", room):
+        pass
+    assert projector_response(str(tmp_path / "room" / "calibration.toml")) == response
+    (tmp_path / "empty.toml").write_text("gamma = 2")
+    with pytest.raises(InputError, match=r"empty\.toml: has no entry named response; a response file holds"):
+        projector_response(str(tmp_path / "empty.toml"))
 
 
 SINES = [(axis, phase) for axis in "xy" for phase in range(3)]

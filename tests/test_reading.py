@@ -222,3 +222,6 @@ def test_a_scene_names_files_beside_it(tmp_path: Path, key: str, name: str) -> N
         InputError, match=rf"surfaces 1, {key}: found '{name}', expected a path relative to .*, without"
     ):
         load_scene(tmp_path / "scene.toml")
+    (tmp_path / "scene.toml").write_text(f"[projector]\n{device}response = '{name[:-3]}toml'\n[camera]\n{device}")
+    with pytest.raises(InputError, match=r"\[projector\], response: found .*, expected a path relative to .*, without"):
+        load_scene(tmp_path / "scene.toml")

@@ -11,7 +11,9 @@ import pytest
 
 from counterlight import calibration
 from counterlight.tools import acquire_transport, verify_projection
+from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_room
 from counterlight.tools.inverse.pictures import typical_pictures
+from tests.acquired_rooms import shown_by
 from tests.rooms import write_blurred_room
 from tests.test_acquisition import CAMERA, PROJECTOR
 
@@ -58,8 +60,32 @@ def test_another_room_is_noticed(rooms: Path, tmp_path: Path, capsys: pytest.Cap
     write_blurred_room(tmp_path / "large", np.random.default_rng(9), CAMERA, (12, 16))
     assert verify_projection.main([*verified(rooms)[:3], f"simulated:{tmp_path / 'large'}"]) == 2
     assert "the projector has 16x12 pixels, " in capsys.readouterr().err
-    assert verify_projection.main([*verified(rooms)[:3], f"folder:{tmp_path}", "--projector", "30x21"]) == 2
-    assert "cannot be shown a picture now" in capsys.readouterr().err
+    assert verify_projection.main([*verified(rooms)[:3], f"folder:{tmp_path}", "--projector", "21x30"]) == 2
+    assert "the projector has 21x30 pixels, " in (line := capsys.readouterr().err)
+    assert "is for 30x21; width and height are swapped" in line
+
+
+def test_a_folder_is_asked_round_by_round_and_ends_as_the_camera_itself(
+    rooms: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    more = ["--rounds", "1", "--repeats", "2"]
+    assert verify_projection.main(verified(rooms, "--no-preflight", *more)) == 0
+    direct = capsys.readouterr().out
+    eye = SimulatedCamera(simulated_room(rooms / "room"), CameraSettings())
+    exchange, asked = tmp_path / "exchange", 0
+    words = [*verified(rooms)[:3], f"folder:{exchange}", "--projector", "30x21", *more]
+    words += ["--exposures", repr(eye.exposures.times[0])]
+    while verify_projection.main(words) != 0:
+        assert "waiting for " in capsys.readouterr().err
+        asked += 1
+        for path in sorted((exchange / "patterns").glob("*.png")):
+            if not (exchange / "captures" / path.name).exists():
+                (shot,) = eye.capture(int(path.stem), shown_by(path))
+                cv2.imwrite(str(exchange / "captures" / path.name), shot[..., ::-1])
+    assert asked == 1 + 2  # black and white, the picture, one round of feedback
+    assert capsys.readouterr().out.endswith(direct)
+    assert verify_projection.main([*words, "--solver", "box", "--repeats", "3"]) == 2
+    assert "holds captures of another acquisition; move them away" in capsys.readouterr().err
 
 
 class _Pictures(HTMLParser):

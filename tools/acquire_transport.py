@@ -1,7 +1,7 @@
 """counterlight acquire: a calibration folder from a projector and a camera, or from a simulated pair.
 
-Patterns are black and white, so that the projector's response does not matter. Every capture is on disk before the next
-pattern is shown; the same command goes on where an interrupted one stopped.
+Patterns are black and white, so that the projector's response does not matter; it is measured beside them. Every
+capture is on disk before the next pattern is shown; the same command goes on where an interrupted one stopped.
 """
 
 import argparse
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from counterlight.command import Parser, run
 from counterlight.errors import InputError
-from counterlight.response import named_response
+from counterlight.response import projector_response
 from counterlight.tools.acquisition.rig_options import add_rig_options
 from counterlight.tools.acquisition.room_options import add_room_options
 from counterlight.tools.choices import SCHEMES
@@ -25,10 +25,8 @@ if TYPE_CHECKING:
     from counterlight.tools.acquisition.schemes.hierarchical import Threshold
     from counterlight.tools.acquisition.store import Wanted
 
-SUSPECT = (
-    "warning: the check is far off what noise explains; light may reach some camera pixels from several places (use "
-    "--scheme hierarchical), or be too weak (longer exposures, lower --threshold)"
-)
+RADIANCE = "radiance="
+THRESHOLDS = "expected a multiple of the noise such as 4, or a radiance such as radiance=0.01"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -50,15 +48,16 @@ def _main(argv: Sequence[str] | None) -> None:
     make_scheme = _scheme(options)
     wanted = Wanted(output, anew=options.force, reuse=options.reuse_captures)
     _check_outputs(options, wanted, captures, report_folder)
+    response = None if options.response is None else projector_response(options.response)
     decides = {"threshold": str(_threshold(options)), "tile": options.tile or 0}
     # One BLAS thread: two made small products several times slower.
-    with threadpool_limits(limits=1), open_rig(options, named_response(options.response)) as (camera, projector):
+    with threadpool_limits(limits=1), open_rig(options) as (camera, projector):
         findings = [] if options.no_preflight or wanted.reuse else _checked(camera)
-        plan = Plan(options.scheme, make_scheme, projector, decides)
+        plan = Plan(options.scheme, make_scheme, projector, decides, response)
         report = acquire_room(camera, plan, captures, wanted, name=options.name)
         print(f"{report}\n{output}: written; the captures stay in {captures}")
-        if report.suspect:
-            print(SUSPECT, file=sys.stderr)
+        for warning in report.warnings:
+            print(f"warning: {warning}", file=sys.stderr)
         print(f"{write_acquisition_report(output, report, findings, report_folder)}: the report")
 
 
@@ -110,23 +109,25 @@ def _scheme(options: argparse.Namespace) -> "MakeScheme":
 
 
 def _threshold(options: argparse.Namespace) -> "Threshold":
-    """`4x` is a multiple of the noise, `0.01` a radiance."""
+    """`4` and `4x` are multiples of the noise, `radiance=0.01` is a radiance."""
     from counterlight.tools.acquisition.schemes.hierarchical import Threshold
 
     text: str = options.threshold
+    absolute = text.startswith(RADIANCE)
     try:
-        return Threshold(sigmas=float(text[:-1])) if text.endswith("x") else Threshold(absolute=float(text))
+        number = float(text.removeprefix(RADIANCE) if absolute else text.removesuffix("x"))
     except ValueError:
-        raise InputError(
-            f"--threshold {text}: expected a multiple of the noise such as 4x, or a radiance such as 0.01"
-        ) from None
+        raise InputError(f"--threshold {text}: {THRESHOLDS}") from None
+    if 0 < number < 1 and not absolute and not text.endswith("x"):
+        raise InputError(f"--threshold {text}: less than the noise would take noise for light; {THRESHOLDS}")
+    return Threshold(absolute=number) if absolute else Threshold(sigmas=number)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser("acquire", description=__doc__)
     parser.add_argument("--scheme", choices=SCHEMES, default="hierarchical", help="default hierarchical")
     parser.add_argument(
-        "--threshold", default="4x", metavar="Nx|RADIANCE", help="τ, a multiple of the noise or absolute (default 4x)"
+        "--threshold", default="4", metavar="N|radiance=R", help="τ, a multiple of the noise or absolute (default 4)"
     )
     parser.add_argument("--tile", type=int, metavar="PIXELS", help="multiplexed: window a side (default: measured)")
     parser.add_argument("--captures", type=Path, metavar="FOLDER", help="kept there (default OUTPUT.captures)")
@@ -135,7 +136,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--report", type=Path, metavar="FOLDER", help="the page (default OUTPUT.report)")
     add_rig_options(parser)
-    add_room_options(parser)
+    add_room_options(parser, "measured")
     return parser
 
 

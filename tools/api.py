@@ -4,6 +4,7 @@
 Pictures are (height, width, 3), linear light; a picture to be shown is in shares of the room's white.
 """
 
+import warnings
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -24,6 +25,7 @@ from counterlight.pipeline.content import reachable_white
 from counterlight.pipeline.refinement import Certificate, default_start
 from counterlight.response import Response, parse_response
 from counterlight.tools.acquisition.matrices_room import keep_light
+from counterlight.tools.acquisition.room_options import ASSUMED
 from counterlight.tools.choices import PRESETS
 from counterlight.tools.shipped import parse_scene
 from counterlight.tools.transport.mask import directly_lit
@@ -54,7 +56,7 @@ class Room:
         projector: Shape,
         ambient: ArrayLike | None = None,
         mask: ArrayLike | None = None,
-        response: str | float | Response = "linear",
+        response: str | float | Response | None = None,
         name: str = "room",
     ) -> Self:
         """A room from T of three channels.
@@ -63,10 +65,11 @@ class Room:
             rows from the top. Negative entries, a measurement's noise, are set to 0.
         camera, projector : (height, width).  ambient : the camera's picture with a black projector, None for darkness.
         mask : (height, width), which camera pixels count; None for those that the projector lights.
-        response : the projector's light for a code value: linear, srgb, or a gamma.
+        response : the projector's light for a code value: linear, srgb, a gamma, or a Response. None takes sRGB, and
+            warns that this is a guess: codes that are made from it will be off.
         Raises InputError for matrices that do not fit, have no light, or numbers that are none.
         """
-        eye, lamp = Device(*camera, Response("linear")), Device(*projector, _response(response))
+        eye, lamp = Device(*camera, Response("linear")), Device(*projector, _given_or_assumed(response))
         shape = eye.pixels, lamp.pixels
         channels = [_channel(*each, shape) for each in zip((red, green, blue), CHANNELS, strict=True)]
         transport = Transport.from_matrices(channels, camera=camera, projector=projector)
@@ -282,7 +285,10 @@ def _channel(matrix: Any, colour: str, shape: Shape) -> Csr:
     return channel
 
 
-def _response(response: str | float | Response) -> Response:
+def _given_or_assumed(response: str | float | Response | None) -> Response:
+    if response is None:
+        warnings.warn("response: sRGB assumed; measure it, and give it as response=…", stacklevel=3)
+        return ASSUMED
     return response if isinstance(response, Response) else parse_response(response)
 
 

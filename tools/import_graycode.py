@@ -8,7 +8,7 @@ from pathlib import Path
 
 from counterlight.command import Parser, parse_size, run
 from counterlight.response import named_response
-from counterlight.tools.acquisition.room_options import add_room_options
+from counterlight.tools.acquisition.room_options import ASSUMED_LINE, add_room_options, given_or_assumed
 from counterlight.tools.choices import GRAYCODE_ORDERS
 
 
@@ -24,7 +24,7 @@ def _main(argv: Sequence[str] | None) -> None:
     start = time.monotonic()
     height, width = options.projector
     graycode_options = GraycodeOptions(
-        Device(height, width, named_response(options.response)),
+        Device(height, width, given_or_assumed(options.response)),
         named_response(options.camera_response),
         options.order,
         options.step,
@@ -35,6 +35,8 @@ def _main(argv: Sequence[str] | None) -> None:
         options.captures, options.output, graycode_options, name=options.name, force=options.force
     )
     print(f"{options.output}: {summary}, {time.monotonic() - start:.1f} s")
+    if options.response is None:
+        print(ASSUMED_LINE)
 
 
 def _parser() -> argparse.ArgumentParser:

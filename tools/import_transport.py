@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from counterlight.command import Parser, parse_size, run
-from counterlight.response import named_response
-from counterlight.tools.acquisition.room_options import add_room_options
+from counterlight.tools.acquisition.room_options import ASSUMED_LINE, add_room_options, given_or_assumed
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -24,12 +23,14 @@ def _main(argv: Sequence[str] | None) -> None:
     summary = import_matrices_room(
         MatrixFiles((options.red, options.green, options.blue), options.ambient, options.mask),
         options.output,
-        Device(height, width, named_response(options.response)),
+        Device(height, width, given_or_assumed(options.response)),
         Device(camera_height, camera_width, Response("linear")),
         name=options.name,
         force=options.force,
     )
     print(f"{options.output}: {summary}")
+    if options.response is None:
+        print(ASSUMED_LINE)
 
 
 def _parser() -> argparse.ArgumentParser:

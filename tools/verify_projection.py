@@ -1,9 +1,11 @@
 """counterlight verify: project a compensated picture, photograph it, compare with the prediction and with the picture.
 
-The camera stands where it stood when the calibration was made, with the same settings.
+The camera stands where it stood when the calibration was made, with the same settings. With --camera folder:DIR
+pictures and captures are exchanged as counterlight acquire does: the same command again after each.
 """
 
 import argparse
+import hashlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +19,7 @@ from counterlight.writing.outputs import check_folder
 from counterlight.writing.replacing import replacing_folder
 
 if TYPE_CHECKING:
+    from counterlight.calibration import StoredCalibration
     from counterlight.tools.acquisition.verify import Verification, Verified
 
 
@@ -44,6 +47,7 @@ def _verify(options: argparse.Namespace) -> "tuple[Verification, Verified]":
     from threadpoolctl import threadpool_limits
 
     from counterlight import calibration as calibrations
+    from counterlight.tools.acquisition.cameras.folder import FolderCamera
     from counterlight.tools.acquisition.cameras.live import LiveCamera
     from counterlight.tools.acquisition.preflight import preflight, refuse_bad
     from counterlight.tools.acquisition.rig import open_rig
@@ -53,16 +57,19 @@ def _verify(options: argparse.Namespace) -> "tuple[Verification, Verified]":
     stored = calibrations.read(options.calibration)
     room = stored.calibration
     picture = read_placed(options.picture, room.camera.shape)
-    with threadpool_limits(limits=1), open_rig(options, room.projector.response) as (camera, projector):
-        if not isinstance(camera, LiveCamera):
-            raise InputError(f"--camera {options.camera}: cannot be shown a picture now; use another camera")
-        if projector.shape != room.projector.shape:
+    with threadpool_limits(limits=1), open_rig(options) as (camera, projector):
+        if projector != room.projector.shape:
+            swapped = projector[::-1] == room.projector.shape
+            fix = "width and height are swapped" if swapped else "choose the calibrated one"
             raise InputError(
-                f"the projector has {projector.width}x{projector.height} pixels, {options.calibration} is for "
-                f"{room.projector.width}x{room.projector.height}; choose the calibrated one"
+                f"the projector has {projector[1]}x{projector[0]} pixels, {options.calibration} is for "
+                f"{room.projector.width}x{room.projector.height}; {fix}"
             )
-        for finding in () if options.no_preflight else preflight(camera):
-            refuse_bad(finding)
+        if isinstance(camera, FolderCamera):
+            camera.bind(_exchange(options, stored), first=True)
+        if isinstance(camera, LiveCamera) and not options.no_preflight:
+            for finding in preflight(camera):
+                refuse_bad(finding)
         radiance = options.picture.suffix.lower() == ".exr"
         task = Verification(camera, stored, picture, radiance=radiance, solver=options.solver)
         print(f"white is a camera radiance of {task.white:.4g}; {int(room.mask.sum())} camera pixels count")
@@ -71,6 +78,13 @@ def _verify(options: argparse.Namespace) -> "tuple[Verification, Verified]":
             print(result, flush=True)
             found.append(result)
     return task, max(found, key=lambda each: each.measured_psnr)
+
+
+def _exchange(options: argparse.Namespace, stored: "StoredCalibration") -> str:
+    """What a folder's captures are of: this room, picture and solver; another verification is not given them."""
+    picture = options.picture.read_bytes()
+    said = f"{stored.fingerprint} {options.solver} {options.repeats}".encode()
+    return hashlib.sha256(said + picture).hexdigest()
 
 
 def _refuse_existing(folder: Path) -> None:

@@ -223,7 +223,7 @@ def study(place: StudyRoom, size: str, known: Collection[str]) -> Iterator[Row]:
         transport = done.measured.transport
         found = [place.compensated(transport, done.room.black, detail) for detail in DETAILS]
         error = relative_error(transport, room.transport)
-        yield Row(room.name, size, name, done.pictures, shots * done.pictures, seconds, error, *found, done.check_error)
+        yield Row(room.name, size, name, done.pictures, shots * done.pictures, seconds, error, *found, done.check.error)
 
 
 def read_rows() -> list[Row]:

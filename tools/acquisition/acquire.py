@@ -1,9 +1,9 @@
 """Run a scheme: every pattern in turn, every capture on disk before the next pattern is shown, and what is checked.
 
 Black and floodlight come first, sixteen times each: black is subtracted from every capture, and how bright each camera
-pixel is in all decides how smooth pictures turn out. They also give the noise. Floodlight comes again at the end, which
-tells a moved camera, and last a random pattern that no scheme has seen: how well T predicts it is the honest measure
-of T.
+pixel is in all decides how smooth pictures turn out. They also give the noise. Then ramps, from which the projector's
+response is measured, and its primaries. Floodlight comes again at the end, which tells a moved camera, and last random
+pictures that no scheme has seen, black and white and coloured: how well they are predicted is the honest measure.
 """
 
 import sys
@@ -16,11 +16,23 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
+from counterlight.response import Response
 from counterlight.tools.acquisition.cameras.camera import Camera
+from counterlight.tools.acquisition.check import Check, check_coloured, check_colours, check_pattern, check_white
 from counterlight.tools.acquisition.movement import refuse_moved
-from counterlight.tools.acquisition.plan import Level, MakeScheme, Measured, Pattern, Reference, measure_noise
+from counterlight.tools.acquisition.plan import (
+    REPEATS,
+    Captures,
+    Level,
+    MakeScheme,
+    Measured,
+    Picture,
+    Reference,
+    Scheme,
+    measure_noise,
+)
+from counterlight.tools.acquisition.ramps import ProjectorLight, light_level, measure_light
 from counterlight.tools.acquisition.store import CaptureStore
 
 LOG_INTERVAL_S = 10.0
@@ -29,41 +41,76 @@ CLEARLY_LIT = 10  # times the noise of all captures together
 MOST_UNCLOSED = 0.02  # of the clearly lit camera pixels may miss so much of a floodlight, of blocks and of codes:
 UNCLOSED, UNCLOSED_CODE = 0.5, 0.35  # a code's pattern lights about half of everything
 LEAST_LIT, LEAST_RISE = 0.001, 10  # of the camera's pixels rise by so many times the noise
-REPEATS = 16  # of black and floodlight; against 4, smooth pictures on a wall gain 5 dB of accuracy for 24 pictures
 AGAIN = "fix them, acquire again with other --captures"
-CHECK_CELL = 4  # projector pixels a side of the random pattern
 
 
 @dataclass(frozen=True)
 class Acquisition:
     """What was acquired.
 
+    light : what the projector makes of code values, None if the captures are of a time when that was not measured.
     pictures, exposures : shown, and photographed.  seconds : of this run.  resumed : captures that were there already.
-    check_error : of the random pattern, relative RMS difference of the predicted and the captured light.
-    check_noise : what of it the camera's noise explains.
+    check : of T, by a random pattern.  coloured : of T and the response, by random greys and colours.
+    by_measured : the same with the response that was measured, even where another one was given.
     """
 
     measured: Measured
     room: Reference
+    light: ProjectorLight | None
     pictures: int
     exposures: int
     seconds: float
     resumed: int
-    check_error: float
-    check_noise: float
+    check: Check
+    coloured: Check | None
+    by_measured: Check | None
 
 
-def acquire(camera: Camera, store: CaptureStore, make_scheme: MakeScheme, projector: tuple[int, int]) -> Acquisition:
+def acquire(
+    camera: Camera,
+    store: CaptureStore,
+    make_scheme: MakeScheme,
+    projector: tuple[int, int],
+    given: Response | None = None,
+) -> Acquisition:
     """Show, capture and solve; what is in the store already is not shown again.
 
-    projector : (height, width).
+    projector : (height, width).  given : its response, where that is not to be the measured one.
     Raises InputError for captures that are saturated, black, inconsistent or of another size, and for a moved camera.
     """
     recorder = _Recorder(camera, store)
     black, white = np.zeros(projector, np.bool_), np.ones(projector, np.bool_)
     first = Level("black and floodlight", [black, white] * REPEATS, further=1)
     room = _reference(camera, store, recorder.capture(first))
-    scheme = make_scheme(room, projector)
+    light = measure_light(recorder.capture(light_level(projector)), room) if store.coloured else None
+    measured = _run(make_scheme(room, projector), recorder, room)
+    pattern, colours = check_pattern(projector), check_colours(projector)
+    shown: list[Picture] = [white, pattern, colours] if light else [white, pattern]
+    last = [np.asarray(seen, np.float64) for seen in recorder.capture(Level("floodlight and check", shown, further=0))]
+    before, after = (room.above_black(picture) for picture in (room.floodlight, last[0]))
+    refuse_moved(before, after, room.noise, 1 + 1 / REPEATS, AGAIN)
+    coloured = by_measured = None
+    if light:
+        by_measured = check_coloured(measured.transport, room, colours, last[2], light.response, light.primaries)
+        coloured = by_measured
+        if given:
+            coloured = check_coloured(measured.transport, room, colours, last[2], given, light.primaries)
+    return Acquisition(
+        measured,
+        room,
+        light,
+        recorder.count,
+        recorder.count * len(camera.exposures.times),
+        time.monotonic() - recorder.start,
+        recorder.resumed,
+        check_white(measured.transport, room, pattern, last[1]),
+        coloured,
+        by_measured,
+    )
+
+
+def _run(scheme: Scheme, recorder: "_Recorder", room: Reference) -> Measured:
+    """Give a scheme the captures that it asks for."""
     level = next(scheme)
     while True:
         captures = recorder.capture(level)
@@ -73,22 +120,7 @@ def acquire(camera: Camera, store: CaptureStore, make_scheme: MakeScheme, projec
             level = scheme.send(captures)
         except StopIteration as ended:
             measured: Measured = ended.value
-            break
-    pattern = check_pattern(projector)
-    last = recorder.capture(Level("floodlight and check", [white, pattern], further=0))
-    before, after = (room.above_black(picture) for picture in (room.floodlight, np.asarray(last[0], np.float64)))
-    refuse_moved(before, after, room.noise, 1 + 1 / REPEATS, AGAIN)
-    error, noise = _prediction(measured, room, pattern, np.asarray(last[1], np.float64))
-    exposures = recorder.count * len(camera.exposures.times)
-    seconds = time.monotonic() - recorder.start
-    return Acquisition(measured, room, recorder.count, exposures, seconds, recorder.resumed, error, noise)
-
-
-def check_pattern(projector: tuple[int, int]) -> Pattern:
-    """Random cells of 4×4 projector pixels, half of them lit; the same for everybody."""
-    height, width = (-(-side // CHECK_CELL) for side in projector)
-    cells = np.random.default_rng(20060504).random((height, width)) < 0.5
-    return cells.repeat(CHECK_CELL, axis=0).repeat(CHECK_CELL, axis=1)[: projector[0], : projector[1]]
+            return measured
 
 
 class _StoredCaptures(Sequence[NDArray[np.float32]]):
@@ -178,7 +210,7 @@ def _reference(camera: Camera, store: CaptureStore, captures: Sequence[NDArray[n
     return Reference(np.mean(black, axis=0), np.mean(white, axis=0), noise, saturated, REPEATS)
 
 
-def _check_closure(level: Level, captures: Sequence[NDArray[np.float32]], room: Reference) -> None:
+def _check_closure(level: Level, captures: Captures, room: Reference) -> None:
     """The captures of a level add up to the floodlit room; InputError if they do not.
 
     Where they do not, some capture shows another pattern, is black, or was taken with another exposure.
@@ -198,11 +230,3 @@ def _check_closure(level: Level, captures: Sequence[NDArray[np.float32]], room: 
             "camera pixels; one of them shows another pattern or is black, or light or exposure changed: remove the "
             "captures of this level and run again"
         )
-
-
-def _prediction(measured: Measured, room: Reference, pattern: Pattern, capture: FloatArray) -> tuple[float, float]:
-    drive = np.repeat(pattern.reshape(-1, 1), 3, axis=1).astype(np.float64)
-    seen = room.above_black(capture)
-    scale = np.sqrt(np.sum(seen**2))
-    error = np.sqrt(np.sum((measured.transport.apply(drive) - seen) ** 2))
-    return float(error / scale), float(np.sqrt((1 + 1 / REPEATS) * np.sum(room.noise.sigma(seen) ** 2)) / scale)

@@ -1,4 +1,4 @@
-"""From an acquisition to a calibration folder, and what a user should know of it."""
+"""From an acquisition to a calibration folder."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,69 +10,34 @@ from counterlight import calibration
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files.manifest import sha256_of
+from counterlight.response import Response
 from counterlight.tools.acquisition.acquire import Acquisition, acquire
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Camera
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
 from counterlight.tools.acquisition.plan import MakeScheme
+from counterlight.tools.acquisition.ramps import ProjectorLight
+from counterlight.tools.acquisition.room_options import ASSUMED
 from counterlight.tools.acquisition.store import CaptureStore, Wanted, open_store
-from counterlight.tools.clusters.components import Clusters, find_clusters
+from counterlight.tools.acquisition.summary import AcquisitionReport
+from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport, luminance_matrix
-
-SUSPECT = 3.0  # times the camera's noise that the check may be off
-
-
-@dataclass(frozen=True)
-class AcquisitionReport:
-    """What was acquired; its text is the command's output.
-
-    covered : share of the projector's pixels that some camera pixel sees.  lit, camera_pixels : inside the mask, and in
-    all.  entries : near light, of one channel.
-    """
-
-    acquisition: Acquisition
-    covered: float
-    lit: int
-    camera_pixels: int
-    entries: int
-    clusters: Clusters
-
-    def __str__(self) -> str:
-        done = self.acquisition
-        resumed = f", {done.resumed} of them from before" if done.resumed else ""
-        sizes = self.clusters.projector_sizes
-        noise = 100 * float(np.max(done.room.noise.dark)) / float(np.max(done.room.floodlight))
-        lines = [
-            *done.measured.notes,
-            f"{done.pictures} pictures, {done.exposures} exposures{resumed}, {done.seconds:.1f} s; noise of a dark "
-            f"capture {noise:.2g} % of the brightest",
-            f"coverage: {100 * self.covered:.1f} % of the projector's pixels seen, {self.lit} of {self.camera_pixels} "
-            "camera pixels lit",
-            f"clusters: {self.clusters.count}, the largest of {sizes.max(initial=0)} projector pixels; {self.entries} "
-            "near entries a channel",
-            f"check: a random pattern is predicted to {100 * done.check_error:.1f} % (noise alone: "
-            f"{100 * done.check_noise:.1f} %)",
-        ]
-        return "\n".join(lines)
-
-    @property
-    def suspect(self) -> bool:
-        """The prediction is much worse than noise explains."""
-        return self.acquisition.check_error > SUSPECT * self.acquisition.check_noise + 0.05
 
 
 @dataclass(frozen=True)
 class Plan:
     """What to acquire.
 
-    scheme : its name, for the records.  options : what else decides which pattern comes next.
+    scheme : its name, for the records.  projector : (height, width).  options : what else decides which pattern comes
+    next.  response : of the projector, None for the measured one.
     """
 
     scheme: str
     make_scheme: MakeScheme
-    projector: Device
+    projector: tuple[int, int]
     options: dict[str, Any]
+    response: Response | None = None
 
 
 def acquire_room(
@@ -92,7 +57,7 @@ def acquire_room(
             calibration.write(room, stage)
             store.made(sha256_of(stage / calibration.TOML))
         store.finish()
-    return _report(done, room.mask.ravel(), transport)
+    return _report(done, room.mask.ravel(), transport, plan.response)
 
 
 def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
@@ -100,13 +65,13 @@ def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
     return {
         "camera": camera.name,
         "scheme": plan.scheme,
-        "projector": [plan.projector.width, plan.projector.height],
+        "projector": [plan.projector[1], plan.projector[0]],
         **plan.options,
     }
 
 
 def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> tuple[Calibration, Transport, Acquisition]:
-    done = acquire(camera, store, plan.make_scheme, plan.projector.shape)
+    done = acquire(camera, store, plan.make_scheme, plan.projector, plan.response)
     transport, ambient = done.measured.transport, np.maximum(done.room.black, 0).astype(np.float32)
     shape = ambient.shape
     mask = directly_lit(transport, ambient) & ~done.room.saturated
@@ -114,21 +79,33 @@ def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> tupl
         raise InputError(
             "no camera pixel is clearly lit by single projector pixels; lower --threshold, or darken the room"
         )
+    response, source = _response(plan.response, done.light)
     room = Calibration(
         name,
-        f"acquire-transport, scheme {plan.scheme}, {done.pictures} pictures, camera {camera.name}",
-        (plan.projector,),
+        f"acquire-transport, scheme {plan.scheme}, {done.pictures} pictures, camera {camera.name}; response {source}",
+        (Device(*plan.projector, response),),
         Device(shape[0], shape[1], LINEAR),
         ambient,
         mask,
+        None if done.light is None else done.light.primaries,
     )
     return room, transport, done
 
 
-def _report(done: Acquisition, mask: np.ndarray[Any, np.dtype[np.bool_]], transport: Transport) -> AcquisitionReport:
+def _response(given: Response | None, light: ProjectorLight | None) -> tuple[Response, str]:
+    """The projector's response, and where it comes from."""
+    if given is not None:
+        return given, "given"
+    return (light.response, light.fit) if light else (ASSUMED, "sRGB assumed")
+
+
+def _report(
+    done: Acquisition, mask: np.ndarray[Any, np.dtype[np.bool_]], transport: Transport, given: Response | None
+) -> AcquisitionReport:
     indices = transport.near.indices
     return AcquisitionReport(
         acquisition=done,
+        given=given,
         covered=float(np.unique(indices).size / transport.shape[1]),
         lit=int(mask.sum()),
         camera_pixels=mask.size,

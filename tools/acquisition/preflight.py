@@ -13,7 +13,8 @@ import numpy as np
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.cameras.camera import Shot
-from counterlight.tools.acquisition.cameras.live import Codes, LiveCamera, codes_of
+from counterlight.tools.acquisition.cameras.live import LiveCamera
+from counterlight.tools.acquisition.plan import Codes, codes_of
 
 Grade = Literal["good", "doubtful", "bad"]
 SETTLED = 30  # frames after which a picture has surely arrived, and an automatic exposure has surely acted
@@ -80,7 +81,7 @@ class _Rig:
         usual, self.camera.lag = self.camera.lag, self.camera.lag if wait is None else wait
         try:
             self._number += 1
-            return self.camera.capture_codes(self._number, self.picture(level))
+            return self.camera.capture(self._number, self.picture(level))
         finally:
             self.camera.lag = usual
 
@@ -88,14 +89,14 @@ class _Rig:
         return np.asarray(self.camera.exposures.radiance(shots), np.float64)
 
     def frames(self, level: int | Codes, count: int) -> Iterator[FloatArray]:
-        """Show, and the mean light (3,) of successive frames from the next on, lit pixels only; one exposure."""
+        """Show, and the mean light (3,) of the lit pixels, frame by frame from the next on; the shortest exposure."""
         self._number += 1
         exposures = self.camera.exposures
-        self.camera.eye.expose(exposures.times[0])
+        self.camera.eye.expose(exposures.shortest)
         self.camera.screen.show(self.picture(level))
         self.camera.eye.begin(self._number)
         for _ in range(count):
-            yield exposures.one(self.camera.eye.frame(), exposures.times[0])[self.lit].mean(axis=0)
+            yield exposures.one(self.camera.eye.frame(), exposures.shortest)[self.lit].mean(axis=0)
 
     def above_black(self, level: int | Codes) -> FloatArray:
         """Light of a picture above black, summed over the lit pixels: (3,)."""
@@ -135,12 +136,11 @@ def ambient(rig: _Rig) -> Finding:
 
 def exposure(rig: _Rig) -> Finding:
     """Half of the time gives half of the light."""
-    times = rig.camera.exposures.times
     eye, clear = rig.camera.eye, rig.lit & ~rig.camera.exposures.saturated(rig.white)
     rig.camera.screen.show(rig.picture(255))
     levels = []
-    for time in (times[0], times[0] / 2):
-        eye.expose(time)
+    for share in (1, 0.5):
+        eye.expose(share * rig.camera.exposures.shortest)
         rig.camera.wait(rig._slow)
         levels.append(rig.camera.exposures.one(eye.frame(), 1.0)[clear].mean())
     ratio = float(levels[1] / levels[0]) if levels[0] > 0 else 0.0

@@ -1,12 +1,12 @@
 """The camera and the projector that a command line names, opened."""
 
 import argparse
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from counterlight.calibration import Device
 from counterlight.errors import InputError
 from counterlight.response import Response, named_response
 from counterlight.tools.acquisition.cameras.camera import Camera, Exposures
@@ -24,22 +24,19 @@ from counterlight.tools.simulation.devices import Sensor
 
 
 @contextmanager
-def open_rig(options: argparse.Namespace, projector: Response) -> Iterator[tuple[Camera, Device]]:
-    """The camera and the projector that the options name; InputError for what is not there.
-
-    projector : its response, where the camera does not know it.
-    """
+def open_rig(options: argparse.Namespace) -> Iterator[tuple[Camera, tuple[int, int]]]:
+    """The camera and the projector's (height, width) that the options name; InputError for what is not there."""
     kind, _, source = options.camera.partition(":")
     response = named_response(options.camera_response)
     with ExitStack() as opened:
         if kind == "simulated" and source:
             room = simulated_room(Path(source))
             screen = _screen(options, room.projector, opened) if options.monitor or options.window else None
-            yield _simulated(options, room, response, screen), Device(*room.projector, room.response)
+            yield _simulated(options, room, response, screen), room.projector
         elif kind == "folder" and source:
             size = _needed_size(options)
             exposures = Exposures(_bracket(options), response)
-            yield FolderCamera(Path(source), exposures, options.wait), Device(*size, projector)
+            yield FolderCamera(Path(source), exposures, options.wait), size
         elif kind in ("v4l2", "gphoto2") and bool(source) == (kind == "v4l2"):
             if not (options.monitor or options.window):
                 raise InputError(f"--camera {kind}: where is the projector? add --monitor NAME (or --window to try)")
@@ -48,7 +45,7 @@ def open_rig(options: argparse.Namespace, projector: Response) -> Iterator[tuple
             eye = _eye(kind, source, opened)
             shown = _screen(options, options.projector, opened)
             camera = LiveCamera(shown, eye, Exposures(_bracket(options), response))
-            yield camera, Device(*shown.shape, projector)
+            yield camera, shown.shape
         else:
             raise InputError(f"--camera {options.camera}: expected {CAMERAS}")
 
@@ -58,7 +55,8 @@ def _simulated(
 ) -> SimulatedCamera:
     if options.projector not in (None, room.projector):
         height, width = room.projector
-        raise InputError(f"--projector: the projector of {room.name} has {width}x{height} pixels; leave it out")
+        fix = "width and height are swapped" if options.projector == (width, height) else "leave it out"
+        raise InputError(f"--projector: the projector of {room.name} has {width}x{height} pixels; {fix}")
     given = {name: getattr(options, name) for name in SENSOR if getattr(options, name) is not None}
     sensor = replace(room.sensor or Sensor(), **given)
     return SimulatedCamera(room, CameraSettings(sensor, _bracket(options), response, options.seed, options.lag), screen)
@@ -83,8 +81,10 @@ def _eye(kind: str, source: str, opened: ExitStack) -> Eye:
 def _needed_size(options: argparse.Namespace) -> tuple[int, int]:
     if options.projector is None:
         raise InputError("--camera folder: needs the projector's size; add --projector WIDTHxHEIGHT")
-    size: tuple[int, int] = options.projector
-    return size
+    height, width = options.projector
+    if height > width:
+        print(f"note: a projector {width} pixels wide and {height} high, upright: WIDTHxHEIGHT", file=sys.stderr)
+    return height, width
 
 
 def _bracket(options: argparse.Namespace) -> tuple[float, ...]:

@@ -1,17 +1,29 @@
-"""What the importing commands share: where the room goes, and how its projector responds."""
+"""What the acquiring and the importing commands share: where the room goes, and how its projector responds."""
 
 import argparse
 from pathlib import Path
 
+from counterlight.response import Response, projector_response
 
-def add_room_options(parser: argparse.ArgumentParser) -> None:
-    """--response, --name, --force and --output."""
+ASSUMED = Response("srgb")
+ASSUMED_LINE = "response: sRGB assumed; measure it with counterlight fit-response, and give it with --response"
+
+
+def add_room_options(parser: argparse.ArgumentParser, unless_given: str = "sRGB assumed") -> None:
+    """--response, --name, --force and --output.
+
+    unless_given : what becomes of a response that is not given.
+    """
     parser.add_argument(
         "--response",
-        default="linear",
         metavar="linear|srgb|GAMMA|FILE.toml",
-        help="the projector's light for a code value (default linear)",
+        help=f"the projector's light for a code value (default: {unless_given})",
     )
     parser.add_argument("--name", help="the room's name (default: the folder's)")
     parser.add_argument("--force", action="store_true", help="replace a calibration that is there already")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="the calibration folder")
+
+
+def given_or_assumed(text: str | None) -> Response:
+    """The response that --response names; who takes what nobody gave says `ASSUMED_LINE`."""
+    return ASSUMED if text is None else projector_response(text)

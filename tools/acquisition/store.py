@@ -33,7 +33,7 @@ from counterlight.writing.replacing import filling_folder, holding, replacing_fi
 
 SESSION, NEXT = "session.toml", "next.toml"
 CAPTURES = ("captures", "captures_2")
-FORMAT = 3  # 1: black and floodlight four times each; 2: not known whether its room is in place
+FORMAT, COLOURLESS = 4, 3  # 3: no ramps, primaries, coloured check; 2: not known whether its room is in place
 OWN = ("id", "captures", "made", "finished")  # what a session says beside what it is of
 FIX = "name another folder with --captures, or remove this one"
 
@@ -65,6 +65,11 @@ class CaptureStore:
         self._captures = folder / str(record["captures"])
         self.replaces = replaces
         self._size: tuple[int, ...] | None = None
+
+    @property
+    def coloured(self) -> bool:
+        """Whether ramps, primaries and a coloured check are among them: not in those of an older version."""
+        return bool(self._record["format"] != COLOURLESS)
 
     @property
     def id(self) -> str:
@@ -192,7 +197,7 @@ def _is_finished(record: dict[str, Any], room: Path) -> bool:
 
 
 def _refuse_other(folder: Path, stored: dict[str, Any], session: dict[str, Any]) -> None:
-    for key in sorted({*stored, *session}.difference(OWN)):
+    for key in sorted({*stored, *session}.difference({"format", *OWN})):
         if stored.get(key) != session.get(key):
             raise InputError(
                 f"{folder}: captures of another acquisition ({key}: {shown(stored.get(key))} there, "
@@ -205,7 +210,8 @@ def _read(path: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
     stored = read_toml(path, FIX)
-    Table(stored, str(path), FIX).format(FORMAT)
+    if type(found := stored.get("format")) is not int or found != COLOURLESS:
+        Table(stored, str(path), FIX).format(FORMAT)
     if stored.get("captures") not in CAPTURES or not isinstance(stored.get("id"), str):
         raise InputError(f"{path}: does not say which captures are of it; {FIX}")
     return stored

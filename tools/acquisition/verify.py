@@ -5,7 +5,7 @@ two similar pictures, so that the next round solves T p + e + δ = desired. (Ask
 little would not do: much of that no drive within 0..1 can give, and the rest would suffer.)
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,9 +17,9 @@ from counterlight.maps.room_maps import read_maps
 from counterlight.pipeline import reference
 from counterlight.pipeline.content import camera_psnr, reachable_white
 from counterlight.pipeline.operators import compensation
-from counterlight.tools.acquisition.cameras.live import Codes, LiveCamera
+from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.movement import refuse_moved
-from counterlight.tools.acquisition.plan import measure_noise
+from counterlight.tools.acquisition.plan import Codes, measure_noise
 from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.storage import read_transport
 
@@ -57,7 +57,7 @@ class Verification:
     """
 
     def __init__(
-        self, camera: LiveCamera, stored: StoredCalibration, picture: FloatArray, *, radiance: bool, solver: str
+        self, camera: Camera, stored: StoredCalibration, picture: FloatArray, *, radiance: bool, solver: str
     ) -> None:
         self._camera, self._room, self._solver = camera, stored.calibration, solver
         self._transport = read_transport(stored)
@@ -75,7 +75,7 @@ class Verification:
         for index in range(rounds + 1):
             codes = self._codes(target)
             predicted = self._transport.apply(_drive(codes, self._room)) + self._room.ambient
-            captured = self._capture(codes, repeats)
+            captured = np.mean(self._capture([codes] * repeats), axis=0)
             pairs = (self.desired, predicted), (self.desired, captured), (predicted, captured)
             figures = [camera_psnr(wanted, seen, self._room.mask, self.white) for wanted, seen in pairs]
             yield Verified(index, figures[0], figures[1], figures[2], codes, predicted, captured)
@@ -87,26 +87,30 @@ class Verification:
         drive = np.clip(drive, 0, 1).reshape(*self._room.projector.shape, 3)
         return reference.encode(drive, self._room.projector.response.inverse_table())
 
-    def _capture(self, codes: Codes, repeats: int) -> FloatArray:
-        total = np.zeros((*self._room.camera.shape, 3))
-        for _ in range(repeats):
-            shots = self._camera.capture_codes(self._captures, codes)
-            self._captures += 1
-            seen = self._camera.exposures.radiance(shots)
-            if seen.shape != total.shape:
-                raise InputError(
-                    f"the camera gives {seen.shape[1]}x{seen.shape[0]}, the calibration was made with "
-                    f"{total.shape[1]}x{total.shape[0]}; set the camera to that size"
-                )
-            total += seen
-        return total / repeats
+    def _capture(self, pictures: Sequence[Codes]) -> list[FloatArray]:
+        """What the camera sees of each picture, (camera height, camera width, 3), shown one after the other."""
+        numbers = range(self._captures, self._captures + len(pictures))
+        self._captures = numbers.stop
+        self._camera.prepare(numbers.start, pictures, numbers)
+        return [self._one(number, codes) for number, codes in zip(numbers, pictures, strict=True)]
+
+    def _one(self, number: int, codes: Codes) -> FloatArray:
+        seen = self._camera.exposures.radiance(self._camera.capture(number, codes))
+        height, width = self._room.camera.shape
+        if seen.shape[:2] != (height, width):
+            raise InputError(
+                f"the camera gives {seen.shape[1]}x{seen.shape[0]}, the calibration was made with "
+                f"{width}x{height}; set the camera to that size"
+            )
+        return np.asarray(seen, np.float64)
 
     def _refuse_other_room(self) -> None:
         shape = (*self._room.projector.shape, 3)
-        levels = [np.full(shape, level, np.uint8) for level in (0, 255)]
-        pictures = [[self._capture(codes, 1) for _ in range(REFERENCES)] for codes in levels]
-        noise = measure_noise(*pictures)
-        black, white = (np.mean(each, axis=0) for each in pictures)
+        levels = [np.full(shape, level, np.uint8) for level in (0, 255) for _ in range(REFERENCES)]
+        captures = self._capture(levels)
+        blacks, whites = captures[:REFERENCES], captures[REFERENCES:]
+        noise = measure_noise(blacks, whites)
+        black, white = np.mean(blacks, axis=0), np.mean(whites, axis=0)
         mask = self._room.mask
         before, after = (self._flood - self._room.ambient)[mask], (white - black)[mask]
         refuse_moved(before, after, noise, 2 / REFERENCES, AGAIN)

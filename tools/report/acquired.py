@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration
 from counterlight.pipeline.content import psnr, reachable_white
-from counterlight.tools.acquisition.acquired_room import AcquisitionReport
 from counterlight.tools.acquisition.preflight import Finding
+from counterlight.tools.acquisition.summary import AcquisitionReport
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.relighting.pictures import encoded, white_level
 from counterlight.tools.report import charts, pictures
@@ -24,6 +24,8 @@ from counterlight.writing.replacing import replacing_folder
 
 PROMISED = ("photograph", "letters")  # the first two typical pictures
 MOST_PREDICTED = 1 << 17  # camera pixels up to which the optimum is computed for the report
+CURVE = 65  # points of a response's curve
+PRIMARY_COLOURS = "#c0392b", "#27913f", "#2f6fc0"
 SMOOTH = 6  # camera pixels a picture pixel: little detail, so that faults of T show
 
 
@@ -100,7 +102,12 @@ def _figures(
         "pictures": done.pictures,
         "exposures": done.exposures,
         "seconds": done.seconds,
-        "check": {"error": done.check_error, "noise": done.check_noise, "suspect": report.suspect},
+        "check": {"error": done.check.error, "noise": done.check.noise, "suspect": report.suspect},
+        "coloured_check": None
+        if done.coloured is None
+        else {"error": done.coloured.error, "noise": done.coloured.noise},
+        "response": _response(calibration, report),
+        "warnings": report.warnings,
         "coverage": report.covered,
         "lit_camera_pixels": report.lit,
         "near_entries": report.entries,
@@ -109,7 +116,7 @@ def _figures(
             "count": report.clusters.count,
             "projector_size_bins": charts.bins_of(report.clusters.projector_sizes),
         },
-        "predicted_psnr": predicted_quality(transport, calibration, done.check_error) if small else {},
+        "predicted_psnr": predicted_quality(transport, calibration, done.check.error) if small else {},
     }
 
 
@@ -126,7 +133,7 @@ def acquisition_page(figures: dict[str, Any]) -> str:
             ("near light, entries a channel; far light, cells", f"{figures['near_entries']}; {figures['far_cells']}"),
         ]
     )
-    sections = [_quality(figures), _captured(figures), _transport(figures), _clusters(figures)]
+    sections = [_quality(figures), _captured(figures), _light(figures), _transport(figures), _clusters(figures)]
     return page(f"Acquisition: {figures['name']}", intro, [*sections, Section("Before it", [], _findings(figures))])
 
 
@@ -138,13 +145,15 @@ def _quality(figures: dict[str, Any]) -> Section:
             f"{100 * check['error']:.1f} % ({100 * check['noise']:.1f} %)",
         )
     ]
+    if coloured := figures["coloured_check"]:
+        error, noise = (f"{100 * coloured[key]:.1f} %" for key in ("error", "noise"))
+        rows.append(("random greys and colours, which ask the response, too", f"{error} ({noise})"))
     for name, found in figures["predicted_psnr"].items():
         both = f"{found['by_transport']:.1f} dB, {found['with_check_error']:.1f} dB"
         rows.append((f"{name}: best PSNR by this T, and with the check's error", both))
     note = (
-        "The error is far more than noise explains: read the advice that the command printed."
-        if check["suspect"]
-        else "A picture with more detail than the projector can show has a low best PSNR whatever T is; a smooth "
+        " ".join(f"{words[0].upper()}{words[1:]}." for words in figures["warnings"])
+        or "A picture with more detail than the projector can show has a low best PSNR whatever T is; a smooth "
         "one shows what T is worth."
     )
     return Section("Predicted quality of compensation", [], f'{table(rows)}<p class="note">{note}</p>')
@@ -163,6 +172,32 @@ def _captured(figures: dict[str, Any]) -> Section:
             ),
             Figure("Mask", "Camera pixels that count: clearly lit by single projector pixels.", file="mask.png"),
         ],
+    )
+
+
+def _response(calibration: Calibration, report: AcquisitionReport) -> dict[str, Any]:
+    """The curves that the room has, and how well they and the light of the primaries were measured."""
+    codes = np.repeat(np.linspace(0, 1, CURVE)[:, None], 3, axis=1)
+    light = report.acquisition.light
+    measured = {} if light is None else {
+        "off_readings": light.fitted, "noise": light.noise, "unadded": light.unadded.tolist(),
+        "crosstalk": light.crosstalk,
+    }  # fmt: skip
+    return {"curves": calibration.projector.response.to_linear(codes).T.tolist(), **measured}
+
+
+def _light(figures: dict[str, Any]) -> Section:
+    said = [line.partition(": ") for line in figures["summary"]]
+    return Section(
+        "The projector's light",
+        [
+            Figure(
+                "Response",
+                "Light above black of a code value, of red, green and blue.",
+                svg=charts.rising(figures["response"]["curves"], PRIMARY_COLOURS, "code value, 0 to 255"),
+            )
+        ],
+        table([(what, words) for what, _, words in said if what in ("response", "contrast", "colour")]),
     )
 
 

@@ -60,6 +60,17 @@ def curve(points: Sequence[tuple[float, float]], chosen: float, across: str) -> 
     return _svg([*parts, *_frame(across, f"{most:.3g}")])
 
 
+def rising(columns: Sequence[Sequence[float]], colours: Sequence[str], across: str) -> str:
+    """Curves from 0 to 1 over equal steps, one in each colour."""
+    lines = []
+    for values, colour in zip(columns, colours, strict=True):
+        steps = np.linspace(LEFT, WIDTH - 16, len(values))
+        up = HEIGHT - BOTTOM - (HEIGHT - BOTTOM - TOP) * np.asarray(values)
+        points = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(steps, up, strict=True))
+        lines.append(f'<polyline style="stroke: {colour}" points="{points}"/>')
+    return _svg([*lines, *_frame(across, "1")])
+
+
 def _frame(across: str, top: str) -> list[str]:
     base = HEIGHT - BOTTOM
     return [

@@ -1,6 +1,7 @@
 """Projector and camera: where they stand, what they see, and the lens that they see it through."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -124,22 +125,23 @@ class Camera(Device):
     sensor: Sensor | None
 
 
-def read_projector(table: Table) -> Projector:
+def read_projector(table: Table, folder: Path) -> Projector:
+    """The projector of a scene in `folder`."""
     projector = Projector(
         **_pose(table),
         brightness=table.number("brightness", 1.0, 1e-6, 1e6),
         black_level=table.number("black_level", 0.0, 0.0, 1.0),
-        response=read_response(table),
+        response=read_response(table, folder),
     )
     table.refuse_unknown()
     return projector
 
 
-def read_camera(table: Table) -> Camera:
+def read_camera(table: Table, folder: Path) -> Camera:
     bloom, sensor = table.table("bloom", optional=True), table.table("sensor", optional=True)
     camera = Camera(
         **_pose(table),
-        response=read_response(table),
+        response=read_response(table, folder),
         bloom_share=bloom.number("share", 0.0, 0.0, 0.9) if bloom.values else 0.0,
         bloom_radius=float(np.radians(bloom.number("radius_deg", None, 0.001, 30.0))) if bloom.values else 0.0,
         sensor=_sensor(sensor) if sensor.values else None,

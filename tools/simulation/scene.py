@@ -17,7 +17,8 @@
     vignetting = 0.2                   # light lost in the picture's corner, or "cos4" (default 0)
     brightness = 1.0                   # radiance of a white card facing it at look_at's distance (default 1)
     black_level = 0.002                # light of a black pixel, as a share of a white one (default 0)
-    response = "srgb"                  # "linear", "srgb", a gamma or a table (default "linear")
+    response = "srgb"                  # "linear", "srgb", a gamma, a table or "FILE.toml" of counterlight
+                                       # fit-response, here or below (default "linear")
 
     [camera]                           # width to vignetting and response as above, and:
     bloom = { share = 0.03, radius_deg = 0.4 }     # light that lens and sensor scatter into a halo (default none)
@@ -100,7 +101,8 @@ class Scene:
 def load_scene(path: Path) -> Scene:
     """Read and check a scene file; InputError naming file, table and key for anything wrong."""
     top = Table(read_toml(path, "the shipped scenes are in calib_data/scenes"), f"{path}")
-    projector, camera = read_projector(top.table("projector")), read_camera(top.table("camera"))
+    projector = read_projector(top.table("projector"), path.parent)
+    camera = read_camera(top.table("camera"), path.parent)
     ambient = top.table("ambient", optional=True)
     scene = Scene(
         name=top.text("name", path.stem),

@@ -5,6 +5,7 @@ their pixels, and of the far light M is block-diagonal, D has the cells of all b
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,14 @@ from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.pipeline.colour import LUMINANCE
+from counterlight.tools.hdr.response_table import NODES, table_response
 from counterlight.tools.transport.mask import BRIGHT_PERCENTILE, FRACTION_OF_AMBIENT
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, stacked
 
 # Of the brightest floodlit pixels: a display's black level, which one measurement may hold and another not.
 FRACTION_OF_BRIGHT = 0.005
+MOST_APART = 0.02  # of white: measured responses of projectors of one kind
 
 
 def join_rooms(
@@ -49,7 +52,7 @@ def _join(folders: Sequence[Path], monitors: Sequence[str], name: str) -> tuple[
     stored = [calibrations.read(folder) for folder in folders]
     rooms = [one.calibration for one in stored]
     _check_cameras(stored)
-    projectors = _with_monitors([device for room in rooms for device in room.projectors], monitors)
+    projectors = _sharing(_with_monitors([device for room in rooms for device in room.projectors], monitors))
     provenance = "joined by counterlight join: " + "; ".join(f"{room.name} ({room.provenance})" for room in rooms)
     first = rooms[0]
     mask = np.any([room.mask for room in rooms], axis=0)
@@ -117,6 +120,17 @@ def _check_cameras(stored: Sequence[StoredCalibration]) -> None:
                 f"{other.folder}: its camera has {sizes[0]} pixels, that of {first.folder} {sizes[1]}; "
                 "measure all projectors with one camera in one place"
             )
+
+
+def _sharing(projectors: Sequence[Device]) -> tuple[Device, ...]:
+    """Responses that were measured are never quite the same: those that nearly are become their mean."""
+    codes = np.repeat(np.linspace(0, 1, NODES)[:, None], 3, axis=1)
+    curves = np.stack([device.response.to_linear(codes) for device in projectors])
+    same = all(device.response == projectors[0].response for device in projectors)
+    if same or np.abs(curves - curves.mean(axis=0)).max() > MOST_APART:
+        return tuple(projectors)  # a calibration refuses what differs
+    shared = table_response(curves.mean(axis=0))
+    return tuple(replace(device, response=shared) for device in projectors)
 
 
 def _with_monitors(projectors: Sequence[Device], monitors: Sequence[str]) -> tuple[Device, ...]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.response import Response
-from counterlight.tools.acquisition.plan import Pattern
+from counterlight.tools.acquisition.plan import Picture
 from counterlight.tools.hdr.camera_response import exposure_table
 from counterlight.tools.hdr.estimators import Estimator, make_estimator
 from counterlight.tools.hdr.sums import CpuSums
@@ -35,11 +35,11 @@ class Camera(Protocol):
     def name(self) -> str: ...
     @property
     def exposures(self) -> "Exposures": ...
-    def prepare(self, first: int, patterns: Sequence[Pattern], missing: Sequence[int]) -> None:
+    def prepare(self, first: int, patterns: Sequence[Picture], missing: Sequence[int]) -> None:
         """A level begins: its patterns have the numbers first, first + 1, …, of which `missing` will be asked for."""
 
-    def capture(self, number: int, pattern: Pattern) -> tuple[Shot, ...]:
-        """Show a pattern and photograph it, once for each exposure."""
+    def capture(self, number: int, picture: Picture) -> tuple[Shot, ...]:
+        """Show a picture and photograph it, once for each exposure."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,11 @@ class Exposures:
         if not self.times or not all(0 < time < float("inf") for time in self.times):
             raise InputError(f"exposures {self.times}: expected one or more numbers above 0")
 
+    @property
+    def shortest(self) -> float:
+        """Of a bracket in any order: what saturates at this is lost."""
+        return min(self.times)
+
     def radiance(self, shots: Sequence[Shot]) -> NDArray[np.float32]:
         """(height, width, 3): all light over all time, of shots that are not clipped (hdr/estimators.py, average).
 
@@ -70,7 +75,7 @@ class Exposures:
 
     def saturated(self, shots: Sequence[Shot]) -> NDArray[np.bool_]:
         """(height, width), the shortest exposure is at the top of the camera's range."""
-        shot = _coloured(shots[int(np.argmin(self.times))])
+        shot = _coloured(shots[self.times.index(self.shortest)])
         return np.asarray(np.any(shot >= _estimator(self.response, shot.dtype).top, axis=2))
 
     def one(self, shot: Shot, time: float) -> FloatArray:

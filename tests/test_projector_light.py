@@ -1,0 +1,240 @@
+"""A projector's response and primaries as an acquisition measures them, and what it says of light that is odd."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from counterlight import calibration
+from counterlight.arrays import FloatArray
+from counterlight.response import Response
+from counterlight.tools import acquire_transport
+from counterlight.tools.acquisition import store
+from counterlight.tools.acquisition.acquire import Acquisition
+from counterlight.tools.acquisition.cameras.camera import Exposures
+from counterlight.tools.acquisition.cameras.live import LiveCamera
+from counterlight.tools.acquisition.cameras.simulated import MemoryScreen, Sensor, SimulatedEye, SimulatedRoom
+from counterlight.tools.acquisition.plan import Codes
+from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
+from counterlight.tools.acquisition.summary import AcquisitionReport
+from counterlight.tools.clusters.components import find_clusters
+from counterlight.tools.transport.transport import Transport, channels, luminance_matrix
+from tests.acquired_rooms import CAMERA, NOISY, PROJECTOR, room_of, run, sharp_wall
+from tests.rooms import write_blurred_room
+from tests.test_acquisition import unfinished
+
+Light = Callable[[FloatArray], FloatArray]  # codes 0..1, (projector pixels, 3), to the drive of each primary
+GREY = np.linspace(0, 1, 256)[:, None].repeat(3, axis=1)
+BLACK = 0.002  # what the projector emits at code 0, a share of full drive
+MIXED = np.array([[0.88, 0.12, 0], [0.06, 0.88, 0.06], [0, 0.12, 0.88]])
+
+
+class OddEye(SimulatedEye):
+    """Looks at a projector that makes any light of its codes; each channel sees a mixture of the primaries."""
+
+    def __init__(self, room: SimulatedRoom, sensor: Sensor, light: Light, mixing: FloatArray) -> None:
+        self.screen = MemoryScreen(PROJECTOR)
+        super().__init__(room, sensor, self.screen)
+        self._light, self._mixing = light, mixing
+
+    def radiance(self, codes: Codes) -> FloatArray:
+        drive = BLACK + (1 - BLACK) * self._light(codes.reshape(-1, 3) / 255.0)
+        T = self._room.transport
+        own = [T.apply(drive[:, [primary] * 3]) * self._mixing[:, primary] for primary in range(3)]
+        return np.asarray(sum(own)).reshape(self._room.ambient.shape) + self._room.ambient
+
+
+def acquired(
+    rng: np.random.Generator, light: Light, *, mixing: FloatArray | None = None, sensor: Sensor = NOISY,
+    transport: Transport | None = None, given: Response | None = None,
+) -> Acquisition:  # fmt: skip
+    """A wall under a projector, acquired with noise; its brightest pixel is at 70 % of full scale."""
+    room = room_of(transport or sharp_wall(rng))
+    eye = OddEye(room, sensor, light, np.eye(3) if mixing is None else mixing)
+    time = 0.7 / float(eye.radiance(np.full((*PROJECTOR, 3), 255, np.uint8)).max())
+    return run(room, HierarchicalScheme(), camera=LiveCamera(eye.screen, eye, Exposures((time,))), given=given)
+
+
+def report_on(done: Acquisition, given: Response | None = None) -> AcquisitionReport:
+    near = done.measured.transport.near
+    return AcquisitionReport(done, given, 1.0, 1, 1, near.indices.size, find_clusters(luminance_matrix(near)))
+
+
+def gammas(*exponents: float) -> Light:
+    return lambda codes: np.asarray(codes ** np.array(exponents))
+
+
+def srgb(codes: FloatArray) -> FloatArray:
+    return Response("srgb").to_linear(codes)
+
+
+def lcd(codes: FloatArray) -> FloatArray:
+    """S-shaped, each channel another one."""
+    steep, middle = np.array([6.0, 7.0, 9.0]), np.array([0.55, 0.6, 0.5])
+    low, high, here = (1 / (1 + np.exp(-steep * (code - middle))) for code in (0.0, 1.0, codes))
+    return np.asarray((here - low) / (high - low))
+
+
+def of_limited_range(codes: FloatArray) -> FloatArray:
+    """A cable that carries 16 to 235."""
+    return np.asarray(np.clip((255 * codes - 16) / 219, 0, 1) ** 2.2)
+
+
+@pytest.mark.parametrize(
+    ("light", "atol"),
+    [
+        # Noise of a reading is 0.05 % of white and has five sigmas; beyond that, what 17 levels do not show:
+        (gammas(2.1, 2.2, 2.35), 0.003),
+        (gammas(1.0, 1.8, 2.8), 0.003),
+        (srgb, 0.003),
+        (lcd, 0.005),
+        (of_limited_range, 0.015),  # its corner at code 235 lies between two levels
+    ],
+)
+@pytest.mark.parametrize("mixing", [np.eye(3), MIXED], ids=["separate", "mixed"])
+def test_each_channels_response_comes_back(
+    rng: np.random.Generator, light: Light, atol: float, mixing: FloatArray
+) -> None:
+    done = acquired(rng, light, mixing=mixing)
+    assert done.light is not None
+    np.testing.assert_allclose(done.light.response.to_linear(GREY), light(GREY), atol=atol)
+    assert done.light.noise < 0.002
+    assert done.light.adds_up
+    assert done.light.crosstalk == pytest.approx(1 - np.trace(mixing) / 3, abs=0.005)
+    assert report_on(done).warnings == []
+
+
+def test_the_primaries_are_what_the_camera_sees_of_each(rng: np.random.Generator) -> None:
+    wall = sharp_wall(rng)
+    done = acquired(rng, gammas(2.1, 2.2, 2.35), mixing=MIXED, transport=wall)
+    assert done.light is not None
+    whole = wall.composition()
+    for primary, found in enumerate(done.light.primaries.reshape(3, -1, 3)):
+        sigma = done.room.rise_noise + done.room.noise.sigma(whole) / 4  # sixteen captures
+        np.testing.assert_array_less(
+            np.abs(found - (1 - BLACK) * whole * MIXED[:, primary]), 6 * sigma[:, None].max() + 0 * found
+        )
+
+
+def test_noise_does_not_break_the_rise(rng: np.random.Generator) -> None:
+    """Sixty electrons: dark levels are lost in noise, and the table rises strictly (Response refuses others)."""
+    done = acquired(rng, gammas(2.1, 2.2, 2.35), sensor=Sensor(bits=8, full_well=60, read_noise=2))
+    assert done.light is not None
+    error = done.light.response.to_linear(GREY) - gammas(2.1, 2.2, 2.35)(GREY)
+    assert 0.001 < done.light.noise < 0.02
+    assert np.abs(error).max() < 6 * done.light.noise
+
+
+def dimmed(codes: FloatArray) -> FloatArray:
+    """Dynamic contrast: a dark picture closes the iris."""
+    return np.asarray(srgb(codes) * (0.5 + 0.5 * codes.mean()))
+
+
+def with_white_segment(codes: FloatArray) -> FloatArray:
+    return np.asarray((srgb(codes) + 0.4 * codes.min(axis=1, keepdims=True) ** 2) / 1.4)
+
+
+@pytest.mark.parametrize("light", [dimmed, with_white_segment])
+def test_light_that_does_not_add_up_is_told_with_what_to_switch_off(rng: np.random.Generator, light: Light) -> None:
+    done = acquired(rng, light)
+    assert done.light is not None
+    assert not done.light.adds_up
+    warnings = " ".join(report_on(done).warnings)
+    assert "the projector's light does not add up: grey of code " in warnings
+    assert "% of white brighter than red, green and blue of that code together" in warnings
+    assert "white segment" in warnings
+    assert "dynamic contrast" in warnings
+
+
+def uneven(codes: FloatArray) -> FloatArray:
+    """A response that is another one on each side of the raster, as an LCD has it across its viewing angles."""
+    across = np.tile(np.linspace(1.4, 3.2, PROJECTOR[1]), PROJECTOR[0])
+    return np.asarray(codes ** (across[:, None] if len(codes) == across.size else 2.2))
+
+
+def test_colours_that_are_predicted_worse_than_black_and_white_are_told(rng: np.random.Generator) -> None:
+    done = acquired(rng, uneven)
+    report = report_on(done)
+    assert not report.suspect
+    assert report.off_colour
+    assert len(report.warnings) == 1
+    assert "greys and colours are predicted clearly worse than black and white" in report.warnings[0]
+
+
+def test_a_given_response_counts_and_is_compared(rng: np.random.Generator) -> None:
+    true, wrong = Response("gamma", gamma=2.2), Response("linear")
+    done = acquired(rng, gammas(2.2, 2.2, 2.2), given=true)
+    assert report_on(done, true).warnings == []
+    done = acquired(rng, gammas(2.2, 2.2, 2.2), given=wrong)
+    assert done.coloured is not None
+    assert done.by_measured is not None
+    assert done.coloured.error > 0.3
+    assert done.by_measured.error < 2 * done.by_measured.noise + 0.01
+    (warning,) = report_on(done, wrong).warnings
+    assert warning.startswith("the given response is up to 28 % of white")  # at code 132
+    assert "leave out --response" in warning
+
+
+def test_a_primary_that_is_not_seen_has_the_curve_of_grey(rng: np.random.Generator) -> None:
+    """A camera behind a red filter, or a laser that is off: nothing tells blue's response, and nothing is refused."""
+    T = list(channels(sharp_wall(rng).near))
+    T[2] = T[2] * 0
+    done = acquired(rng, gammas(2.2, 2.2, 2.2), transport=Transport.from_matrices(T))
+    assert done.light is not None
+    np.testing.assert_allclose(done.light.response.to_linear(GREY), gammas(2.2)(GREY), atol=0.003)
+
+
+def arguments(room: Path, output: Path, *words: str) -> list[str]:
+    return ["--camera", f"simulated:{room}", "--scheme", "graycode", "-o", str(output), *words]
+
+
+def table_of(folder: Path) -> NDArray[np.float64]:
+    response = calibration.read(folder).calibration.projector.response
+    return np.asarray(response.to_linear(GREY))
+
+
+def test_the_room_has_what_was_measured(
+    tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_blurred_room(tmp_path / "room", rng, CAMERA, PROJECTOR)
+    assert acquire_transport.main(arguments(tmp_path / "room", tmp_path / "out")) == 0
+    said = capsys.readouterr()
+    for words in (
+        "response: measured at 17 levels a channel, about gamma 2.2",
+        "contrast: white is ",
+        "colour: red, green and blue add up to grey within ",
+        "check: random greys and colours are predicted to ",
+    ):
+        assert words in said.out
+    room = calibration.read(tmp_path / "out").calibration
+    assert room.primaries is not None
+    assert "response measured at 17 levels" in room.provenance
+    np.testing.assert_allclose(table_of(tmp_path / "out"), srgb(GREY), atol=0.003)
+    again = arguments(tmp_path / "room", tmp_path / "out", "--response", "2.2", "--force", "--reuse-captures")
+    assert acquire_transport.main(again) == 0
+    assert "response: as given" in capsys.readouterr().out
+    assert calibration.read(tmp_path / "out").calibration.projector.response == Response("gamma", gamma=2.2)
+
+
+def test_captures_from_before_response_was_measured_are_gone_on_with(
+    tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_blurred_room(tmp_path / "room", rng, CAMERA, PROJECTOR)
+    words = arguments(tmp_path / "room", tmp_path / "out")
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "FORMAT", store.COLOURLESS)
+        assert acquire_transport.main(words) == 0
+    assert "54 pictures" in capsys.readouterr().out
+    kept = tmp_path / "out.captures"
+    for path in sorted((kept / "captures").iterdir())[40:]:
+        path.unlink()
+    unfinished(kept)
+    assert acquire_transport.main([*words, "--force"]) == 0
+    said = capsys.readouterr().out
+    assert "54 pictures, 54 exposures, 40 of them from before" in said
+    assert "response: sRGB assumed; measure it with counterlight fit-response" in said
+    room = calibration.read(tmp_path / "out").calibration
+    assert room.primaries is None
+    assert room.projector.response == Response("srgb")

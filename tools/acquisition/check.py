@@ -1,0 +1,94 @@
+"""The honest measure of what was acquired: pictures that no scheme has seen, predicted and photographed.
+
+A pattern of black and white asks T alone. A picture of greys and colours asks the response and the primaries too: the
+camera's channel k sees c_k = Σ_l r_kl (T_k p_l), with T as measured with white and r_kl = F_kl / Σ_l F_kl, the share
+that each primary has of a pixel's light.
+"""
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import FloatArray
+from counterlight.response import Response
+from counterlight.tools.acquisition.plan import Codes, Pattern, Reference
+from counterlight.tools.transport.transport import Transport
+
+CELL = 4  # projector pixels a side of the random cells
+GREYS, COLOURS = (48, 208), (32, 224)  # codes: neither near black nor clipped
+CLEARLY_LIT = 10  # times the noise; where it is darker, nobody knows which primary gives the light
+SEED = 20060504
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+@dataclass(frozen=True)
+class Check:
+    """error : relative RMS difference of predicted and captured light.  noise : what the camera's noise explains."""
+
+    error: float
+    noise: float
+
+    @property
+    def excess(self) -> float:
+        """The error that noise does not explain."""
+        return float(np.sqrt(max(self.error**2 - self.noise**2, 0)))
+
+    def __str__(self) -> str:
+        return f"{100 * self.error:.1f} % (noise alone: {100 * self.noise:.1f} %)"
+
+
+def check_pattern(projector: tuple[int, int]) -> Pattern:
+    """Random cells, half of them lit; the same for everybody."""
+    return _cells(np.random.default_rng(SEED).random(_count(projector)) < 0.5, projector)
+
+
+def check_colours(projector: tuple[int, int]) -> Codes:
+    """Random cells, half of them grey, half coloured; the same for everybody."""
+    rng, count = np.random.default_rng(SEED + 1), _count(projector)
+    greys = rng.integers(*GREYS, (*count, 1), np.uint8)
+    colours = rng.integers(*COLOURS, (*count, 3), np.uint8)
+    return _cells(np.where(rng.random((*count, 1)) < 0.5, greys, colours), projector)
+
+
+def check_white(transport: Transport, room: Reference, pattern: Pattern, capture: FloatArray) -> Check:
+    """How well T alone predicts the capture of a pattern."""
+    return _compared(transport.apply(_three(pattern.ravel())), room, capture)
+
+
+def check_coloured(
+    transport: Transport, room: Reference, codes: Codes, capture: FloatArray, response: Response,
+    primaries: NDArray[np.float32],
+) -> Check:  # fmt: skip
+    """How well T, a response and the primaries (3, camera height, camera width, 3) predict the capture of a picture."""
+    drive = response.to_linear(codes.reshape(-1, 3) / 255.0)
+    lights = np.maximum(primaries.reshape(3, -1, 3), 0)
+    whole = lights.sum(axis=0, dtype=np.float64)
+    clear = whole > CLEARLY_LIT * room.rise_noise
+    predicted = np.zeros_like(whole)
+    for primary, light in enumerate(lights):
+        unclear = np.broadcast_to(np.arange(3) == primary, whole.shape).astype(np.float64)  # its own channel alone
+        share = np.divide(light, whole, out=unclear, where=clear)
+        predicted += share * transport.apply(_three(drive[:, primary]))
+    return _compared(predicted, room, capture)
+
+
+def _compared(predicted: FloatArray, room: Reference, capture: FloatArray) -> Check:
+    seen = room.above_black(capture)
+    scale = np.sqrt(np.sum(seen**2))
+    noise = np.sqrt((1 + 1 / room.repeats) * np.sum(room.noise.sigma(seen) ** 2))
+    return Check(float(np.sqrt(np.sum((predicted - seen) ** 2)) / scale), float(noise / scale))
+
+
+def _three(values: NDArray[np.generic]) -> FloatArray:
+    return np.repeat(values.astype(np.float64)[:, None], 3, axis=1)
+
+
+def _count(projector: tuple[int, int]) -> tuple[int, int]:
+    return -(-projector[0] // CELL), -(-projector[1] // CELL)
+
+
+def _cells(values: NDArray[Scalar], projector: tuple[int, int]) -> NDArray[Scalar]:
+    return values.repeat(CELL, axis=0).repeat(CELL, axis=1)[: projector[0], : projector[1]]

@@ -1,0 +1,139 @@
+"""What the projector makes of code values, before any pattern: ramps of grey, red, green and blue, and its primaries.
+
+A primary's ramp is compared with its own floodlight F, the mean of many captures of full red, green or blue: with
+noise σ the best estimate of h in c − black = h F is ⟨W, c − black⟩ / ⟨W, F⟩, W = F / σ², over all channels of the
+camera and all pixels that are well lit. So channels that mix do not matter, and what carries most light counts most.
+Code 0 is the black, and grey 255 the floodlight, that are measured already.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import FloatArray
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.tools.acquisition.plan import REPEATS, Captures, Codes, LazyPatterns, Level, Reference
+from counterlight.tools.hdr.projector_response import fit_projector_response
+
+CODES = np.rint(np.linspace(0, 255, 17)).astype(np.uint8)
+INNER = CODES[1:-1]
+COLOURS = np.array([[1, 1, 1], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.uint8)  # grey and the primaries
+FULL = CODES[-1]
+PRIMARIES = len(INNER) * len(COLOURS)  # the first capture of these, after the ramps
+WELL_LIT = 10  # times the noise of a dark capture
+MOST_UNADDED = 0.03  # of white, and so many times the noise:
+SURELY = 4
+EXACT = 1e-6  # of the brightest light: no capture is nearer to the truth
+
+
+@dataclass(frozen=True)
+class ProjectorLight:
+    """What the projector makes of code values.
+
+    response : of each channel, as measured.  gammas : the exponents that come closest.
+    primaries : (3, camera height, camera width, 3) float32, radiance above black with red, green or blue alone at full.
+    fitted : the largest change that made the readings rise.  noise : the largest standard deviation of a reading.
+    unadded : (17,), grey at each of `CODES` less the sum of the primaries at that code.  unadded_noise : of these.
+    All shares of white. crosstalk : the share of a camera channel's light that neighbouring primaries give.
+    """
+
+    response: Response
+    gammas: tuple[float, ...]
+    primaries: NDArray[np.float32]
+    fitted: float
+    noise: float
+    unadded: FloatArray
+    unadded_noise: float
+    crosstalk: float
+
+    @property
+    def fit(self) -> str:
+        """How the response was measured, in words."""
+        gammas = ", ".join(f"{gamma:.2f}" for gamma in self.gammas)
+        return (
+            f"measured at {len(CODES)} levels a channel, about gamma {gammas}; off the readings by at most "
+            f"{100 * self.fitted:.2g} % of white, their noise {100 * self.noise:.2g} %"
+        )
+
+    @property
+    def adds_up(self) -> bool:
+        return bool(np.abs(self.unadded).max() <= MOST_UNADDED + SURELY * self.unadded_noise)
+
+
+def light_level(projector: tuple[int, int]) -> Level:
+    """Ramps at the inner codes, and each primary alone as often as the floodlight."""
+    colours = np.concatenate([*(COLOURS * code for code in INNER), *[COLOURS[1:] * FULL] * REPEATS])
+
+    def paint(number: int) -> Codes:
+        return np.full((*projector, 3), colours[number], np.uint8)
+
+    return Level("ramps and primaries", LazyPatterns(len(colours), paint), further=1)
+
+
+def measure_light(captures: Captures, room: Reference) -> ProjectorLight:
+    """Evaluate the captures of `light_level`; InputError if all that is well lit is saturated."""
+    primaries = [_mean(room, captures, range(PRIMARIES + i, len(captures), 3)) for i in range(3)]
+    templates = [_Template(room, light) for light in (room.light, *primaries)]
+    white = templates[0]
+    if not white.tells:
+        raise InputError(
+            "ramps: every camera pixel that the projector lights well is saturated; shorten the exposure (or add a "
+            "shorter one) and capture again"
+        )
+    own, whole = (np.ones((len(CODES), len(COLOURS))) for _ in range(2))  # by its own template, and as a share of white
+    own[0], whole[0] = 0, 0
+    whole[-1] = [white.share(light) for light in (room.light, *primaries)]
+    for number in range(PRIMARIES):
+        at = 1 + number // len(COLOURS), number % len(COLOURS)
+        light = room.above_black(captures[number])
+        own[at], whole[at] = templates[at[1]].share(light), white.share(light)
+    told = [colour if templates[colour].tells else 0 for colour in (1, 2, 3)]  # one that is not seen is like grey
+    fitted = fit_projector_response(CODES / 255.0, own[:, told], np.where(np.isin(CODES, INNER), 1, REPEATS))
+    return ProjectorLight(
+        fitted.response,
+        fitted.gammas,
+        np.stack(primaries).reshape(3, *room.black.shape).astype(np.float32),
+        fitted.pooled,
+        max(templates[colour].noise for colour in told),
+        whole[:, 0] - whole[:, 1:].sum(axis=1),
+        2 * white.noise,  # of four captures
+        _crosstalk(np.stack(primaries), room),
+    )
+
+
+def _mean(room: Reference, captures: Captures, numbers: range) -> FloatArray:
+    """Light above black, (camera pixels, 3), one capture in memory at a time."""
+    total = np.zeros_like(room.light)
+    for number in numbers:
+        total += room.above_black(captures[number])
+    return total / len(numbers)
+
+
+class _Template:
+    """The light of something at full, by which its light at other codes is measured.
+
+    light : above black, (camera pixels, 3).  tells : whether anything of it is well lit and not saturated.
+    noise : standard deviation of the share in one capture of the light itself.
+    """
+
+    def __init__(self, room: Reference, light: FloatArray) -> None:
+        lit = (light >= WELL_LIT * room.noise.dark) & (light > 0) & ~room.saturated.reshape(-1, 1)
+        variance = np.maximum(room.noise.sigma(light) ** 2, (EXACT * light.max()) ** 2)
+        self._weights = np.divide(light, variance, out=np.zeros_like(light), where=lit)
+        self._whole = float(np.vdot(self._weights, light))
+        self.tells = self._whole > 0
+        self.noise = float(np.sqrt((1 + 1 / REPEATS) / self._whole)) if self.tells else 0.0
+
+    def share(self, light: FloatArray) -> float:
+        """How much of the template light is, the least squares by its noise; 0 if the template tells nothing."""
+        return float(np.vdot(self._weights, light)) / self._whole if self.tells else 0.0
+
+
+def _crosstalk(primaries: FloatArray, room: Reference) -> float:
+    """The mean of the camera's channels, over all that they see: primaries (3, camera pixels, 3)."""
+    seen = np.maximum(primaries[:, ~room.saturated.ravel()].sum(axis=1), 0)  # (primary, channel)
+    whole = seen.sum(axis=0)
+    lit = whole > 0
+    return float(np.mean(1 - np.diag(seen)[lit] / whole[lit])) if lit.any() else 0.0

@@ -1,0 +1,125 @@
+"""What a user should know of an acquisition: what was measured, in lines, and what to mend."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterlight.response import Response
+from counterlight.tools.acquisition.acquire import Acquisition
+from counterlight.tools.acquisition.ramps import CODES, ProjectorLight
+from counterlight.tools.acquisition.room_options import ASSUMED_LINE
+from counterlight.tools.clusters.components import Clusters
+
+SUSPECT = 3.0  # times the camera's noise that the check may be off
+OFF_COLOUR = 2.0, 0.02  # times the check's unexplained error, and more, that the coloured one's may be
+MOST_OTHER = 0.02  # of white that a given response may differ from the measured one
+
+
+@dataclass(frozen=True)
+class AcquisitionReport:
+    """What was acquired; its text is the command's output.
+
+    given : the response that was not to be the measured one, if any.  covered : share of the projector's pixels that
+    some camera pixel sees.  lit, camera_pixels : inside the mask, and in all.  entries : near light, of one channel.
+    """
+
+    acquisition: Acquisition
+    given: Response | None
+    covered: float
+    lit: int
+    camera_pixels: int
+    entries: int
+    clusters: Clusters
+
+    def __str__(self) -> str:
+        done = self.acquisition
+        resumed = f", {done.resumed} of them from before" if done.resumed else ""
+        sizes = self.clusters.projector_sizes
+        noise = 100 * float(np.max(done.room.noise.dark)) / float(np.max(done.room.floodlight))
+        lines = [
+            *done.measured.notes,
+            f"{done.pictures} pictures, {done.exposures} exposures{resumed}, {done.seconds:.1f} s; noise of a dark "
+            f"capture {noise:.2g} % of the brightest",
+            f"coverage: {100 * self.covered:.1f} % of the projector's pixels seen, {self.lit} of {self.camera_pixels} "
+            "camera pixels lit",
+            f"clusters: {self.clusters.count}, the largest of {sizes.max(initial=0)} projector pixels; {self.entries} "
+            "near entries a channel",
+            *self._of_light(),
+            f"check: a random pattern is predicted to {done.check}",
+        ]
+        if done.coloured:
+            lines.append(f"check: random greys and colours are predicted to {done.coloured}")
+        return "\n".join(lines)
+
+    def _of_light(self) -> list[str]:
+        """The projector's response, black and primaries."""
+        room, light = self.acquisition.room, self.acquisition.light
+        response = "response: as given" if self.given else f"response: {light.fit}" if light else ASSUMED_LINE
+        lit = ~room.saturated & np.any(room.floodlight - room.black > room.floodlight.max() / 10, axis=2)
+        contrast = float(room.floodlight[lit].mean() / max(room.black[lit].mean(), np.finfo(float).tiny))
+        said = [response, f"contrast: white is {contrast:.3g} times as bright as black and the room's light"]
+        if light:
+            apart = 100 * float(np.abs(light.unadded).max())
+            said.append(
+                f"colour: red, green and blue add up to grey within {apart:.2g} % of white; "
+                f"{100 * light.crosstalk:.1f} % of a camera channel's light is its neighbours'"
+            )
+        return said
+
+    @property
+    def suspect(self) -> bool:
+        """The prediction is much worse than noise explains."""
+        return self.acquisition.check.error > SUSPECT * self.acquisition.check.noise + 0.05
+
+    @property
+    def off_colour(self) -> bool:
+        """Greys and colours are predicted clearly worse than black and white."""
+        done, (times, more) = self.acquisition, OFF_COLOUR
+        return done.coloured is not None and done.coloured.excess > times * done.check.excess + more
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a user should mend, a line each."""
+        light = self.acquisition.light
+        of_light = [] if light is None or light.adds_up else [_not_adding(light)]
+        of_light += self._other_response()
+        if self.off_colour and not of_light:
+            of_light.append(OFF)
+        return [*([SCATTERED] if self.suspect else []), *of_light]
+
+    def _other_response(self) -> list[str]:
+        """What a given response costs against the measured one; nothing if they agree."""
+        done = self.acquisition
+        if not (self.given and done.light and done.coloured and done.by_measured):
+            return []
+        codes = np.repeat(np.linspace(0, 1, 256)[:, None], 3, axis=1)
+        apart = float(np.abs(self.given.to_linear(codes) - done.light.response.to_linear(codes)).max())
+        if apart <= MOST_OTHER:
+            return []
+        return [
+            f"the given response is up to {100 * apart:.0f} % of white from the measured one: it predicts greys and "
+            f"colours to {100 * done.coloured.error:.1f} %, the measured one to {100 * done.by_measured.error:.1f} %; "
+            "leave out --response (with --force --reuse-captures no picture is taken again)"
+        ]
+
+
+SCATTERED = (
+    "the check is far off what noise explains; light may reach some camera pixels from several places (use "
+    "--scheme hierarchical), or be too weak (longer exposures, lower --threshold)"
+)
+OFF = (
+    "greys and colours are predicted clearly worse than black and white: the projector's light depends on the whole "
+    "picture or on time (switch off dynamic contrast, colour enhancement and lamp saving), or --camera-response is not "
+    "the camera's; what is played will be off as much"
+)
+
+
+def _not_adding(light: ProjectorLight) -> str:
+    worst = int(np.abs(light.unadded).argmax())
+    more = 100 * float(light.unadded[worst])
+    return (
+        f"the projector's light does not add up: grey of code {CODES[worst]} is {abs(more):.0f} % of white "
+        f"{'brighter' if more > 0 else 'darker'} than red, green and blue of that code together, which no response "
+        "describes; switch off its white segment (brilliant colour), colour enhancement, dynamic contrast and lamp "
+        "saving, lock the camera's exposure, check --camera-response, and acquire again with --force"
+    )
