@@ -15,11 +15,12 @@ from counterlight.tools.acquisition import store
 from counterlight.tools.acquisition.acquire import Acquisition
 from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.acquisition.cameras.live import LiveCamera
-from counterlight.tools.acquisition.cameras.simulated import MemoryScreen, Sensor, SimulatedEye, SimulatedRoom
+from counterlight.tools.acquisition.cameras.simulated import CameraSettings, MemoryScreen, SimulatedEye, SimulatedRoom
 from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
 from counterlight.tools.acquisition.summary import AcquisitionReport
 from counterlight.tools.clusters.components import find_clusters
+from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.transport.transport import Transport, channels, luminance_matrix
 from tests.acquired_rooms import CAMERA, NOISY, PROJECTOR, room_of, run, sharp_wall
 from tests.rooms import write_blurred_room
@@ -34,9 +35,9 @@ MIXED = np.array([[0.88, 0.12, 0], [0.06, 0.88, 0.06], [0, 0.12, 0.88]])
 class OddEye(SimulatedEye):
     """Looks at a projector that makes any light of its codes; each channel sees a mixture of the primaries."""
 
-    def __init__(self, room: SimulatedRoom, sensor: Sensor, light: Light, mixing: FloatArray) -> None:
+    def __init__(self, room: SimulatedRoom, settings: CameraSettings, light: Light, mixing: FloatArray) -> None:
         self.screen = MemoryScreen(PROJECTOR)
-        super().__init__(room, sensor, self.screen)
+        super().__init__(room, settings, self.screen)
         self._light, self._mixing = light, mixing
 
     def radiance(self, codes: Codes) -> FloatArray:
@@ -47,12 +48,12 @@ class OddEye(SimulatedEye):
 
 
 def acquired(
-    rng: np.random.Generator, light: Light, *, mixing: FloatArray | None = None, sensor: Sensor = NOISY,
+    rng: np.random.Generator, light: Light, *, mixing: FloatArray | None = None, settings: CameraSettings = NOISY,
     transport: Transport | None = None, given: Response | None = None,
 ) -> Acquisition:  # fmt: skip
     """A wall under a projector, acquired with noise; its brightest pixel is at 70 % of full scale."""
     room = room_of(transport or sharp_wall(rng))
-    eye = OddEye(room, sensor, light, np.eye(3) if mixing is None else mixing)
+    eye = OddEye(room, settings, light, np.eye(3) if mixing is None else mixing)
     time = 0.7 / float(eye.radiance(np.full((*PROJECTOR, 3), 255, np.uint8)).max())
     return run(room, HierarchicalScheme(), camera=LiveCamera(eye.screen, eye, Exposures((time,))), given=given)
 
@@ -120,7 +121,7 @@ def test_the_primaries_are_what_the_camera_sees_of_each(rng: np.random.Generator
 
 def test_noise_does_not_break_the_rise(rng: np.random.Generator) -> None:
     """Sixty electrons: dark levels are lost in noise, and the table rises strictly (Response refuses others)."""
-    done = acquired(rng, gammas(2.1, 2.2, 2.35), sensor=Sensor(bits=8, full_well=60, read_noise=2))
+    done = acquired(rng, gammas(2.1, 2.2, 2.35), settings=CameraSettings(Sensor(60, 2, 8)))
     assert done.light is not None
     error = done.light.response.to_linear(GREY) - gammas(2.1, 2.2, 2.35)(GREY)
     assert 0.001 < done.light.noise < 0.02
