@@ -10,7 +10,7 @@ from counterlight import calibration
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files.manifest import sha256_of
-from counterlight.tools.acquisition.acquire import Acquisition, acquire
+from counterlight.tools.acquisition.acquire import REPEATS, Acquisition, acquire
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Camera
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
 from counterlight.tools.acquisition.plan import MakeScheme
@@ -109,7 +109,8 @@ def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> tupl
     done = acquire(camera, store, plan.make_scheme, plan.projector.shape)
     transport, ambient = done.measured.transport, np.maximum(done.room.black, 0).astype(np.float32)
     shape = ambient.shape
-    mask = directly_lit(transport, ambient) & ~done.room.saturated
+    noise = done.room.noise.dark * np.sqrt(2 / REPEATS)  # of the difference of two means
+    mask = directly_lit(transport, ambient, plan.projector.shape, noise) & ~done.room.saturated
     if not mask.any():
         raise InputError(
             "no camera pixel is clearly lit by single projector pixels; lower --threshold, or darken the room"

@@ -13,6 +13,7 @@ from counterlight.pipeline.content import reachable_white
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.refinement_maps import pack_far, refinement_maps
+from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions, objective_of
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
 
@@ -28,19 +29,30 @@ class BuiltRoom:
     summary: str
 
 
-def build_room_maps(stored: StoredCalibration, options: InverseOptions, *, refine: bool = True) -> BuiltRoom:
+def build_room_maps(
+    stored: StoredCalibration,
+    options: InverseOptions,
+    aims: ObjectiveOptions = DEFAULT_AIMS,
+    *,
+    refine: bool = True,
+) -> BuiltRoom:
     """Build and write every row map of a calibration; those that only refinement needs if `refine`.
 
     Raises InputError at once if another process is building them.
     """
     with maps.replacing(stored) as stage:
-        built = build_maps(read_transport(stored), stored.calibration, options, refine=refine)
+        built = build_maps(read_transport(stored), stored.calibration, options, aims, refine=refine)
         maps.write_maps(built.maps, stored, stage)
     return built
 
 
 def build_maps(
-    transport: Transport, calibration: Calibration, options: InverseOptions, *, refine: bool = True
+    transport: Transport,
+    calibration: Calibration,
+    options: InverseOptions,
+    aims: ObjectiveOptions = DEFAULT_AIMS,
+    *,
+    refine: bool = True,
 ) -> BuiltRoom:
     """Every row map of a room in memory; nothing is read or written.
 
@@ -50,11 +62,22 @@ def build_maps(
     white = reachable_white(transport.floodlight(calibration.ambient), calibration.mask)
     maps.check_white(white)
     reach = np.maximum(white, calibration.ambient.reshape(-1, 3)).astype(np.float64)
-    inverse = invert_near_light(transport.near, calibration.mask, projector, reach, white, options, calibration.regions)
+    objective = objective_of(transport, calibration, aims)
+    inverse = invert_near_light(
+        transport.near,
+        (objective.weights > 0).reshape(camera),
+        projector,
+        reach,
+        white,
+        options,
+        calibration.regions,
+        objective.weights,
+        objective.prior,
+    )
     correction = pack(inverse.T_pinv, projector, camera)
     far, undo = _pack_far_light(transport, inverse, camera, projector)
-    details = _details(inverse, correction, transport, options)
-    further = refinement_maps(transport, calibration) if refine else None
+    details = _details(inverse, correction, transport, options, aims)
+    further = refinement_maps(objective, camera, projector) if refine else None
     observe = pack(transport.near, camera, projector)
     packed = RoomMaps(correction, observe, far, undo, white, details, further)
     return BuiltRoom(calibration, transport, inverse, packed, _summary(inverse, packed))
@@ -70,7 +93,9 @@ def _pack_far_light(
     return far, pack_far(undo, camera, camera, far.scatter)
 
 
-def _details(inverse: Inverse, correction: RowMap, transport: Transport, options: InverseOptions) -> dict[str, Any]:
+def _details(
+    inverse: Inverse, correction: RowMap, transport: Transport, options: InverseOptions, aims: ObjectiveOptions
+) -> dict[str, Any]:
     """What the manifest says beside the maps: options, what was found, and the bounds that hold."""
     camera_bound = transport.apply(inverse.truncation)
     lengths = correction.lookup[..., 2]
@@ -80,6 +105,7 @@ def _details(inverse: Inverse, correction: RowMap, transport: Transport, options
             "max_error_codes": options.max_error,
             "method": options.method,
             "noise": options.noise,
+            **asdict(aims),
             **({} if options.max_cluster is None else {"max_cluster": options.max_cluster}),
         },
         **_decomposition(inverse),
