@@ -6,13 +6,12 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray
 from counterlight.pipeline.colour import LUMINANCE
 from counterlight.tools.transport.transport import Transport
-from counterlight.tools.transport.trust import cut_by_edges
+from counterlight.tools.transport.trust import CUT, cut_by_edges
 
 BRIGHT_PERCENTILE = 99.0
 FRACTION_OF_BRIGHT = 0.01
 FRACTION_OF_AMBIENT = 0.02
 CLEAR = 5.0  # times the noise
-CUT = 1.1  # of what a whole footprint can have in one line (trust.py)
 
 
 def directly_lit(

@@ -147,7 +147,7 @@ def scaled(rows: SparseRows, factors: FloatArray) -> SparseRows:
 def objective_of(transport: Transport, calibration: Calibration, options: ObjectiveOptions) -> Objective:
     """A calibrated room's."""
     projector, regions = calibration.projector.shape, calibration.regions
-    weights = trust(transport.near, calibration.mask)
+    weights = trust(transport.near, calibration.mask, projector)
     T = transport.inside(weights > 0)
     shown = seen(T.near, weights > 0)
     unaided = Objective(T, weights, None, shown)

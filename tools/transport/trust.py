@@ -16,6 +16,7 @@ from counterlight.maps.row_map import SparseRows
 from counterlight.tools.transport.transport import luminance
 
 LEAST_TRUST = 0.01
+CUT, WIDE_AND_CUT, FALL = 1.1, 1.3, 0.5  # of what a whole footprint can have in one line
 UNTOUCHED = 0.05  # share of a row's light at the edge, below which its footprint is whole for certain
 NEARBY = 9  # camera pixels a side, over which whole footprints are averaged
 FEW = 0.1  # of those pixels
@@ -39,16 +40,19 @@ class _Shares:
         return cls(rows, y, x, np.divide(light, total, out=np.zeros_like(light), where=total > 0), camera)
 
 
-def trust(near: SparseRows, counts: NDArray[np.bool_]) -> FloatArray:
-    """w, (camera pixels,): 1 inside the mask, LEAST_TRUST where else near light falls, 0 where none does.
+def trust(near: SparseRows, counts: NDArray[np.bool_], projector: tuple[int, int]) -> FloatArray:
+    """w, (camera pixels,): 1 inside the mask, little where else near light falls, 0 where none does.
 
-    Those of little trust are satisfied where no trusted pixel objects: the rim of the picture, cut by the raster's
-    edge; what the camera could not measure; what somebody's mask leaves out.
+    Those of little trust are satisfied where no trusted pixel objects: the rim of the picture, what the camera could
+    not measure, what somebody's mask leaves out. Where an edge cuts a footprint, w falls from 0.4 to LEAST_TRUST over
+    `cut_by_edges` of 1.1 to 1.3: narrow footprints, of which nearly all is one line, disturb no others.
 
     near : T, (camera pixels, projector pixels).  counts : (camera height, camera width), the mask.
     """
     lit = np.bincount(near.rows, luminance(near.weights), near.shape[0]) > 0
-    return np.where(counts.ravel(), 1.0, LEAST_TRUST * lit)
+    cut = cut_by_edges(near, (counts.shape[0], counts.shape[1]), projector)
+    narrow = (cut >= CUT) * np.clip((WIDE_AND_CUT - cut) / FALL, 0, 1)
+    return np.where(counts.ravel(), 1.0, (LEAST_TRUST + (1 - LEAST_TRUST) * narrow) * lit)
 
 
 def cut_by_edges(near: SparseRows, camera: tuple[int, int], projector: tuple[int, int]) -> FloatArray:
