@@ -1,12 +1,13 @@
 """Refinement: a few steps a frame towards the best picture that the projector can show (docs/refinement.md).
 
-Per colour channel, over the camera pixels inside the mask,
+Per colour channel,
 
-    min ½‖T p − b‖²,  0 ≤ p ≤ 1,        b = c − e.
+    min ½ Σ w (T p − b)² + ½ pᵀP p,  0 ≤ p ≤ 1,        b = c − e,
 
-As T ≥ 0, TᵀT ≼ diag(d) with d = TᵀT·1, so a step of s = 1/d never overshoots:
+w how far a camera pixel is trusted, P a prior (player/maps/prior.py). As T ≥ 0, TᵀWT ≼ diag(d) with d = TᵀW T·1, so a
+step of s = 1/(d + the prior's bound) never overshoots:
 
-    q = clamp(y + s Tᵀ(b − T y)),   y ← q + β (q − p) + γ (q − y),   p ← q.
+    q = clamp(y + s (TᵀW(b − T y) − P y)),   y ← q + β (q − p) + γ (q − y),   p ← q.
 
 β is Nesterov's momentum; γ is the over-relaxation of the optimised gradient method (Kim and Fessler 2016). Both are a
 fixed schedule, so that no step waits for a sum over the picture. From a frame to the next the momentum is carried on:

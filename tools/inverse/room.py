@@ -13,20 +13,24 @@ from counterlight.pipeline.content import reachable_white
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.refinement_maps import pack_far, refinement_maps
-from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions, objective_of
+from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
 
 
 @dataclass(frozen=True)
 class BuiltRoom:
-    """A room, what was found and its maps; `summary` is one line."""
+    """A room, what was found and its maps; `summary` is one line.
+
+    light_outside : of a white picture, drive of what the camera does not see, as a share of plain projection's.
+    """
 
     calibration: Calibration
     transport: Transport
     inverse: Inverse
     maps: RoomMaps
     summary: str
+    light_outside: float | None
 
 
 def build_room_maps(
@@ -80,7 +84,13 @@ def build_maps(
     further = refinement_maps(objective, camera, projector) if refine else None
     observe = pack(transport.near, camera, projector)
     packed = RoomMaps(correction, observe, far, undo, white, details, further)
-    return BuiltRoom(calibration, transport, inverse, packed, _summary(inverse, packed))
+    outside = _light_outside(objective, inverse, packed, calibration)
+    return BuiltRoom(calibration, transport, inverse, packed, _summary(inverse, packed, outside), outside)
+
+
+def _light_outside(objective: Objective, inverse: Inverse, packed: RoomMaps, calibration: Calibration) -> float | None:
+    white = objective.bounded((packed.white - calibration.ambient).reshape(-1, 3).astype(np.float64))
+    return objective.light_outside(np.clip(inverse.T_pinv.apply(white), 0, 1))
 
 
 def _pack_far_light(
@@ -146,9 +156,10 @@ def _decomposition(inverse: Inverse) -> dict[str, Any]:
     return {"decomposition": asdict(parameters) | asdict(report)}
 
 
-def _summary(inverse: Inverse, packed: RoomMaps) -> str:
+def _summary(inverse: Inverse, packed: RoomMaps, outside: float | None) -> str:
     clusters, correction = inverse.clusters, packed.correction
     texture = f"{correction.entries.shape[1]}x{correction.entries.shape[0]}"
+    beside = "" if outside is None else f", light outside {100 * outside:.0f} % of plain projection's"
     chosen = " (auto)" if inverse.damping_errors else ""
     cut, doubt = "", ""
     worst = float(inverse.residual.max(initial=0.0))
@@ -162,5 +173,5 @@ def _summary(inverse: Inverse, packed: RoomMaps) -> str:
         f"{cut}{clusters.count} clusters, largest {inverse.largest_cluster[0]} camera x "
         f"{inverse.largest_cluster[1]} projector pixels, {inverse.method}, λ {inverse.damping:g} σ₁{chosen}, "
         f"{doubt}{correction.count} entries, texture {texture}, fill {100 * correction.fill:.1f} %, "
-        f"{sum(m.nbytes for m in packed.named().values()) / 2**20:.1f} MiB of maps"
+        f"{sum(m.nbytes for m in packed.named().values()) / 2**20:.1f} MiB of maps{beside}"
     )

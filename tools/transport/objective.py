@@ -81,6 +81,11 @@ class Objective:
         doubted = self.weights < 1
         return np.where(doubted[:, None], np.clip(b, 0, self._most), b) if doubted.any() else b
 
+    def light_outside(self, drive: FloatArray) -> float | None:
+        """Drive of what the camera does not see, as a share of full drive there; None where it sees everything."""
+        unseen = np.maximum(1 - self.seen, 0)
+        return float(np.average(drive.mean(axis=1), weights=unseen)) if unseen.any() else None
+
     @cached_property
     def _most(self) -> FloatArray:
         """T·1, (camera pixels, 3)."""
