@@ -1,20 +1,46 @@
 #version 330 core
-// One accelerated projected gradient step towards min ½‖T p − b‖², 0 ≤ p ≤ 1 (player/pipeline/refinement.py).
+// One accelerated projected gradient step towards min ½ Σ w (T p − b)² + ½ pᵀP p, 0 ≤ p ≤ 1 (player/pipeline/refinement.py).
 //
-// Inputs, all of the projector's size: `descent`, Tᵀ(b − T y); `y`, where it was taken; `p`, the drive of the step before;
-//   `step_size`, 1 / (TᵀT·1), 0 where no camera pixel is lit, which keeps the pixel dark.
+// Inputs, all of the projector's size: `descent`, TᵀW(b − T y); `y`, where it was taken; of P `damping`, `right` and `down`,
+//   η and the ties to the pixels on the right and below (player/maps/prior.py); `p`, the drive of the step before;
+//   `step_size`, 0 where no camera pixel is lit, which keeps the pixel dark.
 // Outputs: `next_p`, the drive, 0..1; `next_y`, where the next step looks.
+// Defines: SLOPE gives `slope` alone, TᵀW(b − T y) − P y.
 // CPU twin: refinement_step in player/pipeline/reference.py.
-uniform sampler2D descent, y, p, step_size;
+uniform sampler2D descent, y, damping, right, down;
+#ifdef SLOPE
+out vec4 slope;
+#else
+uniform sampler2D p, step_size;
 uniform float momentum, over_relaxation;
 
 layout(location = 0) out vec4 next_p;
 layout(location = 1) out vec4 next_y;
+#endif
+
+vec3 tied(sampler2D ties, ivec2 pixel, ivec2 neighbour, vec3 from) {  // what a tie, stored at `pixel`, draws `from` by
+    return texelFetch(ties, pixel, 0).rgb * (from - texelFetch(y, neighbour, 0).rgb);
+}
+
+vec3 pull(ivec2 at, vec3 from) {  // P y
+    ivec2 last = textureSize(y, 0) - 1, x = ivec2(1, 0), below = ivec2(0, 1);
+    vec3 sum = texelFetch(damping, at, 0).rgb * from;
+    if (at.x < last.x) sum += tied(right, at, at + x, from);
+    if (at.y < last.y) sum += tied(down, at, at + below, from);
+    if (at.x > 0) sum += tied(right, at - x, at - x, from);
+    if (at.y > 0) sum += tied(down, at - below, at - below, from);
+    return sum;
+}
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
-    vec3 from = texelFetch(y, at, 0).rgb, size = texelFetch(step_size, at, 0).rgb;
-    vec3 q = clamp(from + size * texelFetch(descent, at, 0).rgb, 0.0, 1.0) * vec3(greaterThan(size, vec3(0.0)));
+    vec3 from = texelFetch(y, at, 0).rgb, downhill = texelFetch(descent, at, 0).rgb - pull(at, from);
+#ifdef SLOPE
+    slope = vec4(downhill, 1.0);
+#else
+    vec3 size = texelFetch(step_size, at, 0).rgb;
+    vec3 q = clamp(from + size * downhill, 0.0, 1.0) * vec3(greaterThan(size, vec3(0.0)));
     next_p = vec4(q, 1.0);
     next_y = vec4(q + momentum * (q - texelFetch(p, at, 0).rgb) + over_relaxation * (q - from), 1.0);
+#endif
 }

@@ -9,9 +9,9 @@ from scipy import sparse
 
 from counterlight.pipeline.refinement import Certificate
 from counterlight.tools.clusters.finite import refuse_not_finite
-from counterlight.tools.solve import box
 from counterlight.tools.solve.channel import Channel
 from counterlight.tools.solve.registry import prepare
+from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import Csr, Transport
 
 FloatArray = NDArray[np.float64]
@@ -71,8 +71,8 @@ def solve(name: str, system: System) -> Found:
 
 
 def certificate(system: System, drive: FloatArray) -> Certificate:
-    return box.certificate(system.T, system.b, beside_dark(drive))
+    return Objective.plain(system.T).certificate(beside_dark(drive), system.b)
 
 
 def relative_gap(system: System, drive: FloatArray) -> float:
-    return float(box.relative_gap(certificate(system, drive), system.b)[0])
+    return float(Objective.plain(system.T).relative_gap(beside_dark(drive), system.b)[0])

@@ -12,6 +12,7 @@ from counterlight.pipeline.room import Room
 from counterlight.response import Response
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.refinement_maps import pack_far, refinement_maps
+from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, stacked
 from tests.packing import pack_matrices
 from tests.rooms import CAMERA, CELLS, PROJECTOR, blurred_transport
@@ -54,7 +55,7 @@ def physical_room(rng: np.random.Generator, *, far: bool = True, start: str = "p
         chain,
         undo,
         0.5,
-        refinement=refinement_maps(transport, calibration),
+        refinement=refinement_maps(Objective.plain(transport.inside(mask)), CAMERA, PROJECTOR),
     )
     return PhysicalRoom(Room(calibration, maps, 0.5, start=start), transport, _written_out(transport))
 

@@ -10,6 +10,7 @@ from scipy.optimize import lsq_linear
 
 from counterlight import calibration
 from counterlight.maps import room_maps as maps
+from counterlight.maps.prior import Prior
 from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
@@ -152,10 +153,13 @@ def test_a_correction_map_of_many_entries_is_not_waited_for() -> None:
         many = sparse.csr_array(np.tile(np.arange(pixels) < entries, (pixels, 1)).astype(np.float32))
         correction = pack_matrices([many] * 3, (side, side), (side, side))
         step_size = np.ones((side, side, 3), np.float32)
-        near = RoomMaps(correction, one, None, None, 0.5, refinement=RefinementMaps(one, None, one, step_size))
+        further = RefinementMaps(
+            one, None, one, step_size, Prior.none((side, side)), step_size[..., 0], step_size[..., 0]
+        )
+        near = RoomMaps(correction, one, None, None, 0.5, refinement=further)
         assert near.correction_in_steps == entries / 2
         assert default_start(near.correction_in_steps) == start
-        both = RoomMaps(correction, one, far, far, 0.5, refinement=RefinementMaps(one, far, one, step_size))
+        both = RoomMaps(correction, one, far, far, 0.5, refinement=replace(further, far_dual=far))
         assert both.correction_in_steps == (entries + 3) / (2 + 6)
         assert replace(near, refinement=None).correction_in_steps == 0
 
@@ -163,7 +167,7 @@ def test_a_correction_map_of_many_entries_is_not_waited_for() -> None:
 def test_a_certificate_that_says_nothing_says_so() -> None:
     empty = Certificate(np.zeros(3), np.zeros(3))
     useless = Certificate(np.ones(3), np.full(3, 2.0))
-    assert useless.to_dict() == {"relative_gap": 4.0, "below_optimum_db": None}
+    assert useless.to_dict() == {"relative_gap": 4.0, "below_optimum_db": None, "light_outside": None}
     assert "no bound" in str(useless)
     assert empty.relative == 0
 

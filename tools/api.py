@@ -29,6 +29,7 @@ from counterlight.tools.acquisition.room_options import ASSUMED
 from counterlight.tools.choices import PRESETS
 from counterlight.tools.shipped import parse_scene
 from counterlight.tools.transport.mask import directly_lit
+from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.storage import check_entries, read_transport, write_transport
 from counterlight.tools.transport.transport import CHANNELS, Csr, Transport
 
@@ -74,7 +75,7 @@ class Room:
         channels = [_channel(*each, shape) for each in zip((red, green, blue), CHANNELS, strict=True)]
         transport = Transport.from_matrices(channels, camera=camera, projector=projector)
         light = _picture(np.zeros(3) if ambient is None else ambient, camera, "ambient").astype(np.float32)
-        counts = directly_lit(transport, light) if mask is None else np.array(mask, bool)
+        counts = directly_lit(transport, light, projector) if mask is None else np.array(mask, bool)
         if counts.shape != camera or not counts.any():
             raise InputError(
                 f"mask of shape {counts.shape}, {counts.sum()} pixels count: expected {camera}, at least 1"
@@ -182,15 +183,14 @@ def solve(room: Room, picture: ArrayLike, solver: str = "box", *, white: float |
     picture : (camera height, camera width, 3), in shares of `white`, a radiance; None takes the room's.
     solver : box (the best that a projector can show), nnls, svd, qr or direct; what is beyond 0..1 is clamped.
     """
-    from counterlight.tools.solve.box import certificate
     from counterlight.tools.solve.registry import SOLVERS, prepare
 
     if solver not in SOLVERS:
         raise InputError(f"solver {solver!r}: expected one of {', '.join(SOLVERS)}{nearest(solver, SOLVERS)}")
     desired = _picture(picture, room.camera, "a picture") * (room.white if white is None else white)
-    task, b = prepare(solver, room.transport, room.mask), desired - room.ambient
-    drive = np.clip(task.solve(b).unclamped, 0, 1)
-    bound = certificate(task.T, np.where(room.mask[..., None], b, 0).reshape(-1, 3), drive)
+    objective, b = objective_of(room.transport, room.calibration, DEFAULT_AIMS), desired - room.ambient
+    drive = np.clip(prepare(solver, room.transport, room.mask, objective).solve(b).unclamped, 0, 1)
+    bound = objective.certificate(drive, b.reshape(-1, 3))
     shown = drive.reshape(*room.projector, 3)
     return Solution(shown, room.seen(shown), bound.decibels)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from counterlight.command import Parser, run
 from counterlight.tools.choices import INVERSE_METHODS, PRESETS
+from counterlight.tools.objective_options import add_objective_options
 from counterlight.writing.outputs import check_folder
 
 
@@ -23,6 +24,7 @@ def _main(argv: Sequence[str] | None) -> None:
     from counterlight.tools.inverse.inverse import InverseOptions
     from counterlight.tools.inverse.room import build_room_maps
     from counterlight.tools.report.report import check_report_folder, write_report
+    from counterlight.tools.transport.objective import ObjectiveOptions
 
     if options.preset is not None:  # what is given beside it prevails
         preset = presets.PRESETS[options.preset]
@@ -35,7 +37,8 @@ def _main(argv: Sequence[str] | None) -> None:
     if options.report is not None:
         check_folder(options.report, inputs=[options.calibration])
         check_report_folder(options.report)
-    built = build_room_maps(calibration.read(options.calibration), inverse_options, refine=not options.no_refine)
+    aims = ObjectiveOptions(options.drift, options.outside)
+    built = build_room_maps(calibration.read(options.calibration), inverse_options, aims, refine=not options.no_refine)
     print(f"{built.summary}, {time.monotonic() - start:.1f} s")
     if options.report is not None:
         print(f"report: {write_report(built, options.report)}")
@@ -94,6 +97,7 @@ def _parser() -> argparse.ArgumentParser:
         help="relative noise of the measured transport (0.01 is 1 %%): with --regularize none, singular values that it "
         "alone could make are left out (default: those below float32 rounding); auto damps at least as much",
     )
+    add_objective_options(parser)
     parser.add_argument(
         "--no-refine",
         action="store_true",

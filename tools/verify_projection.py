@@ -15,6 +15,7 @@ from counterlight.command import Parser, run
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.rig_options import add_rig_options
 from counterlight.tools.choices import VERIFIED
+from counterlight.tools.objective_options import add_objective_options
 from counterlight.writing.outputs import check_folder
 from counterlight.writing.replacing import replacing_folder
 
@@ -53,6 +54,7 @@ def _verify(options: argparse.Namespace) -> "tuple[Verification, Verified]":
     from counterlight.tools.acquisition.rig import open_rig
     from counterlight.tools.acquisition.verify import Verification
     from counterlight.tools.relighting.pictures import read_placed
+    from counterlight.tools.transport.objective import ObjectiveOptions
 
     stored = calibrations.read(options.calibration)
     room = stored.calibration
@@ -70,8 +72,9 @@ def _verify(options: argparse.Namespace) -> "tuple[Verification, Verified]":
         if isinstance(camera, LiveCamera) and not options.no_preflight:
             for finding in preflight(camera):
                 refuse_bad(finding)
+        aims = ObjectiveOptions(options.drift, options.outside)
         radiance = options.picture.suffix.lower() == ".exr"
-        task = Verification(camera, stored, picture, radiance=radiance, solver=options.solver)
+        task = Verification(camera, stored, picture, radiance=radiance, solver=options.solver, aims=aims)
         print(f"white is a camera radiance of {task.white:.4g}; {int(room.mask.sum())} camera pixels count")
         found = []
         for result in task.run(options.rounds, options.repeats):
@@ -116,6 +119,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--rounds", type=_whole, default=0, metavar="N", help="of feedback (default 0)")
     parser.add_argument("--repeats", type=_whole, default=4, metavar="N", help="captures averaged (default 4)")
     parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="projected.png and what was seen of it")
+    add_objective_options(parser)
     add_rig_options(parser)
     return parser
 

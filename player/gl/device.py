@@ -11,6 +11,7 @@ from counterlight.gl.adaptation import Adapter
 from counterlight.gl.passes import Pass, ScreenPass, float_texture, integer_texture, picture_texture, table_texture
 from counterlight.gl.paths import GlMaps, store_maps
 from counterlight.gl.planes import Planes
+from counterlight.maps.prior import Prior
 from counterlight.media.frames import PixelFormat
 from counterlight.pipeline.device import NearLight, Owner
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
@@ -55,8 +56,8 @@ class GlDevice:
     def encoder(self, shape: tuple[int, int], response: Response, scale: float, dither: str) -> "_Encoder":
         return _Encoder(self._context, shape, response, scale, dither)
 
-    def stepper(self, shape: tuple[int, int], step_size: NDArray[np.float32]) -> "_Stepper":
-        return _Stepper(self._context, shape, step_size)
+    def stepper(self, shape: tuple[int, int], step_size: NDArray[np.float32], prior: Prior) -> "_Stepper":
+        return _Stepper(self._context, shape, step_size, prior)
 
     def total(self, shape: tuple[int, int]) -> "_Total":
         return _Total(self._context, shape)
@@ -94,11 +95,14 @@ class _Encoder:
 class _Stepper:
     """refinement_step.frag, by turns into two pairs of targets."""
 
-    def __init__(self, context: moderngl.Context, shape: tuple[int, int], step_size: NDArray[np.float32]) -> None:
+    def __init__(
+        self, context: moderngl.Context, shape: tuple[int, int], step_size: NDArray[np.float32], prior: Prior
+    ) -> None:
         self._owner = Owner()
         own = self._owner.own
         try:
             self._step_size = own(picture_texture(context, step_size))
+            self._prior = {name: own(picture_texture(context, picture)) for name, picture in vars(prior).items()}
             uniforms = {"over_relaxation": OVER_RELAXATION}
             self._pass = own(ScreenPass(context, "refinement_step.frag", uniforms=uniforms))
             self._targets = [own(_Target(context, shape)) for _ in range(2)]
@@ -112,7 +116,7 @@ class _Stepper:
         following = self._targets[step % 2]
         following.framebuffer.use()
         self._pass.set(momentum=momentum(step))
-        self._pass.draw(descent=descent, y=y, p=p, step_size=self._step_size)
+        self._pass.draw(descent=descent, y=y, p=p, step_size=self._step_size, **self._prior)
         return following.p, following.y
 
     def release(self) -> None:

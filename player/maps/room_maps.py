@@ -5,7 +5,8 @@ transport : near light, projector picture -> camera picture (what the camera wil
 far : the far light's factors D, M, U, if the room has any: projector picture -> cells -> cells -> camera picture.
 undo : D' and M', which predict the far light of a *compensated* picture from the desired one, so that it can be
 subtracted before T⁺: p = T⁺ (b − U M' D' b), the fixed point of p = T⁺ (b − U M D p); see tools/inverse/far_light.py.
-refinement : what the player's projected gradient steps need beside T: Tᵀ, step sizes, and direct mapping to start from.
+refinement : what the player's projected gradient steps need beside T: TᵀW, step sizes, a prior, and direct mapping to
+start from.
 """
 
 from collections.abc import Iterator
@@ -17,20 +18,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.calibration import RADIANCE, Device, StoredCalibration
+from counterlight.calibration import RADIANCE, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.files.generation import read_steadily
 from counterlight.files.manifest import describe_files, write_toml
 from counterlight.files.reading import DescribedFiles, read_toml
 from counterlight.files.tables import Table
-from counterlight.maps import row_map
+from counterlight.maps import prior, row_map
+from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import RowMap
 from counterlight.writing.replacing import replacing_folder
 
-FORMAT = 1
+FORMAT = 2  # 1 knew no weights and no prior
 UNUSABLE = "give more --regularize, or look for what is extreme in the calibration"
 FOLDER, MANIFEST, STEP_SIZE = "correction", "manifest.toml", "step_size.exr"
+WEIGHTS, SEEN = "weights.exr", "seen.exr"
 
 
 @dataclass(frozen=True)
@@ -51,16 +54,23 @@ class FarMaps:
 class RefinementMaps:
     """What refinement needs beside the transport (pipeline/refinement.py); camera pixels outside the mask are left out.
 
-    dual : Tᵀ of the near light, camera picture -> projector picture.
-    far_dual : the far light's Uᵀ, Mᵀ, Dᵀ, if the room has any: camera picture -> cells -> cells -> projector picture.
+    dual : TᵀW of the near light, camera picture -> projector picture.
+    far_dual : the far light's UᵀW, Mᵀ, Dᵀ, if the room has any: camera picture -> cells -> cells -> projector picture.
     direct : direct mapping, one entry a row: the camera pixel that a projector pixel lights most, over its T·1.
-    step_size : (projector height, projector width, 3) float32, 1 / (TᵀT·1), 0 where no camera pixel is lit.
+    step_size : (projector height, projector width, 3) float32, 1 / (TᵀW T·1 + the prior's bound), 0 where no camera
+    pixel is lit.
+    prior : what the drive is drawn to where the camera says little.
+    weights : W's diagonal, (camera height, camera width) float32.
+    seen : (projector height, projector width) float32, how much of a pixel the camera sees, 1 for most.
     """
 
     dual: RowMap
     far_dual: FarMaps | None
     direct: RowMap
     step_size: NDArray[np.float32]
+    prior: Prior
+    weights: NDArray[np.float32]
+    seen: NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -117,10 +127,15 @@ def write_maps(maps: RoomMaps, stored: StoredCalibration, stage: Path) -> None:
     """Write every map, and the manifest last; InputError for maps that `read_maps` would refuse."""
     check_white(maps.white)
     if maps.refinement is not None:
-        _check_step_size(maps.refinement.step_size, f"{stored.folder / FOLDER / STEP_SIZE}", UNUSABLE)
+        folder = stored.folder / FOLDER
+        _check_positive(maps.refinement.step_size, f"{folder / STEP_SIZE}", UNUSABLE)
+        maps.refinement.prior.check(lambda name: f"{folder / prior.file_of(name)}", UNUSABLE)
     sizes = {name: row_map.write(packed, stage / name) for name, packed in maps.named().items()}
     if maps.refinement is not None:
         exr.write_rgb(stage / STEP_SIZE, maps.refinement.step_size)
+        maps.refinement.prior.write(stage)
+        for name, values in ((WEIGHTS, maps.refinement.weights), (SEEN, maps.refinement.seen)):
+            exr.write_channels(stage / name, {"Y": values})
     manifest = {
         "format": FORMAT,
         "calibration": stored.fingerprint,
@@ -168,8 +183,14 @@ def _read_maps(stored: StoredCalibration, refinement: bool) -> RoomMaps:
         undo = FarMaps(maps["undo_gather"], maps["undo_mix"], far.scatter)
     if "dual" in maps:
         dual = FarMaps(maps["dual_gather"], maps["dual_mix"], maps["dual_scatter"]) if far else None
-        step_size = _read_step_size(files, stored.calibration.projector)
-        further = RefinementMaps(maps["dual"], dual, maps["direct"], step_size)
+        projector, camera = stored.calibration.projector.shape, stored.calibration.camera.shape
+        pictures = (
+            _read_positive(files, STEP_SIZE, projector, "the projector"),
+            prior.read(files, projector),
+            _read_positive(files, WEIGHTS, camera, "the camera")[..., 0],
+            _read_positive(files, SEEN, projector, "the projector")[..., 0],
+        )
+        further = RefinementMaps(maps["dual"], dual, maps["direct"], *pictures)
     details = {key: value for key, value in values.items() if key not in ("maps", "files")}
     return RoomMaps(maps["."], maps["transport"], far, undo, white, details, further)
 
@@ -202,13 +223,14 @@ def _sizes(manifest: Table, stored: StoredCalibration, *, refinement: bool) -> d
     return sizes
 
 
-def _read_step_size(files: DescribedFiles, projector: Device) -> NDArray[np.float32]:
-    with files.opened(files.folder / STEP_SIZE) as file:
-        step_size = exr.read_rgb(file, exr.sized(projector.shape, "the projector", files.fix))
-        _check_step_size(step_size, file.name, files.fix)
-        return step_size
+def _read_positive(files: DescribedFiles, name: str, shape: tuple[int, int], whose: str) -> NDArray[np.float32]:
+    """A picture of steps, weights or shares; InputError if it does not fit, or is damaged."""
+    with files.opened(files.folder / name) as file:
+        picture = exr.read_rgb(file, exr.sized(shape, whose, files.fix))
+        _check_positive(picture, file.name, files.fix)
+        return picture
 
 
-def _check_step_size(step_size: NDArray[np.float32], where: str, fix: str) -> None:
-    if not (np.isfinite(step_size).all() and step_size.min() >= 0):
-        raise InputError(f"{where}: holds NaN, infinity or a negative step; {fix}")
+def _check_positive(picture: NDArray[np.float32], where: str, fix: str) -> None:
+    if not (np.isfinite(picture).all() and picture.min() >= 0):
+        raise InputError(f"{where}: holds NaN, infinity or something negative; {fix}")

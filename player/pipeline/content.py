@@ -22,6 +22,7 @@ from counterlight.errors import InputError
 from counterlight.media.frames import Frame
 
 REACHABLE_SHARE = 0.9  # of the camera pixels that count
+DARK_PAINT, BRIGHT = 0.05, 99  # of the bright pixels, their percentile: darker paint shall not make white dark
 QUIETEST = 1e-30  # mean squared error that counts as none
 CUT, THUMBNAIL = 0.1, 48  # mean change of the code values, in full scale; samples along the shorter side
 
@@ -78,12 +79,16 @@ class Succession:
 
 
 def reachable_white(floodlight: NDArray[np.floating], mask: NDArray[np.bool_]) -> float:
-    """The radiance that nine in ten of the pixels inside the mask reach in all three channels.
+    """The radiance that nine in ten of the pixels inside the mask reach in all three channels, dark paint left out.
 
     floodlight : (camera height, camera width, 3), T·1 + e.  mask : (camera height, camera width).
     One level for all channels, so that grey stays grey in the camera's eyes.
     """
-    weakest = floodlight.min(axis=2)[mask]
+    inside = floodlight[mask]
+    light = inside.sum(axis=1)
+    weakest = (
+        inside.min(axis=1)[light >= DARK_PAINT * np.percentile(light, BRIGHT, method="lower")] if light.size else light
+    )
     if weakest.size == 0:
         raise InputError("the mask is empty: no camera pixel counts; check mask.png")
     level = float(np.percentile(weakest, 100 * (1 - REACHABLE_SHARE)))

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import RowMap
 from counterlight.media.frames import PixelFormat
 from counterlight.pipeline import reference
@@ -35,12 +36,14 @@ TWINS: dict[str, Callable[..., FloatArray]] = {
     "impossible.frag": lambda reach, white, **_: reference.impossible(reach, white),
     "pinned.frag": lambda source, to_source, target: reference.pinned(source, target, np.reshape(to_source, (3, 3)).T),
     "reach.frag": reference.reach_of,
+    "refinement_step.frag": reference.against_gradient,  # with SLOPE; steps are the stepper's
     "resample.frag": lambda source, axis, origin, extent, target: reference.resample_axis(
         source, 1 - axis, target[1 - axis], origin, extent
     ),
     "split.frag": reference.split,
-    "squared_error.frag": reference.squared_error,
+    "weighted.frag": reference.weighted,
 }
+FLAGS = {"CLAMP": "clamp", "SQUARED": "squared"}  # of twins that are told by a word what shaders are by a define
 PLACING = "pinned.frag", "resample.frag"  # which need to know the shape of what they draw
 COMBINE: dict[str, Callable[[Any, Any], FloatArray]] = {
     "": lambda base, product: product,
@@ -70,8 +73,7 @@ class CpuDevice:
     def make_pass(
         self, shader: str, shape: tuple[int, int], defines: Mapping[str, int | None] | None = None, **uniforms: Any
     ) -> "_Twin":
-        if "CLAMP" in (defines or {}):
-            uniforms["clamp"] = True
+        uniforms |= {FLAGS[define]: True for define in defines or {} if define in FLAGS}
         if shader in PLACING:
             uniforms["target"] = shape
         return _Twin(TWINS[shader], shape, uniforms)
@@ -89,9 +91,9 @@ class CpuDevice:
         table = response.inverse_table()
         return _Function(lambda light, frame: reference.encode(light, table, scale, dither, frame))
 
-    def stepper(self, shape: tuple[int, int], step_size: FloatArray) -> "_Function":
+    def stepper(self, shape: tuple[int, int], step_size: FloatArray, prior: Prior) -> "_Function":
         step = reference.refinement_step
-        return _Function(lambda k, descent, y, p: step(descent, y, p, step_size, momentum(k), OVER_RELAXATION))
+        return _Function(lambda k, descent, y, p: step(descent, y, p, step_size, prior, momentum(k), OVER_RELAXATION))
 
     def total(self, shape: tuple[int, int]) -> "_Function":
         return _Function(lambda picture: reference.block_sum(picture, max(shape))[0, 0])

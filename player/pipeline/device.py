@@ -12,6 +12,7 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.maps.prior import Prior
 from counterlight.maps.room_maps import FarMaps
 from counterlight.maps.row_map import RowMap
 from counterlight.media.frames import PixelFormat
@@ -175,7 +176,7 @@ class Device(Protocol):
     def encoder(self, shape: tuple[int, int], response: Response, scale: float, dither: str) -> Operation:
         """run(light, frame) -> 8 bit through an inverse response."""
 
-    def stepper(self, shape: tuple[int, int], step_size: NDArray[np.float32]) -> Operation:
+    def stepper(self, shape: tuple[int, int], step_size: NDArray[np.float32], prior: Prior) -> Operation:
         """run(step, descent, y, p) -> the next p and y, valid until the step after the next."""
 
     def total(self, shape: tuple[int, int]) -> Operation:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import RowMap, unpack
 from counterlight.pipeline.colour import Decoding
 from counterlight.pipeline.content import OFFSETS, SCALES, tile_grid
@@ -150,17 +151,21 @@ def desired_light(
     tone: FloatArray | tuple[float, float] = (1.0, 0.0),
     unit: float = 1.0,
     black_level: float = 0.0,
+    reach: FloatArray | None = None,
     *,
     clamp: bool = False,
 ) -> FloatArray:
     """What the projector must add: b = white (s u + o) − e (thesis eq. 5.1; desired.frag).
 
     u = k + (1 − k) unit · picture.  unit : share of white of a picture's 1.  black_level : k, what black asks for.
+    reach : e + T·1, and in a fourth channel what counts: no other pixel is asked for more than it can have.
     clamp : limit the result to 0..1, as of a picture that goes to the projector.
     """
     scale, offset = np.ravel(tone)[:2]
     u = black_level + (1 - black_level) * (unit * picture)
     b = white * (scale * u + offset) - ambient
+    if reach is not None:
+        b = np.where(reach[..., 3:] > 0, b, np.clip(b, 0, np.maximum(reach[..., :3] - ambient, 0)))
     return np.asarray(np.clip(b, 0, 1) if clamp else b)
 
 
@@ -170,19 +175,39 @@ def combine(first: FloatArray, second: FloatArray, factor: float, *, clamp: bool
     return np.clip(result, 0, 1) if clamp else result
 
 
+def pull(p: FloatArray, damping: FloatArray, right: FloatArray, down: FloatArray) -> FloatArray:
+    """P p of a prior (player/maps/prior.py): η p + Σ ω (p − neighbour's); the same in refinement_step.frag."""
+    across, along = right[:, :-1] * np.diff(p, axis=1), down[:-1] * np.diff(p, axis=0)
+    result = np.asarray(damping * p)
+    result[:, :-1] -= across
+    result[:, 1:] += across
+    result[:-1] -= along
+    result[1:] += along
+    return result
+
+
+def against_gradient(
+    descent: FloatArray, y: FloatArray, damping: FloatArray, right: FloatArray, down: FloatArray
+) -> FloatArray:
+    """TᵀW(b − T y) − P y (refinement_step.frag with SLOPE)."""
+    return descent - pull(y, damping, right, down)
+
+
 def refinement_step(
     descent: FloatArray,
     y: FloatArray,
     p: FloatArray,
     step_size: FloatArray,
+    prior: Prior,
     momentum: float,
     over_relaxation: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """One accelerated projected gradient step from y, Tᵀ(b − T y) given; the next p and y (refinement_step.frag).
+    """One accelerated projected gradient step from y, TᵀW(b − T y) given; the next p and y (refinement_step.frag).
 
     A pixel whose step size is 0 stays dark.
     """
-    q = np.where(step_size > 0, np.clip(y + step_size * descent, 0, 1), 0)
+    slope = against_gradient(descent, y, prior.damping, prior.right, prior.down)
+    q = np.where(step_size > 0, np.clip(y + step_size * slope, 0, 1), 0)
     return q, q + momentum * (q - p) + over_relaxation * (q - y)
 
 
@@ -191,9 +216,9 @@ def gap_terms(descent: FloatArray, p: FloatArray) -> FloatArray:
     return np.maximum(-descent * p, descent * (1 - p))
 
 
-def squared_error(residual: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
-    """residual² inside the mask, 0 outside (squared_error.frag)."""
-    return np.where(mask[..., None], residual**2, 0)
+def weighted(picture: FloatArray, weights: FloatArray, *, squared: bool = False) -> FloatArray:
+    """weights · picture, or of its square (weighted.frag)."""
+    return np.asarray((picture**2 if squared else picture) * weights)
 
 
 def block_sum(picture: FloatArray, side: int) -> FloatArray:

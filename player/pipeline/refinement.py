@@ -1,12 +1,13 @@
 """Refinement: a few steps a frame towards the best picture that the projector can show (docs/refinement.md).
 
-Per colour channel, over the camera pixels inside the mask,
+Per colour channel,
 
-    min ½‖T p − b‖²,  0 ≤ p ≤ 1,        b = c − e.
+    min ½ Σ w (T p − b)² + ½ pᵀP p,  0 ≤ p ≤ 1,        b = c − e,
 
-As T ≥ 0, TᵀT ≼ diag(d) with d = TᵀT·1, so a step of s = 1/d never overshoots:
+w how far a camera pixel is trusted, P a prior (player/maps/prior.py). As T ≥ 0, TᵀWT ≼ diag(d) with d = TᵀW T·1, so a
+step of s = 1/(d + the prior's bound) never overshoots:
 
-    q = clamp(y + s Tᵀ(b − T y)),   y ← q + β (q − p) + γ (q − y),   p ← q.
+    q = clamp(y + s (TᵀW(b − T y) − P y)),   y ← q + β (q − p) + γ (q − y),   p ← q.
 
 β is Nesterov's momentum; γ is the over-relaxation of the optimised gradient method (Kim and Fessler 2016). Both are a
 fixed schedule, so that no step waits for a sum over the picture. From a frame to the next the momentum is carried on:
@@ -48,32 +49,43 @@ def momentum(step: int) -> float:
 class Certificate:
     """How far a drive can be from the best one, per colour channel.
 
-    squared_error : (3,) E = ‖T p − b‖² inside the mask.
-    gap : (3,) G = Σ max(g p, g (p − 1)), g = Tᵀ(T p − b): no drive has a ½‖T p − b‖² smaller by more than G.
+    squared_error : (3,) ‖T p − b‖² inside the mask.
+    gap : (3,) G = Σ max(g p, g (p − 1)), g the gradient: no drive's objective is smaller by more than G.
+    weighted_error : (3,) E = Σ w (T p − b)², at most twice the objective; None where it is the squared error.
+    outside : light that the camera does not see, as a share of what the picture throws there without compensation;
+    None where that is nothing, or nobody asked.
     """
 
     squared_error: NDArray[np.float64]
     gap: NDArray[np.float64]
+    weighted_error: NDArray[np.float64] | None = None
+    outside: float | None = None
 
     @property
     def relative(self) -> float:
-        """G over the objective ½E, all channels."""
-        return float(2 * self.gap.sum() / max(self.squared_error.sum(), 1e-300))
+        """G over ½E, all channels."""
+        return float(2 * self.gap.sum() / max(self.error.sum(), 1e-300))
 
     @property
     def decibels(self) -> float:
-        """The PSNR is at most this far below the optimum's; infinite where G says nothing.
+        """The PSNR, by the trusted pixels, is at most this far below the optimum's; infinite where G says nothing.
 
-        The residual is a point of the dual problem; scaling it by its best factor turns G into E* ≥ (E − G)²/E.
+        The residual is a point of the dual problem; scaling it by its best factor turns G into E* ≥ (E − G)²/E. That E
+        leaves the prior's share of the objective out makes the bound more careful still.
         """
-        E, G = self.squared_error, self.gap
+        E, G = self.error, self.gap
         least = np.sum(np.maximum(E - G, 0) ** 2 / np.maximum(E, 1e-300))
         return float(10 * np.log10(max(E.sum(), 1e-300) / least)) if least > 0 else float("inf")
 
+    @property
+    def error(self) -> NDArray[np.float64]:
+        """E, (3,)."""
+        return self.squared_error if self.weighted_error is None else self.weighted_error
+
     def to_dict(self) -> dict[str, float | None]:
         """For JSON, which has no infinity."""
-        bound = self.decibels
-        return {"relative_gap": self.relative, "below_optimum_db": bound if np.isfinite(bound) else None}
+        bound = self.decibels if np.isfinite(self.decibels) else None
+        return {"relative_gap": self.relative, "below_optimum_db": bound, "light_outside": self.outside}
 
     def __str__(self) -> str:
         bound = f"at most {self.decibels:.2g} dB below the optimum" if np.isfinite(self.decibels) else "no bound yet"

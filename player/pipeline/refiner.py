@@ -12,7 +12,7 @@ from counterlight.pipeline.starts import Iterate
 class Refiner:
     """Steps from a drive towards the best one, and says how far from it a drive can be.
 
-    stored : T and Tᵀ, which others read as well.  mask : (camera height, camera width).
+    stored : T and TᵀW, which others read as well.  mask : (camera height, camera width).
     """
 
     def __init__(
@@ -26,8 +26,8 @@ class Refiner:
         own, projector = self._owner.own, maps.dual.output_shape
         try:
             self._slope = own(_Slope(stored, maps))
-            self._step = own(device.stepper(projector, maps.step_size))
-            self._certifier = own(_Certifier(device, projector, mask))
+            self._step = own(device.stepper(projector, maps.step_size, maps.prior))
+            self._certifier = own(_Certifier(device, maps, mask))
         except BaseException:
             self.release()
             raise
@@ -40,17 +40,17 @@ class Refiner:
             p, y = self._step.run(step, descent, y, p)
         return Iterate(p, y, made + steps)
 
-    def certify(self, p: Light, b: Light) -> Certificate:
-        """Measure a drive within 0..1; waits for the GPU."""
+    def certify(self, p: Light, b: Light, plain: Light) -> Certificate:
+        """Measure a drive within 0..1; waits for the GPU.  plain : the drive without compensation."""
         residual, descent = self._slope.run(p, b)
-        return self._certifier.run(residual, descent, p)
+        return self._certifier.run(residual, descent, p, plain)
 
     def release(self) -> None:
         self._owner.release()
 
 
 class _Slope:
-    """b − T y and Tᵀ(b − T y), T = S + U M D."""
+    """b − T y and TᵀW (b − T y), T = S + U M D."""
 
     def __init__(self, stored: StoredMaps, maps: RefinementMaps) -> None:
         self._owner = Owner()
@@ -74,20 +74,40 @@ class _Slope:
 
 
 class _Certifier:
-    """The gap and the squared error, summed over the picture and read back."""
+    """The gap, the errors and the light outside, summed over the picture and read back."""
 
-    def __init__(self, device: Device, projector: tuple[int, int], mask: NDArray[np.bool_]) -> None:
-        camera = mask.shape[0], mask.shape[1]
+    def __init__(self, device: Device, maps: RefinementMaps, mask: NDArray[np.bool_]) -> None:
+        camera, projector = (mask.shape[0], mask.shape[1]), maps.dual.output_shape
         self._owner = Owner()
         own = self._owner.own
+        self._downhill = own(device.make_pass("refinement_step.frag", projector, {"SLOPE": None}))
+        self._prior = {name: own(device.picture(picture)) for name, picture in vars(maps.prior).items()}
         self._gap = own(device.make_pass("gap.frag", projector))
-        self._squared = own(device.make_pass("squared_error.frag", camera))
-        self._mask = own(device.mask(mask))
-        self._of_gap, self._of_squares = own(device.total(projector)), own(device.total(camera))
+        self._squared = own(device.make_pass("weighted.frag", camera, {"SQUARED": None}))
+        self._weighted = own(device.make_pass("weighted.frag", projector))
+        self._mask, self._weights, self._unseen = (
+            own(device.picture(grey(values))) for values in (mask, maps.weights, 1 - np.minimum(maps.seen, 1))
+        )
+        self._of_projector, self._of_camera = own(device.total(projector)), own(device.total(camera))
 
-    def run(self, residual: Light, descent: Light, p: Light) -> Certificate:
-        gap = self._of_gap.run(self._gap.run(descent=descent, p=p))
-        return Certificate(self._of_squares.run(self._squared.run(residual=residual, mask=self._mask)), gap)
+    def run(self, residual: Light, descent: Light, p: Light, plain: Light) -> Certificate:
+        gap = self._of_projector.run(
+            self._gap.run(descent=self._downhill.run(descent=descent, y=p, **self._prior), p=p)
+        )
+        inside, weighted = (
+            self._of_camera.run(self._squared.run(picture=residual, weights=weights))
+            for weights in (self._mask, self._weights)
+        )
+        beside, usual = (
+            float(np.sum(self._of_projector.run(self._weighted.run(picture=drive, weights=self._unseen))))
+            for drive in (p, plain)
+        )
+        return Certificate(inside, gap, weighted, beside / usual if usual > 0 else None)
 
     def release(self) -> None:
         self._owner.release()
+
+
+def grey(values: NDArray[np.generic]) -> NDArray[np.float32]:
+    """(height, width) as a picture."""
+    return np.repeat(values[..., None].astype(np.float32), 3, axis=2)

@@ -152,7 +152,7 @@ class Renderer:
         """
         if self._refiner is None or self._compensated is None:
             return None
-        return self._refiner.certify(*self._compensated)
+        return self._refiner.certify(*self._compensated, self._request.plain(self._decoded))
 
     def release(self) -> None:
         """Give back what the renderer holds."""

@@ -37,7 +37,7 @@ class Request:
         own = self._owner.own
         try:
             self._black = own(device.picture(np.zeros((*self._projector, 3), np.float32)))
-            self._desired = own(device.make_pass("desired.frag", self._camera))
+            self._desired = own(device.make_pass("desired.frag", self._camera, {"REACH": None}))
             self._plain = own(device.make_pass("desired.frag", self._projector, {"CLAMP": None}))
         except BaseException:
             self._owner.release()
@@ -53,6 +53,7 @@ class Request:
         self._desired.set(white=1.0 if self._radiance else self._room.white)
         self._plain.set(white=self._unit)
         self._adjustments = NEUTRAL
+        _ = self._maps.reach  # made now, so that no frame makes it
         self.adjust(adjustments)
 
     def adjust(self, adjustments: Adjustments) -> None:
@@ -75,9 +76,9 @@ class Request:
         """b = c − e of a decoded picture."""
         placed = (self._fitter if self._adjustments.corners is None else self._pinner).run(picture)
         if not self._toned:
-            return self._desired.run(picture=placed, ambient=self._ambient)
+            return self._desired.run(picture=placed, ambient=self._ambient, reach=self._maps.reach)
         tone = self._adapter.run(placed) if self._adjustments.adapt else self._no_tone
-        return self._toned_desired.run(picture=placed, ambient=self._ambient, tone=tone)
+        return self._toned_desired.run(picture=placed, ambient=self._ambient, tone=tone, reach=self._maps.reach)
 
     def plain(self, picture: Light) -> Light:
         """The drive without compensation: the test card, or the picture as it fits the projector."""
@@ -118,7 +119,7 @@ class Request:
     @cached_property
     def _toned_desired(self) -> Pass:
         return self._owner.own(
-            self._device.make_pass("desired.frag", self._camera, {"TONE": None}, white=self._room.white)
+            self._device.make_pass("desired.frag", self._camera, {"TONE": None, "REACH": None}, white=self._room.white)
         )
 
     @cached_property

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from counterlight.overlay.osd import Histogram, Page
+from counterlight.pipeline.refinement import Certificate
 from counterlight.show.session import Session
 from counterlight.show.stats import LATE_LABELS
 
@@ -27,11 +28,18 @@ def stats_page(session: Session, message: str) -> Page:
         "time\t" + ", ".join(f"{stage} {stats.median_ms(stage):.1f} ms" for stage in STAGES),
         f"GPU path\t{session.renderer.path}",
         f"refinement\t{session.steps} steps" + (f", {certificate}" if certificate is not None else ""),
+        *_outside(certificate),
         f"judder\tmedian {stats.median_ms('judder'):.1f} ms, 95 % below {stats.percentile_ms('judder', 95):.1f} ms",
         *([message] if message else []),
         "frames by how late they were shown:",
     ]
     return Page(tuple(lines), Histogram((*stats.late_counts, stats.dropped), (*LATE_LABELS, "dropped")))
+
+
+def _outside(certificate: Certificate | None) -> list[str]:
+    if certificate is None or certificate.outside is None:
+        return []
+    return [f"light outside\t{100 * certificate.outside:.0f} % of what the picture throws there without compensation"]
 
 
 def position(session: Session) -> str:
@@ -61,6 +69,7 @@ def facts(session: Session) -> dict[str, Any]:
         "refine": session.steps,
         "gap": gap.get("relative_gap"),
         "gap_db": gap.get("below_optimum_db"),
+        "light_outside": gap.get("light_outside"),
     }
 
 

@@ -73,7 +73,7 @@ class StudyRoom:
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        return directly_lit(self.room.transport, self.room.ambient)
+        return directly_lit(self.room.transport, self.room.ambient, self.room.projector)
 
     def compensated(self, transport: Transport, ambient: NDArray[np.floating], detail: int) -> float:
         """Mean PSNR in dB of the box optimum of some T and e, seen in this room."""

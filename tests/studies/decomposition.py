@@ -52,7 +52,7 @@ class StudyRoom:
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        return directly_lit(self.transport, self.ambient)
+        return directly_lit(self.transport, self.ambient, self.projector)
 
     @property
     def white(self) -> float:

@@ -74,7 +74,7 @@ def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> tupl
     done = acquire(camera, store, plan.make_scheme, plan.projector, plan.response)
     transport, ambient = done.measured.transport, np.maximum(done.room.black, 0).astype(np.float32)
     shape = ambient.shape
-    mask = directly_lit(transport, ambient) & ~done.room.saturated
+    mask = directly_lit(transport, ambient, plan.projector, done.room.rise_noise) & ~done.room.saturated
     if not mask.any():
         raise InputError(
             "no camera pixel is clearly lit by single projector pixels; lower --threshold, or darken the room"

@@ -70,7 +70,7 @@ def import_matrices_room(
         negative = tuple(map(keep_light, matrices, files.matrices))
         transport = Transport.from_matrices(matrices, camera=camera.shape, projector=projector.shape)
         ambient = read_ambient(files.ambient, camera)
-        mask = _mask(files.mask, camera, transport, ambient)
+        mask = _mask(files.mask, camera, projector, transport, ambient)
         named = folder.name if name is None else name
         write_transport(transport, stage)
         calibration.write(Calibration(named, _provenance(files), (projector,), camera, ambient, mask), stage)
@@ -128,12 +128,14 @@ def keep_light(matrix: Csr, where: Path | str) -> int:
     return count
 
 
-def _mask(path: Path | None, camera: Device, transport: Transport, ambient: NDArray[np.float32]) -> NDArray[np.bool_]:
+def _mask(
+    path: Path | None, camera: Device, projector: Device, transport: Transport, ambient: NDArray[np.float32]
+) -> NDArray[np.bool_]:
     if path is not None:
         mask = calibration.read_mask_picture(path, camera)
         fix = "make the pixels that count white"
     else:
-        mask = directly_lit(transport, ambient)
+        mask = directly_lit(transport, ambient, projector.shape)
         fix = "check the unit of --ambient against the matrices, or name the pixels that count with --mask"
     if not mask.any():
         raise InputError(f"{path or 'the default mask'}: no camera pixel counts, expected at least 1; {fix}")

@@ -21,6 +21,7 @@ from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.movement import refuse_moved
 from counterlight.tools.acquisition.plan import Codes, measure_noise
 from counterlight.tools.solve.registry import prepare
+from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions, objective_of
 from counterlight.tools.transport.storage import read_transport
 
 REFERENCES = 2  # captures of black and of white each
@@ -57,11 +58,19 @@ class Verification:
     """
 
     def __init__(
-        self, camera: Camera, stored: StoredCalibration, picture: FloatArray, *, radiance: bool, solver: str
+        self,
+        camera: Camera,
+        stored: StoredCalibration,
+        picture: FloatArray,
+        *,
+        radiance: bool,
+        solver: str,
+        aims: ObjectiveOptions = DEFAULT_AIMS,
     ) -> None:
         self._camera, self._room, self._solver = camera, stored.calibration, solver
         self._transport = read_transport(stored)
-        self._box = prepare("box", self._transport, self._room.mask)
+        objective = objective_of(self._transport, self._room, aims)
+        self._box = prepare("box", self._transport, self._room.mask, objective)
         self._T_pinv = compensation(read_maps(stored)) if solver == "map" else None
         self._flood = self._transport.floodlight(self._room.ambient)
         self.white = reachable_white(self._flood, self._room.mask)

@@ -11,17 +11,21 @@ from counterlight.tools.clusters.blocks import Batch, ClusterBlocks, Entries
 from counterlight.tools.clusters.components import Clusters
 from counterlight.tools.inverse.noise import cut_off
 from counterlight.tools.inverse.pieces import Piece, Truncation, truncated_piece
+from counterlight.tools.inverse.priors import PriorBlocks
 from counterlight.tools.transport.transport import Csr
 
 BATCH_VALUES = 1 << 22  # float64 values of one batch of blocks (32 MiB); see memory.py for what a batch needs at work
 SMALLEST_SQUARED = 1e-5  # λ/σ₁ below which TᵀT + λ²I, of condition (σ₁/λ)², would leave fewer than six digits
 
 
-def damped_inverse(T: FloatArray, damping: FloatArray, noise: float = 0.0) -> FloatArray:
-    """Regularised pseudo-inverses T⁺ = (TᵀT + λ²I)⁻¹Tᵀ of a batch of blocks (docs/mathematics.md 2).
+def damped_inverse(
+    T: FloatArray, damping: FloatArray, noise: float = 0.0, prior: FloatArray | None = None
+) -> FloatArray:
+    """Regularised pseudo-inverses T⁺ = (TᵀT + P + λ²I)⁻¹Tᵀ of a batch of blocks (docs/mathematics.md 2).
 
     T : (…, camera pixels, projector pixels).  damping : broadcast to (…,), λ itself; 0 gives Moore-Penrose by SVD,
     without the singular values that are noise.  noise : share of T's entries, 0 if rounding is all (noise.py).
+    prior : P, (…, projector pixels, projector pixels); not with so little damping that singular values are asked for.
     Returns (…, projector pixels, camera pixels).
     """
     rows, columns = T.shape[-2:]
@@ -30,6 +34,8 @@ def damped_inverse(T: FloatArray, damping: FloatArray, noise: float = 0.0) -> Fl
         return _by_singular_values(T, damping, noise)
     transposed = np.swapaxes(T, -1, -2)
     squared = damping[..., None, None] ** 2
+    if prior is not None:
+        return np.asarray(np.linalg.solve(transposed @ T + prior + squared * np.eye(columns), transposed))
     if rows < columns:  # Tᵀ(TTᵀ + λ²I)⁻¹ is the same matrix with the smaller system to solve
         return np.asarray(np.swapaxes(np.linalg.solve(T @ transposed + squared * np.eye(rows), T), -1, -2))
     return np.asarray(np.linalg.solve(transposed @ T + squared * np.eye(columns), transposed))
@@ -50,15 +56,18 @@ def clustered_jobs(
     damping: FloatArray,
     noise: float,
     truncation: Truncation,
+    priors: tuple[Csr, ...] | None = None,
 ) -> Iterator[Callable[[], Piece]]:
     """Jobs that invert the chosen clusters, each a batch of blocks of one shape.
 
     matrices : T for red, green and blue.  chosen : (clusters,).  damping : (3,) λ.  noise : share of T's entries.
+    priors : P of each, without ties between clusters.
     """
     blocks = ClusterBlocks(clusters, chosen)
     entries = [blocks.entries(T) for T in matrices]
+    drawn = None if priors is None else PriorBlocks(priors, clusters, chosen)
     for batch in blocks.batches(BATCH_VALUES):
-        yield partial(_invert, blocks, entries, batch, damping, noise, truncation)
+        yield partial(_invert, blocks, entries, batch, damping, noise, truncation, drawn)
 
 
 def _invert(
@@ -68,9 +77,11 @@ def _invert(
     damping: FloatArray,
     noise: float,
     truncation: Truncation,
+    drawn: PriorBlocks | None,
 ) -> Piece:
+    priors = [None] * len(entries) if drawn is None else drawn.dense(batch)
     inverses = [
-        damped_inverse(blocks.dense(channel, batch), damp, noise)
-        for channel, damp in zip(entries, damping, strict=True)
+        damped_inverse(blocks.dense(channel, batch), damp, noise, prior)
+        for channel, damp, prior in zip(entries, damping, priors, strict=True)
     ]
     return truncated_piece(batch.projector, batch.camera, np.stack(inverses), truncation)

@@ -30,16 +30,17 @@ class DampingChoice:
 
 
 def choose_damping(
-    T: Csr, white: float, mask: NDArray[np.bool_], judge: Csr | None = None, floor: float = 0.0
+    T: Csr, white: float | FloatArray, mask: NDArray[np.bool_], judge: Csr | None = None, floor: float = 0.0
 ) -> DampingChoice:
     """Try every candidate on the typical pictures and keep the best.
 
     T : (camera pixels, projector pixels), what is inverted, rows outside the mask empty.
     judge : the transport that says what the camera sees, if T is a decomposed one.  mask : (camera height, width).
+    white : the radiance of a white picture, (camera height, width) where T's rows are weighted.
     floor : the noise of T as a fraction of σ₁; no candidate is below it.
     """
     inside = mask.ravel()
-    targets = [np.where(inside, white * picture.ravel(), 0.0) for picture in typical_pictures(mask.shape)]
+    targets = [np.where(inside, (white * picture).ravel(), 0.0) for picture in typical_pictures(mask.shape)]
     candidates = sorted({max(candidate, floor) for candidate in CANDIDATES})
     lambdas = largest_singular_value(T) * np.array(candidates)
     products = Products(T)

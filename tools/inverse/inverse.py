@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Region
 from counterlight.errors import InputError
+from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.choices import INVERSE_METHODS
 from counterlight.tools.clusters.components import Clusters, find_clusters
@@ -24,8 +25,10 @@ from counterlight.tools.inverse.damping import DampingChoice, choose_damping
 from counterlight.tools.inverse.method import Method, choose_method
 from counterlight.tools.inverse.noise import noise_of_matrix
 from counterlight.tools.inverse.pieces import Piece, Truncation, join
+from counterlight.tools.inverse.priors import prior_matrices
 from counterlight.tools.inverse.windowed import FINEST_TOLERANCE, WindowedChannel, plan_windows, windowed_jobs
 from counterlight.tools.jobs import run_jobs
+from counterlight.tools.transport.objective import scaled
 from counterlight.tools.transport.transport import CHANNELS, Csr, channels, luminance_matrix
 
 GOLDEN_RATIO = (np.sqrt(5) - 1) / 2
@@ -104,14 +107,19 @@ def invert_near_light(
     white: float,
     options: InverseOptions,
     regions: Sequence[Region] = (),
+    weights: FloatArray | None = None,
+    prior: Prior | None = None,
 ) -> Inverse:
-    """Invert the near light inside the mask; the result's columns outside the mask are empty.
+    """(TᵀWT + P + λ²I)⁻¹TᵀW of the near light inside the mask; the result's columns outside the mask are empty.
 
     near : T, (camera pixels, projector pixels).  mask : (camera height, camera width).
     reach : (camera pixels, 3), the largest |c − e| of a picture; within it the certified bound holds.
     white : the radiance of a white picture.  regions : of several projectors in one raster.
+    weights : W's diagonal, (camera pixels,), 1 if nobody says; 0 outside the mask.
+    prior : P; the plain inverse (λ = 0) knows none.
     """
-    near = near.inside(mask.ravel())
+    roots = mask.ravel().astype(np.float64) if weights is None else np.sqrt(weights)
+    near, reach = scaled(near, roots), reach * roots[:, None]
     refuse_not_finite(near, np.zeros((1, len(CHANNELS))))
     whole = light = luminance_matrix(near)
     if whole.nnz == 0:
@@ -127,19 +135,21 @@ def invert_near_light(
     method = choose_method(clusters, options.method, options.damping)
     memory.check_whole(clusters, ~method.windowed)
     sigmas = _largest_singular_values(matrices)
-    choice = _choose_damping(matrices, sigmas, light, whole, white, mask, options)
+    choice = _choose_damping(matrices, sigmas, light, whole, white * roots.reshape(mask.shape), mask, options)
     lambdas = choice.damping * sigmas
+    priors = None if prior is None or choice.damping == 0 else prior_matrices(prior, clusters.projector)
     truncation = Truncation(reach, options.max_error / 255)
     tolerance = max(truncation.budget, FINEST_TOLERANCE)
-    jobs = [clustered_jobs(matrices, clusters, ~method.windowed, lambdas, options.noise, truncation)]
+    jobs = [clustered_jobs(matrices, clusters, ~method.windowed, lambdas, options.noise, truncation, priors)]
     if method.windowed.any():
         member = np.isin(clusters.projector, np.flatnonzero(method.windowed)).reshape(projector_shape)
-        jobs.append(_windowed(matrices, lambdas, member, truncation, tolerance, regions))
+        jobs.append(_windowed(matrices, lambdas, priors, member, truncation, tolerance, regions))
     pieces = _run(list(chain(*jobs)), int(clusters.projector_sizes.sum()))
     joined = join(pieces, near.shape[::-1])
+    rows = replace(joined.rows, weights=joined.rows.weights * roots[joined.rows.indices, None].astype(np.float32))
     halos = np.array([piece.halo for piece in pieces if piece.halo], np.int64)
     return Inverse(
-        joined.rows,
+        rows,
         joined.changed,
         clusters,
         decomposition,
@@ -174,7 +184,7 @@ def _choose_damping(
     sigmas: FloatArray,
     light: Csr,
     whole: Csr,
-    white: float,
+    white: FloatArray,
     mask: NDArray[np.bool_],
     options: InverseOptions,
 ) -> DampingChoice:
@@ -190,13 +200,16 @@ def _choose_damping(
 def _windowed(
     matrices: tuple[Csr, ...],
     lambdas: FloatArray,
+    priors: tuple[Csr, ...] | None,
     member: NDArray[np.bool_],
     truncation: Truncation,
     tolerance: float,
     regions: Sequence[Region],
 ) -> Iterator[Callable[[], Piece]]:
     memory.check_windows(matrices[1], int(member.sum()))
-    channels = tuple(WindowedChannel(T, float(damp)) for T, damp in zip(matrices, lambdas, strict=True))
+    drawn = priors or (None,) * len(matrices)
+    parts = zip(matrices, lambdas, drawn, strict=True)
+    channels = tuple(WindowedChannel(T, float(damp), each) for T, damp, each in parts)
     windows = plan_windows(channels[1], member, tolerance, regions)
     return windowed_jobs(channels, windows, truncation, tolerance)
 

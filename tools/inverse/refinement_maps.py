@@ -1,15 +1,13 @@
-"""Packing of far light, and of what refinement needs beside T (pipeline/refinement.py): Tᵀ, step sizes, a start."""
+"""Packing of far light, and of what refinement needs beside T (pipeline/refinement.py): TᵀW, steps, prior, a start."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
-from counterlight.calibration import Calibration
+from counterlight.maps.prior import Prior
 from counterlight.maps.room_maps import FarMaps, RefinementMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack
-from counterlight.tools.transport.transport import FarLight, Transport, dense_rows, luminance
-
-FAINTEST = 1e-12  # of the largest: a projector pixel whose TᵀT·1 is below lights nothing, and its step would overflow
+from counterlight.tools.transport.objective import FAINTEST, Objective
+from counterlight.tools.transport.transport import FarLight, dense_rows, luminance
 
 
 def pack_far(far: FarLight, output: tuple[int, int], source: tuple[int, int], scatter: RowMap | None = None) -> FarMaps:
@@ -22,22 +20,25 @@ def pack_far(far: FarLight, output: tuple[int, int], source: tuple[int, int], sc
     )
 
 
-def refinement_maps(transport: Transport, calibration: Calibration) -> RefinementMaps:
-    """Pack Tᵀ of the camera pixels inside the mask, and what refinement starts and steps with."""
-    camera, projector = calibration.camera.shape, calibration.projector.shape
-    dual, composition = transport.inside(calibration.mask).T, transport.composition()
+def refinement_maps(objective: Objective, camera: tuple[int, int], projector: tuple[int, int]) -> RefinementMaps:
+    """Pack TᵀW, and what refinement starts and steps with; camera, projector : (height, width)."""
+    dual, composition, prior = objective.dual, objective.T.composition(), objective.prior
     return RefinementMaps(
         pack(dual.near, projector, camera),
         None if dual.far is None else pack_far(dual.far, projector, camera),
-        pack(_direct_mapping(dual.near, composition), projector, camera),
-        _step_size(dual.apply(composition)).reshape(*projector, 3),
+        pack(_direct_mapping(dual.near, composition, objective.heard), projector, camera),
+        objective.step_size.astype(np.float32).reshape(*projector, 3),
+        Prior.none(projector) if prior is None else prior,
+        objective.weights.astype(np.float32).reshape(camera),
+        objective.seen.astype(np.float32).reshape(projector),
     )
 
 
-def _direct_mapping(dual: SparseRows, composition: FloatArray) -> SparseRows:
+def _direct_mapping(dual: SparseRows, composition: FloatArray, heard: FloatArray) -> SparseRows:
     """p_j = b_i / (T·1)_i at the camera pixel i that projector pixel j lights most (thesis 6.1).
 
-    dual : near Tᵀ, (projector pixels, camera pixels).  composition : T·1, (camera pixels, 3).
+    dual : near TᵀW, (projector pixels, camera pixels).  composition : T·1, (camera pixels, 3).  heard : (projector
+    pixels, 3), what is left of it beside the prior.
     """
     rows = dual.rows
     order = np.lexsort((luminance(dual.weights), rows))
@@ -45,10 +46,6 @@ def _direct_mapping(dual: SparseRows, composition: FloatArray) -> SparseRows:
     chosen = dual.indices[strongest]
     light = composition[chosen]
     inverse = np.divide(1.0, light, out=np.zeros_like(light), where=light > FAINTEST * composition.max(initial=0.0))
+    inverse = inverse * heard[rows[strongest]]
     starts = np.searchsorted(rows[strongest], np.arange(dual.indptr.size))
     return SparseRows(starts, chosen, inverse.astype(np.float32), dual.columns)
-
-
-def _step_size(d: FloatArray) -> NDArray[np.float32]:
-    """1 / d; 0 where nothing is lit."""
-    return np.divide(1.0, d, out=np.zeros_like(d), where=d > FAINTEST * d.max(initial=0.0)).astype(np.float32)

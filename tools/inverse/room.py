@@ -13,34 +13,50 @@ from counterlight.pipeline.content import reachable_white
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.refinement_maps import pack_far, refinement_maps
+from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
 
 
 @dataclass(frozen=True)
 class BuiltRoom:
-    """A room, what was found and its maps; `summary` is one line."""
+    """A room, what was found and its maps; `summary` is one line.
+
+    light_outside : of a white picture, drive of what the camera does not see, as a share of plain projection's.
+    """
 
     calibration: Calibration
     transport: Transport
     inverse: Inverse
     maps: RoomMaps
     summary: str
+    light_outside: float | None
 
 
-def build_room_maps(stored: StoredCalibration, options: InverseOptions, *, refine: bool = True) -> BuiltRoom:
+def build_room_maps(
+    stored: StoredCalibration,
+    options: InverseOptions,
+    aims: ObjectiveOptions = DEFAULT_AIMS,
+    *,
+    refine: bool = True,
+) -> BuiltRoom:
     """Build and write every row map of a calibration; those that only refinement needs if `refine`.
 
     Raises InputError at once if another process is building them.
     """
     with maps.replacing(stored) as stage:
-        built = build_maps(read_transport(stored), stored.calibration, options, refine=refine)
+        built = build_maps(read_transport(stored), stored.calibration, options, aims, refine=refine)
         maps.write_maps(built.maps, stored, stage)
     return built
 
 
 def build_maps(
-    transport: Transport, calibration: Calibration, options: InverseOptions, *, refine: bool = True
+    transport: Transport,
+    calibration: Calibration,
+    options: InverseOptions,
+    aims: ObjectiveOptions = DEFAULT_AIMS,
+    *,
+    refine: bool = True,
 ) -> BuiltRoom:
     """Every row map of a room in memory; nothing is read or written.
 
@@ -50,14 +66,31 @@ def build_maps(
     white = reachable_white(transport.floodlight(calibration.ambient), calibration.mask)
     maps.check_white(white)
     reach = np.maximum(white, calibration.ambient.reshape(-1, 3)).astype(np.float64)
-    inverse = invert_near_light(transport.near, calibration.mask, projector, reach, white, options, calibration.regions)
+    objective = objective_of(transport, calibration, aims)
+    inverse = invert_near_light(
+        transport.near,
+        (objective.weights > 0).reshape(camera),
+        projector,
+        reach,
+        white,
+        options,
+        calibration.regions,
+        objective.weights,
+        objective.prior,
+    )
     correction = pack(inverse.T_pinv, projector, camera)
     far, undo = _pack_far_light(transport, inverse, camera, projector)
-    details = _details(inverse, correction, transport, options)
-    further = refinement_maps(transport, calibration) if refine else None
+    details = _details(inverse, correction, transport, options, aims)
+    further = refinement_maps(objective, camera, projector) if refine else None
     observe = pack(transport.near, camera, projector)
     packed = RoomMaps(correction, observe, far, undo, white, details, further)
-    return BuiltRoom(calibration, transport, inverse, packed, _summary(inverse, packed))
+    outside = _light_outside(objective, inverse, packed, calibration)
+    return BuiltRoom(calibration, transport, inverse, packed, _summary(inverse, packed, outside), outside)
+
+
+def _light_outside(objective: Objective, inverse: Inverse, packed: RoomMaps, calibration: Calibration) -> float | None:
+    white = objective.bounded((packed.white - calibration.ambient).reshape(-1, 3).astype(np.float64))
+    return objective.light_outside(np.clip(inverse.T_pinv.apply(white), 0, 1))
 
 
 def _pack_far_light(
@@ -70,7 +103,9 @@ def _pack_far_light(
     return far, pack_far(undo, camera, camera, far.scatter)
 
 
-def _details(inverse: Inverse, correction: RowMap, transport: Transport, options: InverseOptions) -> dict[str, Any]:
+def _details(
+    inverse: Inverse, correction: RowMap, transport: Transport, options: InverseOptions, aims: ObjectiveOptions
+) -> dict[str, Any]:
     """What the manifest says beside the maps: options, what was found, and the bounds that hold."""
     camera_bound = transport.apply(inverse.truncation)
     lengths = correction.lookup[..., 2]
@@ -80,6 +115,7 @@ def _details(inverse: Inverse, correction: RowMap, transport: Transport, options
             "max_error_codes": options.max_error,
             "method": options.method,
             "noise": options.noise,
+            **asdict(aims),
             **({} if options.max_cluster is None else {"max_cluster": options.max_cluster}),
         },
         **_decomposition(inverse),
@@ -120,9 +156,10 @@ def _decomposition(inverse: Inverse) -> dict[str, Any]:
     return {"decomposition": asdict(parameters) | asdict(report)}
 
 
-def _summary(inverse: Inverse, packed: RoomMaps) -> str:
+def _summary(inverse: Inverse, packed: RoomMaps, outside: float | None) -> str:
     clusters, correction = inverse.clusters, packed.correction
     texture = f"{correction.entries.shape[1]}x{correction.entries.shape[0]}"
+    beside = "" if outside is None else f", light outside {100 * outside:.0f} % of plain projection's"
     chosen = " (auto)" if inverse.damping_errors else ""
     cut, doubt = "", ""
     worst = float(inverse.residual.max(initial=0.0))
@@ -136,5 +173,5 @@ def _summary(inverse: Inverse, packed: RoomMaps) -> str:
         f"{cut}{clusters.count} clusters, largest {inverse.largest_cluster[0]} camera x "
         f"{inverse.largest_cluster[1]} projector pixels, {inverse.method}, λ {inverse.damping:g} σ₁{chosen}, "
         f"{doubt}{correction.count} entries, texture {texture}, fill {100 * correction.fill:.1f} %, "
-        f"{sum(m.nbytes for m in packed.named().values()) / 2**20:.1f} MiB of maps"
+        f"{sum(m.nbytes for m in packed.named().values()) / 2**20:.1f} MiB of maps{beside}"
     )

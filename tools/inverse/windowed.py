@@ -1,10 +1,10 @@
 """Large clusters inverted through overlapping windows of the projector picture.
 
 Rows of a damped inverse decay: what a projector pixel needs to know lies within a few pixels around it. So each block
-of pixels solves the normal equations N x = 1_i, N = TᵀT + λ²I, of a window, the block and a halo, and keeps the block's
-rows x Tᵀ. What is left, r = N x − 1_i, lies just outside the window, and for any picture the drive differs from that of
-the exact inverse by rᵀ p*, p* the exact drive (docs/mathematics.md 2). The halo grows, block by block and channel by
-channel, until ‖r‖₁ is within the tolerance.
+of pixels solves the normal equations N x = 1_i, N = TᵀT + P + λ²I, of a window, the block and a halo, and keeps the
+block's rows x Tᵀ. What is left, r = N x − 1_i, lies just outside the window, and for any picture the drive differs from
+that of the exact inverse by rᵀ p*, p* the exact drive (docs/mathematics.md 2). The halo grows, block by block and
+channel by channel, until ‖r‖₁ is within the tolerance.
 
 Of several projectors in one raster, a block's neighbours are also the others' pixels that light the same places.
 """
@@ -45,16 +45,17 @@ class WindowRows:
 
 
 class WindowedChannel:
-    """One colour channel of large clusters: T by columns and the normal matrix TᵀT + λ²I, from which windows are cut.
+    """One colour channel of large clusters: T by columns, and N = TᵀT + P + λ²I, from which windows are cut.
 
-    T : (camera pixels, projector pixels).  damping : λ > 0.
+    T : (camera pixels, projector pixels).  damping : λ > 0.  prior : P, (projector pixels, projector pixels).
     """
 
-    def __init__(self, T: Csr, damping: float) -> None:
+    def __init__(self, T: Csr, damping: float, prior: Csr | None = None) -> None:
         wide = T.astype(np.float64)
         self.camera_pixels = int(np.count_nonzero(np.diff(T.indptr)))
         self._columns = sparse.csc_array(wide)
-        self._normal = sparse.csr_array(wide.T @ wide + damping**2 * sparse.eye_array(T.shape[1]))
+        normal = wide.T @ wide + damping**2 * sparse.eye_array(T.shape[1])
+        self._normal = sparse.csr_array(normal if prior is None else normal + prior)
 
     def solve(self, block: IntArray, window: IntArray) -> WindowRows:
         """Rows `block` of T⁺ computed on `window` ⊇ block (sorted projector pixels)."""

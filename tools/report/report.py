@@ -112,6 +112,7 @@ def _figures(built: BuiltRoom, impossible: Impossible, found: list[Spectrum]) ->
         "projector": {"width": calibration.projector.width, "height": calibration.projector.height},
         "white": built.maps.white,
         "floodlight_inside_mask": _percentiles(floodlight[calibration.mask]),
+        "light_outside": built.light_outside,
         "near_entries": [int(n) for n in np.count_nonzero(built.transport.near.weights, axis=0)],
         "far_cells": built.transport.far.cells if built.transport.far else 0,
         "clusters": {

@@ -14,7 +14,7 @@ from counterlight.tools.transport.storage import write_transport
 
 def simulated_calibration(scene: Scene, result: Simulated) -> Calibration:
     """What a room says beside its transport; the mask holds the camera pixels that the projector lights directly."""
-    mask = directly_lit(result.transport, result.ambient)
+    mask = directly_lit(result.transport, result.ambient, (scene.projector.height, scene.projector.width))
     if not mask.any():
         raise InputError(
             f"{scene.name}: the projector raises no camera pixel clearly above the ambient light; dim that"

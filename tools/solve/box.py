@@ -1,6 +1,7 @@
-"""The best picture that a projector can show: min ½‖T p − b‖², 0 ≤ p ≤ 1, to a stated gap (docs/mathematics.md 2).
+"""The best picture that a projector can show: the objective's minimum (tools/transport/objective.py), to a stated gap.
 
-As T ≥ 0, TᵀT ≼ diag(d), d = TᵀT·1: a step −Tᵀ(T p − b)/d never overshoots, whatever T is scaled by. Nesterov's momentum
+Of T alone, min ½‖T p − b‖², 0 ≤ p ≤ 1. As T ≥ 0, TᵀT ≼ diag(d), d = TᵀT·1: a step −Tᵀ(T p − b)/d never overshoots,
+whatever T is scaled by, and likewise with weights and a prior. Nesterov's momentum
 with the gradient restart of O'Donoghue and Candès (2015) and most of the over-relaxation of the optimised gradient
 method (Kim and Fessler 2016) make it fast. With g the gradient at p, convexity gives
 f(p) − f* ≤ Σ max(g p, g (p − 1)), which certifies how far the optimum can be.
@@ -12,15 +13,14 @@ import numpy as np
 from counterlight.arrays import FloatArray
 from counterlight.command import track
 from counterlight.maps.products import LARGE, compiled
-from counterlight.pipeline.refinement import Certificate
 from counterlight.tools.solve.solution import Solution
+from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import CHANNELS, Transport
 
 TOLERANCE = 1e-4
 MOST_STEPS, MOST_CHEAP_STEPS = 2000, 20_000
 CHECK_EVERY = 20
 OVER_RELAXATION = 0.9
-FINEST = 1e-6  # of ½‖b‖²: an error 60 dB below the target needs no finer certificate
 
 
 class Box:
@@ -31,15 +31,15 @@ class Box:
     """
 
     def __init__(
-        self, T: Transport, upper: float = 1.0, tolerance: float = TOLERANCE, most_steps: int | None = None
+        self, T: Transport | Objective, upper: float = 1.0, tolerance: float = TOLERANCE, most_steps: int | None = None
     ) -> None:
-        self._T, self._upper, self._tolerance = T, upper, tolerance
-        self._large = 3 * T.shape[1] >= LARGE
+        """T : of the camera pixels that count, each like the others; or an objective that weighs them."""
+        self._objective = T if isinstance(T, Objective) else Objective.plain(T)
+        self._upper, self._tolerance, self._step = upper, tolerance, self._objective.step_size
+        self._large = self._step.size >= LARGE
         if most_steps is None:
             most_steps = MOST_STEPS if self._large else MOST_CHEAP_STEPS
         self._rounds = -(-most_steps // CHECK_EVERY)
-        d = T.apply_transpose(T.composition())
-        self._step = np.divide(1.0, d, out=np.zeros_like(d), where=d > 0)
 
     def solve(self, b: FloatArray) -> Solution:
         """b : (camera pixels, 3), 0 where T has no row."""
@@ -48,6 +48,7 @@ class Box:
 
     def run(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
         """p (projector pixels, 3), and a note for each channel."""
+        b = self._objective.bounded(b)
         p = np.where(self._step > 0, 0.5, 0.0)
         y, momentum, steps = p, np.ones(3), 0
         projected, extrapolated = _PROJECTED[self._large], _EXTRAPOLATED[self._large]
@@ -56,8 +57,7 @@ class Box:
             if (gap <= self._tolerance).all():
                 break
             for _ in range(CHECK_EVERY):
-                descent = self._T.apply_transpose(b - self._T.apply(y))
-                following, against = projected(y, p, descent, self._step, self._upper)
+                following, against = projected(y, p, self._objective.descent(y, b), self._step, self._upper)
                 momentum[against > 0] = 1.0
                 larger = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
                 y = extrapolated(y, p, following, (momentum - 1) / larger)
@@ -70,7 +70,7 @@ class Box:
         )
 
     def _relative_gap(self, b: FloatArray, p: FloatArray) -> FloatArray:
-        return relative_gap(certificate(self._T, b, p, self._upper), b)
+        return self._objective.relative_gap(p, b, self._upper)
 
 
 def _projected(
@@ -99,18 +99,3 @@ def _extrapolated(y: FloatArray, p: FloatArray, following: FloatArray, momentum:
 
 
 _PROJECTED, _EXTRAPOLATED = compiled(_projected), compiled(_extrapolated)
-
-
-def certificate(T: Transport, b: FloatArray, drive: FloatArray, upper: float = 1.0) -> Certificate:
-    """The bound at any 0 ≤ p ≤ upper, (projector pixels, 3); b : (camera pixels, 3), 0 where T has no row."""
-    residual = T.apply(drive) - b
-    gradient = T.apply_transpose(residual)
-    reach = upper if np.isfinite(upper) else np.maximum(1.0, 2 * drive.max(axis=0, initial=0.0))
-    gap = np.maximum(gradient * drive, gradient * (drive - reach)).sum(axis=0)
-    return Certificate(np.sum(residual**2, axis=0), gap)
-
-
-def relative_gap(found: Certificate, b: FloatArray) -> FloatArray:
-    """The gap as a share of f(p), (3,), or of ½‖b‖² 60 dB down if f(p) is smaller than that."""
-    scale = np.maximum(found.squared_error, FINEST * np.sum(b**2, axis=0)) / 2
-    return np.asarray(np.divide(found.gap, scale, out=np.zeros_like(scale), where=scale > 0))

@@ -24,6 +24,7 @@ from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.relighting.pictures import SUFFIXES, read_placed
 from counterlight.tools.solve.quality import Quality, measure
 from counterlight.tools.solve.registry import Prepared, prepare
+from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions, objective_of
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
 from counterlight.writing.outputs import check_file
@@ -41,11 +42,13 @@ class CompensateOptions:
     solvers : of COMPENSATIONS.
     max_cluster : for qr, svd and nnls, decompose T into clusters of at most so many projector pixels (thesis 4.2.2).
     white : radiance of a white picture, None for what most of the room can reach.
+    aims : of the box.
     """
 
     solvers: tuple[str, ...]
     max_cluster: int | None = None
     white: float | None = None
+    aims: ObjectiveOptions = DEFAULT_AIMS
 
     def __post_init__(self) -> None:
         if self.white is not None and not RADIANCE[0] <= self.white <= RADIANCE[1]:
@@ -103,6 +106,7 @@ class CompensationTask:
         self._target = np.asarray(self._desired - calibration.ambient, np.float64)
         self._inside = transport.inside(calibration.mask)
         self._lit = self._inside.lit
+        self._objective = objective_of(transport, calibration, options.aims)
 
     def run(self, plain: FloatArray) -> Iterator[Compensated]:
         """Every solver of the options, in their order.
@@ -136,7 +140,7 @@ class CompensationTask:
         return self._solve_decomposed(name, self._options.max_cluster)
 
     def _prepared(self, name: str) -> Prepared:
-        return prepare(name, self._inside, self._calibration.mask)
+        return prepare(name, self._inside, self._calibration.mask, self._objective)
 
     def _solve_decomposed(self, name: str, max_cluster: int) -> tuple[FloatArray, tuple[str, ...]]:
         """Clusters of the near light; far light is that of the clamped drive, until the drive stops changing."""

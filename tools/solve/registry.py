@@ -14,6 +14,7 @@ from counterlight.tools.solve.nnls import nnls
 from counterlight.tools.solve.qr import qr
 from counterlight.tools.solve.solution import ChannelSolver, Solution, Solver
 from counterlight.tools.solve.svd import svd
+from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import CHANNELS, Transport
 
 
@@ -39,12 +40,13 @@ SOLVERS: dict[str, Callable[[Transport], Solver]] = {
 
 
 class Prepared:
-    """One of SOLVERS for one T and mask; see `prepare`."""
+    """One of SOLVERS for one T and mask, or the box for an objective; see `prepare`."""
 
-    def __init__(self, name: str, T: Transport, mask: NDArray[np.bool_] | None) -> None:
-        self.T, self._mask = T if mask is None else T.inside(mask), mask
+    def __init__(self, name: str, T: Transport, mask: NDArray[np.bool_] | None, objective: Objective | None) -> None:
+        weighed = objective if name == "box" else None
+        self.T, self._mask = T if mask is None else T.inside(mask), mask if weighed is None else None
         refuse_not_finite(self.T.near, np.zeros((1, len(CHANNELS))))
-        self._solver = SOLVERS[name](self.T)
+        self._solver = SOLVERS[name](self.T) if weighed is None else Box(weighed)
 
     def solve(self, b: NDArray[np.floating]) -> Solution:
         """min ‖T p − b‖² over the camera pixels that count.
@@ -60,10 +62,13 @@ class Prepared:
         return self._solver.solve(b)
 
 
-def prepare(name: str, T: Transport, mask: NDArray[np.bool_] | None = None) -> Prepared:
+def prepare(
+    name: str, T: Transport, mask: NDArray[np.bool_] | None = None, objective: Objective | None = None
+) -> Prepared:
     """One of SOLVERS, factorised for one T; KeyError for another name.
 
     mask : (camera height, camera width) or (camera pixels,), which camera pixels count; None for all.
+    objective : what the box minimises, as the player does; None for ½‖T p − b‖², as the others do.
     Raises NonFiniteError, naming the cluster, if T is not finite in float32.
     """
-    return Prepared(name, T, mask)
+    return Prepared(name, T, mask, objective)

@@ -179,7 +179,7 @@ class Solver:
             if self.name == "box":
                 best, seconds[task.name] = task.optimum
                 return Drive(best, 0.0)
-            found, seconds[task.name] = processor_seconds(lambda: solver.solve(task.asked))
+            found, seconds[task.name] = processor_seconds(lambda: solver.solve(task.asked * task.counts))
             return Drive(found.drive, task.clipped(found.unclamped))
 
         return Prepared(preparation_s, None, None, drive, lambda task: seconds[task.name], lambda: None)

@@ -25,10 +25,11 @@ from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.room import simulated_calibration
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
-from counterlight.tools.solve.box import Box, certificate
+from counterlight.tools.solve.box import Box
 from counterlight.tools.solve.quality import Quality, measure
 from counterlight.tools.study.frames import Bench
 from counterlight.tools.study.pictures import Picture
+from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport, channel, channels
 
@@ -92,7 +93,7 @@ class StudyRoom:
 
     simulation_s : processor seconds of its simulation.  white : radiance of a white picture, as the player takes it.
     inside : T of the camera pixels that count.  lit : (projector pixels, 3), whether near light leaves them.
-    box : the box solver of `inside`.
+    objective : what the player's maps, refinement and `box` minimise.
     Holds the last maps and the last bench, so methods that share them should follow each other; close() at the end.
     """
 
@@ -101,7 +102,8 @@ class StudyRoom:
         self.calibration, self.transport = calibration, transport
         self.white = reachable_white(self.transport.floodlight(self.calibration.ambient), self.calibration.mask)
         self.inside = self.transport.inside(self.calibration.mask)
-        self.lit, self.box = self.inside.lit, Box(self.inside)
+        self.objective = objective_of(self.transport, self.calibration, DEFAULT_AIMS)
+        self.lit, self.box = self.inside.lit, Box(self.objective)
         self._built: tuple[InverseOptions, BuiltRoom, float] | None = None
         self._bench: tuple[object, Bench] | None = None
 
@@ -143,7 +145,9 @@ class StudyRoom:
     @cached_property
     def refinement(self) -> tuple[RefinementMaps, float]:
         """What refinement and direct mapping need, and its processor seconds."""
-        return processor_seconds(lambda: refinement_maps(self.transport, self.calibration))
+        return processor_seconds(
+            lambda: refinement_maps(self.objective, self.calibration.camera.shape, self.calibration.projector.shape)
+        )
 
     @cached_property
     def near_map(self) -> RowMap:
@@ -168,7 +172,8 @@ class Judged:
 class Task:
     """One picture in one room.
 
-    desired : (camera height, camera width, 3), radiance.  asked : b, (camera pixels, 3), 0 outside the mask.
+    desired : (camera height, camera width, 3), radiance.  asked : b, (camera pixels, 3).
+    counts : (camera pixels, 1), inside the mask.
     plain : (projector pixels, 3), the picture uncorrected.
     """
 
@@ -178,7 +183,7 @@ class Task:
         self.desired = room.white * picture.at(calibration.camera.shape)
         self.plain = picture.at(calibration.projector.shape).reshape(-1, 3)
         self.target = (self.desired - calibration.ambient).astype(np.float64)
-        self.asked = self.target.reshape(-1, 3) * calibration.mask.ravel()[:, None]
+        self.asked, self.counts = self.target.reshape(-1, 3), calibration.mask.reshape(-1, 1)
 
     @cached_property
     def optimum(self) -> tuple[FloatArray, float]:
@@ -193,7 +198,7 @@ class Task:
     def judge(self, drive: FloatArray) -> Judged:
         """Through the undecomposed T, near and far light; drive : (projector pixels, 3), 0..1."""
         seen, quality = self._quality(drive)
-        bound = certificate(self.room.inside, self.asked, drive)
+        bound = self.room.objective.certificate(drive, self.asked)
         return Judged(seen, quality, self._best.psnr - quality.psnr, bound.decibels)
 
     def clipped(self, unclamped: FloatArray) -> float:

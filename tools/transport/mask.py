@@ -3,31 +3,50 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import FloatArray
 from counterlight.pipeline.colour import LUMINANCE
 from counterlight.tools.transport.transport import Transport
+from counterlight.tools.transport.trust import CUT, cut_by_edges
 
 BRIGHT_PERCENTILE = 99.0
-FRACTION_OF_BRIGHT = 0.05
+FRACTION_OF_BRIGHT = 0.01
 FRACTION_OF_AMBIENT = 0.02
+CLEAR = 5.0  # times the noise
 
 
-def directly_lit(transport: Transport, ambient: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Camera pixels that count by their near light alone; ambient : (height, width, 3)."""
-    return lit_pixels(transport.near.sums().reshape(ambient.shape), ambient)
+def directly_lit(
+    transport: Transport,
+    ambient: NDArray[np.floating],
+    projector: tuple[int, int],
+    noise: FloatArray | None = None,
+) -> NDArray[np.bool_]:
+    """Camera pixels that count by their near light alone, and whose footprints the raster's edge does not cut.
+
+    ambient : (height, width, 3).  projector : (height, width).  noise : as of `lit_pixels`.
+    """
+    near = transport.near.sums().reshape(ambient.shape)
+    lit, camera = lit_pixels(near, ambient, noise), (ambient.shape[0], ambient.shape[1])
+    whole = lit & (cut_by_edges(transport.near, camera, projector) < CUT).reshape(camera)
+    return whole if whole.any() else lit
 
 
-def lit_pixels(composition: NDArray[np.floating], ambient: NDArray[np.floating]) -> NDArray[np.bool_]:
+def lit_pixels(
+    composition: NDArray[np.floating], ambient: NDArray[np.floating], noise: FloatArray | None = None
+) -> NDArray[np.bool_]:
     """Camera pixels that white floodlight raises clearly above ambient.
 
-    With y the luminance of T·1 and a that of e, a pixel is lit if y ≥ max(0.05 · y₉₉, 0.02 · a), y > 0, where y₉₉ is
-    the 99th percentile of the pixels that rise at all: neither a highlight moves it, nor how much of the view is dark.
+    With y the luminance of T·1, a that of e and n of the noise, a pixel is lit if y ≥ max(0.01 · y₉₉, 0.02 · a, 5 n),
+    y > 0, where y₉₉ is the 99th percentile of the pixels that rise at all: neither a highlight moves it, nor how much
+    of the view is dark.
 
-    - 5 % of the bright pixels keeps dark ink (about 4 to 5 % of white paper) and drops a camera's noise floor, stray
-      light and the dimmer far light outside the projector's beam. Far light brighter than that (a white room) is not
-      told from direct light by its level: where the near part of T is known apart, pass its composition alone.
-    - 2 % of ambient is what a camera's noise and a lamp's flicker reach; a smaller rise is no measurement.
+    - 1 % of the bright pixels keeps dark paint and ink (3 to 5 % of white paper) and drops stray light. Far light
+      brighter than that (a white room) is not told from direct light by its level: where the near part of T is known
+      apart, pass its composition alone.
+    - 2 % of ambient is what a lamp's flicker reaches, and what a camera's noise does where nobody measured it; a
+      smaller rise is no measurement.
 
     composition : (height, width, 3), T·1, without ambient light.  ambient : (height, width, 3), e, the same unit.
+    noise : (3,), standard deviation of a pixel's rise from black to floodlight; None where nobody measured it.
     Returns (height, width) bool; all False if nothing rises.
     """
     rise, background = np.asarray(composition) @ LUMINANCE, np.asarray(ambient) @ LUMINANCE
@@ -35,5 +54,6 @@ def lit_pixels(composition: NDArray[np.floating], ambient: NDArray[np.floating])
     if not positive.size:
         return np.zeros(rise.shape, np.bool_)
     bright = np.percentile(positive, BRIGHT_PERCENTILE)
-    threshold = np.maximum(FRACTION_OF_BRIGHT * bright, FRACTION_OF_AMBIENT * background)
+    least = 0.0 if noise is None else CLEAR * float(np.linalg.norm(LUMINANCE * noise))
+    threshold = np.maximum(max(FRACTION_OF_BRIGHT * bright, least), FRACTION_OF_AMBIENT * background)
     return np.asarray((rise > 0) & (rise >= threshold))

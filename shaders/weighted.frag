@@ -1,0 +1,19 @@
+#version 330 core
+// A picture times weights: errors by how far a camera pixel counts, drives by how little of them is seen.
+//
+// Inputs: `picture`; `weights`, of its size.
+// Defines: SQUARED takes the picture's square.
+// Output: their product.
+// CPU twin: weighted in player/pipeline/reference.py.
+uniform sampler2D picture, weights;
+
+out vec4 product;
+
+void main() {
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    vec3 value = texelFetch(picture, at, 0).rgb;
+#ifdef SQUARED
+    value *= value;
+#endif
+    product = vec4(value * texelFetch(weights, at, 0).rgb, 1.0);
+}

@@ -1,0 +1,188 @@
+"""What is minimised: footprints that the raster cuts, what nobody sees, neighbours that are tied, one bound for all."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from counterlight.calibration import Calibration, Device
+from counterlight.errors import InputError
+from counterlight.pipeline.content import reachable_white
+from counterlight.pipeline.reference import pull
+from counterlight.response import Response
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.priors import prior_matrices
+from counterlight.tools.inverse.room import build_maps
+from counterlight.tools.solve.box import TOLERANCE, Box
+from counterlight.tools.transport.mask import directly_lit, lit_pixels
+from counterlight.tools.transport.objective import Objective, ObjectiveOptions, objective_of
+from counterlight.tools.transport.transport import Transport, stacked
+from counterlight.tools.transport.trust import LEAST_TRUST, cut_by_edges, seen, trust
+from tests.augmented import best, value
+from tests.rooms import blurred_transport
+
+CAMERA, PROJECTOR = (8, 24), (4, 12)
+LINEAR = Response("linear")
+
+
+def row_of_footprints(width: float, *, pixels: int = 60, raster: int = 20, step: float = 0.5) -> np.ndarray:
+    """T of a line of camera pixels that see `width` projector pixels each, from beyond the raster's left end on."""
+    edges = np.arange(raster + 1)
+    starts = step * np.arange(pixels) - 5.0
+    share = np.clip(np.minimum(edges[1:], starts[:, None] + width) - np.maximum(edges[:-1], starts[:, None]), 0, None)
+    return share / width
+
+
+def transport_of(T: np.ndarray) -> Transport:
+    return Transport(stacked([sparse.csr_array(T.astype(np.float32))] * 3))
+
+
+def calibration_of(
+    T: Transport, camera: tuple[int, int], projectors: list[tuple[int, int]], mask: np.ndarray | None = None
+) -> Calibration:
+    ambient = np.zeros((*camera, 3), np.float32)
+    counts = np.ones(camera, bool) if mask is None else mask
+    devices = tuple(Device(*shape, LINEAR) for shape in projectors)
+    return Calibration("room", "made by a test", devices, Device(*camera, LINEAR), ambient, counts)
+
+
+@pytest.mark.parametrize("width", [1.3, 4.0])
+def test_a_footprint_that_the_edge_cuts_does_not_count(width: float) -> None:
+    T = row_of_footprints(width)
+    coverage = T.sum(axis=1)
+    lit = coverage > 0
+    camera, projector = (1, len(T)), (1, T.shape[1])
+    transport = transport_of(np.where(lit[:, None], T, 0))
+    # The raster is one line high: of its rows nothing can be told, of its columns everything.
+    cut = cut_by_edges(transport.near, camera, projector)
+    assert np.all(cut[(coverage > 0.01) & (coverage < 0.6)] > 1.1)
+    assert np.all(cut[:, None][coverage > 0.999] <= 1.1)
+
+
+def test_dark_paint_counts_and_does_not_make_white_dark() -> None:
+    composition = np.ones((10, 10, 3))
+    composition[:2] = 0.03  # ink
+    composition[9] = 0.004  # stray light
+    lit = lit_pixels(composition, np.zeros_like(composition))
+    assert lit[:9].all()
+    assert not lit[9].any()
+    assert reachable_white(composition, lit) == pytest.approx(1.0)
+
+
+def test_noise_that_was_measured_is_no_light() -> None:
+    composition = np.ones((10, 10, 3))
+    composition[:2] = 0.03
+    assert not lit_pixels(composition, np.zeros_like(composition), np.full(3, 0.01))[:2].any()
+
+
+def test_what_lies_outside_the_mask_pulls_weakly_and_what_is_dark_not_at_all() -> None:
+    T = np.kron(np.eye(6), np.ones((2, 1)))
+    T[3] = 0
+    counts = np.ones((1, 12), bool)
+    counts[0, 4:6] = False
+    weights = trust(transport_of(T).near, counts, (1, 6))
+    assert weights[4] == weights[5] == LEAST_TRUST
+    counts[0, 3] = False
+    assert trust(transport_of(T).near, counts, (1, 6))[3] == 0
+
+
+def test_how_much_is_seen_does_not_depend_on_paint() -> None:
+    T = np.kron(np.eye(8), np.ones((3, 1)))
+    T[:3] *= 0.01  # dark ink
+    T[21:] = 0  # nobody sees the last
+    np.testing.assert_allclose(seen(transport_of(T).near, np.ones(24, bool)), [1] * 7 + [0])
+
+
+@pytest.mark.parametrize("outside", ["black", "continue"])
+def test_a_pixel_that_nobody_sees_is_dark_or_like_its_neighbours(outside: str) -> None:
+    T = np.kron(np.eye(12), np.ones((2, 1)))
+    T[20:] *= 0  # two projector pixels beyond the view's edge
+    T[19, 10] = 1e-3  # of which the last camera pixel sees a trace
+    transport = transport_of(T)
+    room = calibration_of(transport, (1, 24), [(1, 12)], (T.sum(axis=1) > 0).reshape(1, 24))
+    objective = objective_of(transport, room, ObjectiveOptions(outside=outside))
+    b = np.where(T.sum(axis=1) > 0, 0.6, 0.0)[:, None] * np.ones(3)
+    b[19] = 0.9  # the trace is asked for much
+    drive = Box(objective).solve(b).drive
+    if outside == "black":
+        assert drive[10:].max() < 0.05
+        np.testing.assert_allclose(drive[:9], 0.6, atol=0.02)  # the prior of what is seen is below 1e-3
+    else:
+        np.testing.assert_allclose(drive[10:], drive[[9, 9]], atol=0.1)
+
+
+def test_ties_stay_within_a_projector() -> None:
+    transport = transport_of(np.eye(4 * 10))
+    room = calibration_of(transport, (4, 10), [(4, 6), (3, 4)])
+    prior = objective_of(transport, room, ObjectiveOptions()).prior
+    assert prior is not None
+    assert np.all(prior.right[:, 5] == 0)
+    assert np.all(prior.right[:, :5] > 0)
+    assert np.all(prior.right[3, 6:] == 0)  # below the lower projector is nobody's
+    assert np.all(prior.down[2, 6:] == 0)
+    assert np.all(prior.down[:3, :6] > 0)
+
+
+def test_what_is_seen_is_not_held() -> None:
+    transport = transport_of(np.kron(np.eye(48), np.ones((4, 1))))
+    objective = objective_of(transport, calibration_of(transport, (8, 24), [(4, 12)]), ObjectiveOptions())
+    assert objective.prior is not None
+    d = objective.dual.apply(objective.T.composition())
+    assert np.all(objective.prior.damping.reshape(-1, 3) < 1e-3 * d)
+
+
+def blurred(rng: np.random.Generator, options: ObjectiveOptions) -> Objective:
+    T = blurred_transport(rng, CAMERA, PROJECTOR, 0.6).tolil()
+    T[:, :3] *= 0.0  # nobody sees these
+    T = Transport(stacked([sparse.csr_array(T, dtype=np.float32)] * 3))
+    mask = rng.uniform(size=CAMERA) < 0.8
+    return objective_of(T, calibration_of(T, CAMERA, [PROJECTOR], mask), options)
+
+
+@pytest.mark.parametrize("options", [ObjectiveOptions(), ObjectiveOptions(0.5, "continue"), ObjectiveOptions(0.0)])
+def test_the_box_finds_the_objective_s_minimum(rng: np.random.Generator, options: ObjectiveOptions) -> None:
+    objective = blurred(rng, options)
+    b = rng.choice([0.02, 0.3, 0.9], (objective.T.shape[0], 3))
+    drive = Box(objective).solve(b).drive
+    for i in range(3):
+        assert value(objective, drive, b, i) <= best(objective, b, i) * (1 + 2 * TOLERANCE) + 1e-9
+
+
+def test_the_certificate_bounds_the_distance_to_the_objective_s_minimum(rng: np.random.Generator) -> None:
+    objective = blurred(rng, ObjectiveOptions(0.5))
+    b = rng.choice([0.02, 0.3, 0.9], (objective.T.shape[0], 3))
+    for _ in range(5):
+        drive = rng.uniform(size=(objective.T.shape[1], 3))
+        gap = objective.certificate(drive, b).gap
+        for i in range(3):
+            distance = value(objective, drive, b, i) - best(objective, b, i)
+            assert 0 <= distance <= gap[i] * (1 + 1e-6)
+
+
+def test_a_prior_as_a_matrix_is_what_a_step_applies(rng: np.random.Generator) -> None:
+    prior = blurred(rng, ObjectiveOptions(0.5, "continue")).prior
+    assert prior is not None
+    p = rng.uniform(size=(*PROJECTOR, 3))
+    expected = pull(p, prior.damping, prior.right, prior.down)
+    for i, P in enumerate(prior_matrices(prior, np.zeros(p[..., 0].size, np.int64))):
+        np.testing.assert_allclose((P @ p[..., i].ravel()).reshape(PROJECTOR), expected[..., i], atol=1e-6)  # float32
+        assert np.abs(P - P.T).max() < 1e-6
+    apart = prior_matrices(prior, np.arange(p[..., 0].size))
+    np.testing.assert_allclose(apart[0].toarray(), np.diag(prior.damping[..., 0].ravel()), atol=1e-6)
+
+
+def test_a_start_from_the_map_leaves_dark_what_nobody_sees(rng: np.random.Generator) -> None:
+    T = Transport(stacked([sparse.csr_array(row_of_footprints(2.5, pixels=30, step=0.4).astype(np.float32))] * 3))
+    camera, projector = (1, 30), (1, 20)
+    mask = directly_lit(T, np.zeros((*camera, 3)), projector)
+    built = build_maps(T, calibration_of(T, camera, [projector], mask), InverseOptions(0.01))
+    assert built.maps.refinement is not None
+    unseen = built.maps.refinement.seen.ravel() < 0.02
+    assert unseen.any()
+    asked = np.abs(built.inverse.T_pinv.apply(np.ones((30, 3))))
+    assert asked[unseen].max() < 0.05 * asked[~unseen].max()
+
+
+@pytest.mark.parametrize("words", [{"drift": -1}, {"drift": float("nan")}, {"outside": "grey"}])
+def test_options_that_make_no_sense_are_refused(words: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=r"--drift|--outside"):
+        ObjectiveOptions(**words)  # type: ignore[arg-type]

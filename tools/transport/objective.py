@@ -1,0 +1,208 @@
+"""What map, refinement, box and certificate all minimise, a channel (docs/mathematics.md 2):
+
+    ½ Σ w (T p − b)²  +  ½ Σ η p²  +  ½ Σ ω (p_j − p_k)²,        0 ≤ p ≤ 1.
+
+w : how far a camera pixel is to be trusted (trust.py).  η : towards darkness, of projector pixels that no camera pixel
+sees.  ω : between neighbours, so that the picture stands a drift of the projector.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import FloatArray
+from counterlight.calibration import Calibration, Region
+from counterlight.errors import InputError
+from counterlight.maps.prior import Prior
+from counterlight.maps.row_map import SparseRows
+from counterlight.pipeline.reference import pull
+from counterlight.pipeline.refinement import Certificate
+from counterlight.tools.choices import OUTSIDE
+from counterlight.tools.transport.transport import Transport
+from counterlight.tools.transport.trust import seen, trust
+
+FAINTEST = 1e-12  # of the largest: a projector pixel whose d is below lights nothing, and its step would overflow
+FINEST = 1e-6  # of ½ Σ w b²: an error 60 dB below the target needs no finer certificate
+HARDLY_SEEN = 0.05  # of what is seen of most projector pixels: the prior is then as strong as what the camera says
+FALL = 4  # the power by which the prior vanishes where more is seen: 6e-6 of d where all is
+STRONGEST = 1e6  # times what the camera says
+STIFFNESS = 0.03  # of d: what ties pixels that nobody sees to their neighbours (--outside continue)
+
+
+@dataclass(frozen=True)
+class ObjectiveOptions:
+    """drift : σ, projector pixels by which the picture may shift.  outside : of choices.OUTSIDE, what nobody sees."""
+
+    drift: float = 0.1
+    outside: str = "black"
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.drift <= 10:
+            raise InputError(f"--drift {self.drift}: expected 0 to 10 projector pixels")
+        if self.outside not in OUTSIDE:
+            raise InputError(f"--outside {self.outside}: expected {', '.join(OUTSIDE)}")
+
+
+DEFAULT_AIMS = ObjectiveOptions()
+
+
+@dataclass(frozen=True)
+class Objective:
+    """One room's; p is (projector pixels, 3), b (camera pixels, 3).
+
+    T : the rows of camera pixels without weight are empty.  weights : w, (camera pixels,).
+    seen : (projector pixels,), how much of each trusted camera pixels see, 1 for most.
+    """
+
+    T: Transport
+    weights: FloatArray
+    prior: Prior | None
+    seen: FloatArray
+
+    @classmethod
+    def plain(cls, T: Transport) -> "Objective":
+        """½‖T p − b‖² alone."""
+        return cls(T, np.ones(T.shape[0]), None, np.ones(T.shape[1]))
+
+    @cached_property
+    def dual(self) -> Transport:
+        """Tᵀ W."""
+        weighted = replace(self.T, near=scaled(self.T.near, self.weights))
+        if self.T.far is not None:
+            far = replace(self.T.far, scatter=scaled(self.T.far.scatter, self.weights))
+            weighted = replace(weighted, far=far)
+        return weighted.T
+
+    def bounded(self, b: FloatArray) -> FloatArray:
+        """b, of what is not trusted no more than it can have."""
+        doubted = self.weights < 1
+        return np.where(doubted[:, None], np.clip(b, 0, self._most), b) if doubted.any() else b
+
+    def light_outside(self, drive: FloatArray) -> float | None:
+        """Drive of what the camera does not see, as a share of full drive there; None where it sees everything."""
+        unseen = np.maximum(1 - self.seen, 0)
+        return float(np.average(drive.mean(axis=1), weights=unseen)) if unseen.any() else None
+
+    @cached_property
+    def _most(self) -> FloatArray:
+        """T·1, (camera pixels, 3)."""
+        return self.T.composition()
+
+    @cached_property
+    def curvature(self) -> FloatArray:
+        """d + η + 2 Σ ω, d = TᵀW T·1: its diagonal bounds the Hessian, since T ≥ 0. (projector pixels, 3)"""
+        return self._sums if self.prior is None else self._sums + self.prior.bound.reshape(-1, 3)
+
+    @property
+    def heard(self) -> FloatArray:
+        """d / (d + η), 1 where the camera alone speaks, (projector pixels, 3)."""
+        if self.prior is None:
+            return np.ones((self.T.shape[1], 3))
+        d, damping = self._sums, self.prior.damping.reshape(-1, 3)
+        return np.divide(d, d + damping, out=np.zeros_like(d), where=d > 0)
+
+    @cached_property
+    def _sums(self) -> FloatArray:
+        """d = TᵀW T·1."""
+        return self.dual.apply(self._most)
+
+    @cached_property
+    def step_size(self) -> FloatArray:
+        """1 / curvature; 0 where nothing is lit and nothing draws."""
+        total = self.curvature
+        return np.divide(1.0, total, out=np.zeros_like(total), where=total > FAINTEST * total.max(initial=0.0))
+
+    def descent(self, p: FloatArray, b: FloatArray) -> FloatArray:
+        """TᵀW (b − T p) − P p, against the gradient; b bounded."""
+        return self.dual.apply(b - self.T.apply(p)) - self._pull(p)
+
+    def certificate(self, p: FloatArray, b: FloatArray, upper: float = 1.0) -> Certificate:
+        """The bound at any 0 ≤ p ≤ upper."""
+        residual = self.bounded(b) - self.T.apply(p)
+        gradient = self._pull(p) - self.dual.apply(residual)
+        reach = upper if np.isfinite(upper) else np.maximum(1.0, 2 * p.max(axis=0, initial=0.0))
+        gap = np.maximum(gradient * p, gradient * (p - reach)).sum(axis=0)
+        return Certificate(np.sum(self.weights[:, None] * residual**2, axis=0), gap)
+
+    def relative_gap(self, p: FloatArray, b: FloatArray, upper: float = 1.0) -> FloatArray:
+        """The gap as a share of the objective, (3,), or of ½ Σ w b² 60 dB down if that is more."""
+        found, target = self.certificate(p, b, upper), np.sum(self.weights[:, None] * b**2, axis=0)
+        scale = np.maximum(found.error + np.sum(p * self._pull(p), axis=0), FINEST * target) / 2
+        return np.asarray(np.divide(found.gap, scale, out=np.zeros_like(scale), where=scale > 0))
+
+    def _pull(self, p: FloatArray) -> FloatArray:
+        if self.prior is None:
+            return np.zeros_like(p)
+        shape = self.prior.damping.shape
+        pulled = pull(p.reshape(shape), self.prior.damping, self.prior.right, self.prior.down)
+        return np.asarray(pulled.reshape(-1, 3), np.float64)
+
+
+def scaled(rows: SparseRows, factors: FloatArray) -> SparseRows:
+    """diag(factors) · rows, without the rows whose factor is 0; as it is if all are 1."""
+    if np.all(factors == 1):
+        return rows
+    kept = rows.inside(factors > 0)
+    return replace(kept, weights=(kept.weights * factors[kept.rows][:, None]).astype(rows.weights.dtype))
+
+
+def objective_of(transport: Transport, calibration: Calibration, options: ObjectiveOptions) -> Objective:
+    """A calibrated room's."""
+    projector, regions = calibration.projector.shape, calibration.regions
+    weights = trust(transport.near, calibration.mask, projector)
+    T = transport.inside(weights > 0)
+    shown = seen(T.near, weights > 0)
+    unaided = Objective(T, weights, None, shown)
+    return replace(unaided, prior=_prior(unaided, projector, regions, options))
+
+
+def _prior(
+    objective: Objective,
+    projector: tuple[int, int],
+    regions: Sequence[Region],
+    options: ObjectiveOptions,
+) -> Prior:
+    d, near = objective.curvature, objective.T.near
+    squares = (objective.weights[near.rows][:, None] * near.weights.astype(np.float64) ** 2).T
+    diagonal = np.stack([np.bincount(near.indices, each, near.shape[1]) for each in squares], axis=1)
+    hold = _hold(d, objective.seen)
+    black = options.outside == "black"
+    stiff = np.zeros_like(hold) if black else np.minimum(hold, STIFFNESS * hold.max(axis=0))
+    ties = [each.reshape(*projector, 3) for each in (options.drift * np.sqrt(diagonal), stiff)]
+    owner = _owners(projector, regions)
+    right, down = (_ties(ties[0], ties[1], owner, axis) for axis in (1, 0))
+    damping = hold if black else np.zeros_like(hold)
+    return Prior(damping.reshape(*projector, 3).astype(np.float32), right, down)
+
+
+def _hold(d: FloatArray, shown: FloatArray) -> FloatArray:
+    """How strongly a projector pixel is held for want of being seen, (projector pixels, 3).
+
+    d (0.05 / shown)⁴, at most what d is where all is seen; that of what nobody sees.
+    """
+    typical = np.median(d[shown > 0.5], axis=0) if np.any(shown > 0.5) else d.max(axis=0, initial=0.0)
+    share = np.divide(HARDLY_SEEN, shown, out=np.full_like(shown, np.inf), where=shown > 0)[:, None]
+    return np.where(shown[:, None] > 0, np.minimum(np.minimum(share**FALL, STRONGEST) * d, typical), typical)
+
+
+def _owners(projector: tuple[int, int], regions: Sequence[Region]) -> NDArray[np.int64]:
+    """The number of each pixel's projector, (projector height, projector width); -1 where there is none."""
+    owner = np.full(projector, -1 if regions else 0)
+    for number, (left, top, width, height) in enumerate(regions):
+        owner[top : top + height, left : left + width] = number
+    return owner
+
+
+def _ties(root: FloatArray, stiff: FloatArray, owner: NDArray[np.int64], axis: int) -> NDArray[np.float32]:
+    """ω between each pixel and the next along an axis, 0 at the end and from one projector to another.
+
+    root : σ √diag(TᵀWT), of which neighbours' product is ω; so a dark pixel is not drawn to a bright one.
+    """
+    count = owner.shape[axis] - 1
+    pairs = [(np.take(each, range(count), axis), np.take(each, range(1, count + 1), axis)) for each in (root, stiff)]
+    one_picture = (np.diff(owner, axis=axis) == 0) & (np.take(owner, range(count), axis) >= 0)
+    ties = (pairs[0][0] * pairs[0][1] + (pairs[1][0] + pairs[1][1]) / 2) * one_picture[..., None]
+    return np.pad(ties, [(0, int(each == axis)) for each in range(3)]).astype(np.float32)
