@@ -1,10 +1,11 @@
 #version 330 core
-// What the projector must add: b = white · picture − e (thesis eq. 5.1).
+// What the projector must add: b = white · picture − e (thesis eq. 5.1), mixed as the primaries are.
 //
 // Inputs: `picture`, linear RGB; `ambient`, radiance of the same size.
 // Defines: CLAMP limits the result to 0..1 (a picture that goes to the projector as it is, with black as ambient);
 //   TONE asks for s (k + (1 − k) unit · picture) + o instead of the picture, k the black level, (s, o) the one texel of
-//   `tone` (player/pipeline/content.py).
+//   `tone` (player/pipeline/content.py);
+//   MIXED takes the light through each pixel's matrix, `row_red`, `row_green`, `row_blue` (player/maps/mixing.py).
 // Output: b, radiance, of their size.
 // CPU twin: desired_light in player/pipeline/reference.py.
 uniform sampler2D picture;
@@ -13,6 +14,9 @@ uniform float white;
 #ifdef TONE
 uniform sampler2D tone;
 uniform float unit, black_level;
+#endif
+#ifdef MIXED
+uniform sampler2D row_red, row_green, row_blue;
 #endif
 
 out vec4 b;
@@ -25,6 +29,10 @@ void main() {
     asked = affine.x * (black_level + (1.0 - black_level) * (unit * asked)) + affine.y;
 #endif
     vec3 light = white * asked - texelFetch(ambient, at, 0).rgb;
+#ifdef MIXED
+    light = vec3(dot(texelFetch(row_red, at, 0).rgb, light), dot(texelFetch(row_green, at, 0).rgb, light),
+                 dot(texelFetch(row_blue, at, 0).rgb, light));
+#endif
 #ifdef CLAMP
     light = clamp(light, 0.0, 1.0);
 #endif

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from counterlight.command import Parser, run
 from counterlight.tools.choices import COMPENSATIONS
+from counterlight.tools.colour.option import add_colour
 
 MEANING = """none: uncorrected; direct: one camera pixel per projector pixel; map: the correction map, as the player
 applies it; qr, svd: least squares per cluster; nnls: non-negative; box: the best that a projector can show (0 to 1).
@@ -24,7 +25,7 @@ def _main(argv: Sequence[str] | None) -> None:
 
     names = COMPENSATIONS if options.solver == "all" else tuple(options.solver.split(","))
     check_order(options.calibration, [options.picture])
-    wanted = CompensateOptions(tuple(dict.fromkeys(names)), options.max_cluster, options.white)
+    wanted = CompensateOptions(tuple(dict.fromkeys(names)), options.max_cluster, options.white, options.colour)
     for line in compensate(options.calibration, options.picture, options.output, wanted):
         print(line, flush=True)
 
@@ -55,6 +56,7 @@ def _parser() -> argparse.ArgumentParser:
         help="for qr, svd and nnls: decompose T into clusters of up to N pixels",
     )
     parser.add_argument("--white", type=float, metavar="RADIANCE", help="of a white picture (default: as the player)")
+    add_colour(parser)
     return parser
 
 

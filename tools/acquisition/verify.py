@@ -15,11 +15,12 @@ from counterlight.calibration import Calibration, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.maps.room_maps import read_maps
 from counterlight.pipeline import reference
-from counterlight.pipeline.content import camera_psnr, reachable_white
+from counterlight.pipeline.content import camera_psnr
 from counterlight.pipeline.operators import compensation
 from counterlight.tools.acquisition.cameras.live import Codes, LiveCamera
 from counterlight.tools.acquisition.movement import refuse_moved
 from counterlight.tools.acquisition.plan import measure_noise
+from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.storage import read_transport
 
@@ -31,7 +32,7 @@ AGAIN = "put them back, or acquire again"
 class Verified:
     """One round: PSNR in dB of what T predicts, of what was captured, and of the capture against the prediction.
 
-    codes : what was shown.  predicted, captured : (camera height, camera width, 3), radiance.
+    codes : what was shown.  predicted, captured : (camera height, camera width, 3), screen primaries.
     """
 
     round: int
@@ -52,20 +53,32 @@ class Verified:
 class Verification:
     """A picture in a calibrated room.
 
-    picture : (camera height, camera width, 3), linear 0..1, or the desired radiance itself.  repeats : captures of
-    each round, averaged.
+    picture : (camera height, camera width, 3), linear 0..1, or the desired camera radiance itself.  repeats : captures
+    of each round, averaged.  colour : of choices.COLOURS; the solver `map` takes that of the maps.
+    desired, and what is predicted and captured, are in screen primaries.
     """
 
     def __init__(
-        self, camera: LiveCamera, stored: StoredCalibration, picture: FloatArray, *, radiance: bool, solver: str
+        self,
+        camera: LiveCamera,
+        stored: StoredCalibration,
+        picture: FloatArray,
+        *,
+        radiance: bool,
+        solver: str,
+        colour: str = "auto",
     ) -> None:
-        self._camera, self._room, self._solver = camera, stored.calibration, solver
-        self._transport = read_transport(stored)
-        self._box = prepare("box", self._transport, self._room.mask)
-        self._T_pinv = compensation(read_maps(stored)) if solver == "map" else None
-        self._flood = self._transport.floodlight(self._room.ambient)
-        self.white = reachable_white(self._flood, self._room.mask)
-        self.desired: FloatArray = picture if radiance else picture * self.white
+        self._camera, self._room = camera, stored.calibration
+        transport = read_transport(stored)
+        self._rise = transport.composition().reshape(self._room.ambient.shape)
+        maps = read_maps(stored) if solver == "map" else None
+        self._T_pinv = None if maps is None else compensation(maps)
+        self.tier = tier_of(self._room, transport, colour if maps is None else maps.mixing.tier)
+        self._box = prepare("box", self.tier.transport, self._room.mask)
+        self.white = self.tier.white
+        self.desired: FloatArray = (
+            np.asarray(self.tier.mixing.on_screen(picture), np.float64) if radiance else picture * self.white
+        )
         self._captures = 0
 
     def run(self, rounds: int, repeats: int) -> Iterator[Verified]:
@@ -74,15 +87,15 @@ class Verification:
         target = self.desired
         for index in range(rounds + 1):
             codes = self._codes(target)
-            predicted = self._transport.apply(_drive(codes, self._room)) + self._room.ambient
-            captured = self._capture(codes, repeats)
+            predicted = self.tier.seen(_drive(codes, self._room))
+            captured = np.asarray(self.tier.mixing.on_screen(self._capture(codes, repeats)), np.float64)
             pairs = (self.desired, predicted), (self.desired, captured), (predicted, captured)
             figures = [camera_psnr(wanted, seen, self._room.mask, self.white) for wanted, seen in pairs]
             yield Verified(index, figures[0], figures[1], figures[2], codes, predicted, captured)
             target = self.desired - (captured - predicted)
 
     def _codes(self, target: FloatArray) -> Codes:
-        light = target - self._room.ambient
+        light = self.tier.asked(target)
         drive = self._box.solve(light).drive if self._T_pinv is None else self._T_pinv.apply(light)
         drive = np.clip(drive, 0, 1).reshape(*self._room.projector.shape, 3)
         return reference.encode(drive, self._room.projector.response.inverse_table())
@@ -108,7 +121,7 @@ class Verification:
         noise = measure_noise(*pictures)
         black, white = (np.mean(each, axis=0) for each in pictures)
         mask = self._room.mask
-        before, after = (self._flood - self._room.ambient)[mask], (white - black)[mask]
+        before, after = self._rise[mask], (white - black)[mask]
         refuse_moved(before, after, noise, 2 / REFERENCES, AGAIN)
 
 

@@ -9,7 +9,7 @@ from counterlight.calibration import Calibration, StoredCalibration
 from counterlight.maps import room_maps as maps
 from counterlight.maps.room_maps import FarMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, pack
-from counterlight.pipeline.content import reachable_white
+from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.refinement_maps import pack_far, refinement_maps
@@ -19,45 +19,50 @@ from counterlight.tools.transport.transport import Transport
 
 @dataclass(frozen=True)
 class BuiltRoom:
-    """A room, what was found and its maps; `summary` is one line."""
+    """A room in its tier of colour, what was found and its maps; `summary` is one line."""
 
-    calibration: Calibration
-    transport: Transport
+    tier: Tier
     inverse: Inverse
     maps: RoomMaps
     summary: str
 
+    @property
+    def calibration(self) -> Calibration:
+        return self.tier.calibration
 
-def build_room_maps(stored: StoredCalibration, options: InverseOptions, *, refine: bool = True) -> BuiltRoom:
+    @property
+    def transport(self) -> Transport:
+        """What was inverted."""
+        return self.tier.transport
+
+
+def build_room_maps(
+    stored: StoredCalibration, options: InverseOptions, *, refine: bool = True, colour: str = "auto"
+) -> BuiltRoom:
     """Build and write every row map of a calibration; those that only refinement needs if `refine`.
 
-    Raises InputError at once if another process is building them.
+    colour : of choices.COLOURS.  Raises InputError at once if another process is building them.
     """
     with maps.replacing(stored) as stage:
-        built = build_maps(read_transport(stored), stored.calibration, options, refine=refine)
+        built = build_maps(tier_of(stored.calibration, read_transport(stored), colour), options, refine=refine)
         maps.write_maps(built.maps, stored, stage)
     return built
 
 
-def build_maps(
-    transport: Transport, calibration: Calibration, options: InverseOptions, *, refine: bool = True
-) -> BuiltRoom:
-    """Every row map of a room in memory; nothing is read or written.
-
-    calibration : sizes, ambient light and mask.  Raises InputError for what cannot be inverted.
-    """
+def build_maps(tier: Tier, options: InverseOptions, *, refine: bool = True) -> BuiltRoom:
+    """Every row map of a room in memory; nothing is read or written.  Raises InputError for what cannot be inverted."""
+    transport, calibration, white = tier.transport, tier.calibration, tier.white
     camera, projector = calibration.camera.shape, calibration.projector.shape
-    white = reachable_white(transport.floodlight(calibration.ambient), calibration.mask)
     maps.check_white(white)
-    reach = np.maximum(white, calibration.ambient.reshape(-1, 3)).astype(np.float64)
+    reach = np.asarray(tier.mixing.brightest(white, tier.ambient), np.float64).reshape(-1, 3)
     inverse = invert_near_light(transport.near, calibration.mask, projector, reach, white, options, calibration.regions)
     correction = pack(inverse.T_pinv, projector, camera)
     far, undo = _pack_far_light(transport, inverse, camera, projector)
     details = _details(inverse, correction, transport, options)
     further = refinement_maps(transport, calibration) if refine else None
     observe = pack(transport.near, camera, projector)
-    packed = RoomMaps(correction, observe, far, undo, white, details, further)
-    return BuiltRoom(calibration, transport, inverse, packed, _summary(inverse, packed))
+    packed = RoomMaps(correction, observe, far, undo, white, details, further, tier.mixing)
+    return BuiltRoom(tier, inverse, packed, _summary(inverse, packed))
 
 
 def _pack_far_light(
