@@ -60,7 +60,7 @@ def test_where_paint_is_even_both_tiers_reach_the_nine_matrices_optimum(
     for colour in ("global", "pixel", "auto"):
         found, tier = compensated(room, colour, neutral)
         assert found == pytest.approx(best, abs=NEAR_DB)
-        assert tier.mixing.neutral == pytest.approx(neutral, abs=1e-6)  # float32 floodlights, times the condition
+        assert tier.mixing.neutral == pytest.approx(neutral, abs=1e-5)  # float32 floodlights, times the condition
     assert tier.mixing.tier == "global"
     assert compensated(room, "independent", neutral)[0] < best - NEAR_DB
 
@@ -84,11 +84,12 @@ def test_a_tier_says_what_a_drive_of_any_colour_looks_like(rng: np.random.Genera
     """Where primaries' footprints agree, the tier of each pixel is exact: nine matrices in three and a mixing."""
     room = coloured_room(rng, neutral, paint=0.3 / np.linalg.cond(neutral))
     drive = rng.uniform(size=(room.transport.shape[1], 3))
-    seen = room.radiance(drive) @ np.linalg.inv(neutral).T
     tier = tier_of(room.calibration, room.transport, "pixel")
-    np.testing.assert_allclose(tier.seen(drive), seen, atol=3e-6 * np.linalg.cond(neutral))  # float32 T and F, times Q
+    seen = tier.mixing.on_screen(room.radiance(drive))
+    rounding = 3e-6 * np.linalg.cond(neutral)  # float32 T and F, times Q
+    np.testing.assert_allclose(tier.seen(drive), seen, atol=rounding)
     asked = tier.asked(seen).reshape(-1, 3)
-    np.testing.assert_allclose(asked, tier.transport.apply(drive), atol=1e-5 * np.linalg.cond(neutral))
+    np.testing.assert_allclose(asked, tier.transport.apply(drive), atol=4 * rounding)  # times A
 
 
 def test_without_floodlights_or_as_asked_nothing_changes(rng: np.random.Generator) -> None:
@@ -113,7 +114,9 @@ def test_the_neutral_mixing_is_found_beside_paint_of_any_colour_and_gain(rng: np
     assert F is not None
     for gains in ((1, 1, 1), (1, 3, 0.5)):
         found = neutral_mixing(F * np.float32(gains), room.calibration.mask)
-        np.testing.assert_allclose(found, CROSSTALK, atol=1e-6)  # float32
+        primaries = np.diag(gains) @ CROSSTALK
+        expected = primaries * np.linalg.solve(primaries, np.ones(3))  # white is what the camera calls white
+        np.testing.assert_allclose(found, expected, atol=1e-2)  # paint of up to ± 30 % within a primary
 
 
 def damaged(room: ColouredRoom, kind: str) -> Calibration:

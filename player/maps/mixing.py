@@ -60,6 +60,13 @@ class Mixing:
         """A = B⁻¹ of every camera pixel."""
         return None if self.pixel is None else np.linalg.inv(self.pixel.astype(np.float64)).astype(np.float32)
 
+    @property
+    def of_camera(self) -> FloatArray | None:
+        """M₀ B of every camera pixel, or M₀: from the transport's light to the camera's radiance; None for neither."""
+        if self.neutral is None:
+            return None
+        return self.neutral if self.pixel is None else np.asarray(self.neutral @ self.pixel)
+
     def on_screen(self, radiance: Light) -> Light:
         """Q c: what the camera sees, in screen primaries, (…, 3)."""
         return radiance if self.neutral is None else radiance @ self.to_screen.T.astype(radiance.dtype)
