@@ -16,6 +16,7 @@ from counterlight.pipeline.content import psnr
 from counterlight.tools.colour.neutral import neutral_mixing
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.solve.registry import prepare
+from counterlight.tools.transport.joining import join_rooms
 from tests.coloured_rooms import CROSSTALK, ColouredRoom, coloured_room, mixing_of_condition
 
 FloatArray = NDArray[np.float64]
@@ -248,3 +249,34 @@ def test_matrices_without_an_inverse_are_told_apart() -> None:
     cases = np.stack([np.eye(3), np.zeros((3, 3)), np.full((3, 3), np.nan), np.diag([1, 1, 1e-4]), np.ones((3, 3))])
     assert invertible(cases).tolist() == [True, False, False, False, False]
     assert Mixing().tier == "independent"
+
+
+def half(room: ColouredRoom, seen: NDArray[np.bool_]) -> ColouredRoom:
+    """Lit only in some camera pixels, (camera height, camera width)."""
+    lit = seen.ravel()
+    F = room.calibration.primaries
+    assert F is not None
+    calibration = replace(room.calibration, mask=seen, primaries=F * seen[..., None])
+    return ColouredRoom(calibration, room.transport.inside(seen), room.nine * lit[:, None])
+
+
+def test_projectors_of_different_primaries_are_joined_by_the_sum_of_their_floodlights(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    """Side by side, each pixel has the mixing of the projector that lights it."""
+    left = np.zeros((11, 17), bool)
+    left[:, :8] = True
+    whole = [coloured_room(rng, neutral, paint=0.1, ambient=0.0) for neutral in (CROSSTALK, mixing_of_condition(4))]
+    rooms = [half(room, seen) for room, seen in zip(whole, (left, ~left), strict=True)]
+    for name, room in zip(("a", "b"), rooms, strict=True):
+        cl.Room(room.calibration, room.transport).write(tmp_path / name)
+    join_rooms([tmp_path / "a", tmp_path / "b"], tmp_path / "joint")
+    joint = cl.read_room(tmp_path / "joint")
+    assert joint.tier.mixing.tier == "pixel"
+    drive = rng.uniform(size=(7, 26, 3))
+    seen = sum(room.radiance(part) for room, part in zip(rooms, np.split(drive, 2, axis=1), strict=True))
+    found = joint.tier.mixing.as_radiance(joint.seen(drive))
+    np.testing.assert_allclose(found, seen, atol=2e-6)  # float32 T and F
+    cl.Room(replace(rooms[1].calibration, primaries=None), rooms[1].transport).write(tmp_path / "c")
+    join_rooms([tmp_path / "a", tmp_path / "c"], tmp_path / "unknown")
+    assert cl.read_room(tmp_path / "unknown").calibration.primaries is None

@@ -2,7 +2,8 @@
 
 independent : as if a camera's channel saw one primary alone; T̃ = T.
 global : T̃_k = Σ_j Q_kj T_j, Q the inverse of M₀, the mixing of a neutral surface.
-pixel : T̃_l = w_l T_l / (T_l·1), w_l² = Σ_k (QF)²_kl, and B of counterlight.maps.mixing; F floodlights of the primaries.
+pixel : T̃_l = Σ_j (A Q)_lj T_j in each camera pixel, A of counterlight.maps.mixing from floodlights F of the primaries:
+T̃_l·1 = w_l, w_l² = Σ_k (QF)²_kl.
 """
 
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from counterlight.maps.mixing import Mixing, invertible
 from counterlight.pipeline.content import reachable_white
 from counterlight.tools.choices import COLOURS
 from counterlight.tools.colour.neutral import neutral_mixing
-from counterlight.tools.transport.mixing import mixed_channels, with_composition
+from counterlight.tools.transport.mixing import mixed_channels
 from counterlight.tools.transport.transport import Transport
 
 WORTH = 0.003  # of a primary's light in wrong channels: an error of 50 dB, which the best compensation reaches
@@ -96,7 +97,8 @@ def tier_of(calibration: Calibration, transport: Transport, colour: str = "auto"
         return _global(calibration, transport, neutral, said)
     if not found.share:
         said += "; no camera pixel's floodlights add up to what the patterns found, so that all are taken for neutral"
-    return Tier(calibration, with_composition(transport, found.w), Mixing(neutral, found.B), said)
+    mixing = Mixing(neutral, found.B)
+    return Tier(calibration, mixed_channels(transport, found.inverse @ mixing.to_screen), mixing, said)
 
 
 def _neutral(calibration: Calibration) -> tuple[FloatArray, str]:
@@ -116,14 +118,15 @@ def _global(calibration: Calibration, transport: Transport, neutral: FloatArray,
 
 @dataclass(frozen=True)
 class _Mixings:
-    """B and w of every camera pixel; residual : what the global tier leaves, root mean square of the sines between B's
-    columns and their axes; share : of the pixels that count, how many have a mixing of their own.
+    """B of every camera pixel and its inverse, A.
 
-    B : (camera height, camera width, 3, 3) float32.  w : (camera pixels, 3).
+    residual : what the global tier leaves, root mean square of the sines between B's columns and their axes.
+    share : of the pixels that count, how many have a mixing of their own.
+    B : (camera height, camera width, 3, 3) float32.  inverse : (camera pixels, 3, 3).
     """
 
     B: NDArray[np.float32]
-    w: FloatArray
+    inverse: FloatArray
     residual: float
     share: float
 
@@ -139,12 +142,13 @@ def _mixing_of_pixels(calibration: Calibration, composition: FloatArray, neutral
     B = np.where(known[:, None, None], P, np.eye(3)) / np.where(known[:, None], lengths, 1)[:, None]
     known &= invertible(B, WORST_MIXED)
     B[~known] = np.eye(3)
-    w = np.where(known[:, None], lengths, np.maximum(composition @ Q.T, 0))
     counted = calibration.mask.ravel() & known
     sines = 1 - np.einsum("ill->il", B[counted]) ** 2
     residual = float(np.sqrt(np.mean(np.maximum(sines, 0)))) if counted.any() else 0.0
     pixel = B.reshape(*calibration.camera.shape, 3, 3).astype(np.float32)
-    return _Mixings(pixel, w, residual, float(np.mean(known[calibration.mask.ravel()])))
+    return _Mixings(
+        pixel, np.asarray(np.linalg.inv(B), np.float64), residual, float(np.mean(known[calibration.mask.ravel()]))
+    )
 
 
 def _scaled_floodlights(primaries: NDArray[np.float32], composition: FloatArray) -> tuple[FloatArray, BoolArray]:

@@ -1,4 +1,4 @@
-"""Channels of a transport mixed, T'_k = Σ_j X_kj T_j, and its rows scaled: what tiers of colour are made of."""
+"""Channels of a transport mixed, T'_k = Σ_j X_kj T_j: another camera's, or what tiers of colour are made of."""
 
 from dataclasses import replace
 
@@ -33,13 +33,6 @@ def mixed_channels(transport: Transport, mixing: FloatArray) -> Transport:
     floodlight = far.apply(ones)
     scatter = _scaled(far.scatter, _ratio(_mixed_light(mixing, floodlight), floodlight))
     return replace(transport, near=scaled, far=replace(far, scatter=scatter))
-
-
-def with_composition(transport: Transport, composition: FloatArray) -> Transport:
-    """T with its rows scaled to T·1 = `composition`, (camera pixels, 3); rows without light stay without."""
-    factor = _ratio(composition, transport.composition())
-    far = None if transport.far is None else replace(transport.far, scatter=_scaled(transport.far.scatter, factor))
-    return replace(transport, near=_scaled(transport.near, factor), far=far)
 
 
 def _mixed_light(mixing: FloatArray, light: FloatArray) -> FloatArray:
