@@ -38,6 +38,7 @@ class Request:
         self._adjustments, self._unit = NEUTRAL, 1.0
         own = self._owner.own
         try:
+            self._rows = mixer.rows
             self._black = own(device.picture(np.zeros((*self._projector, 3), np.float32)))
             self._desired = own(device.make_pass("desired.frag", self._camera, mixer.defines))
             self._plain = own(device.make_pass("desired.frag", self._projector, {"CLAMP": None}))
@@ -78,7 +79,7 @@ class Request:
     def light(self, picture: Light) -> Light:
         """b = c − e of a decoded picture."""
         fitter = self._fitter if self._adjustments.corners is None else self._pinner
-        placed, rows = fitter.run(self._on_screen(picture)), self._mixer.rows
+        placed, rows = fitter.run(self._on_screen(picture)), self._rows
         if not self._toned:
             return self._desired.run(picture=placed, ambient=self._ambient, **rows)
         tone = self._adapter.run(placed) if self._adjustments.adapt else self._no_tone
