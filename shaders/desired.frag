@@ -1,22 +1,26 @@
 #version 330 core
-// What the projector must add: b = white · picture − e (thesis eq. 5.1).
+// What the projector must add: b = white · picture − e (thesis eq. 5.1), mixed as the primaries are.
 //
 // Inputs: `picture`, linear RGB; `ambient`, radiance of the same size.
 // Defines: CLAMP limits the result to 0..1 (a picture that goes to the projector as it is, with black as ambient);
-//   REACH knows `reach`, e + T·1, and in alpha whether a camera pixel counts: no other is asked for more than it can have;
 //   TONE asks for s (k + (1 − k) unit · picture) + o instead of the picture, k the black level, (s, o) the one texel of
-//   `tone` (player/pipeline/content.py).
+//   `tone` (player/pipeline/content.py);
+//   MIXED takes the light through each pixel's matrix, `row_red`, `row_green`, `row_blue` (player/maps/mixing.py);
+//   FULL knows `full`, T·1, and in alpha whether a camera pixel counts: no other is asked for more than it can have.
 // Output: b, radiance, of their size.
 // CPU twin: desired_light in player/pipeline/reference.py.
 uniform sampler2D picture;
 uniform sampler2D ambient;
 uniform float white;
-#ifdef REACH
-uniform sampler2D reach;
+#ifdef FULL
+uniform sampler2D full;
 #endif
 #ifdef TONE
 uniform sampler2D tone;
 uniform float unit, black_level;
+#endif
+#ifdef MIXED
+uniform sampler2D row_red, row_green, row_blue;
 #endif
 
 out vec4 b;
@@ -29,9 +33,13 @@ void main() {
     asked = affine.x * (black_level + (1.0 - black_level) * (unit * asked)) + affine.y;
 #endif
     vec3 light = white * asked - texelFetch(ambient, at, 0).rgb;
-#ifdef REACH
-    vec4 had = texelFetch(reach, at, 0);
-    if (had.a == 0.0) light = clamp(light, vec3(0.0), max(had.rgb - texelFetch(ambient, at, 0).rgb, 0.0));
+#ifdef MIXED
+    light = vec3(dot(texelFetch(row_red, at, 0).rgb, light), dot(texelFetch(row_green, at, 0).rgb, light),
+                 dot(texelFetch(row_blue, at, 0).rgb, light));
+#endif
+#ifdef FULL
+    vec4 had = texelFetch(full, at, 0);
+    if (had.a == 0.0) light = clamp(light, vec3(0.0), had.rgb);
 #endif
 #ifdef CLAMP
     light = clamp(light, 0.0, 1.0);

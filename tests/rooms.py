@@ -116,10 +116,12 @@ def write_blurred_room(
     camera: tuple[int, int] = (36, 50),
     projector: tuple[int, int] = (30, 40),
     cells: int = 0,
+    mixing: NDArray[np.float64] | None = None,
 ) -> Transport:
     """A calibration folder of a textured, slightly blurred wall whose colours differ; returns its transport.
 
-    cells : of far light, a tenth of all light; 0 for none.
+    cells : of far light, a tenth of all light; 0 for none.  mixing : (3, 3), what each channel's light is made of, rows
+    of sum 1, for floodlights of the primaries.
     """
     blur = blurred_transport(rng, camera, projector, 0.5)
     tints = rng.uniform(0.5, 1, (3, blur.shape[0], 1))
@@ -132,10 +134,16 @@ def write_blurred_room(
         Device(*camera, Response("linear")),
         rng.uniform(0, 0.02, (*camera, 3)).astype(np.float32),
         np.ones(camera, bool),
+        None if mixing is None else _floodlights(transport.composition(), mixing).reshape(3, *camera, 3),
     )
     with writing(folder, calibration) as stage:
         write_transport(transport, stage)
     return transport
+
+
+def _floodlights(composition: NDArray[np.float64], mixing: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(primary, camera pixels, camera channel)."""
+    return np.moveaxis(composition[:, :, None] * mixing, 2, 0).astype(np.float32)
 
 
 def _far_light(rng: np.random.Generator, shape: tuple[int, int], cells: int) -> FarLight:

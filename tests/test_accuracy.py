@@ -9,6 +9,7 @@ import pytest
 
 from counterlight import calibration
 from counterlight.maps.room_maps import read_maps
+from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.inverse.room import build_room_maps
@@ -46,8 +47,7 @@ def test_the_default_map_is_never_worse_than_direct_or_the_plain_inverse(room: s
         for picture in pictures(stored.calibration.camera.shape):
             options = CompensateOptions(("map", "direct"))
             task = CompensationTask(
-                read_transport(stored),
-                stored.calibration,
+                tier_of(stored.calibration, read_transport(stored)),
                 picture,
                 radiance=False,
                 options=options,

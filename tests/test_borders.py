@@ -36,15 +36,16 @@ from tests.samples import samples
 
 MANIFEST_NAME = f"{FOLDER}/{MANIFEST}"
 CAMERA, PROJECTOR, CELLS = (13, 18), (10, 14), 4
+MIXING = np.array([[0.88, 0.08, 0.04], [0.06, 0.88, 0.06], [0.03, 0.09, 0.88]])
 WIDE = '{ width = 16384, height = 9, response = "srgb" }'
 
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A room with far light, its maps and a placement."""
+    """A room with far light, a mixing of each pixel, its maps and a placement."""
     folder = tmp_path_factory.mktemp("built") / "room"
-    write_blurred_room(folder, np.random.default_rng(1), CAMERA, PROJECTOR, CELLS)
-    build_room_maps(calibration.read(folder), InverseOptions())
+    write_blurred_room(folder, np.random.default_rng(1), CAMERA, PROJECTOR, CELLS, MIXING)
+    build_room_maps(calibration.read(folder), InverseOptions(), colour="pixel")
     write_placement(folder, ((0.1, 0.2), (0.9, 0.1), (1.05, 0.9), (-0.02, 0.8)))
     return folder
 

@@ -21,6 +21,7 @@ from counterlight.pipeline.room import Room
 from counterlight.pipeline.test_cards import CARDS, card
 from counterlight.pipeline.views import VIEWS
 from counterlight.response import Response, transfer_table
+from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.report.impossible import REASONS, SERVED, find_impossible
 from tests.refined_rooms import physical_room
 from tests.rooms import CAMERA, rgb_frame, yuv_frame
@@ -248,7 +249,7 @@ def test_damping_mixes_with_the_drive_before_and_starts_anew_at_a_cut() -> None:
 def test_the_impossible_view_is_the_report_s_map(rng: np.random.Generator) -> None:
     physical = physical_room(rng)
     room = replace(physical.room, white=1.3, maps=replace(physical.room.maps, white=1.3))
-    found = find_impossible(physical.transport, room.calibration, room.maps)
+    found = find_impossible(tier_of(room.calibration, physical.transport), room.maps)
     named = {reason.name: flag for reason, flag in zip(REASONS, found.flags, strict=True)}
     frame = rgb_frame(np.zeros((9, 15, 3), np.uint8))
     renderer = opened(room, frame)

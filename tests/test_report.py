@@ -15,6 +15,7 @@ from counterlight.maps import room_maps as maps
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import unpack
 from counterlight.response import Response
+from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.report import report
 from counterlight.tools.report.charts import bins_of
 from counterlight.tools.report.impossible import REASONS, find_impossible
@@ -54,7 +55,7 @@ def one_pixel_rooms(T: np.ndarray, ambient: np.ndarray, mask: np.ndarray, white:
     inverse = sparse.csr_array(np.linalg.pinv(T))
     packed = [pack_matrices([m] * 3, a, b) for m, a, b in ((inverse, projector, camera), (matrix, camera, projector))]
     room_maps = RoomMaps(packed[0], packed[1], None, None, white)
-    return find_impossible(Transport.from_matrices((matrix,) * 3), room, room_maps).flags[:, 0]
+    return find_impossible(tier_of(room, Transport.from_matrices((matrix,) * 3)), room_maps).flags[:, 0]
 
 
 def test_each_reason_is_found_where_it_was_put() -> None:

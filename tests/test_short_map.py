@@ -18,7 +18,7 @@ def test_the_bound_of_16_bit_weights_is_reached_and_never_passed(rng: np.random.
     dense = [40 * rng.normal(size=(42, 45)) * (rng.uniform(size=(42, 45)) < 0.2) for _ in range(3)]
     packed = pack_matrices([sparse.csr_array(T, dtype=np.float32) for T in dense], (6, 7), (5, 9))
     ambient, white = rng.uniform(0, 2, (45, 3)).astype(np.float32), 1.3
-    rounded, bound = in_half(packed, white, ambient)
+    rounded, bound = in_half(packed, np.maximum(white, ambient))
     reach = np.maximum(white, ambient.astype(float))
     before, after = ([T.toarray() for T in matrices(each)] for each in (packed, rounded))
     changes = []
@@ -36,7 +36,7 @@ def test_16_bit_weights_fill_their_range_and_never_leave_it(largest: float) -> N
     """64.13 is just too much for a scale of 1024; in 16 bits log2(65504 / 64.13) would be rounded up to 10."""
     dense = largest * np.array([[1.0, -0.3, 0.0], [0.5, 0.01, -1.0]])
     packed = pack_matrices([sparse.csr_array(dense, dtype=np.float32)] * 3, (1, 2), (1, 3))
-    rounded, bound = in_half(packed, 1.0, np.zeros((3, 3), np.float32))
+    rounded, bound = in_half(packed, np.ones((3, 3)))
     np.testing.assert_allclose(matrices(rounded)[0].toarray(), dense, rtol=2**-11)
     assert 0 < bound <= 1.5 * largest * 2**-11
 
@@ -50,7 +50,7 @@ def test_halves_give_the_map_that_the_bound_was_computed_for(rng: np.random.Gene
     halves = to_half(rows.weights, half_scale(packed))
     assert np.isfinite(halves).all()
     assert set(np.abs(halves[np.abs(halves) < np.finfo(np.float16).smallest_normal])) == {0}
-    rounded, bound = in_half(packed, 1.0, np.zeros((45, 3), np.float32))
+    rounded, bound = in_half(packed, np.ones((45, 3)))
     expected = pack(replace(rows, weights=halves.astype(np.float32) / half_scale(packed)), (4, 5), (5, 9))
     np.testing.assert_array_equal(written_out(rounded), written_out(expected))
     change = np.abs(written_out(rounded) - written_out(packed)).sum(axis=1).max()
@@ -65,7 +65,7 @@ def test_halves_are_certified_while_both_bounds_fit(
     ambient = np.zeros((*CAMERA, 3), np.float32)
     rounding = rounding_of(maps, maps.white, ambient)
     assert rounding is not None
-    _, error = in_half(maps.correction, maps.white, ambient.reshape(-1, 3))
+    _, error = in_half(maps.correction, np.maximum(maps.white, ambient.reshape(-1, 3)))
     assert 0.1 / 255 < error < 0.9 / 255
     assert rounding.change == pytest.approx(0.1 / 255 + error)
     assert rounding.certified == certified

@@ -55,7 +55,7 @@ def test_every_entry_is_there_once(rng: np.random.Generator, short: bool, lanes:
     packed = random_map(rng, OUTPUT, SOURCE, 90)
     scale = half_scale(packed) if short else None
     found = list(parts(packed, lanes, most, scale))
-    plain = in_half(packed, 1.0, np.zeros((SOURCE[0] * SOURCE[1], 3), np.float32))[0] if short else packed
+    plain = in_half(packed, np.ones((SOURCE[0] * SOURCE[1], 3)))[0] if short else packed
     assert unsliced(found, lanes, scale) == expected(plain)
     assert all(len(part.rows) * lanes % GROUP == 0 for part in found)
     assert max(len(part.entries) for part in found) <= max(most, -(-90 // lanes) * GROUP)

@@ -17,6 +17,7 @@ from counterlight.files import exr
 from counterlight.response import Response
 from counterlight.tools import build_correction_map
 from counterlight.tools.clusters.finite import NonFiniteError
+from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.solve.box import MOST_STEPS, TOLERANCE
 from counterlight.tools.solve.channel import Channel
 from counterlight.tools.solve.clusterwise import Blockwise, Clusterwise
@@ -261,8 +262,7 @@ def test_decomposed_solvers_come_close_despite_far_light(rng: np.random.Generato
         "far", "a test", devices[:1], devices[1], np.zeros((*camera, 3), np.float32), np.ones(camera, bool)
     )
     task = CompensationTask(
-        transport,
-        room,
+        tier_of(room, transport),
         rng.uniform(0.2, 0.6, (*camera, 3)),
         radiance=False,
         options=CompensateOptions(("svd", "box"), 10_000),

@@ -115,9 +115,7 @@ def test_a_drive_is_judged_as_compensate_image_judges_it(room: StudyRoom, name: 
     task = Task(room, picture)
     options = CompensateOptions((name,), white=room.white)
     expected = next(
-        CompensationTask(
-            room.transport, room.calibration, picture.at(ROOM_CAMERA), radiance=False, options=options
-        ).run(task.plain)
+        CompensationTask(room.tier, picture.at(ROOM_CAMERA), radiance=False, options=options).run(task.plain)
     )
     judged = task.judge(expected.drive.reshape(-1, 3))
     assert judged.quality == expected.quality

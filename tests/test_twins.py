@@ -12,8 +12,9 @@ from counterlight.pipeline import cpu_renderer, reference
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.views import VIEWS
+from tests.coloured_rooms import with_mixing
 from tests.refined_rooms import physical_room
-from tests.rooms import yuv_frame
+from tests.rooms import CAMERA, radiance_frame, yuv_frame
 
 ROOT = Path(__file__).resolve().parents[1]
 TWIN = re.compile(r"^// CPU twin: ([\w.]+) in ([\w/]+\.py)\.$", re.MULTILINE)
@@ -53,7 +54,12 @@ def test_the_renderer_without_opengl_runs_every_twin(rng: np.random.Generator, m
             if drawn is original:
                 monkeypatch.setitem(cpu_renderer.TWINS, shader, watched(name, original))
     monkeypatch.setattr(cpu_renderer, "PreparedRows", watched("PreparedRows", reference.PreparedRows))
-    renderer, frame = CpuRenderer(physical_room(rng).room), yuv_frame(rng, (9, 15))
+    frame, radiance = yuv_frame(rng, (9, 15)), radiance_frame(rng.uniform(size=(*CAMERA, 3)).astype(np.float32))
+    mixing = CpuRenderer(with_mixing(physical_room(rng).room, rng))
+    mixing.open(radiance.format)
+    mixing.upload(radiance)
+    mixing.render("camera", compensate=True)
+    renderer = CpuRenderer(physical_room(rng).room)
     renderer.open(frame.format)
     for adjustments in (Adjustments(), Adjustments(adapt=3, flicker=0.5, clipping=True, corners=PINNED)):
         renderer.adjust(adjustments)

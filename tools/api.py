@@ -21,12 +21,12 @@ from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError, nearest
 from counterlight.maps import room_maps as correction
 from counterlight.maps.room_maps import RoomMaps
-from counterlight.pipeline.content import reachable_white
 from counterlight.pipeline.refinement import Certificate, default_start
 from counterlight.response import Response, parse_response
 from counterlight.tools.acquisition.matrices_room import keep_light
 from counterlight.tools.acquisition.room_options import ASSUMED
 from counterlight.tools.choices import PRESETS
+from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.shipped import parse_scene
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
@@ -40,11 +40,14 @@ Shape: TypeAlias = tuple[int, int]
 class Room:
     """A projector, a camera, and the light between them: camera = transport @ projector + ambient.
 
-    calibration : sizes, responses, ambient light, mask.  transport : T.
+    calibration : sizes, responses, ambient light, mask, floodlights of the primaries.  transport : T, of white light.
+    colour : which primaries a camera channel is taken to see: auto, independent, global or pixel (docs/colour.md).
+    Pictures of the camera are in screen primaries: what a neutral surface would show of each primary.
     """
 
     calibration: Calibration
     transport: Transport
+    colour: str = "auto"
 
     @classmethod
     def from_matrices(
@@ -58,6 +61,8 @@ class Room:
         ambient: ArrayLike | None = None,
         mask: ArrayLike | None = None,
         response: str | float | Response | None = None,
+        primaries: ArrayLike | None = None,
+        colour: str = "auto",
         name: str = "room",
     ) -> Self:
         """A room from T of three channels.
@@ -68,6 +73,7 @@ class Room:
         mask : (height, width), which camera pixels count; None for those that the projector lights.
         response : the projector's light for a code value: linear, srgb, a gamma, or a Response. None takes sRGB, and
             warns that this is a guess: codes that are made from it will be off.
+        primaries : (3, height, width, 3), the camera's pictures of full red, green and blue, without ambient light.
         Raises InputError for matrices that do not fit, have no light, or numbers that are none.
         """
         eye, lamp = Device(*camera, Response("linear")), Device(*projector, _given_or_assumed(response))
@@ -80,7 +86,9 @@ class Room:
             raise InputError(
                 f"mask of shape {counts.shape}, {counts.sum()} pixels count: expected {camera}, at least 1"
             )
-        return cls(Calibration(name, "made of matrices in Python", (lamp,), eye, light, counts), transport)
+        measured = None if primaries is None else _primaries(primaries, camera)
+        calibration = Calibration(name, "made of matrices in Python", (lamp,), eye, light, counts, measured)
+        return cls(calibration, transport, colour)
 
     @property
     def camera(self) -> Shape:
@@ -101,18 +109,23 @@ class Room:
         return self.calibration.mask
 
     @cached_property
+    def tier(self) -> Tier:
+        """The room as its channels nearly decouple; `str` says which tier of colour it is, and why."""
+        return tier_of(self.calibration, self.transport, self.colour)
+
+    @property
     def white(self) -> float:
         """The radiance of a white picture that most of the room can reach."""
-        return float(reachable_white(self.floodlight, self.mask))
+        return self.tier.white
 
     @cached_property
     def floodlight(self) -> FloatArray:
-        """T·1 + e: what the camera sees of a white projector."""
-        return self.transport.floodlight(self.ambient)
+        """What the camera sees of a white projector: T·1 + e where channels are independent."""
+        return self.seen(1.0)
 
     def seen(self, drive: ArrayLike) -> FloatArray:
-        """T p + e: what the camera sees of a projector picture, radiance."""
-        return self.transport.apply(_picture(drive, self.projector, "a projector picture")) + self.ambient
+        """What the camera sees of a projector picture: T p + e where channels are independent."""
+        return self.tier.seen(_picture(drive, self.projector, "a projector picture"))
 
     def write(self, folder: Path | str, *, maps: RoomMaps | None = None, force: bool = False) -> None:
         """Write a calibration folder, with its maps if they are given; it appears whole or not at all."""
@@ -129,7 +142,7 @@ class Room:
 class Solution:
     """A projector picture for a camera picture.
 
-    drive : (projector height, projector width, 3), 0..1, linear light.  seen : what the camera sees of it, radiance.
+    drive : (projector height, projector width, 3), 0..1, linear light.  seen : what the camera sees of it.
     below_optimum : decibels that `seen` can at most be below what the best drive would reach, from the gradient.
     """
 
@@ -177,29 +190,36 @@ def simulate(
     return _room(simulated_calibration(described, result), result.transport)
 
 
-def solve(room: Room, picture: ArrayLike, solver: str = "box", *, white: float | None = None) -> Solution:
+def solve(
+    room: Room, picture: ArrayLike, solver: str = "box", *, white: float | None = None, colour: str | None = None
+) -> Solution:
     """A projector picture by a CPU solver (docs/solvers.md).
 
     picture : (camera height, camera width, 3), in shares of `white`, a radiance; None takes the room's.
     solver : box (the best that a projector can show), nnls, svd, qr or direct; what is beyond 0..1 is clamped.
+    colour : instead of the room's.
     """
     from counterlight.tools.solve.registry import SOLVERS, prepare
 
     if solver not in SOLVERS:
         raise InputError(f"solver {solver!r}: expected one of {', '.join(SOLVERS)}{nearest(solver, SOLVERS)}")
-    desired = _picture(picture, room.camera, "a picture") * (room.white if white is None else white)
-    objective, b = objective_of(room.transport, room.calibration, DEFAULT_AIMS), desired - room.ambient
-    drive = np.clip(prepare(solver, room.transport, room.mask, objective).solve(b).unclamped, 0, 1)
+    tier = _coloured(room, colour).tier
+    b = tier.asked(_picture(picture, room.camera, "a picture") * (tier.white if white is None else white))
+    objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS)
+    drive = np.clip(prepare(solver, tier.transport, room.mask, objective).solve(b).unclamped, 0, 1)
     bound = objective.certificate(drive, b.reshape(-1, 3))
     shown = drive.reshape(*room.projector, 3)
-    return Solution(shown, room.seen(shown), bound.decibels)
+    return Solution(shown, tier.seen(shown), bound.decibels)
 
 
-def build_maps(room: Room, preset: str | None = None, *, refine: bool = True, **options: Any) -> RoomMaps:
+def build_maps(
+    room: Room, preset: str | None = None, *, refine: bool = True, colour: str | None = None, **options: Any
+) -> RoomMaps:
     """The maps that the player multiplies with, as `counterlight build` makes them.
 
     preset : fast, balanced or best.  options : damping, max_error, max_cluster, noise, method, which prevail
     (counterlight.tools.inverse.inverse.InverseOptions).  refine : with what only refinement needs.
+    colour : instead of the room's.
     """
     from counterlight.tools.inverse import presets
     from counterlight.tools.inverse.inverse import InverseOptions
@@ -208,20 +228,20 @@ def build_maps(room: Room, preset: str | None = None, *, refine: bool = True, **
     if preset is not None and preset not in PRESETS:
         raise InputError(f"preset {preset!r}: expected one of {', '.join(PRESETS)}{nearest(preset, PRESETS)}")
     wanted = replace(InverseOptions() if preset is None else presets.PRESETS[preset], **options)
-    return build(room.transport, room.calibration, wanted, refine=refine).maps
+    return build(_coloured(room, colour).tier, wanted, refine=refine).maps
 
 
 class Renderer:
     """The player's renderer without a window, for pictures of the camera's size; a context manager.
 
-    backend : "gl", OpenGL through EGL, or "cpu".  white : radiance of a white picture; None takes the room's.
+    backend : "gl", OpenGL through EGL, or "cpu".  white : radiance of a white picture; None takes the maps'.
     """
 
     def __init__(self, room: Room, maps: RoomMaps, *, backend: str = "gl", white: float | None = None) -> None:
         from counterlight.pipeline.room import Room as Rendered
         from counterlight.show.headless import headless_renderer
 
-        self._white = room.white if white is None else white
+        self._white = maps.white if white is None else white
         self._room = Rendered(room.calibration, maps, self._white, start=default_start(maps.correction_in_steps))
         self._stack = ExitStack()
         self._renderer = self._stack.enter_context(headless_renderer(backend, self._room))
@@ -241,7 +261,7 @@ class Renderer:
         from counterlight.media.frames import radiance_frame
 
         desired = _picture(picture, self._room.calibration.camera.shape, "a picture") * self._white
-        frame = radiance_frame(desired)
+        frame = radiance_frame(np.asarray(self._room.maps.mixing.as_radiance(desired), np.float64))
         if self._steps is None:
             self._renderer.open(frame.format)
         self._steps = self._room.default_steps if refine is None else refine
@@ -249,7 +269,7 @@ class Renderer:
         return self._view("projector")
 
     def camera_view(self) -> FloatArray:
-        """What the camera will see of the picture rendered last, radiance, by the maps."""
+        """What the camera will see of the picture rendered last, by the maps."""
         return self._view("camera")
 
     def certificate(self) -> Certificate | None:
@@ -264,6 +284,19 @@ class Renderer:
             raise InputError("nothing has been rendered; call render first")
         self._renderer.render(view, compensate=True, steps=self._steps)
         return np.array(self._renderer.linear(), np.float64)
+
+
+def _coloured(room: Room, colour: str | None) -> Room:
+    return room if colour is None or colour == room.colour else replace(room, colour=colour)
+
+
+def _primaries(light: ArrayLike, camera: Shape) -> NDArray[np.float32]:
+    pictures = np.asarray(light, np.float32)
+    if pictures.shape != (3, *camera, 3):
+        raise InputError(
+            f"primaries of shape {pictures.shape}, expected {(3, *camera, 3)}: pictures of red, green, blue"
+        )
+    return pictures
 
 
 def _room(calibration: Calibration, transport: Transport) -> Room:

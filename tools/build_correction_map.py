@@ -8,6 +8,7 @@ from pathlib import Path
 
 from counterlight.command import Parser, run
 from counterlight.tools.choices import INVERSE_METHODS, PRESETS
+from counterlight.tools.colour.option import add_colour
 from counterlight.tools.objective_options import add_objective_options
 from counterlight.writing.outputs import check_folder
 
@@ -38,7 +39,9 @@ def _main(argv: Sequence[str] | None) -> None:
         check_folder(options.report, inputs=[options.calibration])
         check_report_folder(options.report)
     aims = ObjectiveOptions(options.drift, options.outside)
-    built = build_room_maps(calibration.read(options.calibration), inverse_options, aims, refine=not options.no_refine)
+    stored = calibration.read(options.calibration)
+    built = build_room_maps(stored, inverse_options, aims, refine=not options.no_refine, colour=options.colour)
+    print(built.tier)
     print(f"{built.summary}, {time.monotonic() - start:.1f} s")
     if options.report is not None:
         print(f"report: {write_report(built, options.report)}")
@@ -97,6 +100,7 @@ def _parser() -> argparse.ArgumentParser:
         help="relative noise of the measured transport (0.01 is 1 %%): with --regularize none, singular values that it "
         "alone could make are left out (default: those below float32 rounding); auto damps at least as much",
     )
+    add_colour(parser)
     add_objective_options(parser)
     parser.add_argument(
         "--no-refine",

@@ -1,5 +1,6 @@
 """The names that options take, apart from what they stand for: help and completion wait for no library."""
 
+COLOURS = ("auto", "independent", "global", "pixel")  # tools/colour/tiers.py
 OUTSIDE = ("black", "continue")  # tools/transport/objective.py
 INVERSE_METHODS = ("auto", "clustered", "windowed")  # tools/inverse/method.py
 PRESETS = ("fast", "balanced", "best")  # tools/inverse/presets.py

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from counterlight.command import Parser, run
 from counterlight.tools.choices import COMPENSATIONS
+from counterlight.tools.colour.option import add_colour
 from counterlight.tools.objective_options import add_objective_options
 
 MEANING = """none: uncorrected; direct: one camera pixel per projector pixel; map: the correction map, as the player
@@ -27,7 +28,7 @@ def _main(argv: Sequence[str] | None) -> None:
     names = COMPENSATIONS if options.solver == "all" else tuple(options.solver.split(","))
     check_order(options.calibration, [options.picture])
     aims = ObjectiveOptions(options.drift, options.outside)
-    wanted = CompensateOptions(tuple(dict.fromkeys(names)), options.max_cluster, options.white, aims)
+    wanted = CompensateOptions(tuple(dict.fromkeys(names)), options.max_cluster, options.white, options.colour, aims)
     for line in compensate(options.calibration, options.picture, options.output, wanted):
         print(line, flush=True)
 
@@ -58,6 +59,7 @@ def _parser() -> argparse.ArgumentParser:
         help="for qr, svd and nnls: decompose T into clusters of up to N pixels",
     )
     parser.add_argument("--white", type=float, metavar="RADIANCE", help="of a white picture (default: as the player)")
+    add_colour(parser)
     add_objective_options(parser)
     return parser
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from counterlight.command import Parser, run
 from counterlight.tools.choices import RELIT_VIEWS
+from counterlight.tools.colour.option import add_colour
 
 MEANING = """camera: T p + e, the room under a projector picture; dual: Tᵀ c', the scene from the projector's
 place, lit by the camera; inverse-camera: the column sums of T⁺ in camera space; inverse-dual: T⁺ c', what the projector
@@ -24,7 +25,7 @@ def _main(argv: Sequence[str] | None) -> None:
     from counterlight.tools.relighting.relight import RelightOptions, relight
 
     check_order(options.calibration, [options.picture])
-    wanted = RelightOptions(options.view, options.ambient, options.white)
+    wanted = RelightOptions(options.view, options.ambient, options.white, options.colour)
     print(relight(options.calibration, options.picture, options.output, wanted))
 
 
@@ -49,6 +50,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="LEVEL",
         help="the linear value that a PNG shows as white (default: the picture's 99th percentile)",
     )
+    add_colour(parser)
     return parser
 
 

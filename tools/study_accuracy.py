@@ -7,6 +7,7 @@ from pathlib import Path
 
 from counterlight.command import Parser, parse_size, run
 from counterlight.tools.choices import STUDIED_PICTURES, USUAL_PICTURES
+from counterlight.tools.colour.option import add_colour
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.writing.outputs import check_folder
 
@@ -29,6 +30,7 @@ def _main(argv: Sequence[str] | None) -> None:
         options.size,
         options.patience,
         options.table_6_1,
+        options.colour,
     )
     for line in run_study(study, options.output):
         print(line, flush=True)
@@ -74,6 +76,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--table-6-1", action="store_true", help="also measure the thesis' scenes at its sizes (takes longer)"
     )
+    add_colour(parser)
     return parser
 
 

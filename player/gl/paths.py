@@ -65,7 +65,7 @@ def store_maps(context: moderngl.Context, room: Room, path: str) -> GlMaps:
 
 def short_scale(room: Room) -> np.float32 | None:
     """For entries of 8 bytes; None if the correction map's bound or its rows' extent do not allow them."""
-    rounding = rounding_of(room.maps, room.white, room.calibration.ambient)
+    rounding = rounding_of(room.maps, room.white, room.ambient)
     certified = rounding is not None and rounding.certified and spans_fit(room.maps.correction)
     return rounding.scale if rounding is not None and certified else None
 

@@ -7,6 +7,7 @@ undo : D' and M', which predict the far light of a *compensated* picture from th
 subtracted before T⁺: p = T⁺ (b − U M' D' b), the fixed point of p = T⁺ (b − U M D p); see tools/inverse/far_light.py.
 refinement : what the player's projected gradient steps need beside T: TᵀW, step sizes, a prior, and direct mapping to
 start from.
+mixing : how the camera's colours mix the primaries; all of these maps are of the transport T̃ beyond it (mixing.py).
 """
 
 from collections.abc import Iterator
@@ -25,7 +26,9 @@ from counterlight.files.generation import read_steadily
 from counterlight.files.manifest import describe_files, write_toml
 from counterlight.files.reading import DescribedFiles, read_toml
 from counterlight.files.tables import Table
+from counterlight.maps import mixing as mixings
 from counterlight.maps import prior, row_map
+from counterlight.maps.mixing import Mixing
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import RowMap
 from counterlight.writing.replacing import replacing_folder
@@ -80,6 +83,7 @@ class RoomMaps:
     white : the radiance level that most of the room can reach (`--white auto`).
     details : what the builder wrote beside: options, clusters, bounds.
     refinement : None if it was left out, when the maps were built or read.
+    mixing : of the primaries, beyond which the maps stand.
     """
 
     correction: RowMap
@@ -89,6 +93,7 @@ class RoomMaps:
     white: float
     details: dict[str, Any] = field(default_factory=dict)
     refinement: RefinementMaps | None = None
+    mixing: Mixing = field(default_factory=Mixing)
 
     @property
     def correction_in_steps(self) -> float:
@@ -136,11 +141,13 @@ def write_maps(maps: RoomMaps, stored: StoredCalibration, stage: Path) -> None:
         maps.refinement.prior.write(stage)
         for name, values in ((WEIGHTS, maps.refinement.weights), (SEEN, maps.refinement.seen)):
             exr.write_channels(stage / name, {"Y": values})
+    mixings.write(maps.mixing, stage)
     manifest = {
         "format": FORMAT,
         "calibration": stored.fingerprint,
         "white": maps.white,
         **maps.details,
+        **maps.mixing.to_toml(),
         "maps": sizes,
         "files": describe_files(stage),
     }
@@ -191,8 +198,9 @@ def _read_maps(stored: StoredCalibration, refinement: bool) -> RoomMaps:
             _read_positive(files, SEEN, projector, "the projector")[..., 0],
         )
         further = RefinementMaps(maps["dual"], dual, maps["direct"], *pictures)
-    details = {key: value for key, value in values.items() if key not in ("maps", "files")}
-    return RoomMaps(maps["."], maps["transport"], far, undo, white, details, further)
+    mixing = mixings.read(manifest, files, stored.calibration.camera.shape)
+    details = {key: value for key, value in values.items() if key not in ("colour", "maps", "files")}
+    return RoomMaps(maps["."], maps["transport"], far, undo, white, details, further, mixing)
 
 
 def _sizes(manifest: Table, stored: StoredCalibration, *, refinement: bool) -> dict[str, Table]:

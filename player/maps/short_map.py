@@ -45,17 +45,16 @@ def to_half(weights: FloatArray, scale: np.float32) -> NDArray[np.float16]:
     return halves
 
 
-def in_half(packed: RowMap, white: float, ambient: NDArray[np.float32]) -> tuple[RowMap, float]:
+def in_half(packed: RowMap, brightest: NDArray[np.floating]) -> tuple[RowMap, float]:
     """The map with weights of 16 bits, scaled by a power of two into their range, and the certified change of a drive.
 
-    δ_i = Σ_j |T⁺_ij − half(T⁺_ij)| u_j, u = max(white, e), is the largest change of a desired light within u.
-    ambient : e, (source pixels, 3).
+    δ_i = Σ_j |T⁺_ij − half(T⁺_ij)| u_j is the largest change of a desired light within u.
+    brightest : u, (source pixels, 3).
     """
     weights, scale = packed.entries[..., :3], half_scale(packed)
     entries = packed.entries.copy()
     entries[..., :3] = to_half(weights, scale).astype(np.float32) / scale
     lost = replace(packed, entries=np.concatenate([np.abs(entries[..., :3] - weights), entries[..., 3:]], -1))
-    brightest = np.maximum(white, ambient)
     return replace(packed, entries=entries), max(_row_sums(lost, brightest), default=0.0)
 
 
@@ -63,17 +62,18 @@ def rounding_of(maps: RoomMaps, white: float, ambient: NDArray[np.float32]) -> R
     """What halves would do to the correction map; None if its manifest states no bound that they could keep.
 
     The bound of what was left out holds for light up to the map's own white, and grows with one above that.
+    ambient : in screen primaries, (camera height, camera width, 3).
     """
     try:
         allowed = float(maps.details["options"]["max_error_codes"]) / CODES
         left_out = float(maps.details["certified"]["truncation_drive"])
     except (KeyError, TypeError, ValueError):
         return None
-    _, error = in_half(maps.correction, white, ambient.reshape(-1, 3))
+    _, error = in_half(maps.correction, maps.mixing.brightest(white, ambient).reshape(-1, 3))
     return Rounding(half_scale(maps.correction), left_out * max(1.0, white / maps.white) + error, allowed)
 
 
-def _row_sums(packed: RowMap, brightest: NDArray[np.float32]) -> Iterator[float]:
+def _row_sums(packed: RowMap, brightest: NDArray[np.floating]) -> Iterator[float]:
     """The largest Σ_j |w_ij| u_j of each channel."""
     rows = unpack(packed)
     if rows.indices.size:

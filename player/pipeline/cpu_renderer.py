@@ -34,8 +34,10 @@ TWINS: dict[str, Callable[..., FloatArray]] = {
     "error_map.frag": lambda seen, b, ambient, reach, white, **_: reference.error_map(seen, ambient, b, reach, white),
     "gap.frag": reference.gap_terms,
     "impossible.frag": lambda reach, white, **_: reference.impossible(reach, white),
+    "mix.frag": reference.mix,
     "pinned.frag": lambda source, to_source, target: reference.pinned(source, target, np.reshape(to_source, (3, 3)).T),
-    "reach.frag": reference.reach_of,
+    "reach.frag": lambda unlimited=None, **inputs: reference.reach_of(**inputs),
+    "recolour.frag": reference.recolour,
     "refinement_step.frag": reference.against_gradient,  # with SLOPE; steps are the stepper's
     "resample.frag": lambda source, axis, origin, extent, target: reference.resample_axis(
         source, 1 - axis, target[1 - axis], origin, extent

@@ -1,10 +1,13 @@
 """From drives to what is shown: the camera's prediction, and the maps over and instead of it."""
 
+from collections.abc import Callable, Mapping
 from functools import cached_property
 
 import numpy as np
 
-from counterlight.pipeline.device import Device, FarPass, Light, Operation, Owner, Pass, StoredMaps
+from counterlight.maps.mixing import UNLIMITED
+from counterlight.pipeline.device import Device, FarPass, Light, Owner, Pass, StoredMaps
+from counterlight.pipeline.mixer import Mixer
 from counterlight.pipeline.views import (
     CLIP_FAINT,
     CLIP_SPAN,
@@ -20,64 +23,97 @@ from counterlight.pipeline.views import (
 
 
 class Observer:
-    """What the camera sees of a drive: e + S p + U M D p."""
+    """What the camera sees of a drive, in screen primaries: e + B (S p + U M D p)."""
 
-    def __init__(self, stored: StoredMaps, ambient: Light) -> None:
-        maps = stored.room.maps
-        self._near = stored.of(maps.transport).product("ADD_TO_BASE")
-        self._far = None if maps.far is None else FarPass(stored, maps.far, "ADD_TO_BASE")
-        self._ambient = ambient
+    def __init__(self, device: Device, stored: StoredMaps, ambient: Light, mixer: Mixer) -> None:
+        maps, self._owner = stored.room.maps, Owner()
+        own, camera = self._owner.own, stored.room.calibration.camera.shape
+        self._near = own(stored.of(maps.transport).product("ADD_TO_BASE"))
+        self._far = None if maps.far is None else own(FarPass(stored, maps.far, "ADD_TO_BASE"))
+        self._ambient, self._mixer = ambient, mixer
+        self._black = own(device.picture(np.zeros((*camera, 3), np.float32)))
+        if mixer.mixes:
+            self._seen = own(mixer.seen())
 
     def run(self, drive: Light) -> Light:
-        near = self._near.run(drive, self._ambient)
+        if not self._mixer.mixes:
+            return self._light(drive, self._ambient)
+        return self._seen.run(light=self.light(drive), base=self._ambient, **self._mixer.seen_rows)
+
+    def light(self, drive: Light) -> Light:
+        """S p + U M D p."""
+        return self._light(drive, self._black)
+
+    def _light(self, drive: Light, base: Light) -> Light:
+        near = self._near.run(drive, base)
         return near if self._far is None else self._far.run(drive, near)
 
     def release(self) -> None:
-        self._near.release()
-        if self._far is not None:
-            self._far.release()
+        self._owner.release()
 
 
 class MapViews:
     """The views that are maps, and the map of what clips over others (views.py). Each is built when first asked.
 
-    stored, ambient : as an Observer has them.
+    stored, ambient, mixer : as an Observer has them.
     """
 
-    def __init__(self, device: Device, stored: StoredMaps, ambient: Light) -> None:
-        self._device, self._stored, self._ambient, self._owner = device, stored, ambient, Owner()
-        self._room = stored.room
+    def __init__(self, device: Device, stored: StoredMaps, ambient: Light, mixer: Mixer) -> None:
+        self._device, self._stored, self._ambient, self._mixer = device, stored, ambient, mixer
+        self._owner, self._room = Owner(), stored.room
         self._camera, self._projector = self._room.calibration.camera.shape, self._room.calibration.projector.shape
 
     @cached_property
     def reach(self) -> Light:
-        """e + T·1, and in alpha whether a camera pixel counts."""
-        return self._full_drive(Observer(self._stored, self._ambient), self._ambient)
+        """The brightest grey that each primary lets a pixel show, and in alpha whether it counts."""
+        temporary, mixer = Owner(), self._mixer
+        unlimited = {"unlimited": UNLIMITED} if mixer.mixes else {}
+        reach = self._owner.own(self._device.make_pass("reach.frag", self._camera, mixer.defines, **unlimited))
+        try:
+            observer = temporary.own(Observer(self._device, self._stored, self._ambient, mixer))
+            seen_of = observer.light if mixer.mixes else observer.run
+            return self._full_drive(seen_of, self._ambient, reach, mixer.rows if mixer.mixes else {})
+        finally:
+            temporary.release()
+
+    @cached_property
+    def full(self) -> Light:
+        """T·1, the light of full drive, and in alpha whether a camera pixel counts."""
+        temporary = Owner()
+        reach = self._owner.own(self._device.make_pass("reach.frag", self._camera))
+        try:
+            observer = temporary.own(Observer(self._device, self._stored, self._ambient, self._mixer))
+            black = temporary.own(self._device.picture(np.zeros((*self._camera, 3), np.float32)))
+            return self._full_drive(observer.light, black, reach, {})
+        finally:
+            temporary.release()
 
     @cached_property
     def most(self) -> Light:
         """S·1, the near light of full drive, and in alpha whether a camera pixel counts."""
         temporary = Owner()
-        black = temporary.own(self._device.picture(np.zeros((*self._camera, 3), np.float32)))
+        reach = self._owner.own(self._device.make_pass("reach.frag", self._camera))
         try:
-            return self._full_drive(self._stored.of(self._room.maps.transport).product(), black)
+            black = temporary.own(self._device.picture(np.zeros((*self._camera, 3), np.float32)))
+            product = temporary.own(self._stored.of(self._room.maps.transport).product())
+            return self._full_drive(product.run, black, reach, {})
         finally:
             temporary.release()
 
-    def _full_drive(self, seen_of: Observer | Operation, ambient: Light) -> Light:
-        device, temporary = self._device, Owner()
-        reach = self._owner.own(device.make_pass("reach.frag", self._camera))
+    def _full_drive(
+        self, seen_of: Callable[[Light], Light], ambient: Light, reach: Pass, rows: Mapping[str, Light]
+    ) -> Light:
+        temporary = Owner()
         try:
-            temporary.own(seen_of)
-            white = temporary.own(device.picture(np.ones((*self._projector, 3), np.float32)))
-            mask = temporary.own(device.mask(self._room.calibration.mask))
-            return reach.run(seen=seen_of.run(white), ambient=ambient, mask=mask)
+            white = temporary.own(self._device.picture(np.ones((*self._projector, 3), np.float32)))
+            mask = temporary.own(self._device.mask(self._room.calibration.mask))
+            return reach.run(seen=seen_of(white), ambient=ambient, mask=mask, **rows)
         finally:
             temporary.release()
 
     def error(self, seen: Light, b: Light) -> Light:
-        colours = self._error_colours
-        return self._error.run(seen=seen, b=b, ambient=self._ambient, reach=self.reach, colours=colours)
+        wanted, colours = self._mixer.on_screen(b), self._error_colours
+        return self._error.run(seen=seen, b=wanted, ambient=self._ambient, reach=self.reach, colours=colours)
 
     def impossible(self) -> Light:
         return self._impossible.run(reach=self.reach, colours=self._impossible_colours)

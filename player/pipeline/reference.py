@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.maps.mixing import grey_reach, mixed
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import RowMap, unpack
 from counterlight.pipeline.colour import Decoding
@@ -151,22 +152,40 @@ def desired_light(
     tone: FloatArray | tuple[float, float] = (1.0, 0.0),
     unit: float = 1.0,
     black_level: float = 0.0,
-    reach: FloatArray | None = None,
+    full: FloatArray | None = None,
     *,
     clamp: bool = False,
+    row_red: FloatArray | None = None,
+    row_green: FloatArray | None = None,
+    row_blue: FloatArray | None = None,
 ) -> FloatArray:
     """What the projector must add: b = white (s u + o) − e (thesis eq. 5.1; desired.frag).
 
     u = k + (1 − k) unit · picture.  unit : share of white of a picture's 1.  black_level : k, what black asks for.
-    reach : e + T·1, and in a fourth channel what counts: no other pixel is asked for more than it can have.
+    row_red, row_green, row_blue : rows of a matrix for each pixel, that b is taken through.
+    full : T·1, and in a fourth channel what counts: no other pixel is asked for more than it can have.
     clamp : limit the result to 0..1, as of a picture that goes to the projector.
     """
     scale, offset = np.ravel(tone)[:2]
     u = black_level + (1 - black_level) * (unit * picture)
     b = white * (scale * u + offset) - ambient
-    if reach is not None:
-        b = np.where(reach[..., 3:] > 0, b, np.clip(b, 0, np.maximum(reach[..., :3] - ambient, 0)))
+    if row_red is not None and row_green is not None and row_blue is not None:
+        b = mixed(np.stack([row_red, row_green, row_blue], axis=-2), b)
+    if full is not None:
+        b = np.where(full[..., 3:] > 0, b, np.clip(b, 0, full[..., :3]))
     return np.asarray(np.clip(b, 0, 1) if clamp else b)
+
+
+def mix(
+    light: FloatArray, base: FloatArray, row_red: FloatArray, row_green: FloatArray, row_blue: FloatArray
+) -> FloatArray:
+    """A matrix for each pixel times its light, and a picture added (mix.frag)."""
+    return mixed(np.stack([row_red, row_green, row_blue], axis=-2), light) + base
+
+
+def recolour(picture: FloatArray, matrix: FloatArray) -> FloatArray:
+    """One matrix times the light of all pixels (recolour.frag).  matrix : (9,), by columns."""
+    return np.asarray(picture @ matrix.reshape(3, 3))
 
 
 def combine(first: FloatArray, second: FloatArray, factor: float, *, clamp: bool = False) -> FloatArray:
@@ -253,10 +272,27 @@ def encode(
     return np.asarray(np.floor(np.minimum(codes * 255 + threshold, 255)), np.uint8)
 
 
-def reach_of(seen: FloatArray, ambient: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
-    """What full drive gives, `seen`, and which pixels count (reach.frag)."""
-    lit = mask & np.all(seen > ambient, axis=2)
-    return np.concatenate([seen, lit[..., None]], axis=2)
+def reach_of(
+    seen: FloatArray,
+    ambient: FloatArray,
+    mask: NDArray[np.bool_],
+    row_red: FloatArray | None = None,
+    row_green: FloatArray | None = None,
+    row_blue: FloatArray | None = None,
+) -> FloatArray:
+    """The brightest grey that each primary lets a pixel show, and which pixels count (reach.frag).
+
+    seen : what full drive gives; with the rows of a matrix for each pixel, without ambient light.
+    """
+    if row_red is None or row_green is None or row_blue is None:
+        return counted(seen, mask & np.all(seen > ambient, axis=2))
+    reach = grey_reach(np.stack([row_red, row_green, row_blue], axis=-2), seen, ambient)
+    return counted(reach, mask & np.all(seen > 0, axis=2))
+
+
+def counted(reach: FloatArray, lit: NDArray[np.bool_]) -> FloatArray:
+    """The greys of `reach_of`, and 1 where a pixel counts."""
+    return np.concatenate([reach, lit[..., None]], axis=2)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from counterlight.pipeline.content import SceneCuts
 from counterlight.pipeline.damper import Damper
 from counterlight.pipeline.device import Device, FarPass, Light, Operation, Owner, StoredMap, StoredMaps
 from counterlight.pipeline.map_views import MapViews, Observer
+from counterlight.pipeline.mixer import Mixer
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.refiner import Refiner
 from counterlight.pipeline.request import Request
@@ -49,7 +50,7 @@ class Renderer:
         device, room, own = self._device, self._room, self._owner.own
         maps, calibration = room.maps, room.calibration
         camera, projector = calibration.camera.shape, calibration.projector.shape
-        ambient = own(device.picture(calibration.ambient))
+        ambient = own(device.picture(room.ambient))
         stored = own(device.store(room, path))
         self.path = stored.report
         self._correction = stored.of(maps.correction)
@@ -61,9 +62,10 @@ class Renderer:
         if maps.refinement is not None:
             self._refiner = own(Refiner(device, stored, maps.refinement, calibration.mask))
             self._start = own(self._make_start(stored, maps.refinement))
-        self._observers = [own(Observer(stored, ambient)) for _ in range(2)]
-        self._maps = own(MapViews(device, stored, ambient))
-        self._request = own(Request(device, room, ambient, self._maps, self._near_light))
+        mixer = own(Mixer(device, room))
+        self._observers = [own(Observer(device, stored, ambient, mixer)) for _ in range(2)]
+        self._maps = own(MapViews(device, stored, ambient, mixer))
+        self._request = own(Request(device, room, ambient, self._maps, self._near_light, mixer))
         self._split = own(device.make_pass("split.frag", camera, line=room.white))
         self._projector_view = own(device.encoder(projector, calibration.projector.response, 1.0, room.dither))
         self._camera_view = own(device.encoder(camera, Response("srgb"), room.white, "none"))
@@ -134,11 +136,11 @@ class Renderer:
         return self._device.read(self._encoded, np.uint8)
 
     def linear(self) -> NDArray[np.float32]:
-        """The rendered view in linear light: drive 0..1, or camera radiance."""
+        """The rendered view in linear light: drive 0..1, or what the camera sees, in screen primaries."""
         return self._device.read(self._linear, np.float32)
 
     def desired(self) -> NDArray[np.float32]:
-        """The camera radiance that is asked for, as adapted and placed, (camera height, camera width, 3)."""
+        """What is asked for, as adapted and placed: (camera height, camera width, 3), in screen primaries."""
         return self._request.desired(self._planes.run())
 
     def finish(self) -> None:

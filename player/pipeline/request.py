@@ -10,6 +10,7 @@ from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.device import Adapter, Device, Light, NearLight, Owner, Pass
 from counterlight.pipeline.fitting import Fitter, Pinner
 from counterlight.pipeline.map_views import MapViews
+from counterlight.pipeline.mixer import Mixer
 from counterlight.pipeline.placement import shown_shape
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.test_cards import card
@@ -18,7 +19,7 @@ from counterlight.pipeline.test_cards import card
 class Request:
     """Places and tones the decoded picture; a neutral picture takes the passes that know of no tone.
 
-    ambient : radiance.  maps, near_light : for what the adaptation needs to know.
+    ambient : in screen primaries.  maps, near_light : for what the adaptation needs to know.  mixer : of the room.
     """
 
     def __init__(
@@ -28,16 +29,18 @@ class Request:
         ambient: Light,
         maps: MapViews,
         near_light: NearLight,
+        mixer: Mixer,
     ) -> None:
         self._device, self._room, self._ambient = device, room, ambient
-        self._maps, self._near_light = maps, near_light
+        self._maps, self._near_light, self._mixer = maps, near_light, mixer
         self._camera, self._projector = room.calibration.camera.shape, room.calibration.projector.shape
         self._owner, self._medium = Owner(), Owner()
         self._adjustments, self._unit = NEUTRAL, 1.0
         own = self._owner.own
         try:
+            self._rows, self._defines = mixer.rows, {"FULL": None, **mixer.defines}
             self._black = own(device.picture(np.zeros((*self._projector, 3), np.float32)))
-            self._desired = own(device.make_pass("desired.frag", self._camera, {"REACH": None}))
+            self._desired = own(device.make_pass("desired.frag", self._camera, self._defines))
             self._plain = own(device.make_pass("desired.frag", self._projector, {"CLAMP": None}))
         except BaseException:
             self._owner.release()
@@ -49,11 +52,13 @@ class Request:
         self._fitter = own(Fitter(self._device, pixels, self._camera))
         self._plain_fitter = own(Fitter(self._device, pixels, self._projector))
         self._radiance = pixels.layout == "radiance"
+        shown = shown_shape(pixels)
+        self._recolour = own(self._mixer.recolour(shown)) if self._radiance else None
         self._unit = 1 / self._room.white if self._radiance else 1.0
         self._desired.set(white=1.0 if self._radiance else self._room.white)
         self._plain.set(white=self._unit)
         self._adjustments = NEUTRAL
-        _ = self._maps.reach  # made now, so that no frame makes it
+        _ = self._maps.full  # made now, so that no frame makes it
         self.adjust(adjustments)
 
     def adjust(self, adjustments: Adjustments) -> None:
@@ -74,31 +79,36 @@ class Request:
 
     def light(self, picture: Light) -> Light:
         """b = c − e of a decoded picture."""
-        placed = (self._fitter if self._adjustments.corners is None else self._pinner).run(picture)
+        fitter = self._fitter if self._adjustments.corners is None else self._pinner
+        placed, rows = fitter.run(self._on_screen(picture)), self._rows
         if not self._toned:
-            return self._desired.run(picture=placed, ambient=self._ambient, reach=self._maps.reach)
+            return self._desired.run(picture=placed, ambient=self._ambient, full=self._maps.full, **rows)
         tone = self._adapter.run(placed) if self._adjustments.adapt else self._no_tone
-        return self._toned_desired.run(picture=placed, ambient=self._ambient, tone=tone, reach=self._maps.reach)
+        return self._toned_desired.run(picture=placed, ambient=self._ambient, tone=tone, full=self._maps.full, **rows)
 
     def plain(self, picture: Light) -> Light:
         """The drive without compensation: the test card, or the picture as it fits the projector."""
         if self._adjustments.card is not None:
             return self._card
-        placed = self._plain_fitter.run(picture)
+        placed = self._plain_fitter.run(self._on_screen(picture))
         if not self._adjustments.black_level:
             return self._plain.run(picture=placed, ambient=self._black)
         return self._toned_plain.run(picture=placed, ambient=self._black, tone=self._no_tone)
 
     def desired(self, picture: Light) -> NDArray[np.float32]:
-        """c, (camera height, camera width, 3)."""
+        """c, (camera height, camera width, 3), in screen primaries."""
         if self._toned or self._adjustments.corners is not None:
-            return self._device.read(self.light(picture), np.float32) + self._room.calibration.ambient
+            return self._device.read(self._mixer.on_screen(self.light(picture)), np.float32) + self._room.ambient
         white = 1.0 if self._radiance else self._room.white
-        return np.float32(white) * self._device.read(self._fitter.run(picture), np.float32)
+        return np.float32(white) * self._device.read(self._fitter.run(self._on_screen(picture)), np.float32)
 
     def release(self) -> None:
         self._medium.release()
         self._owner.release()
+
+    def _on_screen(self, picture: Light) -> Light:
+        """A decoded picture in screen primaries; only radiance is in others."""
+        return picture if self._recolour is None else self._recolour.run(picture=picture)
 
     @property
     def _toned(self) -> bool:
@@ -110,8 +120,11 @@ class Request:
 
     @cached_property
     def _adapter(self) -> Adapter:
+        near_light, mixer = self._near_light, self._mixer
         adapter = self._owner.own(
-            self._device.adapter(self._near_light, self._ambient, self._maps.most, self._room.white)
+            self._device.adapter(
+                lambda light: near_light(mixer.asked(light)), self._ambient, self._maps.most, self._room.white
+            )
         )
         adapter.set(self._adjustments.adapt, self._unit, self._adjustments.black_level)
         return adapter
@@ -119,7 +132,9 @@ class Request:
     @cached_property
     def _toned_desired(self) -> Pass:
         return self._owner.own(
-            self._device.make_pass("desired.frag", self._camera, {"TONE": None, "REACH": None}, white=self._room.white)
+            self._device.make_pass(
+                "desired.frag", self._camera, {"TONE": None, **self._defines}, white=self._room.white
+            )
         )
 
     @cached_property

@@ -1,7 +1,11 @@
 """A room as it is played in: its calibration, its maps, and how they are used."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration, StoredCalibration
@@ -18,7 +22,7 @@ DITHERS = ("ordered", "noise", "none")
 class Room:
     """What a renderer needs to know of a room.
 
-    white : camera radiance of a white picture.  dither : one of DITHERS.
+    white : camera radiance of a white picture, in each channel.  dither : one of DITHERS.
     start : one of counterlight.pipeline.refinement.STARTS, where refinement begins.
     """
 
@@ -27,6 +31,11 @@ class Room:
     white: float
     dither: str = "ordered"
     start: str = "previous"
+
+    @cached_property
+    def ambient(self) -> NDArray[np.float32]:
+        """Q e: light without the projector, in screen primaries, (camera height, camera width, 3)."""
+        return self.maps.mixing.on_screen(self.calibration.ambient).astype(np.float32, copy=False)
 
     @property
     def default_steps(self) -> int:

@@ -113,7 +113,7 @@ def test_entries_of_8_bytes_stay_within_their_bound(
 ) -> None:
     """Against the map as it was, the certified change; against the rounded map, float32 alone."""
     packed, ambient = random_map(rng, PROJECTOR, CAMERA, longest, 3.0), np.zeros((CAMERA[0] * CAMERA[1], 3), np.float32)
-    rounded, bound = in_half(packed, 1.0, ambient)
+    rounded, bound = in_half(packed, np.maximum(1.0, ambient))
     picture = rng.uniform(-1, 1, (*CAMERA, 3)).astype(np.float32)
     base = rng.uniform(-1, 1, (*PROJECTOR, 3)).astype(np.float32)
     stored = MapBuffers(gl_context, packed, half_scale(packed))

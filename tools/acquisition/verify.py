@@ -15,11 +15,12 @@ from counterlight.calibration import Calibration, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.maps.room_maps import read_maps
 from counterlight.pipeline import reference
-from counterlight.pipeline.content import camera_psnr, reachable_white
+from counterlight.pipeline.content import camera_psnr
 from counterlight.pipeline.operators import compensation
 from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.movement import refuse_moved
 from counterlight.tools.acquisition.plan import Codes, measure_noise
+from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions, objective_of
 from counterlight.tools.transport.storage import read_transport
@@ -32,7 +33,7 @@ AGAIN = "put them back, or acquire again"
 class Verified:
     """One round: PSNR in dB of what T predicts, of what was captured, and of the capture against the prediction.
 
-    codes : what was shown.  predicted, captured : (camera height, camera width, 3), radiance.
+    codes : what was shown.  predicted, captured : (camera height, camera width, 3), screen primaries.
     """
 
     round: int
@@ -53,8 +54,9 @@ class Verified:
 class Verification:
     """A picture in a calibrated room.
 
-    picture : (camera height, camera width, 3), linear 0..1, or the desired radiance itself.  repeats : captures of
-    each round, averaged.
+    picture : (camera height, camera width, 3), linear 0..1, or the desired camera radiance itself.  repeats : captures
+    of each round, averaged.  colour : of choices.COLOURS; the solver `map` takes that of the maps.
+    desired, and what is predicted and captured, are in screen primaries.
     """
 
     def __init__(
@@ -65,16 +67,22 @@ class Verification:
         *,
         radiance: bool,
         solver: str,
+        colour: str = "auto",
         aims: ObjectiveOptions = DEFAULT_AIMS,
     ) -> None:
-        self._camera, self._room, self._solver = camera, stored.calibration, solver
-        self._transport = read_transport(stored)
-        objective = objective_of(self._transport, self._room, aims)
-        self._box = prepare("box", self._transport, self._room.mask, objective)
-        self._T_pinv = compensation(read_maps(stored)) if solver == "map" else None
-        self._flood = self._transport.floodlight(self._room.ambient)
-        self.white = reachable_white(self._flood, self._room.mask)
-        self.desired: FloatArray = picture if radiance else picture * self.white
+        self._camera, self._room = camera, stored.calibration
+        transport = read_transport(stored)
+        self._rise = transport.composition().reshape(self._room.ambient.shape)
+        maps = read_maps(stored) if solver == "map" else None
+        self._T_pinv = None if maps is None else compensation(maps)
+        self.tier = tier_of(self._room, transport, colour if maps is None else maps.mixing.tier)
+        self._box = prepare(
+            "box", self.tier.transport, self._room.mask, objective_of(self.tier.transport, self._room, aims)
+        )
+        self.white = self.tier.white
+        self.desired: FloatArray = (
+            np.asarray(self.tier.mixing.on_screen(picture), np.float64) if radiance else picture * self.white
+        )
         self._captures = 0
 
     def run(self, rounds: int, repeats: int) -> Iterator[Verified]:
@@ -83,15 +91,17 @@ class Verification:
         target = self.desired
         for index in range(rounds + 1):
             codes = self._codes(target)
-            predicted = self._transport.apply(_drive(codes, self._room)) + self._room.ambient
-            captured = np.mean(self._capture([codes] * repeats), axis=0)
+            predicted = self.tier.seen(_drive(codes, self._room))
+            captured = np.asarray(
+                self.tier.mixing.on_screen(np.mean(self._capture([codes] * repeats), axis=0)), np.float64
+            )
             pairs = (self.desired, predicted), (self.desired, captured), (predicted, captured)
             figures = [camera_psnr(wanted, seen, self._room.mask, self.white) for wanted, seen in pairs]
             yield Verified(index, figures[0], figures[1], figures[2], codes, predicted, captured)
             target = self.desired - (captured - predicted)
 
     def _codes(self, target: FloatArray) -> Codes:
-        light = target - self._room.ambient
+        light = self.tier.asked(target)
         drive = self._box.solve(light).drive if self._T_pinv is None else self._T_pinv.apply(light)
         drive = np.clip(drive, 0, 1).reshape(*self._room.projector.shape, 3)
         return reference.encode(drive, self._room.projector.response.inverse_table())
@@ -121,7 +131,7 @@ class Verification:
         noise = measure_noise(blacks, whites)
         black, white = np.mean(blacks, axis=0), np.mean(whites, axis=0)
         mask = self._room.mask
-        before, after = (self._flood - self._room.ambient)[mask], (white - black)[mask]
+        before, after = self._rise[mask], (white - black)[mask]
         refuse_moved(before, after, noise, 2 / REFERENCES, AGAIN)
 
 

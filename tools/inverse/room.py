@@ -9,7 +9,7 @@ from counterlight.calibration import Calibration, StoredCalibration
 from counterlight.maps import room_maps as maps
 from counterlight.maps.room_maps import FarMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, pack
-from counterlight.pipeline.content import reachable_white
+from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.refinement_maps import pack_far, refinement_maps
@@ -20,17 +20,25 @@ from counterlight.tools.transport.transport import Transport
 
 @dataclass(frozen=True)
 class BuiltRoom:
-    """A room, what was found and its maps; `summary` is one line.
+    """A room in its tier of colour, what was found and its maps; `summary` is one line.
 
     light_outside : of a white picture, drive of what the camera does not see, as a share of plain projection's.
     """
 
-    calibration: Calibration
-    transport: Transport
+    tier: Tier
     inverse: Inverse
     maps: RoomMaps
     summary: str
     light_outside: float | None
+
+    @property
+    def calibration(self) -> Calibration:
+        return self.tier.calibration
+
+    @property
+    def transport(self) -> Transport:
+        """What was inverted."""
+        return self.tier.transport
 
 
 def build_room_maps(
@@ -39,34 +47,27 @@ def build_room_maps(
     aims: ObjectiveOptions = DEFAULT_AIMS,
     *,
     refine: bool = True,
+    colour: str = "auto",
 ) -> BuiltRoom:
     """Build and write every row map of a calibration; those that only refinement needs if `refine`.
 
-    Raises InputError at once if another process is building them.
+    colour : of choices.COLOURS.  Raises InputError at once if another process is building them.
     """
     with maps.replacing(stored) as stage:
-        built = build_maps(read_transport(stored), stored.calibration, options, aims, refine=refine)
+        built = build_maps(tier_of(stored.calibration, read_transport(stored), colour), options, aims, refine=refine)
         maps.write_maps(built.maps, stored, stage)
     return built
 
 
 def build_maps(
-    transport: Transport,
-    calibration: Calibration,
-    options: InverseOptions,
-    aims: ObjectiveOptions = DEFAULT_AIMS,
-    *,
-    refine: bool = True,
+    tier: Tier, options: InverseOptions, aims: ObjectiveOptions = DEFAULT_AIMS, *, refine: bool = True
 ) -> BuiltRoom:
-    """Every row map of a room in memory; nothing is read or written.
-
-    calibration : sizes, ambient light and mask.  Raises InputError for what cannot be inverted.
-    """
+    """Every row map of a room in memory; nothing is read or written.  Raises InputError for what cannot be inverted."""
+    transport, calibration, white = tier.transport, tier.calibration, tier.white
     camera, projector = calibration.camera.shape, calibration.projector.shape
-    white = reachable_white(transport.floodlight(calibration.ambient), calibration.mask)
     maps.check_white(white)
-    reach = np.maximum(white, calibration.ambient.reshape(-1, 3)).astype(np.float64)
-    objective = objective_of(transport, calibration, aims)
+    reach = np.asarray(tier.mixing.brightest(white, tier.ambient), np.float64).reshape(-1, 3)
+    objective = objective_of(tier.transport, tier.calibration, aims)
     inverse = invert_near_light(
         transport.near,
         (objective.weights > 0).reshape(camera),
@@ -83,13 +84,13 @@ def build_maps(
     details = _details(inverse, correction, transport, options, aims)
     further = refinement_maps(objective, camera, projector) if refine else None
     observe = pack(transport.near, camera, projector)
-    packed = RoomMaps(correction, observe, far, undo, white, details, further)
-    outside = _light_outside(objective, inverse, packed, calibration)
-    return BuiltRoom(calibration, transport, inverse, packed, _summary(inverse, packed, outside), outside)
+    packed = RoomMaps(correction, observe, far, undo, white, details, further, tier.mixing)
+    outside = _light_outside(objective, inverse, tier)
+    return BuiltRoom(tier, inverse, packed, _summary(inverse, packed, outside), outside)
 
 
-def _light_outside(objective: Objective, inverse: Inverse, packed: RoomMaps, calibration: Calibration) -> float | None:
-    white = objective.bounded((packed.white - calibration.ambient).reshape(-1, 3).astype(np.float64))
+def _light_outside(objective: Objective, inverse: Inverse, tier: Tier) -> float | None:
+    white = objective.bounded(tier.asked(np.full(tier.ambient.shape, tier.white)).reshape(-1, 3))
     return objective.light_outside(np.clip(inverse.T_pinv.apply(white), 0, 1))
 
 

@@ -6,6 +6,7 @@ inverse-dual : T⁺ c', what the projector must show so that the camera sees c',
 columns of T⁺, the pattern that looks uniformly white; times the room's white level it is drive.
 inverse-camera : T⁺ᵀ p', the column sums of T⁺ in camera space, drive per unit radiance: how much drive one unit of a
 pixel's radiance asks for: bright where the surface is dark or badly lit, negative where neighbours make room for it.
+Camera pictures are in screen primaries (counterlight.maps.mixing).
 """
 
 from dataclasses import dataclass
@@ -17,8 +18,9 @@ from counterlight import calibration as calibrations
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.errors import InputError
-from counterlight.maps.room_maps import read_maps
+from counterlight.maps.room_maps import RoomMaps, read_maps
 from counterlight.pipeline.operators import compensation
+from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.relighting.pictures import SUFFIXES, read_placed, white_level, write_view
 from counterlight.tools.transport.storage import read_transport
 from counterlight.writing.outputs import check_file
@@ -33,12 +35,13 @@ class RelightOptions:
     """What to show.
 
     view : of RELIT_VIEWS.  ambient : whether the camera view has ambient light; None for yes where there is any.
-    white : the value that a PNG shows as white, None for the picture's 99th percentile.
+    white : the value that a PNG shows as white, None for the picture's 99th percentile.  colour : of COLOURS.
     """
 
     view: str
     ambient: bool | None = None
     white: float | None = None
+    colour: str = "auto"
 
     def __post_init__(self) -> None:
         if self.ambient and self.view != "camera":
@@ -68,13 +71,20 @@ def make_view(stored: StoredCalibration, picture: FloatArray | None, options: Re
     if picture is None:
         picture = np.ones((*_lit_from(calibration, options.view).shape, 3))
     if options.view.startswith("inverse"):
-        T_pinv = compensation(read_maps(stored))
-        return T_pinv.apply(picture) if options.view == "inverse-dual" else T_pinv.apply_transpose(picture)
-    transport = read_transport(stored)
+        return _inverse_view(read_maps(stored), picture, options.view)
+    tier = tier_of(calibration, read_transport(stored), options.colour)
     if options.view == "dual":
-        return transport.apply_transpose(picture)
-    seen = transport.apply(picture)
-    return seen if options.ambient is False else seen + calibration.ambient
+        return tier.dual(picture)
+    seen = tier.seen(picture)
+    return seen - tier.ambient if options.ambient is False else seen
+
+
+def _inverse_view(maps: RoomMaps, picture: FloatArray, view: str) -> FloatArray:
+    """T⁺ A c', or its transpose, in the tier of colour that the maps were built for."""
+    T_pinv, mixing = compensation(maps), maps.mixing
+    if view == "inverse-dual":
+        return T_pinv.apply(mixing.asked(picture))
+    return np.asarray(mixing.asked_transpose(T_pinv.apply_transpose(picture)), np.float64)
 
 
 def _lit_from(calibration: Calibration, view: str) -> Device:

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import BoolArray, FloatArray
-from counterlight.calibration import Calibration
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.pipeline import views
 from counterlight.pipeline.operators import chained, compensation
-from counterlight.pipeline.reference import reach_of, shortfalls
+from counterlight.pipeline.reference import counted, shortfalls
 from counterlight.pipeline.views import MID_GREY
+from counterlight.tools.colour.tiers import Tier
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.transport import Transport
 
@@ -70,21 +70,27 @@ class Impossible:
         }
 
 
-def find_impossible(transport: Transport, calibration: Calibration, maps: RoomMaps) -> Impossible:
+def find_impossible(tier: Tier, maps: RoomMaps) -> Impossible:
     """Test every camera pixel; pixels that are unlit are tested for nothing else.
 
-    With F = T·1 the composition, e the ambient light, w the white level, g = 0.5 w:
-    unlit : outside the mask, or F = 0.   below_mid_grey : F + e < g.   below_white : F + e < w.
+    With T·1 the composition, r the brightest grey that it allows (T·1 + e where channels are independent), e the
+    ambient light, w the white level, g = 0.5 w:
+    unlit : outside the mask, or T·1 = 0.   below_mid_grey : r < g.   below_white : r < w.
     bright_black : e + U M D p > 0.1 w with p the compensated even grey g: what a black pixel would still get.
-    conflict : |T p* + e − t| > 0.1 g, t = clamp(g, e, F + e): a target that each pixel alone can reach; p* the best
-    picture in 0..1 for all of them together, by 60 accelerated projected gradient steps (docs/mathematics.md): what is
-    left is due to shared projector pixels, except for what further steps would still remove.
+    conflict : |T p* − b| > 0.1 g, b the light that g asks for, clamped to 0 … T·1: a target that each pixel alone can
+    reach; p* the best picture in 0..1 for all of them together, by 60 accelerated projected gradient steps
+    (docs/mathematics.md): what is left is due to shared projector pixels, except for what further steps would still
+    remove.
     """
-    ambient = calibration.ambient.astype(np.float64)
-    floodlight, grey = transport.floodlight(ambient), MID_GREY * maps.white
-    unlit, below_mid_grey, below_white = shortfalls(reach_of(floodlight, ambient, calibration.mask), maps.white)
-    unasked = ambient + _far_light_of_grey(maps, grey - ambient)
-    residual = _shared_grey_residual(transport, np.clip(grey - ambient, 0, floodlight - ambient), ~unlit)
+    ambient, mixing = tier.ambient.astype(np.float64), tier.mixing
+    full = tier.transport.composition().reshape(ambient.shape)
+    unlit, below_mid_grey, below_white = shortfalls(
+        counted(tier.reach, tier.calibration.mask & np.all(full > 0, axis=2)), maps.white
+    )
+    grey = MID_GREY * maps.white
+    light = tier.asked(np.full_like(ambient, grey))
+    unasked = ambient + mixing.seen(_far_light_of_grey(maps, light))
+    residual = _shared_grey_residual(tier.transport, np.clip(light, 0, full), ~unlit)
     bright_black = ~unlit & (unasked.max(axis=2) > BLACK_SHARE * maps.white)
     conflict = ~unlit & (residual > CONFLICT_SHARE * grey)
     return Impossible(np.stack([unlit, below_mid_grey, below_white, bright_black, conflict]))

@@ -62,7 +62,7 @@ def write_report(built: BuiltRoom, folder: Path) -> Path:
 def find(built: BuiltRoom) -> Findings:
     """Everything that the page and the JSON say."""
     T = near_luminance(built)
-    impossible = find_impossible(built.transport, built.calibration, built.maps)
+    impossible = find_impossible(built.tier, built.maps)
     found = spectra.spectra(T, built.inverse.clusters, built.calibration.projector.shape)
     drawn, scales = _lit_pictures(built)
     drawn |= _structure_pictures(built, T) | {"impossible.png": impossible.picture()}
@@ -76,13 +76,13 @@ def near_luminance(built: BuiltRoom) -> Csr:
 
 def _lit_pictures(built: BuiltRoom) -> tuple[dict[str, NDArray[np.uint8]], dict[str, float]]:
     """The four pictures of Figure 5.3 and the value that each shows as white."""
-    T_pinv, calibration = compensation(built.maps), built.calibration
+    T_pinv, calibration, mixing = compensation(built.maps), built.calibration, built.tier.mixing
     camera, projector = (np.ones((*device.shape, 3)) for device in (calibration.camera, calibration.projector))
     views = {
-        "composition.png": built.transport.floodlight(calibration.ambient),
-        "dual.png": built.transport.apply_transpose(camera),
-        "inverse_composition.png": T_pinv.apply_transpose(projector),
-        "inverse_dual.png": T_pinv.apply(camera),
+        "composition.png": built.tier.seen(projector),
+        "dual.png": built.tier.dual(camera),
+        "inverse_composition.png": np.asarray(mixing.asked_transpose(T_pinv.apply_transpose(projector)), np.float64),
+        "inverse_dual.png": T_pinv.apply(mixing.asked(camera)),
     }
     scales = {name: white_level(view) for name, view in views.items()}
     scales["inverse_dual.png"] = 1 / built.maps.white  # then 255 is full drive for a white picture
@@ -102,12 +102,13 @@ def _structure_pictures(built: BuiltRoom, T: Csr) -> dict[str, NDArray[np.uint8]
 
 def _figures(built: BuiltRoom, impossible: Impossible, found: list[Spectrum]) -> dict[str, Any]:
     inverse, correction, calibration = built.inverse, built.maps.correction, built.calibration
-    floodlight = built.transport.floodlight(calibration.ambient)
+    floodlight = built.tier.seen(np.ones((calibration.projector.pixels, 3)))
     lengths = correction.lookup[..., 2].ravel().astype(np.int64)
     return {
         "format": FORMAT,
         "name": calibration.name,
         "summary": built.summary,
+        "colour": {"tier": built.tier.mixing.tier, "reason": built.tier.reason},
         "camera": {"width": calibration.camera.width, "height": calibration.camera.height},
         "projector": {"width": calibration.projector.width, "height": calibration.projector.height},
         "white": built.maps.white,

@@ -9,6 +9,7 @@ import numpy as np
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.files.tables import Table, Vector
+from counterlight.maps.mixing import invertible
 from counterlight.response import Response, read_response
 
 MAX_SIDE = 4096
@@ -117,12 +118,16 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Camera(Device):
-    """bloom_share : light that the lens and the sensor scatter into a halo of the angle `bloom_radius` (radians)."""
+    """bloom_share : light that the lens and the sensor scatter into a halo of the angle `bloom_radius` (radians).
+
+    mixing : what each channel sees of each primary on neutral paint, (3, 3), channel by primary; None: its own alone.
+    """
 
     response: Response
     bloom_share: float
     bloom_radius: float
     sensor: Sensor | None
+    mixing: FloatArray | None = None
 
 
 def read_projector(table: Table, folder: Path) -> Projector:
@@ -145,10 +150,22 @@ def read_camera(table: Table, folder: Path) -> Camera:
         bloom_share=bloom.number("share", 0.0, 0.0, 0.9) if bloom.values else 0.0,
         bloom_radius=float(np.radians(bloom.number("radius_deg", None, 0.001, 30.0))) if bloom.values else 0.0,
         sensor=_sensor(sensor) if sensor.values else None,
+        mixing=_mixing(table),
     )
     for part in (table, bloom, sensor):
         part.refuse_unknown()
     return camera
+
+
+def _mixing(table: Table) -> FloatArray | None:
+    if "mixing" not in table:
+        return None
+    mixing = table.rows("mixing", 3, 3, 0.0, 1.0)
+    if not invertible(mixing):
+        raise table.wrong(
+            "mixing", "three rows, one for each channel, of its share of red, green and blue; no two alike"
+        )
+    return mixing
 
 
 def _sensor(table: Table) -> Sensor:

@@ -51,12 +51,17 @@ class Translucency:
 
 @dataclass(frozen=True)
 class Material:
-    """A matt paint, and what the surface does with light beyond that; None for nothing."""
+    """A matt paint, and what the surface does with light beyond that; None for nothing.
+
+    overlap : of what each camera channel sees of each primary, how much the paint reflects as a share of its albedo
+    there, (3, 3), channel by primary; None for all.
+    """
 
     paint: Paint
     gloss: Gloss | None = None
     dielectric: Dielectric | None = None
     translucency: Translucency | None = None
+    overlap: FloatArray | None = None
 
     def albedo(self, u: FloatArray, v: FloatArray) -> FloatArray:
         """Diffuse reflectance (…, 3) at u, v (…) in 0..1."""
@@ -130,7 +135,8 @@ def read_material(table: Table, folder: Path) -> Material:
         raise InputError(
             f"{table.where}: found {' and '.join(kinds) or 'none'}, expected one of albedo, texture, pattern"
         )
-    return Material(_paint(table, folder, kinds[0]), gloss, None, translucency)
+    overlap = table.rows("overlap", 3, 3, 0.0, 2.0) if "overlap" in table else None
+    return Material(_paint(table, folder, kinds[0]), gloss, None, translucency, overlap)
 
 
 def _paint(table: Table, folder: Path, kind: str) -> Paint:

@@ -124,6 +124,14 @@ def _capture_noise(scene: Scene) -> tuple[bool, str]:
     return True, f"pictures taken have {sensor.full_well:g} electrons at most and {sensor.bits} bits; T has no noise"
 
 
+def _crosstalk(scene: Scene) -> tuple[bool, str]:
+    mixing = scene.camera.mixing
+    if mixing is None or np.array_equal(mixing, np.eye(3)):
+        return False, "each channel of the camera sees its own primary alone"
+    share = 1 - np.trace(mixing) / mixing.sum()
+    return True, f"{100 * share:.3g} % of what the camera's channels see is of other primaries"
+
+
 def _overlap_in_projector(scene: Scene, a: Surface, b: Surface) -> bool:
     outlines = []
     for surface in (a, b):
@@ -146,7 +154,15 @@ RULES: dict[str, Rule] = {
     "ambient_light": _ambient_light,
     "black_level": _black_level,
     "blooming": _blooming,
+    "crosstalk": _crosstalk,
     "capture_noise": _capture_noise,
 }
 TAKES = ("shadows", "vignetting")  # their energy is what they take away
-MOVES = ("camera_defocus", "projector_defocus", "dispersion", "blooming", "capture_noise")  # theirs goes elsewhere
+MOVES = (
+    "camera_defocus",
+    "projector_defocus",
+    "dispersion",
+    "blooming",
+    "crosstalk",
+    "capture_noise",
+)  # theirs goes elsewhere

@@ -26,6 +26,7 @@ def simulated_calibration(scene: Scene, result: Simulated) -> Calibration:
         camera=Device(scene.camera.height, scene.camera.width, Response("linear")),
         ambient=result.ambient,
         mask=mask,
+        primaries=None if result.spectral is None else result.spectral.primaries,
     )
 
 

@@ -23,6 +23,8 @@
     [camera]                           # width to vignetting and response as above, and:
     bloom = { share = 0.03, radius_deg = 0.4 }     # light that lens and sensor scatter into a halo (default none)
     sensor = { full_well_electrons = 20000, read_noise_electrons = 5, bits = 12 }   # of captures (default: noiseless)
+    mixing = [[0.88, 0.08, 0.04], [0.06, 0.88, 0.06], [0.03, 0.09, 0.88]]   # what red, green and blue of the camera
+                                       # see of red, green and blue light on neutral paint (default: their own alone)
 
     [ambient]
     irradiance = [0.02, 0.02, 0.02]    # on every surface from every side (default none)
@@ -39,6 +41,9 @@
                                        #                 variation = 0.3 }   (kinds: bricks, stripes, checker)
     gloss = { reflectance = 0.04, roughness = 0.1 }      # a coat: specular reflectance at normal incidence, 0..1, and
                                                          # roughness from 0, a mirror, to 1 (default: matt)
+    overlap = [[1, 0.7, 1], [0.8, 1, 1.2], [1, 1.1, 1]]  # with the camera's mixing: what the paint reflects of the
+                                                         # light that channel (row) sees of primary (column), as a
+                                                         # share of its albedo there (default: all of it)
     translucency = { mean_free_path = [0.004, 0.002, 0.001] }   # metres per channel, without gloss (default: opaque)
 
 Shapes and their keys:

@@ -55,14 +55,31 @@ class EffectReport:
 
 
 @dataclass(frozen=True)
+class Spectral:
+    """Light primary by primary, and what the camera makes of it.
+
+    transport : T_l of each primary.  mixing : X, (camera height, camera width, 3, 3), channel by primary.
+    primaries : F, (3, camera height, camera width, 3), the floodlights, red first.
+    """
+
+    transport: Transport
+    mixing: FloatArray
+    primaries: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
 class Simulated:
-    """T, and e (camera height, camera width, 3), of a scene, with one report per effect."""
+    """T, and e (camera height, camera width, 3), of a scene, with one report per effect.
+
+    spectral : what is behind them if the camera's channels see several primaries; T is then that of white light.
+    """
 
     transport: Transport
     ambient: NDArray[np.float32]
     reports: tuple[EffectReport, ...]
     cpu_seconds: float
     seconds: float
+    spectral: Spectral | None = None
 
     def explained(self, *, all_effects: bool = True) -> str:
         """The reports as lines under a heading: what was on, what it cost, and why."""
@@ -96,6 +113,7 @@ class _Simulation:
         self.near = NearLight((pixels, scene.projector.pixels), scene.threshold, scene.name)
         self.ambient = np.zeros((pixels, 3))
         self.seen, self.lit = False, False
+        self.mixing, self.weight = np.zeros((pixels, 9)), np.zeros(pixels)
         self.maps: dict[str, Any] = {}
         self.exchange: Any = None
 
@@ -164,8 +182,17 @@ class _Simulation:
             self.effects.account("ambient_light", added.sum())
             for i in range(3):
                 self.ambient[:, i] += np.bincount(samples.pixel, added[:, i], len(self.ambient))
+        if "crosstalk" in self.effects:
+            self._mix(samples, matt @ np.ones(3))
         if self.exchange is not None:
             far += self.effects.call("inter_reflection", "seen_by_camera", self.scene, self.exchange, samples, matt)
+
+    def _mix(self, samples: Samples, weight: FloatArray) -> None:
+        """Add what samples see of the primaries to their pixels'."""
+        found = self.effects.call("crosstalk", "of_samples", self.scene, samples).reshape(-1, 9)
+        for i in range(9):
+            self.mixing[:, i] += np.bincount(samples.pixel, weight * found[:, i], len(self.mixing))
+        self.weight += np.bincount(samples.pixel, weight, len(self.weight))
 
     def _merged(self, pixel: IntArray, column: IntArray, weights: FloatArray) -> Entries:
         """The same entries, those of several samples of one pixel summed."""
@@ -237,10 +264,16 @@ class _Simulation:
         if "blooming" in effects:
             transport, ambient, moved = effects.call("blooming", "bloom", scene, transport, ambient)
             effects.account("blooming", moved * total, transport.far.entries - (far.entries if far else 0))
-        shape = scene.camera.height, scene.camera.width, 3
-        picture = ambient.reshape(shape).astype(np.float32)
+        shape, spectral = (scene.camera.height, scene.camera.width), None
+        if "crosstalk" in effects:
+            X = effects.call("crosstalk", "of_pixels", scene, self.mixing.reshape(-1, 3, 3), self.weight)
+            seen, ambient, F, elsewhere = effects.call("crosstalk", "photographed", X, transport, ambient)
+            spectral = Spectral(transport, X.reshape(*shape, 3, 3), F.reshape(3, *shape, 3).astype(np.float32))
+            effects.account("crosstalk", elsewhere)
+            transport = seen
+        picture = ambient.reshape(*shape, 3).astype(np.float32)
         spent = time.process_time() - self.start[0], time.perf_counter() - self.start[1]
-        return Simulated(transport, picture, self._reports(total), *spent)
+        return Simulated(transport, picture, self._reports(total), *spent, spectral)
 
     def _reports(self, total: float) -> tuple[EffectReport, ...]:
         effects = self.effects

@@ -11,16 +11,17 @@ from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
 from counterlight.arrays import FloatArray
-from counterlight.calibration import RADIANCE, Calibration
+from counterlight.calibration import RADIANCE
 from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.files.png import write_png
+from counterlight.maps.mixing import Mixing
 from counterlight.maps.room_maps import RoomMaps, read_maps
 from counterlight.pipeline import reference
-from counterlight.pipeline.content import reachable_white
 from counterlight.pipeline.operators import compensation
 from counterlight.tools.choices import COMPENSATIONS
 from counterlight.tools.clusters.search import decompose_to
+from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.relighting.pictures import SUFFIXES, read_placed
 from counterlight.tools.solve.quality import Quality, measure
 from counterlight.tools.solve.registry import Prepared, prepare
@@ -41,13 +42,14 @@ class CompensateOptions:
 
     solvers : of COMPENSATIONS.
     max_cluster : for qr, svd and nnls, decompose T into clusters of at most so many projector pixels (thesis 4.2.2).
-    white : radiance of a white picture, None for what most of the room can reach.
+    white : radiance of a white picture, None for what most of the room can reach.  colour : of COLOURS.
     aims : of the box.
     """
 
     solvers: tuple[str, ...]
     max_cluster: int | None = None
     white: float | None = None
+    colour: str = "auto"
     aims: ObjectiveOptions = DEFAULT_AIMS
 
     def __post_init__(self) -> None:
@@ -87,26 +89,25 @@ class CompensationTask:
 
     def __init__(
         self,
-        transport: Transport,
-        calibration: Calibration,
+        tier: Tier,
         picture: FloatArray,
         *,
         radiance: bool,
         options: CompensateOptions,
         maps: Callable[[], RoomMaps] | None = None,
     ) -> None:
-        """picture : (camera height, camera width, 3), linear 0..1, or the desired radiance itself.
+        """picture : (camera height, camera width, 3), linear 0..1, or the desired camera radiance itself.
 
         maps : how the solver `map` gets the room's.
         """
-        self._transport, self._calibration, self._options, self._maps = transport, calibration, options, maps
-        flood = self._transport.floodlight(calibration.ambient)
-        self.white = reachable_white(flood, calibration.mask) if options.white is None else options.white
-        self._desired = picture if radiance else picture * self.white
-        self._target = np.asarray(self._desired - calibration.ambient, np.float64)
-        self._inside = transport.inside(calibration.mask)
+        self._tier, self._calibration, self._options, self._maps = tier, tier.calibration, options, maps
+        self.white = tier.white if options.white is None else options.white
+        self._wanted, self._radiance = picture, radiance
+        self._desired = self._stated(tier.mixing)
+        self._target = tier.asked(self._desired)
+        self._inside = tier.transport.inside(tier.calibration.mask)
         self._lit = self._inside.lit
-        self._objective = objective_of(transport, calibration, options.aims)
+        self._objective = objective_of(tier.transport, tier.calibration, options.aims)
 
     def run(self, plain: FloatArray) -> Iterator[Compensated]:
         """Every solver of the options, in their order.
@@ -132,12 +133,22 @@ class CompensationTask:
         if name == "none":
             return plain.reshape(-1, 3), ()
         if name == "map" and self._maps is not None:
-            drive = compensation(self._maps()).apply(self._target)
-            return drive.reshape(-1, 3), ()
+            return self._by_maps(self._maps()).reshape(-1, 3), ()
         if self._options.max_cluster is None or name == "direct":
             found = self._prepared(name).solve(self._target)
             return found.unclamped, found.notes
         return self._solve_decomposed(name, self._options.max_cluster)
+
+    def _by_maps(self, maps: RoomMaps) -> FloatArray:
+        """As the player does it, in the tier of colour that the maps were built for."""
+        ambient = maps.mixing.on_screen(self._calibration.ambient)
+        return compensation(maps).apply(maps.mixing.asked(self._stated(maps.mixing) - ambient))
+
+    def _stated(self, mixing: Mixing) -> FloatArray:
+        """What is wanted, in the screen primaries of a mixing."""
+        if self._radiance:
+            return np.asarray(mixing.on_screen(self._wanted), np.float64)
+        return np.asarray(self._wanted * self.white, np.float64)
 
     def _prepared(self, name: str) -> Prepared:
         return prepare(name, self._inside, self._calibration.mask, self._objective)
@@ -165,15 +176,11 @@ class CompensationTask:
         self, name: str, unclamped: FloatArray, seconds: float, notes: tuple[str, ...], best: float
     ) -> Compensated:
         drive = np.clip(unclamped, 0, 1)
-        seen = self._picture(self._transport.apply(drive)) + self._calibration.ambient
-        quality = measure(self._desired, seen, self._calibration.mask, self.white)
+        quality = measure(self._desired, self._tier.seen(drive), self._calibration.mask, self.white)
         beyond = np.abs(unclamped - drive) > FAR_TOLERANCE
         clipped = float(np.mean(beyond[self._lit])) if self._lit.any() else 0.0
         shape = *self._calibration.projector.shape, 3
         return Compensated(name, drive.reshape(shape), quality, clipped, seconds, best - quality.psnr, notes)
-
-    def _picture(self, light: FloatArray) -> FloatArray:
-        return light.reshape(*self._calibration.camera.shape, 3)
 
 
 def compensate(folder: Path, picture: Path, output: Path | None, options: CompensateOptions) -> Iterator[str]:
@@ -188,10 +195,11 @@ def compensate(folder: Path, picture: Path, output: Path | None, options: Compen
     stored = calibrations.read(folder)
     calibration, radiance = stored.calibration, picture.suffix.lower() == ".exr"
     wanted = read_placed(picture, calibration.camera.shape)
-    task = CompensationTask(
-        read_transport(stored), calibration, wanted, radiance=radiance, options=options, maps=lambda: read_maps(stored)
-    )
-    plain = _uncorrected(picture, wanted, radiance, calibration.projector.shape, task.white)
+    tier = tier_of(calibration, read_transport(stored), options.colour)
+    task = CompensationTask(tier, wanted, radiance=radiance, options=options, maps=lambda: read_maps(stored))
+    given = np.asarray(tier.mixing.on_screen(wanted), np.float64) if radiance else wanted
+    plain = _uncorrected(picture, given, radiance, calibration.projector.shape, task.white)
+    yield f"{tier}"
     yield f"white is a camera radiance of {task.white:.4g}; {int(calibration.mask.sum())} camera pixels count"
     yield HEADER
     for found in task.run(plain):

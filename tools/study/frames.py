@@ -9,6 +9,7 @@ import numpy as np
 
 from counterlight.arrays import FloatArray
 from counterlight.gl.probe import probe_opengl
+from counterlight.maps.mixing import Mixing
 from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.operators import Compensation, compensation
 from counterlight.pipeline.renderer import Renderer
@@ -35,20 +36,23 @@ def player(backend: str, room: Room) -> Iterator["Player"]:
     """The player's renderer without a window, "gl" or "cpu"."""
     graphics()  # makes a context of its own, which must not come between the renderer and its own
     with headless_renderer(backend, room) as renderer:
-        yield Player(renderer)
+        yield Player(renderer, room.maps.mixing)
 
 
 class Player:
-    """Renders radiance pictures of one size as the player would."""
+    """Renders pictures of light of one size as the player would.  mixing : of the room's primaries."""
 
-    def __init__(self, renderer: Renderer) -> None:
-        self._renderer = renderer
+    def __init__(self, renderer: Renderer, mixing: Mixing) -> None:
+        self._renderer, self._mixing = renderer, mixing
         self._open = False
         self._render: Callable[[], None] = lambda: None
 
     def show(self, desired: FloatArray, *, compensate: bool, steps: int) -> FloatArray:
-        """The drive for a desired radiance (camera height, camera width, 3): (projector pixels, 3), before encoding."""
-        frame = radiance_frame(desired)
+        """The drive for desired light, (camera height, camera width, 3), in screen primaries.
+
+        Returns (projector pixels, 3), before encoding.
+        """
+        frame = radiance_frame(np.asarray(self._mixing.as_radiance(desired), np.float64))
         if not self._open:
             self._renderer.open(frame.format)
             self._open = True

@@ -149,7 +149,9 @@ class Map:
         maps, bound = replace(built.maps, refinement=refinement), float(built.inverse.truncation.max(initial=0.0))
         size = frame_bytes(maps, self.steps, self.start)
         if self.half:
-            rounded, error = in_half(maps.correction, room.white, room.calibration.ambient.reshape(-1, 3))
+            rounded, error = in_half(
+                maps.correction, room.tier.mixing.brightest(room.white, room.tier.ambient).reshape(-1, 3)
+            )
             maps, bound = replace(maps, correction=rounded), bound + error
             size -= rounded.entries.nbytes * (FLOAT32_ENTRY - HALF_ENTRY) // FLOAT32_ENTRY
         bench = room.bench((self.options, self.half, self.start), lambda: maps, self.start)
@@ -242,5 +244,7 @@ def _prepared(bench: Bench, steps: int, preparation_s: float, size: int, bound: 
 def _direct_bench(room: StudyRoom) -> Bench:
     """Direct mapping in place of T⁺: it divides by all light, so none is taken out before."""
     return room.bench(
-        "direct", lambda: RoomMaps(room.refinement[0].direct, room.near_map, None, None, room.white), "map"
+        "direct",
+        lambda: RoomMaps(room.refinement[0].direct, room.near_map, None, None, room.white, mixing=room.tier.mixing),
+        "map",
     )

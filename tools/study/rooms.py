@@ -11,13 +11,12 @@ import numpy as np
 
 from counterlight import calibration as calibrations
 from counterlight.arrays import FloatArray
-from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.maps.room_maps import RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, pack
-from counterlight.pipeline.content import reachable_white
 from counterlight.pipeline.room import Room
 from counterlight.tools.clusters.components import find_clusters
+from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.refinement_maps import refinement_maps
 from counterlight.tools.inverse.room import BuiltRoom, build_maps
@@ -31,7 +30,7 @@ from counterlight.tools.study.frames import Bench
 from counterlight.tools.study.pictures import Picture
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.storage import read_transport
-from counterlight.tools.transport.transport import Transport, channel, channels
+from counterlight.tools.transport.transport import channel, channels
 
 R = TypeVar("R")
 BEYOND = 0.1 / 255  # drive; less than this outside 0..1 is rounding, not clipping
@@ -65,44 +64,44 @@ def find_places(given: Sequence[Path], names: Sequence[str]) -> list[Path]:
     return places
 
 
-def open_room(place: Path, size: tuple[int, int]) -> "StudyRoom":
+def open_room(place: Path, size: tuple[int, int], colour: str = "auto") -> "StudyRoom":
     """A scene simulated, its camera fitted into `size` (height, width), or a calibration; neither is changed.
 
-    The projector is scaled as the camera is.
+    The projector is scaled as the camera is.  colour : of choices.COLOURS.
     """
     if place.is_dir():
         stored = calibrations.read(place)
-        return StudyRoom(place.stem, stored.calibration, read_transport(stored), 0.0)
+        return StudyRoom(place.stem, tier_of(stored.calibration, read_transport(stored), colour), 0.0)
     scene = load_scene(place)
     scale = min(size[0] / scene.camera.height, size[1] / scene.camera.width)
     camera, projector = (
         (max(1, round(scale * device.height)), max(1, round(scale * device.width)))
         for device in (scene.camera, scene.projector)
     )
-    return simulated_room(scene.resized(camera, projector), place.stem)
+    return simulated_room(scene.resized(camera, projector), place.stem, colour)
 
 
-def simulated_room(scene: Scene, name: str) -> "StudyRoom":
+def simulated_room(scene: Scene, name: str, colour: str = "auto") -> "StudyRoom":
     """A scene as it is, simulated."""
     result, seconds = processor_seconds(lambda: simulate(scene))
-    return StudyRoom(name, simulated_calibration(scene, result), result.transport, seconds)
+    return StudyRoom(name, tier_of(simulated_calibration(scene, result), result.transport, colour), seconds)
 
 
 class StudyRoom:
     """A room whose maps can be built with any options.
 
-    simulation_s : processor seconds of its simulation.  white : radiance of a white picture, as the player takes it.
+    tier : of colour.  simulation_s : processor seconds of its simulation.  white : radiance of a white picture, as the
+    player takes it.
     inside : T of the camera pixels that count.  lit : (projector pixels, 3), whether near light leaves them.
     objective : what the player's maps, refinement and `box` minimise.
     Holds the last maps and the last bench, so methods that share them should follow each other; close() at the end.
     """
 
-    def __init__(self, name: str, calibration: Calibration, transport: Transport, simulation_s: float) -> None:
-        self.name, self.simulation_s = name, simulation_s
-        self.calibration, self.transport = calibration, transport
-        self.white = reachable_white(self.transport.floodlight(self.calibration.ambient), self.calibration.mask)
+    def __init__(self, name: str, tier: Tier, simulation_s: float) -> None:
+        self.name, self.tier, self.simulation_s = name, tier, simulation_s
+        self.calibration, self.transport, self.white = tier.calibration, tier.transport, tier.white
         self.inside = self.transport.inside(self.calibration.mask)
-        self.objective = objective_of(self.transport, self.calibration, DEFAULT_AIMS)
+        self.objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS)
         self.lit, self.box = self.inside.lit, Box(self.objective)
         self._built: tuple[InverseOptions, BuiltRoom, float] | None = None
         self._bench: tuple[object, Bench] | None = None
@@ -123,9 +122,7 @@ class StudyRoom:
         if self._built is None or self._built[0] != options:
             self.close()
             self._built = None
-            built, seconds = processor_seconds(
-                lambda: build_maps(self.transport, self.calibration, options, refine=False)
-            )
+            built, seconds = processor_seconds(lambda: build_maps(self.tier, options, refine=False))
             self._built = options, built, seconds
         return self._built[1:]
 
@@ -159,7 +156,7 @@ class StudyRoom:
 class Judged:
     """How good a drive is.
 
-    seen : (camera height, camera width, 3), radiance.  below_optimum : decibels of PSNR to the box optimum.
+    seen : (camera height, camera width, 3), in screen primaries.  below_optimum : decibels of PSNR to the box optimum.
     certified : decibels that it can be below the optimum at most, from its gradient alone.
     """
 
@@ -172,7 +169,7 @@ class Judged:
 class Task:
     """One picture in one room.
 
-    desired : (camera height, camera width, 3), radiance.  asked : b, (camera pixels, 3).
+    desired : (camera height, camera width, 3), in screen primaries.  asked : b, (camera pixels, 3).
     counts : (camera pixels, 1), inside the mask.
     plain : (projector pixels, 3), the picture uncorrected.
     """
@@ -182,7 +179,7 @@ class Task:
         calibration = room.calibration
         self.desired = room.white * picture.at(calibration.camera.shape)
         self.plain = picture.at(calibration.projector.shape).reshape(-1, 3)
-        self.target = (self.desired - calibration.ambient).astype(np.float64)
+        self.target = room.tier.asked(self.desired)
         self.asked, self.counts = self.target.reshape(-1, 3), calibration.mask.reshape(-1, 1)
 
     @cached_property
@@ -207,6 +204,5 @@ class Task:
         return float(np.mean(beyond[self.room.lit])) if self.room.lit.any() else 0.0
 
     def _quality(self, drive: FloatArray) -> tuple[FloatArray, Quality]:
-        calibration = self.room.calibration
-        seen = self.room.transport.apply(drive).reshape(self.desired.shape) + calibration.ambient
-        return seen, measure(self.desired, seen, calibration.mask, self.room.white)
+        seen = self.room.tier.seen(drive)
+        return seen, measure(self.desired, seen, self.room.calibration.mask, self.room.white)

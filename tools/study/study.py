@@ -30,6 +30,7 @@ class StudyOptions:
     """places : scenes and calibrations.  size : (height, width) that a scene's camera is fitted into.
 
     patience_s : see measure.study_room.  table_6_1 : also measure the thesis' scenes at its sizes.
+    colour : of choices.COLOURS.
     """
 
     places: Sequence[Path]
@@ -37,6 +38,7 @@ class StudyOptions:
     size: tuple[int, int]
     patience_s: float
     table_6_1: bool = False
+    colour: str = "auto"
 
 
 def check_output(folder: Path) -> None:
@@ -72,7 +74,7 @@ def _study(options: StudyOptions, stage: Path) -> Iterator[str]:
     yield f"OpenGL: {graphics()}"
     figures: list[RoomFigures] = []
     for place in options.places:
-        with closing(open_room(place, options.size)) as room:
+        with closing(open_room(place, options.size, options.colour)) as room:
             found = study_room(room, options.pictures, catalogue(), uncut_knobs(), options.patience_s)
         figures.append(found)
         yield f"{found.name}: {len(found.rows)} figures, {len(found.skipped)} methods not for it"

@@ -56,9 +56,15 @@ def _join(folders: Sequence[Path], monitors: Sequence[str], name: str) -> tuple[
     provenance = "joined by counterlight join: " + "; ".join(f"{room.name} ({room.provenance})" for room in rooms)
     first = rooms[0]
     mask = np.any([room.mask for room in rooms], axis=0)
-    joint = Calibration(name, provenance, projectors, first.camera, first.ambient, mask)
+    joint = Calibration(name, provenance, projectors, first.camera, first.ambient, mask, _join_primaries(rooms))
     transport = join_transports([read_transport(one) for one in stored], [room.projector.shape for room in rooms])
     return joint, transport, _check_ambient(stored, transport.composition())
+
+
+def _join_primaries(rooms: Sequence[Calibration]) -> NDArray[np.float32] | None:
+    """The light of each primary of all projectors together, None unless it was measured of all."""
+    found = [room.primaries for room in rooms if room.primaries is not None]
+    return np.sum(found, axis=0, dtype=np.float32) if len(found) == len(rooms) else None
 
 
 def join_transports(transports: Sequence[Transport], shapes: Sequence[tuple[int, int]]) -> Transport:

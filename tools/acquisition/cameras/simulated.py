@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from counterlight import calibration
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
+from counterlight.maps.mixing import mixed
 from counterlight.response import Response
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Exposures, Shot
 from counterlight.tools.acquisition.cameras.live import LiveCamera, Screen
 from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.choices import MOST_LAG
+from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.simulation.effects.capture_noise import capture
 from counterlight.tools.simulation.scene import load_scene
@@ -59,7 +61,8 @@ class SimulatedRoom:
     """What is in front of the camera.
 
     ambient : (camera height, camera width, 3).  projector : (height, width).  response : of the projector.
-    sensor : the scene's own, if it describes one.
+    mixing : (camera height, camera width, 3, 3), or one for all, what the camera's channels see of the light that the
+    transport gives of each primary; None for their own alone.  sensor : the scene's own, if it describes one.
     """
 
     name: str
@@ -67,7 +70,13 @@ class SimulatedRoom:
     ambient: NDArray[np.float32]
     projector: tuple[int, int]
     response: Response
+    mixing: FloatArray | None = None
     sensor: Sensor | None = None
+
+    def seen(self, drive: FloatArray) -> FloatArray:
+        """The camera's radiance, (camera height, camera width, 3); drive : (projector pixels, 3)."""
+        light = self.transport.apply(drive).reshape(self.ambient.shape)
+        return np.asarray((light if self.mixing is None else mixed(self.mixing, light)) + self.ambient)
 
 
 class VisibleScreen(Screen, Protocol):
@@ -124,7 +133,7 @@ class SimulatedEye:
     def radiance(self, codes: Codes) -> FloatArray:
         """T p + e of a picture's code values."""
         drive = np.stack([self._drive[codes[..., i].ravel(), i] for i in range(3)], axis=1)
-        return self._room.transport.apply(drive).reshape(self._room.ambient.shape) + self._room.ambient
+        return self._room.seen(drive)
 
     def _shot(self, light: FloatArray) -> Shot:
         """Code values of light, 1 being full scale; stored so that the top code fills the container."""
@@ -141,7 +150,7 @@ class SimulatedCamera(LiveCamera):
     """
 
     def __init__(self, room: SimulatedRoom, settings: CameraSettings, screen: VisibleScreen | None = None) -> None:
-        brightest = float(room.transport.floodlight(room.ambient).max())
+        brightest = float(room.seen(np.ones((room.transport.shape[1], 3))).max())
         times = tuple(time / (HEADROOM * brightest) for time in settings.exposures)
         shown: VisibleScreen = MemoryScreen(room.projector) if screen is None else screen
         eye = SimulatedEye(room, settings, shown)
@@ -152,13 +161,20 @@ def simulated_room(source: Path) -> SimulatedRoom:
     """The room of a scene file (.toml) or of a calibration folder; InputError if it is neither."""
     if source.is_dir():
         stored = calibration.read(source)
-        room = stored.calibration
+        room, tier = stored.calibration, tier_of(stored.calibration, read_transport(stored))
+        projector = room.projector
         return SimulatedRoom(
-            room.name, read_transport(stored), room.ambient, room.projector.shape, room.projector.response
+            room.name, tier.transport, room.ambient, projector.shape, projector.response, tier.mixing.of_camera
         )
     scene = load_scene(source)
     result = simulate(scene)
-    projector = scene.projector.height, scene.projector.width
+    light = result.spectral
     return SimulatedRoom(
-        scene.name, result.transport, result.ambient, projector, scene.projector.response, scene.camera.sensor
+        scene.name,
+        result.transport if light is None else light.transport,
+        result.ambient,
+        (scene.projector.height, scene.projector.width),
+        scene.projector.response,
+        None if light is None else light.mixing,
+        scene.camera.sensor,
     )

@@ -1,0 +1,174 @@
+"""How a camera's colours mix the projector's primaries (thesis 4.1.1), and what takes pictures through it.
+
+Channel k of a camera pixel sees c_k = Σ_l F_kl t_l + e_k of shares t of the three primaries. Pictures are stated in
+*screen primaries*: s = Q c, Q = M₀⁻¹, M₀ the mixing of a neutral surface, rows of sum 1, so that white stays white.
+There channels nearly decouple, and what is left of the mixing in a camera pixel is P = Q F. Its columns, made unit
+vectors, are B: with w the columns' lengths and y = w ∘ t what the maps' transport T̃ gives,
+
+    seen = B y + Q e,        asked: b = A (picture − Q e),  A = B⁻¹.
+
+Each column of B has length 1, so that the squared error of y is that of the picture seen, but for what two primaries
+share. Three tiers: independent, M₀ = B = I, each channel by itself; global, one M₀ for the room, B = I; pixel, both.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import FloatArray
+from counterlight.calibration import RADIANCE
+from counterlight.errors import InputError
+from counterlight.files import exr
+from counterlight.files.reading import DescribedFiles
+from counterlight.files.tables import Table
+
+Light: TypeAlias = NDArray[np.floating]
+TIERS = ("independent", "global", "pixel")
+FILES = "mixing_red.exr", "mixing_green.exr", "mixing_blue.exr"
+LARGEST_INVERSE = 1e3  # of an entry of Q or A: beyond, a thousandth of light decides a picture's colour
+UNLIMITED = RADIANCE[1]
+ROUNDING = 1e-3  # of a sum that was written as text or as float32
+
+
+@dataclass(frozen=True)
+class Mixing:
+    """What lies between a camera's radiance, a picture in screen primaries, and the light of the maps' transport.
+
+    neutral : M₀, (3, 3), camera channel by primary; None if channels are independent.
+    pixel : B, (camera height, camera width, 3, 3) float32, screen primary by primary; None for no mixing beside M₀.
+    """
+
+    neutral: FloatArray | None = None
+    pixel: NDArray[np.float32] | None = None
+
+    @property
+    def tier(self) -> str:
+        """One of TIERS."""
+        return TIERS[(self.neutral is not None) + (self.pixel is not None)]
+
+    @cached_property
+    def to_screen(self) -> FloatArray:
+        """Q = M₀⁻¹."""
+        return np.eye(3) if self.neutral is None else np.asarray(np.linalg.inv(self.neutral))
+
+    @cached_property
+    def inverse(self) -> NDArray[np.float32] | None:
+        """A = B⁻¹ of every camera pixel."""
+        return None if self.pixel is None else np.linalg.inv(self.pixel.astype(np.float64)).astype(np.float32)
+
+    @property
+    def of_camera(self) -> FloatArray | None:
+        """M₀ B of every camera pixel, or M₀: from the transport's light to the camera's radiance; None for neither."""
+        if self.neutral is None:
+            return None
+        return self.neutral if self.pixel is None else np.asarray(self.neutral @ self.pixel)
+
+    def on_screen(self, radiance: Light) -> Light:
+        """Q c: what the camera sees, in screen primaries, (…, 3)."""
+        return radiance if self.neutral is None else radiance @ self.to_screen.T.astype(radiance.dtype)
+
+    def as_radiance(self, light: Light) -> Light:
+        """M₀ s: what the camera sees of a picture in screen primaries, (…, 3)."""
+        return light if self.neutral is None else light @ self.neutral.T.astype(light.dtype)
+
+    def asked(self, light: Light) -> Light:
+        """A s: light above ambient, (camera height, camera width, 3), as the maps' transport must give it."""
+        return light if self.inverse is None else mixed(self.inverse, light)
+
+    def seen(self, light: Light) -> Light:
+        """B y: light of the maps' transport, (camera height, camera width, 3), in screen primaries."""
+        return light if self.pixel is None else mixed(self.pixel, light)
+
+    def asked_transpose(self, light: Light) -> Light:
+        """Aᵀ of `asked`."""
+        return light if self.inverse is None else mixed(np.swapaxes(self.inverse, -1, -2), light)
+
+    def seen_transpose(self, light: Light) -> Light:
+        """Bᵀ of `seen`."""
+        return light if self.pixel is None else mixed(np.swapaxes(self.pixel, -1, -2), light)
+
+    def brightest(self, white: float, ambient: Light) -> Light:
+        """The largest |b| of each camera pixel and channel that a picture of at most white can ask for.
+
+        ambient : Q e, (camera height, camera width, 3).
+        """
+        light = np.maximum(white, np.abs(ambient)).astype(np.float64)
+        return light if self.inverse is None else mixed(np.abs(self.inverse), light)
+
+    def reach(self, full: Light, ambient: Light) -> Light:
+        """The brightest grey that each primary lets a camera pixel show, radiance (camera height, camera width, 3).
+
+        A grey of g asks for g A 1 − A Q e of the full light T̃·1.  full : T̃·1.  ambient : Q e.
+        """
+        if self.inverse is None:
+            return full + ambient
+        return grey_reach(self.inverse, full, ambient)
+
+    def to_toml(self) -> dict[str, Any]:
+        """The manifest's table [colour]; empty for independent channels."""
+        if self.neutral is None:
+            return {}
+        return {"colour": {"tier": self.tier, "neutral": self.neutral.tolist()}}
+
+
+def mixed(matrices: Light, light: Light) -> Light:
+    """M v in every pixel; matrices : (height, width, 3, 3).  light : (height, width, 3)  (mix.frag)."""
+    return np.asarray(np.einsum("...kl,...l->...k", matrices, light))
+
+
+def grey_reach(inverse: Light, full: Light, ambient: Light) -> Light:
+    """See Mixing.reach; a primary that grey asks nothing of does not limit it (reach.frag)."""
+    share = np.asarray(inverse.sum(axis=-1, dtype=np.float64))
+    limit = full + mixed(inverse, ambient)
+    return np.where(share > 0, np.minimum(limit, UNLIMITED * share) / np.where(share > 0, share, 1), UNLIMITED)
+
+
+def write(mixing: Mixing, stage: Path) -> None:
+    """The rows of B as three pictures, if there is one."""
+    if mixing.pixel is not None:
+        for row, name in enumerate(FILES):
+            exr.write_rgb(stage / name, np.ascontiguousarray(mixing.pixel[..., row, :]))
+
+
+def read(manifest: Table, files: DescribedFiles, camera: tuple[int, int]) -> Mixing:
+    """What `to_toml` and `write` left; InputError for numbers that undo no mixing."""
+    if "colour" not in manifest:
+        return Mixing()
+    table = manifest.table("colour")
+    tier, neutral = table.choice("tier", TIERS[1:]), table.rows("neutral", 3, 3, -LARGEST_INVERSE, LARGEST_INVERSE)
+    if np.abs(neutral.sum(axis=1) - 1).max() > ROUNDING or not invertible(neutral).all():
+        raise table.wrong("neutral", "the mixing of a neutral surface: rows of sum 1 that can be told apart")
+    if tier != "pixel":
+        return Mixing(neutral)
+    rows = []
+    for name in FILES:
+        with files.opened(files.folder / name) as file:
+            rows.append(exr.read_rgb(file, exr.sized(camera, "the camera", files.fix)))
+    pixel = np.stack(rows, axis=2)
+    check_pixels(pixel, f"{files.folder / FILES[0]} and its siblings", files.fix)
+    return Mixing(neutral, pixel)
+
+
+def check_pixels(pixel: NDArray[np.floating], where: str, fix: str) -> None:
+    """InputError for a B that is not finite, not of unit columns, or undoes no mixing."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        lengths = np.linalg.norm(pixel.astype(np.float64), axis=2)
+    if not (np.abs(lengths - 1) <= ROUNDING).all() or not invertible(pixel).all():
+        raise InputError(f"{where}: holds a mixing that is no number, not of unit columns, or cannot be undone; {fix}")
+
+
+def invertible(matrices: Light, largest: float = LARGEST_INVERSE) -> NDArray[np.bool_]:
+    """Which of some 3×3 matrices, (…, 3, 3), have an inverse of no entry beyond `largest`; NaN has none.
+
+    By the cofactors: no singular matrix stops the others.
+    """
+    rows = np.moveaxis(np.asarray(matrices, np.float64), -2, 0)
+    finite = np.asarray(np.isfinite(matrices).all(axis=(-2, -1)))
+    a, b, c = (np.where(finite[..., None], row, 0.0) for row in rows)
+    cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
+    determinant = np.abs(np.sum(a * cofactors[0], axis=-1))
+    return np.asarray(finite & (np.abs(cofactors).max(axis=(0, -1)) <= largest * determinant) & (determinant > 0))

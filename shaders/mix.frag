@@ -1,0 +1,17 @@
+#version 330 core
+// Mix the channels of every pixel by a matrix of its own, and add a picture.
+//
+// Inputs: `light`, `base`; `row_red`, `row_green`, `row_blue`, the rows of each pixel's matrix; of one size.
+// Output: matrix · light + base.
+// CPU twin: mix in player/pipeline/reference.py.
+uniform sampler2D light, base, row_red, row_green, row_blue;
+
+out vec4 result;
+
+void main() {
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    vec3 given = texelFetch(light, at, 0).rgb;
+    vec3 mixed = vec3(dot(texelFetch(row_red, at, 0).rgb, given), dot(texelFetch(row_green, at, 0).rgb, given),
+                      dot(texelFetch(row_blue, at, 0).rgb, given));
+    result = vec4(mixed + texelFetch(base, at, 0).rgb, 1.0);
+}

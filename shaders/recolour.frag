@@ -1,0 +1,14 @@
+#version 330 core
+// Mix the channels of all pixels by one matrix: a camera's radiance to screen primaries.
+//
+// Inputs: `picture`, linear RGB.
+// Output: matrix · picture.
+// CPU twin: recolour in player/pipeline/reference.py.
+uniform sampler2D picture;
+uniform mat3 matrix;
+
+out vec4 result;
+
+void main() {
+    result = vec4(matrix * texelFetch(picture, ivec2(gl_FragCoord.xy), 0).rgb, 1.0);
+}

@@ -1,0 +1,282 @@
+"""Tiers of colour against all nine matrices written out, and against damage."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+import counterlight as cl
+from counterlight.calibration import Calibration
+from counterlight.errors import InputError
+from counterlight.maps.mixing import TIERS, Mixing, invertible
+from counterlight.pipeline.content import psnr
+from counterlight.tools.colour.neutral import neutral_mixing
+from counterlight.tools.colour.tiers import Tier, tier_of
+from counterlight.tools.solve.registry import prepare
+from counterlight.tools.transport.joining import join_rooms
+from tests.coloured_rooms import CROSSTALK, ColouredRoom, coloured_room, mixing_of_condition
+
+FloatArray = NDArray[np.float64]
+SIXTEEN = mixing_of_condition(16)
+NEAR_DB = 0.05  # of the nine matrices' optimum: the box solver's gap, and what two primaries share of an error
+
+
+def picture(camera: tuple[int, int]) -> FloatArray:
+    y, x = np.mgrid[: camera[0], : camera[1]] / max(camera)
+    return np.stack([0.3 + 0.4 * x, 0.7 - 0.5 * y, 0.3 + 0.3 * np.sin(5 * x)], axis=2)
+
+
+def compensated(room: ColouredRoom, colour: str, neutral: FloatArray) -> tuple[float, Tier]:
+    """PSNR in screen primaries of what all nine matrices show, and the tier that asked for it."""
+    tier = tier_of(room.calibration, room.transport, colour)
+    desired = WHITE * picture(room.calibration.camera.shape)
+    drive = prepare("box", tier.transport, room.calibration.mask).solve(tier.asked(desired)).drive
+    seen = room.radiance(drive) @ np.linalg.inv(neutral).T
+    return psnr(float(np.mean(((seen - desired) / WHITE) ** 2))), tier
+
+
+def optimum(room: ColouredRoom, neutral: FloatArray) -> float:
+    """The same of the least squares drive within 0..1 of the 3 m × 3 n system, thesis eq. 4.2, by scipy."""
+    Q = np.linalg.inv(neutral)
+    _, _, rows, columns = room.nine.shape
+    A = np.einsum("mk,klij->milj", Q, room.nine).reshape(3 * rows, 3 * columns)
+    desired = WHITE * picture(room.calibration.camera.shape) - room.calibration.ambient @ Q.T
+    b = desired.reshape(-1, 3).T.ravel()
+    found = lsq_linear(A, b, (0, 1), tol=1e-12)
+    return psnr(float(np.mean((A @ found.x - b) ** 2) / WHITE**2))
+
+
+WHITE = 0.45  # within reach of most pixels, in every tier
+
+
+@pytest.mark.parametrize("neutral", [CROSSTALK, SIXTEEN], ids=["12 %", "condition 16"])
+def test_where_paint_is_even_both_tiers_reach_the_nine_matrices_optimum(
+    rng: np.random.Generator, neutral: FloatArray
+) -> None:
+    room = coloured_room(rng, neutral)
+    best = optimum(room, neutral)
+    for colour in ("global", "pixel", "auto"):
+        found, tier = compensated(room, colour, neutral)
+        assert found == pytest.approx(best, abs=NEAR_DB)
+        assert tier.mixing.neutral == pytest.approx(neutral, abs=1e-5)  # float32 floodlights, times the condition
+    assert tier.mixing.tier == "global"
+    assert compensated(room, "independent", neutral)[0] < best - NEAR_DB
+
+
+@pytest.mark.parametrize(("neutral", "paint"), [(CROSSTALK, 0.3), (SIXTEEN, 0.02)], ids=["12 %", "condition 16"])
+def test_where_paint_differs_a_mixing_of_each_pixel_reaches_it(
+    rng: np.random.Generator, neutral: FloatArray, paint: float
+) -> None:
+    room = coloured_room(rng, neutral, paint=paint, camera=(16, 22))
+    best = optimum(room, neutral)
+    pixel, tier = compensated(room, "pixel", neutral)
+    assert pixel == pytest.approx(best, abs=NEAR_DB)
+    assert compensated(room, "global", neutral)[0] < pixel
+    chosen = tier_of(room.calibration, room.transport)
+    assert chosen.mixing.tier == "pixel"
+    assert str(chosen) == str(tier)
+
+
+@pytest.mark.parametrize("neutral", [CROSSTALK, SIXTEEN], ids=["12 %", "condition 16"])
+def test_a_tier_says_what_a_drive_of_any_colour_looks_like(rng: np.random.Generator, neutral: FloatArray) -> None:
+    """Where primaries' footprints agree, the tier of each pixel is exact: nine matrices in three and a mixing."""
+    room = coloured_room(rng, neutral, paint=0.3 / np.linalg.cond(neutral))
+    drive = rng.uniform(size=(room.transport.shape[1], 3))
+    tier = tier_of(room.calibration, room.transport, "pixel")
+    seen = tier.mixing.on_screen(room.radiance(drive))
+    rounding = 3e-6 * np.linalg.cond(neutral)  # float32 T and F, times Q
+    np.testing.assert_allclose(tier.seen(drive), seen, atol=rounding)
+    asked = tier.asked(seen).reshape(-1, 3)
+    np.testing.assert_allclose(asked, tier.transport.apply(drive), atol=4 * rounding)  # times A
+
+
+def test_without_floodlights_or_as_asked_nothing_changes(rng: np.random.Generator) -> None:
+    room = coloured_room(rng)
+    bare = replace(room.calibration, primaries=None)
+    for tier in (tier_of(bare, room.transport), tier_of(room.calibration, room.transport, "independent")):
+        assert tier.transport is room.transport
+        assert tier.mixing.tier == "independent"
+        np.testing.assert_array_equal(tier.reach, room.transport.floodlight(bare.ambient))
+    with pytest.raises(
+        InputError, match="--colour pixel: the calibration holds no floodlights of the primaries; measure"
+    ):
+        tier_of(bare, room.transport, "pixel")
+    with pytest.raises(InputError, match="--colour purple: expected one of auto, independent, global, pixel"):
+        tier_of(bare, room.transport, "purple")
+
+
+def test_the_neutral_mixing_is_found_beside_paint_of_any_colour_and_gain(rng: np.random.Generator) -> None:
+    """Two thirds of the room are coloured, and a channel of the camera is three times as sensitive."""
+    room = coloured_room(rng, paint=0.3, camera=(40, 60))
+    F = room.calibration.primaries
+    assert F is not None
+    for gains in ((1, 1, 1), (1, 3, 0.5)):
+        found = neutral_mixing(F * np.float32(gains), room.calibration.mask)
+        primaries = np.diag(gains) @ CROSSTALK
+        expected = primaries * np.linalg.solve(primaries, np.ones(3))  # white is what the camera calls white
+        np.testing.assert_allclose(found, expected, atol=1e-2)  # paint of up to ± 30 % within a primary
+
+
+def damaged(room: ColouredRoom, kind: str) -> Calibration:
+    F = np.array(room.calibration.primaries)
+    if kind == "signed":  # a camera that corrects colours
+        F[0, ::2, ::2, 1] = -0.5 * F[0, ::2, ::2, 0]
+    elif kind == "clipped":
+        F[:, ::2, ::2] = 0
+    elif kind == "singular":
+        F[1, ::2, ::2] = F[0, ::2, ::2]
+    elif kind == "another unit":
+        F[:, ::2, ::2] *= 1e6
+    elif kind == "nothing":
+        F[:] = 0
+    elif kind == "tiny":
+        F[:] = F * np.float32(1e-30)
+    else:
+        F[:] = F[:1]  # three times the same
+    return replace(room.calibration, primaries=F)
+
+
+@pytest.mark.parametrize("kind", ["signed", "clipped", "singular", "another unit", "nothing", "tiny", "one primary"])
+@pytest.mark.parametrize("colour", ["auto", *TIERS])
+def test_floodlights_that_make_no_sense_make_no_nan(rng: np.random.Generator, kind: str, colour: str) -> None:
+    """Pixels fall back to the room's mixing; a room without one is refused, or its channels independent."""
+    room = coloured_room(rng, paint=0.1)
+    calibration = damaged(room, kind)
+    if kind in ("nothing", "one primary") and colour in ("global", "pixel"):
+        with pytest.raises(InputError, match="floodlights of the primaries cannot be told apart"):
+            tier_of(calibration, room.transport, colour)
+        return
+    tier = tier_of(calibration, room.transport, colour)
+    assert np.isfinite(tier.transport.near.weights).all()
+    assert tier.transport.near.weights.min() >= 0
+    asked = tier.asked(tier.white * picture(calibration.camera.shape))
+    assert np.isfinite(asked).all()
+    assert np.isfinite(tier.reach).all()
+    drive = prepare("box", tier.transport, calibration.mask).solve(asked).drive
+    assert np.isfinite(tier.seen(drive)).all()
+    if tier.mixing.pixel is not None and kind in ("signed", "clipped", "singular", "another unit"):
+        own = np.abs(tier.mixing.pixel - np.eye(3)).max(axis=(2, 3)) > 0
+        assert own[1::2, 1::2].all()
+        if kind != "signed":
+            assert not own[::2, ::2].any()
+
+
+def test_white_asks_the_primaries(rng: np.random.Generator) -> None:
+    """The 10th percentile of 1 / max_l [F⁻¹ M₀ 1]_l, without ambient light."""
+    room = coloured_room(rng, paint=0.3, ambient=0.0)
+    F = np.moveaxis(room.calibration.primaries.astype(np.float64).reshape(3, -1, 3), 0, -1)  # type: ignore[union-attr]
+    t = np.linalg.solve(F, np.ones((len(F), 3, 1)))[..., 0]
+    expected = np.percentile(1 / t.max(axis=1), 10)
+    assert tier_of(room.calibration, room.transport, "pixel").white == pytest.approx(expected, rel=1e-5)  # float32
+
+
+def test_white_is_what_a_drive_of_the_primaries_shows_at_its_brightest(rng: np.random.Generator) -> None:
+    """With ambient light: at each pixel's own reach the share of some primary is 1, none above."""
+    room = coloured_room(rng, paint=0.3, ambient=0.1)
+    tier = tier_of(room.calibration, room.transport, "pixel")
+    grey = np.repeat(tier.reach.min(axis=2, keepdims=True), 3, axis=2)
+    share = tier.asked(grey) / tier.transport.composition().reshape(grey.shape)
+    np.testing.assert_allclose(share.max(axis=2), 1, atol=1e-5)  # float32 A and T
+
+
+@pytest.mark.parametrize("colour", TIERS)
+def test_maps_keep_the_tier_on_disk_and_both_backends_show_what_the_nine_matrices_do(
+    tmp_path: Path, rng: np.random.Generator, colour: str
+) -> None:
+    made = coloured_room(rng, paint=0.3)
+    room = cl.Room(made.calibration, made.transport, colour)
+    maps = cl.build_maps(room, damping=0.05, max_error=0.0)
+    room.write(tmp_path / "room", maps=maps)
+    read, again = cl.read_room(tmp_path / "room"), cl.read_maps(tmp_path / "room")
+    assert again.mixing.tier == colour
+    assert again.white == pytest.approx(maps.white)
+    assert read.calibration.primaries is not None
+    wanted = picture(room.camera)
+    drives = []
+    for backend in ("gl", "cpu"):
+        with cl.Renderer(read, again, backend=backend) as renderer:
+            drives.append(renderer.render(wanted, refine=300))
+            shown = renderer.camera_view()
+            np.testing.assert_allclose(shown, room.seen(drives[-1]), atol=1e-4)  # float32 maps and mixing
+    np.testing.assert_allclose(*drives, atol=1e-4)  # 300 steps in float32
+    best = cl.solve(room, wanted)
+    error = [np.mean((room.seen(drive) - room.white * wanted) ** 2) for drive in (drives[0], best.drive)]
+    assert psnr(error[0]) == pytest.approx(psnr(error[1]), abs=NEAR_DB)
+
+
+def spoil(folder: Path, kind: str) -> None:
+    """Change a map's mixing, its checksum made right again."""
+    import tomllib
+
+    import tomli_w
+
+    from counterlight.files import exr
+    from counterlight.files.manifest import describe_files
+
+    manifest = tomllib.loads((folder / "manifest.toml").read_text())
+    if kind in ("singular", "rows", "text"):
+        manifest["colour"]["neutral"] = {
+            "singular": [[1 / 3] * 3] * 3,
+            "rows": [[1, 1, 0], [0, 1, 0], [0, 0, 1]],
+            "text": "red",
+        }[kind]
+    elif kind == "tier":
+        manifest["colour"]["tier"] = "purple"
+    else:
+        values = {"nan": np.nan, "huge": 1e30, "flat": 0.0}[kind]
+        shape = manifest["maps"]["transport"]
+        del shape
+        size = exr.read_rgb(folder / "mixing_red.exr", lambda *_: None).shape
+        exr.write_rgb(folder / "mixing_red.exr", np.full(size, values, np.float32))
+        manifest["files"] = describe_files(folder)
+    (folder / "manifest.toml").write_text(tomli_w.dumps(manifest))
+
+
+@pytest.mark.parametrize("kind", ["singular", "rows", "text", "tier", "nan", "huge", "flat"])
+def test_a_mixing_that_cannot_be_undone_is_refused(tmp_path: Path, rng: np.random.Generator, kind: str) -> None:
+    made = coloured_room(rng, paint=0.3)
+    room = cl.Room(made.calibration, made.transport, "pixel")
+    room.write(tmp_path / "room", maps=cl.build_maps(room, damping=0.1))
+    spoil(tmp_path / "room/correction", kind)
+    with pytest.raises(InputError, match="rebuild it with: counterlight build"):
+        cl.read_maps(tmp_path / "room")
+
+
+def test_matrices_without_an_inverse_are_told_apart() -> None:
+    cases = np.stack([np.eye(3), np.zeros((3, 3)), np.full((3, 3), np.nan), np.diag([1, 1, 1e-4]), np.ones((3, 3))])
+    assert invertible(cases).tolist() == [True, False, False, False, False]
+    assert Mixing().tier == "independent"
+
+
+def half(room: ColouredRoom, seen: NDArray[np.bool_]) -> ColouredRoom:
+    """Lit only in some camera pixels, (camera height, camera width)."""
+    lit = seen.ravel()
+    F = room.calibration.primaries
+    assert F is not None
+    calibration = replace(room.calibration, mask=seen, primaries=F * seen[..., None])
+    return ColouredRoom(calibration, room.transport.inside(seen), room.nine * lit[:, None])
+
+
+def test_projectors_of_different_primaries_are_joined_by_the_sum_of_their_floodlights(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    """Side by side, each pixel has the mixing of the projector that lights it."""
+    left = np.zeros((11, 17), bool)
+    left[:, :8] = True
+    whole = [coloured_room(rng, neutral, paint=0.1, ambient=0.0) for neutral in (CROSSTALK, mixing_of_condition(4))]
+    rooms = [half(room, seen) for room, seen in zip(whole, (left, ~left), strict=True)]
+    for name, room in zip(("a", "b"), rooms, strict=True):
+        cl.Room(room.calibration, room.transport).write(tmp_path / name)
+    join_rooms([tmp_path / "a", tmp_path / "b"], tmp_path / "joint")
+    joint = cl.read_room(tmp_path / "joint")
+    assert joint.tier.mixing.tier == "pixel"
+    drive = rng.uniform(size=(7, 26, 3))
+    seen = sum(room.radiance(part) for room, part in zip(rooms, np.split(drive, 2, axis=1), strict=True))
+    found = joint.tier.mixing.as_radiance(joint.seen(drive))
+    np.testing.assert_allclose(found, seen, atol=2e-6)  # float32 T and F
+    cl.Room(replace(rooms[1].calibration, primaries=None), rooms[1].transport).write(tmp_path / "c")
+    join_rooms([tmp_path / "a", tmp_path / "c"], tmp_path / "unknown")
+    assert cl.read_room(tmp_path / "unknown").calibration.primaries is None

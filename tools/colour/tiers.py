@@ -1,0 +1,164 @@
+"""A room in coordinates in which its channels nearly decouple: T̃, and the mixing between it and the camera's colours.
+
+independent : as if a camera's channel saw one primary alone; T̃ = T.
+global : T̃_k = Σ_j Q_kj T_j, Q the inverse of M₀, the mixing of a neutral surface.
+pixel : T̃_l = Σ_j (A Q)_lj T_j in each camera pixel, A of counterlight.maps.mixing from floodlights F of the primaries:
+T̃_l·1 = w_l, w_l² = Σ_k (QF)²_kl.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import BoolArray, FloatArray
+from counterlight.calibration import Calibration
+from counterlight.errors import InputError
+from counterlight.maps.mixing import Mixing, invertible
+from counterlight.pipeline.content import reachable_white
+from counterlight.tools.choices import COLOURS
+from counterlight.tools.colour.neutral import neutral_mixing
+from counterlight.tools.transport.mixing import mixed_channels
+from counterlight.tools.transport.transport import Transport
+
+WORTH = 0.003  # of a primary's light in wrong channels: an error of 50 dB, which the best compensation reaches
+WORST_MIXED = 20.0  # of an entry of A: a camera pixel beyond is taken for neutral
+AS_ASKED = "as asked"
+AGREEMENT = 2.0  # F·1 and T·1 differ by more: one of them is no measurement
+
+
+@dataclass(frozen=True)
+class Tier:
+    """A room in one of the tiers of colour.
+
+    transport : T̃, which gives the light that `mixing` lies beyond.  reason : why this tier, one line.
+    """
+
+    calibration: Calibration
+    transport: Transport
+    mixing: Mixing
+    reason: str
+
+    @cached_property
+    def ambient(self) -> NDArray[np.float32]:
+        """(camera height, camera width, 3), in screen primaries."""
+        return self.mixing.on_screen(self.calibration.ambient).astype(np.float32, copy=False)
+
+    @cached_property
+    def reach(self) -> FloatArray:
+        """The brightest grey that each primary lets a camera pixel show, (camera height, camera width, 3)."""
+        full = self.transport.composition().reshape(self.calibration.ambient.shape)
+        return np.asarray(self.mixing.reach(full, self.ambient), np.float64)
+
+    @cached_property
+    def white(self) -> float:
+        """`--white auto`: the radiance of a white picture that most of the room can reach."""
+        return float(reachable_white(self.reach, self.calibration.mask))
+
+    def asked(self, desired: FloatArray) -> FloatArray:
+        """b: what T̃ must give for a picture in screen primaries, (camera height, camera width, 3)."""
+        return np.asarray(self.mixing.asked(desired - self.ambient), np.float64)
+
+    def seen(self, drive: FloatArray) -> FloatArray:
+        """The camera's picture of a drive, in screen primaries; drive : (projector pixels, 3) or its picture."""
+        light = self.transport.apply(drive.reshape(-1, 3)).reshape(self.ambient.shape)
+        return np.asarray(self.mixing.seen(light) + self.ambient, np.float64)
+
+    def dual(self, picture: FloatArray) -> FloatArray:
+        """The room lit by the camera, seen from the projector: the transpose of `seen` without ambient light."""
+        light = np.asarray(self.mixing.seen_transpose(picture), np.float64)
+        lit = self.transport.apply_transpose(light.reshape(-1, 3))
+        return lit.reshape(*self.calibration.projector.shape, 3)
+
+    def __str__(self) -> str:
+        return f"colour: {self.mixing.tier}: {self.reason}"
+
+
+def tier_of(calibration: Calibration, transport: Transport, colour: str = "auto") -> Tier:
+    """A room in the tier asked for, of COLOURS; "auto" takes the least that explains what was measured.
+
+    Raises InputError for a tier that the calibration does not hold the measurements for.
+    """
+    if colour not in COLOURS:
+        raise InputError(f"--colour {colour}: expected one of {', '.join(COLOURS)}")
+    if colour == "independent":
+        return Tier(calibration, transport, Mixing(), AS_ASKED)
+    neutral, lack = _neutral(calibration)
+    if lack:
+        if colour == "auto":
+            return Tier(calibration, transport, Mixing(), lack)
+        raise InputError(f"--colour {colour}: {lack}; measure them with counterlight acquire, or leave the option out")
+    if colour == "global":
+        return _global(calibration, transport, neutral, AS_ASKED)
+    found = _mixing_of_pixels(calibration, transport.composition(), neutral)
+    said = f"one mixing for the room leaves {100 * found.residual:.2g} % of a primary's light in wrong channels"
+    if colour == "auto" and found.residual <= WORTH:
+        return _global(calibration, transport, neutral, said)
+    if not found.share:
+        said += "; no camera pixel's floodlights add up to what the patterns found, so that all are taken for neutral"
+    mixing = Mixing(neutral, found.B)
+    return Tier(calibration, mixed_channels(transport, found.inverse @ mixing.to_screen), mixing, said)
+
+
+def _neutral(calibration: Calibration) -> tuple[FloatArray, str]:
+    """M₀, and what the room lacks for it, if anything."""
+    if calibration.primaries is None:
+        return np.eye(3), "the calibration holds no floodlights of the primaries"
+    neutral = neutral_mixing(calibration.primaries, calibration.mask)
+    if not invertible(neutral):
+        return np.eye(3), "its floodlights of the primaries cannot be told apart"
+    return neutral, ""
+
+
+def _global(calibration: Calibration, transport: Transport, neutral: FloatArray, reason: str) -> Tier:
+    mixing = Mixing(neutral)
+    return Tier(calibration, mixed_channels(transport, mixing.to_screen), mixing, reason)
+
+
+@dataclass(frozen=True)
+class _Mixings:
+    """B of every camera pixel and its inverse, A.
+
+    residual : what the global tier leaves, root mean square of the sines between B's columns and their axes.
+    share : of the pixels that count, how many have a mixing of their own.
+    B : (camera height, camera width, 3, 3) float32.  inverse : (camera pixels, 3, 3).
+    """
+
+    B: NDArray[np.float32]
+    inverse: FloatArray
+    residual: float
+    share: float
+
+
+def _mixing_of_pixels(calibration: Calibration, composition: FloatArray, neutral: FloatArray) -> _Mixings:
+    """Of floodlights that are light and agree with T·1; what does not is taken for a neutral surface."""
+    assert calibration.primaries is not None
+    Q = Mixing(neutral).to_screen
+    F, known = _scaled_floodlights(calibration.primaries, composition)
+    P = Q @ F
+    lengths = np.linalg.norm(P, axis=1)
+    known &= (np.einsum("ill->il", P) > 0).all(axis=1) & (lengths > 0).all(axis=1)
+    B = np.where(known[:, None, None], P, np.eye(3)) / np.where(known[:, None], lengths, 1)[:, None]
+    known &= invertible(B, WORST_MIXED)
+    B[~known] = np.eye(3)
+    counted = calibration.mask.ravel() & known
+    sines = 1 - np.einsum("ill->il", B[counted]) ** 2
+    residual = float(np.sqrt(np.mean(np.maximum(sines, 0)))) if counted.any() else 0.0
+    pixel = B.reshape(*calibration.camera.shape, 3, 3).astype(np.float32)
+    return _Mixings(
+        pixel, np.asarray(np.linalg.inv(B), np.float64), residual, float(np.mean(known[calibration.mask.ravel()]))
+    )
+
+
+def _scaled_floodlights(primaries: NDArray[np.float32], composition: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """F, (camera pixels, 3, 3), its rows scaled to T·1, and in which pixels the two agree to AGREEMENT.
+
+    What grey gives was measured by every pattern; F says how the primaries share it.
+    """
+    F = np.moveaxis(primaries.astype(np.float64).reshape(3, -1, 3), 0, -1)
+    total = F.sum(axis=-1)
+    agrees = (composition > 0) & (total * AGREEMENT > composition) & (total < AGREEMENT * composition)
+    known = np.asarray(agrees.all(axis=1))
+    scale = np.divide(composition, total, out=np.zeros_like(total), where=known[:, None])
+    return scale[..., None] * F, known

@@ -1,0 +1,50 @@
+"""Channels of a transport mixed, T'_k = Σ_j X_kj T_j: another camera's, or what tiers of colour are made of."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from counterlight.arrays import FloatArray
+from counterlight.maps.row_map import SparseRows
+from counterlight.tools.transport.transport import Transport
+
+FAINT = 1e-9  # of a row's own light: less cannot be scaled to anything
+
+
+def mixed_channels(transport: Transport, mixing: FloatArray) -> Transport:
+    """T'_k = Σ_j X_kj T_j, no entry below 0 and every row of near light of the sum that belongs to it, or of 0.
+
+    mixing : X, (3, 3), or one for each camera pixel, (camera pixels, 3, 3).
+    An entry below 0 is what primaries' footprints, or noise, differ by: it is left out, and the row scaled to its sum.
+    Far light is U M D, no sum of three such products; it stays that of channel k, scaled camera pixel by camera pixel
+    to the floodlight Σ_j X_kj U_j M_j D_j 1 (docs/colour.md says what that costs).
+    """
+    near, far = transport.near, transport.far
+    ones = np.ones((transport.shape[1], 3))
+    rows = near.rows if mixing.ndim == 3 else np.zeros(near.indices.size, np.int8)
+    each = mixing.reshape(-1, 3, 3)
+    weights = np.stack(
+        [sum(each[rows, k, j] * near.weights[:, j] for j in range(3)) for k in range(3)], axis=1
+    )  # channel by channel: nine numbers an entry would be the room's largest array
+    light = replace(near, weights=np.maximum(weights, 0).astype(near.weights.dtype))
+    scaled = _scaled(light, _ratio(_mixed_light(mixing, near.apply(ones)), light.apply(ones)))
+    if far is None:
+        return replace(transport, near=scaled)
+    floodlight = far.apply(ones)
+    scatter = _scaled(far.scatter, _ratio(_mixed_light(mixing, floodlight), floodlight))
+    return replace(transport, near=scaled, far=replace(far, scatter=scatter))
+
+
+def _mixed_light(mixing: FloatArray, light: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("...kj,...j->...k", mixing, light))
+
+
+def _ratio(wanted: FloatArray, found: FloatArray) -> FloatArray:
+    """max(wanted, 0) / found; 0 where there is nothing to scale."""
+    enough = found > FAINT * np.max(found, initial=0.0)
+    return np.divide(np.maximum(wanted, 0), found, out=np.zeros_like(found), where=enough)
+
+
+def _scaled(rows: SparseRows, factor: FloatArray) -> SparseRows:
+    weights = (rows.weights * np.repeat(factor, rows.lengths, axis=0)).astype(rows.weights.dtype)
+    return replace(rows, weights=weights)
