@@ -1,5 +1,6 @@
 """Crosstalk in the simulator, against light followed primary by primary."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from counterlight import calibration
 from counterlight.errors import InputError
+from counterlight.files.png import write_png
 from counterlight.tools.acquisition.cameras.simulated import Sensor, SimulatedCamera, simulated_room
 from counterlight.tools.simulation.room import simulated_calibration
 from counterlight.tools.simulation.scene import Scene, load_scene
@@ -122,3 +124,19 @@ def test_the_commands_keep_and_say_the_tier(tmp_path: Path) -> None:
     for colour in ("independent", "global", "pixel", "auto"):
         said = succeed("compensate", tmp_path / "room", picture, "--solver", "map,box", "--colour", colour)
         assert said.startswith(f"colour: {'global' if colour == 'auto' else colour}: ")
+
+
+@pytest.mark.parametrize(("colour", "knows"), [("independent", False), ("pixel", True)])
+def test_verify_predicts_colours_if_it_knows_the_primaries(tmp_path: Path, colour: str, knows: bool) -> None:
+    """By a camera without noise of 16 bits, whose rounding is 100 dB below white."""
+    path = scene_file(tmp_path, plane(extra=PAINT), camera=MIXING)
+    succeed("simulate", path, "-o", tmp_path / "room")
+    y, x = np.mgrid[:14, :20] / 20
+    codes = np.rint(255 * np.stack([0.4 + 0.4 * x, 0.8 - 0.6 * y, 0.5 + 0 * x], axis=2)).astype(np.uint8)
+    write_png(tmp_path / "picture.png", codes)
+    camera = "--camera", f"simulated:{path}", "--bits", "16", "--full-well", "0", "--read-noise", "0"
+    said = succeed("verify", tmp_path / "room", tmp_path / "picture.png", *camera, "--no-preflight", "--colour", colour)
+    assert said.startswith(f"colour: {colour}: ")
+    agrees = re.search(r"agrees with the prediction to ([\d.]+) dB", said)
+    assert agrees
+    assert (float(agrees[1]) > 80) == knows, said

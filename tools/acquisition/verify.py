@@ -76,9 +76,8 @@ class Verification:
         maps = read_maps(stored) if solver == "map" else None
         self._T_pinv = None if maps is None else compensation(maps)
         self.tier = tier_of(self._room, transport, colour if maps is None else maps.mixing.tier)
-        self._box = prepare(
-            "box", self.tier.transport, self._room.mask, objective_of(self.tier.transport, self._room, aims)
-        )
+        objective = objective_of(self.tier.transport, self._room, aims)
+        self._box = prepare("box", self.tier.transport, self._room.mask, objective)
         self.white = self.tier.white
         self.desired: FloatArray = (
             np.asarray(self.tier.mixing.on_screen(picture), np.float64) if radiance else picture * self.white
