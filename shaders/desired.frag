@@ -6,7 +6,7 @@
 //   TONE asks for s (k + (1 − k) unit · picture) + o instead of the picture, k the black level, (s, o) the one texel of
 //   `tone` (player/pipeline/content.py);
 //   MIXED takes the light through each pixel's matrix, `row_red`, `row_green`, `row_blue` (player/maps/mixing.py);
-//   FULL knows `full`, T·1, and in alpha whether a camera pixel counts: no other is asked for more than it can have.
+//   FULL knows `full`, T·1, and in alpha the mask: what it leaves out is asked for no more than it can have.
 // Output: b, radiance, of their size.
 // CPU twin: desired_light in player/pipeline/reference.py.
 uniform sampler2D picture;

@@ -6,9 +6,11 @@ from scipy import sparse
 
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
+from counterlight.maps.mixing import Mixing
 from counterlight.pipeline.content import reachable_white
 from counterlight.pipeline.reference import pull
 from counterlight.response import Response
+from counterlight.tools.colour.tiers import Tier
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.priors import prior_matrices
 from counterlight.tools.inverse.room import build_maps
@@ -174,7 +176,7 @@ def test_a_start_from_the_map_leaves_dark_what_nobody_sees(rng: np.random.Genera
     T = Transport(stacked([sparse.csr_array(row_of_footprints(2.5, pixels=30, step=0.4).astype(np.float32))] * 3))
     camera, projector = (1, 30), (1, 20)
     mask = directly_lit(T, np.zeros((*camera, 3)), projector)
-    built = build_maps(T, calibration_of(T, camera, [projector], mask), InverseOptions(0.01))
+    built = build_maps(Tier(calibration_of(T, camera, [projector], mask), T, Mixing(), ""), InverseOptions(0.01))
     assert built.maps.refinement is not None
     unseen = built.maps.refinement.seen.ravel() < 0.02
     assert unseen.any()

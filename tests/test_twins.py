@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from counterlight.media.frames import radiance_frame
 from counterlight.pipeline import cpu_renderer, reference
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.views import VIEWS
 from tests.coloured_rooms import with_mixing
 from tests.refined_rooms import physical_room
-from tests.rooms import CAMERA, radiance_frame, yuv_frame
+from tests.rooms import CAMERA, yuv_frame
 
 ROOT = Path(__file__).resolve().parents[1]
 TWIN = re.compile(r"^// CPU twin: ([\w.]+) in ([\w/]+\.py)\.$", re.MULTILINE)

@@ -45,7 +45,8 @@ TWINS: dict[str, Callable[..., FloatArray]] = {
     "split.frag": reference.split,
     "weighted.frag": reference.weighted,
 }
-FLAGS = {"CLAMP": "clamp", "SQUARED": "squared"}  # of twins that are told by a word what shaders are by a define
+# Of twins that are told by a word what shaders are by a define.
+FLAGS = {"ABOVE": "above", "CLAMP": "clamp", "SQUARED": "squared"}
 PLACING = "pinned.frag", "resample.frag"  # which need to know the shape of what they draw
 COMBINE: dict[str, Callable[[Any, Any], FloatArray]] = {
     "": lambda base, product: product,

@@ -78,9 +78,9 @@ class MapViews:
 
     @cached_property
     def full(self) -> Light:
-        """T·1, the light of full drive, and in alpha whether a camera pixel counts."""
+        """T·1, the light of full drive, and in alpha the mask."""
         temporary = Owner()
-        reach = self._owner.own(self._device.make_pass("reach.frag", self._camera))
+        reach = self._owner.own(self._device.make_pass("reach.frag", self._camera, {"ABOVE": None}))
         try:
             observer = temporary.own(Observer(self._device, self._stored, self._ambient, self._mixer))
             black = temporary.own(self._device.picture(np.zeros((*self._camera, 3), np.float32)))

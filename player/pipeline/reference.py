@@ -279,13 +279,16 @@ def reach_of(
     row_red: FloatArray | None = None,
     row_green: FloatArray | None = None,
     row_blue: FloatArray | None = None,
+    *,
+    above: bool = False,
 ) -> FloatArray:
     """The brightest grey that each primary lets a pixel show, and which pixels count (reach.frag).
 
     seen : what full drive gives; with the rows of a matrix for each pixel, without ambient light.
+    above : what full drive adds, and the mask, instead.
     """
     if row_red is None or row_green is None or row_blue is None:
-        return counted(seen, mask & np.all(seen > ambient, axis=2))
+        return counted(seen - ambient, mask) if above else counted(seen, mask & np.all(seen > ambient, axis=2))
     reach = grey_reach(np.stack([row_red, row_green, row_blue], axis=-2), seen, ambient)
     return counted(reach, mask & np.all(seen > 0, axis=2))
 

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from counterlight.maps.mixing import Mixing
+from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.views import VIEWS
 from tests.coloured_rooms import CROSSTALK, with_mixing
 from tests.refined_rooms import physical_room
 from tests.renderers import both
-from tests.rooms import CAMERA, radiance_frame, yuv_frame
+from tests.rooms import CAMERA, yuv_frame
 
 ATOL = 6e-5  # a map's colours change by up to 25 times its figures, whose error of 5e-7 A takes up to 4 times
 PINNED = ((0.1, 0.15), (0.85, 0.05), (0.95, 0.9), (0.2, 0.8))

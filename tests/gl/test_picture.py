@@ -170,7 +170,7 @@ def test_a_neutral_picture_is_bit_for_bit_what_the_bare_passes_give(
         gl.adjust(Adjustments())
         gl.render("projector", compensate=True, frame=7)
         found, codes, desired = gl.linear().tobytes(), gl.encoded().tobytes(), gl.desired().tobytes()
-        limits = np.frombuffer(gl._maps.reach.read(), np.float32).reshape(*CAMERA, 4)
+        limits = np.frombuffer(gl._maps.full.read(), np.float32).reshape(*CAMERA, 4)
     original = shaders.read_source
     bare = original("planes_to_linear.frag").replace(" + lift;", ";").replace("uniform float lift;", "")
     assert "lift" not in bare
@@ -183,8 +183,8 @@ def test_a_neutral_picture_is_bit_for_bit_what_the_bare_passes_give(
         Fitter(GlDevice(gl_context), frame.format, CAMERA),
         picture_texture(gl_context, room.calibration.ambient),
     )
-    asked = Pass(gl_context, "desired.frag", float_texture(gl_context, CAMERA), {"REACH": None}, white=room.white)
-    reach = float_texture(gl_context, CAMERA, limits)
+    asked = Pass(gl_context, "desired.frag", float_texture(gl_context, CAMERA), {"FULL": None}, white=room.white)
+    full = float_texture(gl_context, CAMERA, limits)
     textures = MapTextures(gl_context, room.maps.correction)
     correct = RowMapPass(gl_context, textures, "CLAMP")
     table = table_texture(gl_context, room.calibration.projector.response.inverse_table())
@@ -192,12 +192,12 @@ def test_a_neutral_picture_is_bit_for_bit_what_the_bare_passes_give(
     encode = Pass(gl_context, "encode.frag", target, {"DITHER_NOISE": None}, scale=1.0, frame=7)
     decoder.upload(frame.planes)
     placed = fitter.run(decoder.run())
-    drive = correct.run(asked.run(picture=placed, ambient=ambient, reach=reach))
+    drive = correct.run(asked.run(picture=placed, ambient=ambient, full=full))
     encode.run(picture=drive, inverse_response=table)
     assert read(drive).tobytes() == found
     assert read(target, np.uint8).tobytes() == codes
     assert (np.float32(room.white) * read(placed)).tobytes() == desired
-    for resource in (decoder, fitter, ambient, reach, asked, textures, correct, table, encode):
+    for resource in (decoder, fitter, ambient, full, asked, textures, correct, table, encode):
         resource.release()
 
 
