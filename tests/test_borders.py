@@ -75,7 +75,7 @@ def room(built: Path, tmp_path: Path) -> DamagedRoom:
         ("calibration.toml", 'name = "blurred wall"', f'name = "{"x" * 2000}"', "name: found 'x{79}…, expected a text"),
         ("calibration.toml", "projectors = [", f"projectors = [{'{ width = 9, height = 9 },' * 64}", "needs one to 64"),
         ("calibration.toml", "projectors = [", f"projectors = [{WIDE},", "size 16398x10: expected 1 to 16384"),
-        (MANIFEST_NAME, "format = 1", "format = true", "format True, this version reads 1"),
+        (MANIFEST_NAME, "format = 2", "format = true", "format True, this version reads 2"),
         (MANIFEST_NAME, "white = ", "white = 5e-324 # ", "white: found 5e-324, expected a number"),
         (MANIFEST_NAME, "white = ", "white = 1e300 # ", "number from 1e-12 to 1e.12"),
         (MANIFEST_NAME, "white = ", "white = true # ", "white: found True, expected a number"),

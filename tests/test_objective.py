@@ -15,7 +15,7 @@ from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.priors import prior_matrices
 from counterlight.tools.inverse.room import build_maps
 from counterlight.tools.solve.box import TOLERANCE, Box
-from counterlight.tools.transport.mask import directly_lit, lit_pixels
+from counterlight.tools.transport.mask import DARK_PAINT, directly_lit, lit_pixels
 from counterlight.tools.transport.objective import Objective, ObjectiveOptions, objective_of
 from counterlight.tools.transport.transport import Transport, stacked
 from counterlight.tools.transport.trust import LEAST_TRUST, cut_by_edges, seen, trust
@@ -64,7 +64,7 @@ def test_dark_paint_counts_and_does_not_make_white_dark() -> None:
     composition = np.ones((10, 10, 3))
     composition[:2] = 0.03  # ink
     composition[9] = 0.004  # stray light
-    lit = lit_pixels(composition, np.zeros_like(composition))
+    lit = lit_pixels(composition, np.zeros_like(composition), share=DARK_PAINT)
     assert lit[:9].all()
     assert not lit[9].any()
     assert reachable_white(composition, lit) == pytest.approx(1.0)
@@ -73,7 +73,7 @@ def test_dark_paint_counts_and_does_not_make_white_dark() -> None:
 def test_noise_that_was_measured_is_no_light() -> None:
     composition = np.ones((10, 10, 3))
     composition[:2] = 0.03
-    assert not lit_pixels(composition, np.zeros_like(composition), np.full(3, 0.01))[:2].any()
+    assert not lit_pixels(composition, np.zeros_like(composition), np.full(3, 0.01), DARK_PAINT)[:2].any()
 
 
 def test_what_lies_outside_the_mask_pulls_weakly_and_what_is_dark_not_at_all() -> None:

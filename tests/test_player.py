@@ -20,7 +20,8 @@ from counterlight.pipeline.renderer import Renderer
 from counterlight.show import output
 from counterlight.tools import build_correction_map
 from counterlight.tools.shipped import CLIP
-from counterlight.tools.solve.registry import prepare
+from counterlight.tools.solve.box import Box
+from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.transport import Transport
 from tests.programs import fail, on, succeed
 from tests.rooms import write_blurred_room
@@ -152,16 +153,16 @@ def test_refinement_approaches_the_box_optimum(built: tuple[Path, Transport], tm
     stored = calibration.read(folder)
     c = np.kron(np.random.default_rng(4).choice([0.02, 0.4], (9, 10, 3)), np.ones((4, 5, 1))).astype(np.float32)
     exr.write_rgb(tmp_path / "c.exr", c)
-    T = transport.inside(stored.calibration.mask)
-    b = (c - stored.calibration.ambient).reshape(-1, 3).astype(float) * stored.calibration.mask.reshape(-1, 1)
-    best = np.sum((T @ prepare("box", T).solve(b).drive - b) ** 2)
+    objective = objective_of(transport, stored.calibration, DEFAULT_AIMS)
+    b = (c - stored.calibration.ambient).reshape(-1, 3).astype(float)
+    best = objective.value(Box(objective).solve(b).drive, b).sum()
     errors, bounds = [], []
     for steps in (0, 2, 8, 256):
         out, stats = tmp_path / "p.exr", tmp_path / "stats.json"
         files = folder, tmp_path / "c.exr", "--output", out, "--stats", stats
         succeed("play", *files, "--refine", steps)
         drive = exr.read_rgb(out).reshape(-1, 3).astype(float)
-        errors.append(np.sum((T @ drive - b) ** 2))
+        errors.append(objective.value(drive, b).sum())
         if steps:
             facts = json.loads(stats.read_text())["refinement"]
             assert facts["steps"] == steps

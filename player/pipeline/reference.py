@@ -195,7 +195,7 @@ def combine(first: FloatArray, second: FloatArray, factor: float, *, clamp: bool
 
 
 def pull(p: FloatArray, damping: FloatArray, right: FloatArray, down: FloatArray) -> FloatArray:
-    """P p of a prior (player/maps/prior.py): η p + Σ ω (p − neighbour's); the same in refinement_step.frag."""
+    """P p of a prior (player/maps/prior.py): η p + Σ ω (p − neighbour's)."""
     across, along = right[:, :-1] * np.diff(p, axis=1), down[:-1] * np.diff(p, axis=0)
     result = np.asarray(damping * p)
     result[:, :-1] -= across
@@ -205,11 +205,9 @@ def pull(p: FloatArray, damping: FloatArray, right: FloatArray, down: FloatArray
     return result
 
 
-def against_gradient(
-    descent: FloatArray, y: FloatArray, damping: FloatArray, right: FloatArray, down: FloatArray
-) -> FloatArray:
+def against_gradient(descent: FloatArray, y: FloatArray, **prior: FloatArray) -> FloatArray:
     """TᵀW(b − T y) − P y (refinement_step.frag with SLOPE)."""
-    return descent - pull(y, damping, right, down)
+    return descent - pull(y, **prior)
 
 
 def refinement_step(
@@ -225,7 +223,7 @@ def refinement_step(
 
     A pixel whose step size is 0 stays dark.
     """
-    slope = against_gradient(descent, y, prior.damping, prior.right, prior.down)
+    slope = against_gradient(descent, y, **vars(prior))
     q = np.where(step_size > 0, np.clip(y + step_size * slope, 0, 1), 0)
     return q, q + momentum * (q - p) + over_relaxation * (q - y)
 

@@ -9,7 +9,7 @@ from counterlight.tools.transport.transport import Transport
 from counterlight.tools.transport.trust import CUT, cut_by_edges
 
 BRIGHT_PERCENTILE = 99.0
-FRACTION_OF_BRIGHT = 0.01
+FRACTION_OF_BRIGHT, DARK_PAINT = 0.05, 0.01  # of all light; of near light, which has no far light to tell apart
 FRACTION_OF_AMBIENT = 0.02
 CLEAR = 5.0  # times the noise
 
@@ -25,23 +25,26 @@ def directly_lit(
     ambient : (height, width, 3).  projector : (height, width).  noise : as of `lit_pixels`.
     """
     near = transport.near.sums().reshape(ambient.shape)
-    lit, camera = lit_pixels(near, ambient, noise), (ambient.shape[0], ambient.shape[1])
+    lit, camera = lit_pixels(near, ambient, noise, DARK_PAINT), (ambient.shape[0], ambient.shape[1])
     whole = lit & (cut_by_edges(transport.near, camera, projector) < CUT).reshape(camera)
     return whole if whole.any() else lit
 
 
 def lit_pixels(
-    composition: NDArray[np.floating], ambient: NDArray[np.floating], noise: FloatArray | None = None
+    composition: NDArray[np.floating],
+    ambient: NDArray[np.floating],
+    noise: FloatArray | None = None,
+    share: float = FRACTION_OF_BRIGHT,
 ) -> NDArray[np.bool_]:
     """Camera pixels that white floodlight raises clearly above ambient.
 
-    With y the luminance of T·1, a that of e and n of the noise, a pixel is lit if y ≥ max(0.01 · y₉₉, 0.02 · a, 5 n),
+    With y the luminance of T·1, a that of e and n of the noise, a pixel is lit if y ≥ max(share · y₉₉, 0.02 · a, 5 n),
     y > 0, where y₉₉ is the 99th percentile of the pixels that rise at all: neither a highlight moves it, nor how much
     of the view is dark.
 
-    - 1 % of the bright pixels keeps dark paint and ink (3 to 5 % of white paper) and drops stray light. Far light
+    - 5 % of the bright pixels drops stray light and the dimmer far light outside the projector's beam. Far light
       brighter than that (a white room) is not told from direct light by its level: where the near part of T is known
-      apart, pass its composition alone.
+      apart, pass its composition alone, and 1 %, which keeps dark paint and ink (3 to 5 % of white paper).
     - 2 % of ambient is what a lamp's flicker reaches, and what a camera's noise does where nobody measured it; a
       smaller rise is no measurement.
 
@@ -55,5 +58,5 @@ def lit_pixels(
         return np.zeros(rise.shape, np.bool_)
     bright = np.percentile(positive, BRIGHT_PERCENTILE)
     least = 0.0 if noise is None else CLEAR * float(np.linalg.norm(LUMINANCE * noise))
-    threshold = np.maximum(max(FRACTION_OF_BRIGHT * bright, least), FRACTION_OF_AMBIENT * background)
+    threshold = np.maximum(max(share * bright, least), FRACTION_OF_AMBIENT * background)
     return np.asarray((rise > 0) & (rise >= threshold))

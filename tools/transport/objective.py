@@ -127,10 +127,15 @@ class Objective:
         gap = np.maximum(gradient * p, gradient * (p - reach)).sum(axis=0)
         return Certificate(np.sum(self.weights[:, None] * residual**2, axis=0), gap)
 
+    def value(self, p: FloatArray, b: FloatArray) -> FloatArray:
+        """The objective, (3,)."""
+        squares = self.weights[:, None] * (self.bounded(b) - self.T.apply(p)) ** 2
+        return np.asarray((squares.sum(axis=0) + np.sum(p * self._pull(p), axis=0)) / 2)
+
     def relative_gap(self, p: FloatArray, b: FloatArray, upper: float = 1.0) -> FloatArray:
         """The gap as a share of the objective, (3,), or of ½ Σ w b² 60 dB down if that is more."""
         found, target = self.certificate(p, b, upper), np.sum(self.weights[:, None] * b**2, axis=0)
-        scale = np.maximum(found.error + np.sum(p * self._pull(p), axis=0), FINEST * target) / 2
+        scale = np.maximum(self.value(p, b), FINEST * target / 2)
         return np.asarray(np.divide(found.gap, scale, out=np.zeros_like(scale), where=scale > 0))
 
     def _pull(self, p: FloatArray) -> FloatArray:
