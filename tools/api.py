@@ -24,7 +24,8 @@ from counterlight.pipeline.content import reachable_white
 from counterlight.pipeline.refinement import Certificate, default_start
 from counterlight.response import Response, parse_response
 from counterlight.tools.acquisition.matrices_room import keep_light
-from counterlight.tools.choices import PRESETS
+from counterlight.tools.choices import PRESETS, TOLERANCE
+from counterlight.tools.factoring.factoring import factored
 from counterlight.tools.shipped import parse_scene
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.storage import check_entries, read_transport, write_transport
@@ -56,6 +57,7 @@ class Room:
         mask: ArrayLike | None = None,
         response: str | float | Response = "linear",
         name: str = "room",
+        factor: float = TOLERANCE,
     ) -> Self:
         """A room from T of three channels.
 
@@ -64,6 +66,8 @@ class Room:
         camera, projector : (height, width).  ambient : the camera's picture with a black projector, None for darkness.
         mask : (height, width), which camera pixels count; None for those that the projector lights.
         response : the projector's light for a code value: linear, srgb, or a gamma.
+        factor : a dense T becomes near light and factors of far light; what compensated pictures may lose by that, in
+            dB of the camera's picture; 0 keeps T as it is.
         Raises InputError for matrices that do not fit, have no light, or numbers that are none.
         """
         eye, lamp = Device(*camera, Response("linear")), Device(*projector, _response(response))
@@ -71,6 +75,7 @@ class Room:
         channels = [_channel(*each, shape) for each in zip((red, green, blue), CHANNELS, strict=True)]
         transport = Transport.from_matrices(channels, camera=camera, projector=projector)
         light = _picture(np.zeros(3) if ambient is None else ambient, camera, "ambient").astype(np.float32)
+        transport, _ = factored(transport, light, factor)
         counts = directly_lit(transport, light) if mask is None else np.array(mask, bool)
         if counts.shape != camera or not counts.any():
             raise InputError(

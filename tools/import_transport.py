@@ -7,7 +7,7 @@ from pathlib import Path
 
 from counterlight.command import Parser, parse_size, run
 from counterlight.response import named_response
-from counterlight.tools.acquisition.room_options import add_room_options
+from counterlight.tools.acquisition.room_options import add_room_options, add_tolerance
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -28,6 +28,7 @@ def _main(argv: Sequence[str] | None) -> None:
         Device(camera_height, camera_width, Response("linear")),
         name=options.name,
         force=options.force,
+        tolerance=options.tolerance,
     )
     print(f"{options.output}: {summary}")
 
@@ -50,6 +51,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--mask", type=Path, metavar="FILE.png", help="white where a camera pixel counts (default: the lit pixels)"
     )
+    add_tolerance(parser)
     add_room_options(parser)
     return parser
 

@@ -1,6 +1,6 @@
 """From an acquisition to a calibration folder, and what a user should know of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,9 @@ from counterlight.tools.acquisition.cameras.camera import LINEAR, Camera
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
 from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.store import CaptureStore, Wanted, open_store
+from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.clusters.components import Clusters, find_clusters
+from counterlight.tools.factoring.factoring import Factoring, factored
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport, luminance_matrix
@@ -28,7 +30,7 @@ class AcquisitionReport:
     """What was acquired; its text is the command's output.
 
     covered : share of the projector's pixels that some camera pixel sees.  lit, camera_pixels : inside the mask, and in
-    all.  entries : near light, of one channel.
+    all.  entries : near light, of one channel.  factoring : what a dense T became.
     """
 
     acquisition: Acquisition
@@ -37,6 +39,7 @@ class AcquisitionReport:
     camera_pixels: int
     entries: int
     clusters: Clusters
+    factoring: Factoring
 
     def __str__(self) -> str:
         done = self.acquisition
@@ -51,6 +54,7 @@ class AcquisitionReport:
             "camera pixels lit",
             f"clusters: {self.clusters.count}, the largest of {sizes.max(initial=0)} projector pixels; {self.entries} "
             "near entries a channel",
+            str(self.factoring),
             f"check: a random pattern is predicted to {100 * done.check_error:.1f} % (noise alone: "
             f"{100 * done.check_noise:.1f} %)",
         ]
@@ -66,13 +70,15 @@ class AcquisitionReport:
 class Plan:
     """What to acquire.
 
-    scheme : its name, for the records.  options : what else decides which pattern comes next.
+    scheme : its name, for the records.  options : what else decides which pattern comes next.  tolerance : dB that
+    pictures may lose where a dense T is factored, 0 for T as it is.
     """
 
     scheme: str
     make_scheme: MakeScheme
     projector: Device
     options: dict[str, Any]
+    tolerance: float = TOLERANCE
 
 
 def acquire_room(
@@ -87,12 +93,12 @@ def acquire_room(
         if isinstance(camera, FolderCamera):
             camera.bind(store.id, first=not store.replaces)
         with calibration.replacing(folder, force=wanted.anew) as stage:
-            room, transport, done = _acquire(camera, plan, store, folder.name if name is None else name)
+            room, transport, done, factoring = _acquire(camera, plan, store, folder.name if name is None else name)
             write_transport(transport, stage)
             calibration.write(room, stage)
             store.made(sha256_of(stage / calibration.TOML))
         store.finish()
-    return _report(done, room.mask.ravel(), transport)
+    return _report(done, room.mask.ravel(), transport, factoring)
 
 
 def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
@@ -105,10 +111,14 @@ def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
     }
 
 
-def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> tuple[Calibration, Transport, Acquisition]:
+def _acquire(
+    camera: Camera, plan: Plan, store: CaptureStore, name: str
+) -> tuple[Calibration, Transport, Acquisition, Factoring]:
     done = acquire(camera, store, plan.make_scheme, plan.projector.shape)
-    transport, ambient = done.measured.transport, np.maximum(done.room.black, 0).astype(np.float32)
+    ambient = np.maximum(done.room.black, 0).astype(np.float32)
     shape = ambient.shape
+    whole = replace(done.measured.transport, camera=shape[:2], projector=plan.projector.shape)
+    transport, factoring = factored(whole, ambient, plan.tolerance)
     mask = directly_lit(transport, ambient) & ~done.room.saturated
     if not mask.any():
         raise InputError(
@@ -122,10 +132,12 @@ def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> tupl
         ambient,
         mask,
     )
-    return room, transport, done
+    return room, transport, done, factoring
 
 
-def _report(done: Acquisition, mask: np.ndarray[Any, np.dtype[np.bool_]], transport: Transport) -> AcquisitionReport:
+def _report(
+    done: Acquisition, mask: np.ndarray[Any, np.dtype[np.bool_]], transport: Transport, factoring: Factoring
+) -> AcquisitionReport:
     indices = transport.near.indices
     return AcquisitionReport(
         acquisition=done,
@@ -134,4 +146,5 @@ def _report(done: Acquisition, mask: np.ndarray[Any, np.dtype[np.bool_]], transp
         camera_pixels=mask.size,
         entries=int(indices.size),
         clusters=find_clusters(luminance_matrix(transport.near)),
+        factoring=factoring,
     )

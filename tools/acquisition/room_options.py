@@ -1,7 +1,9 @@
-"""What the importing commands share: where the room goes, and how its projector responds."""
+"""What the importing commands share: where the room goes, how its projector responds, and what of T may be factors."""
 
 import argparse
 from pathlib import Path
+
+from counterlight.tools.choices import TOLERANCE
 
 
 def add_room_options(parser: argparse.ArgumentParser) -> None:
@@ -15,3 +17,15 @@ def add_room_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--name", help="the room's name (default: the folder's)")
     parser.add_argument("--force", action="store_true", help="replace a calibration that is there already")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER", help="the calibration folder")
+
+
+def add_tolerance(parser: argparse.ArgumentParser) -> None:
+    """--tolerance."""
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        default=TOLERANCE,
+        metavar="DB",
+        help="a dense T becomes near light and factors of far light; what compensated pictures may lose by that, in dB "
+        f"of the camera's picture (default {TOLERANCE:g}; 0: T stays as it is)",
+    )

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from counterlight import memory
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
+from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.factoring import passes
-from counterlight.tools.factoring.losses import Pictures, asked, compensated, each_picture, measured
+from counterlight.tools.factoring.losses import asked, compensated, each_picture, measured
 from counterlight.tools.factoring.model import PEAK, Model, Rows, fitted
 from counterlight.tools.factoring.near import split
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.transport import FarLight, Transport
 
-TOLERANCE = 0.05  # dB
 MOST_TOLERANCE = 10.0
 WORTH = 0.5  # of T's numbers, at most
 GRIDS = ((48, 24), (108, 54), (192, 108), (432, 216), (768, 432))  # nodes of the camera and of the projector
@@ -70,7 +70,7 @@ def factored(
     left = Factoring(before, before, transport.near.indices.size)
     if tolerance == 0:
         return transport, replace(left, reason="--tolerance 0")
-    if least_numbers(transport) > WORTH * before:
+    if _least_numbers(transport) > WORTH * _entries(transport):
         return transport, replace(left, reason="it is sparse")
     _check_memory(transport)
     rows = Rows.of(transport)
@@ -91,7 +91,14 @@ def factor_numbers(far: FarLight) -> int:
     return int(far.gather.indices.size + far.scatter.indices.size) + mixed
 
 
-def least_numbers(transport: Transport) -> int:
+def _entries(transport: Transport) -> int:
+    """Numbers that each have a pixel: what factors make fewer."""
+    far = transport.far
+    known = 0 if far is None else far.gather.indices.size + far.scatter.indices.size
+    return int(transport.near.indices.size + known)
+
+
+def _least_numbers(transport: Transport) -> int:
     """Of any factors: each pixel of either side lies between four nodes."""
     lit = int(np.count_nonzero(transport.near.lengths))
     return 4 * (lit + transport.shape[1])
@@ -152,9 +159,7 @@ class _Search:
     def _fitting(self, candidates: list[_Candidate], margin: float) -> list[_Candidate]:
         """Those that are worth it, and whose pictures lose at most that share of the tolerance."""
         return [
-            each
-            for each in candidates
-            if each.numbers <= self._most and each.losses.max() <= margin * self._tolerance
+            each for each in candidates if each.numbers <= self._most and each.losses.max() <= margin * self._tolerance
         ]
 
     def _missed(self, model: Model) -> tuple[NDArray[np.int64], FloatArray]:

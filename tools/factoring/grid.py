@@ -40,11 +40,13 @@ class Grid:
     def count(self) -> int:
         return self.nodes[0] * self.nodes[1]
 
-    def textured(self, texture: FloatArray) -> Csr:
-        """diag(texture) Φ without zeros; texture : (pixels,)."""
+    def textured(self, texture: FloatArray, columns: int | None = None) -> Csr:
+        """diag(texture) Φ without zeros; texture : (pixels,).  columns : at least as many as nodes, the rest empty."""
         pixels = len(self.corners)
         places = self.corners.ravel(), 4 * np.arange(pixels + 1)
-        matrix = sparse.csr_array(((self.weights * texture[:, None]).ravel(), *places), shape=(pixels, self.count))
+        matrix = sparse.csr_array(
+            ((self.weights * texture[:, None]).ravel(), *places), shape=(pixels, columns or self.count)
+        )
         matrix.sum_duplicates()
         matrix.eliminate_zeros()
         return matrix

@@ -54,15 +54,11 @@ class Model:
 
     def far_light(self) -> FarLight:
         """U M D."""
-        U = [self.camera.textured(self.F[:, i]) for i in range(3)]
-        D = [Csr(self.projector.textured(self.G[:, i]).T) for i in range(3)]
         cells = max(self.M.shape[:2])  # one number for both sides: those that are missing have no light
         mix = np.zeros((3, cells, cells))
         mix[:, : self.M.shape[0], : self.M.shape[1]] = self.M.transpose(2, 0, 1)
-        for matrix, shape in ((each, (cells, each.shape[1])) for each in D):
-            matrix.resize(shape)
-        for matrix, shape in ((each, (each.shape[0], cells)) for each in U):
-            matrix.resize(shape)
+        U = [self.camera.textured(texture, cells) for texture in self.F.T]
+        D = [Csr(self.projector.textured(texture, cells).T) for texture in self.G.T]
         return FarLight.from_matrices(D, mix, U)
 
 
@@ -120,9 +116,7 @@ def fitted(rows: Rows, cells: tuple[int, int], limit: float) -> Model:
 def _projected(rows: Rows, model: Model) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Aᵀ far B, F and G of the far light as the model tells it from near light."""
     entries = passes.operands(rows.near)
-    mixed, F, G = passes.projected(
-        *entries, rows.apart, rows.relative, model.limit, *model.textures, *model.grids
-    )
+    mixed, F, G = passes.projected(*entries, rows.apart, rows.relative, model.limit, *model.textures, *model.grids)
     far = rows.transport.far
     if far is not None:
         for i in range(3):

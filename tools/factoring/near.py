@@ -29,8 +29,9 @@ def split(rows: Rows, model: Model) -> Transport:
     scale = np.divide(rest, shone, out=np.zeros_like(shone), where=shone > 0)
     astray = (rest > FAINTEST * whole) & ((scale < 1 / MOST_SCALED) | (scale > MOST_SCALED))
     if rows.relative:
-        near = _whole_rows(rows.near, near, astray.any(axis=1))
-        scale[astray.any(axis=1)] = 0
+        which = np.asarray(astray.any(axis=1))
+        near = _whole_rows(rows.near, near, which)
+        scale[which] = 0
     scale = np.maximum(scale, 0)
     return replace(rows.transport, near=near, far=_scaled(far, scale))
 
@@ -61,4 +62,4 @@ def _scaled(far: FarLight, scale: FloatArray) -> FarLight:
     """Row k of U times scale[k], (camera pixels, 3)."""
     U = far.scatter
     weights = (U.weights * scale[U.rows]).astype(np.float64)
-    return replace(far, scatter=replace(U, weights=weights).inside(scale.any(axis=1)))
+    return replace(far, scatter=replace(U, weights=weights).inside(np.asarray(scale.any(axis=1))))

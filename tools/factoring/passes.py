@@ -108,8 +108,21 @@ def projected(  # type: ignore[no-untyped-def]
 
 @numba.njit(parallel=True, cache=True)
 def missed(  # type: ignore[no-untyped-def]
-    indptr, indices, weights, relative, limits, F, G, M, camera, camera_weights, projector, projector_weights,
-    pictures, beside, counted
+    indptr,
+    indices,
+    weights,
+    relative,
+    limits,
+    F,
+    G,
+    M,
+    camera,
+    camera_weights,
+    projector,
+    projector_weights,
+    pictures,
+    beside,
+    counted,
 ):
     """What the model misses of pictures if only entries beyond a limit stay: near entries and Σ δ² for each limit.
 
