@@ -24,6 +24,8 @@ from counterlight.tools.transport.transport import FarLight, Transport
 MOST_TOLERANCE = 10.0
 WORTH = 0.5  # of T's numbers, at most
 GRIDS = ((48, 24), (108, 54), (192, 108), (432, 216), (768, 432))  # nodes of the camera and of the projector
+MOST_FAR = 0.5  # of all light: what S⁺ inverts, and the mask is made of, has to be the larger part
+MOST_OF_A_ROW = 1 / 16  # of its row's far light: an entry that is more than that is near light
 LIMITS = np.array([1.0, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096])
 MARGINS = (1.0, 0.5, 0.25, 0.12)  # of the tolerance, what may be estimated
 MOST_READ = 1 << 13  # pixels that lie between a node and its neighbours: half of a texture's row (maps/row_map.py)
@@ -85,6 +87,12 @@ def numbers(transport: Transport) -> int:
     return int(transport.near.indices.size) + (0 if far is None else factor_numbers(far))
 
 
+def _far_share(transport: Transport) -> float:
+    """Of all light, what is far."""
+    whole = float(transport.composition().sum())
+    return 1 - float(transport.near.sums().sum()) / whole if whole > 0 else 0.0
+
+
 def factor_numbers(far: FarLight) -> int:
     """What a channel of D, M and U is made of."""
     mixed = int(np.count_nonzero(far.mix.any(axis=0)))
@@ -119,6 +127,7 @@ class _Search:
         self._rows, self._tolerance = rows, tolerance
         T = rows.transport
         self._most = int(WORTH * numbers(T))
+        self._limits = LIMITS[max(T.shape[1] * MOST_OF_A_ROW, LIMITS[0]) >= LIMITS]
         self._pictures = asked(T, directly_lit(T, ambient))
 
     def found(self, left: Factoring) -> tuple[Transport, Factoring]:
@@ -127,8 +136,12 @@ class _Search:
             fitting = self._fitting(candidates, margin)
             if not fitting:
                 break
-            chosen = min(fitting, key=lambda each: each.numbers)
-            made = split(self._rows, fitted(self._rows, chosen.cells, chosen.limit))
+            chosen = min(fitting, key=lambda each: (each.numbers, abs(np.log(each.limit / PEAK))))
+            # Whatever stays near: a fit that took all that is above it for near light would sink with every round.
+            model = fitted(self._rows, chosen.cells, max(chosen.limit, PEAK))
+            made = split(self._rows, replace(model, limit=chosen.limit))
+            if _far_share(made) > MOST_FAR:
+                return T, replace(left, reason="factors would hold most of its light, which is wide rather than far")
             losses = measured(T, made, self._pictures)
             if max(losses.values()) <= self._tolerance and numbers(made) <= self._most:
                 return made, Factoring(left.before, numbers(made), made.near.indices.size, losses)
@@ -150,7 +163,7 @@ class _Search:
             losses = self._pictures.losses(squares, errors)
             found += [
                 _Candidate(cells, limit, int(count) + far, loss)
-                for limit, count, loss in zip(LIMITS, kept, losses, strict=True)
+                for limit, count, loss in zip(self._limits, kept, losses, strict=True)
             ]
             fitting = self._fitting(found, MARGINS[-1])
             cheapest = min((each.numbers for each in fitting), default=self._most)
@@ -170,7 +183,7 @@ class _Search:
         beside = np.zeros((rows.near.shape[0], 3, drive.shape[2])) if far is None else each_picture(far.apply, drive)
         entries = passes.operands(rows.near)
         kept, squares = passes.missed(
-            *entries, rows.relative, LIMITS, *model.textures, *model.grids, drive, beside, pictures.counted
+            *entries, rows.relative, self._limits, *model.textures, *model.grids, drive, beside, pictures.counted
         )
         return kept, squares[..., 1:]
 
