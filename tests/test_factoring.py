@@ -124,7 +124,7 @@ def test_light_as_wide_as_a_quarter_of_the_raster_is_no_far_light(rng: np.random
 
 
 def test_wide_light_below_far_light_stays_as_it_is(rng: np.random.Generator) -> None:
-    blur = blurred_transport(rng, CAMERA, PROJECTOR, 1.0).toarray()
+    blur = blurred_transport(rng, CAMERA, PROJECTOR, 0.6).toarray()
     found, done = factored(transport([blur + textured_glow(rng)] * 3), DARK)
     assert done.losses, done.reason
     near = channel(found.near, 0).toarray()
@@ -163,7 +163,7 @@ def test_far_light_that_is_known_already_is_factored_anew(rng: np.random.Generat
     cells = 108
     labels = np.arange(SHAPE[1]) * cells // SHAPE[1]
     D = sparse.csr_array((np.full(SHAPE[1], 4 / SHAPE[1]), (labels, np.arange(SHAPE[1]))), shape=(cells, SHAPE[1]))
-    U = sparse.csr_array(np.outer(rng.uniform(0.5, 1.5, SHAPE[0]), np.linspace(0.5, 1.5, cells)) * 0.3)
+    U = sparse.csr_array(np.outer(rng.uniform(0.5, 1.5, SHAPE[0]), np.linspace(0.5, 1.5, cells)) * 0.1)
     far = FarLight.from_matrices([D] * 3, np.stack([np.eye(cells)] * 3), [U] * 3)
     near = stacked([sparse.csr_array(direct(rng), dtype=np.float32)] * 3)
     T = Transport(near, far, CAMERA, PROJECTOR)
@@ -275,20 +275,21 @@ def test_what_one_pass_says_of_all_limits_is_what_each_split_misses(
     model = fitted(rows, (48, 24), 64.0)
     drive = rng.uniform(size=(corner.shape[1], 3, 2))
     ones = np.concatenate([np.ones((corner.shape[1], 3, 1)), drive], axis=2)
-    counted = rng.random(corner.shape[0]) < 0.7
     beside = np.zeros((corner.shape[0], 3, 3))
-    kept, squares = passes.missed(
-        *passes.operands(rows.near), True, LIMITS, *model.textures, *model.grids, ones, beside, counted
-    )
     for limit in (16.0, 64.0, 256.0):
         made = split(rows, replace(model, limit=limit))
+        met = made.near.lengths < rows.near.lengths  # the others keep all entries: the model does not meet their light
+        assert met.mean() > 0.5
+        kept, squares = passes.missed(
+            *passes.operands(rows.near), True, LIMITS, *model.textures, *model.grids, ones, beside, met
+        )
         at = int(np.flatnonzero(limit == LIMITS)[0])
-        whole = np.flatnonzero(made.near.lengths == rows.near.lengths)  # rows that the model does not meet
-        assert kept[at] == made.near.indices.size - rows.near.lengths[whole].sum() or whole.size
+        if met.all():
+            assert kept[at] == made.near.indices.size
         for u in range(2):
             wrong = corner.apply(drive[..., u]) - made.apply(drive[..., u])
-            expected = np.sum(wrong[counted] ** 2, axis=0)
-            np.testing.assert_allclose(squares[at, :, u + 1], expected, rtol=0.02 if whole.size else 1e-4)
+            # float32 entries on one side
+            np.testing.assert_allclose(squares[at, :, u + 1], np.sum(wrong[met] ** 2, axis=0), rtol=1e-3)
 
 
 def test_residuals_and_what_they_send_back(rng: np.random.Generator, corner: Transport) -> None:
