@@ -14,7 +14,7 @@ from counterlight.command import Parser, run
 from counterlight.errors import InputError
 from counterlight.response import projector_response
 from counterlight.tools.acquisition.rig_options import add_rig_options
-from counterlight.tools.acquisition.room_options import add_room_options
+from counterlight.tools.acquisition.room_options import add_room_options, add_tolerance
 from counterlight.tools.choices import SCHEMES
 from counterlight.writing.outputs import check_apart, check_folder
 
@@ -53,7 +53,7 @@ def _main(argv: Sequence[str] | None) -> None:
     # One BLAS thread: two made small products several times slower.
     with threadpool_limits(limits=1), open_rig(options) as (camera, projector):
         findings = [] if options.no_preflight or wanted.reuse else _checked(camera)
-        plan = Plan(options.scheme, make_scheme, projector, decides, response)
+        plan = Plan(options.scheme, make_scheme, projector, decides, response, options.tolerance)
         report = acquire_room(camera, plan, captures, wanted, name=options.name)
         print(f"{report}\n{output}: written; the captures stay in {captures}")
         for warning in report.warnings:
@@ -135,6 +135,7 @@ def _parser() -> argparse.ArgumentParser:
         "--reuse-captures", action="store_true", help="make the room of a finished acquisition's captures again"
     )
     parser.add_argument("--report", type=Path, metavar="FOLDER", help="the page (default OUTPUT.report)")
+    add_tolerance(parser)
     add_rig_options(parser)
     add_room_options(parser, "measured")
     return parser

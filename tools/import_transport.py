@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from counterlight.command import Parser, parse_size, run
-from counterlight.tools.acquisition.room_options import ASSUMED_LINE, add_room_options, given_or_assumed
+from counterlight.tools.acquisition.room_options import ASSUMED_LINE, add_room_options, add_tolerance, given_or_assumed
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -27,6 +27,7 @@ def _main(argv: Sequence[str] | None) -> None:
         Device(camera_height, camera_width, Response("linear")),
         name=options.name,
         force=options.force,
+        tolerance=options.tolerance,
     )
     print(f"{options.output}: {summary}")
     if options.response is None:
@@ -51,6 +52,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--mask", type=Path, metavar="FILE.png", help="white where a camera pixel counts (default: the lit pixels)"
     )
+    add_tolerance(parser)
     add_room_options(parser)
     return parser
 

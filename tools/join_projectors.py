@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from counterlight.command import Parser, run
+from counterlight.tools.acquisition.room_options import add_tolerance
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -16,7 +17,15 @@ def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     from counterlight.tools.transport.joining import join_rooms
 
-    print(join_rooms(options.rooms, options.output, options.monitor, name=options.name, force=options.force))
+    line = join_rooms(
+        options.rooms,
+        options.output,
+        options.monitor,
+        name=options.name,
+        force=options.force,
+        tolerance=options.tolerance,
+    )
+    print(line)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -30,6 +39,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="NAME",
         help="the monitor that a projector is, once for each in their order (counterlight play --list-monitors)",
     )
+    add_tolerance(parser)
     parser.add_argument("--name", help="what to call it (default: the folder's name)")
     parser.add_argument("--force", action="store_true", help="replace a calibration that is there already")
     return parser

@@ -1,6 +1,6 @@
 """From an acquisition to a calibration folder."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,9 @@ from counterlight.tools.acquisition.ramps import ProjectorLight
 from counterlight.tools.acquisition.room_options import ASSUMED
 from counterlight.tools.acquisition.store import CaptureStore, Wanted, open_store
 from counterlight.tools.acquisition.summary import AcquisitionReport
+from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.clusters.components import find_clusters
+from counterlight.tools.factoring.factoring import Factoring, factored
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport, luminance_matrix
@@ -30,7 +32,8 @@ class Plan:
     """What to acquire.
 
     scheme : its name, for the records.  projector : (height, width).  options : what else decides which pattern comes
-    next.  response : of the projector, None for the measured one.
+    next.  response : of the projector, None for the measured one.  tolerance : dB that pictures may lose where a dense T
+    is factored, 0 for T as it is.
     """
 
     scheme: str
@@ -38,6 +41,7 @@ class Plan:
     projector: tuple[int, int]
     options: dict[str, Any]
     response: Response | None = None
+    tolerance: float = TOLERANCE
 
 
 def acquire_room(
@@ -52,12 +56,12 @@ def acquire_room(
         if isinstance(camera, FolderCamera):
             camera.bind(store.id, first=not store.replaces)
         with calibration.replacing(folder, force=wanted.anew) as stage:
-            room, transport, done = _acquire(camera, plan, store, folder.name if name is None else name)
+            room, transport, done, factoring = _acquire(camera, plan, store, folder.name if name is None else name)
             write_transport(transport, stage)
             calibration.write(room, stage)
             store.made(sha256_of(stage / calibration.TOML))
         store.finish()
-    return _report(done, room.mask.ravel(), transport, plan.response)
+    return _report(done, room.mask.ravel(), transport, plan.response, factoring)
 
 
 def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
@@ -70,10 +74,14 @@ def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
     }
 
 
-def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> tuple[Calibration, Transport, Acquisition]:
+def _acquire(
+    camera: Camera, plan: Plan, store: CaptureStore, name: str
+) -> tuple[Calibration, Transport, Acquisition, Factoring]:
     done = acquire(camera, store, plan.make_scheme, plan.projector, plan.response)
-    transport, ambient = done.measured.transport, np.maximum(done.room.black, 0).astype(np.float32)
+    ambient = np.maximum(done.room.black, 0).astype(np.float32)
     shape = ambient.shape
+    whole = replace(done.measured.transport, camera=shape[:2], projector=plan.projector)
+    transport, factoring = factored(whole, ambient, plan.tolerance)
     mask = directly_lit(transport, ambient, plan.projector, done.room.rise_noise) & ~done.room.saturated
     if not mask.any():
         raise InputError(
@@ -89,7 +97,7 @@ def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> tupl
         mask,
         None if done.light is None else done.light.primaries,
     )
-    return room, transport, done
+    return room, transport, done, factoring
 
 
 def _response(given: Response | None, light: ProjectorLight | None) -> tuple[Response, str]:
@@ -100,7 +108,11 @@ def _response(given: Response | None, light: ProjectorLight | None) -> tuple[Res
 
 
 def _report(
-    done: Acquisition, mask: np.ndarray[Any, np.dtype[np.bool_]], transport: Transport, given: Response | None
+    done: Acquisition,
+    mask: np.ndarray[Any, np.dtype[np.bool_]],
+    transport: Transport,
+    given: Response | None,
+    factoring: Factoring,
 ) -> AcquisitionReport:
     indices = transport.near.indices
     return AcquisitionReport(
@@ -111,4 +123,5 @@ def _report(
         camera_pixels=mask.size,
         entries=int(indices.size),
         clusters=find_clusters(luminance_matrix(transport.near)),
+        factoring=factoring,
     )

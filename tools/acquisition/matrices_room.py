@@ -10,6 +10,8 @@ from counterlight import calibration
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files import exr
+from counterlight.tools.choices import TOLERANCE
+from counterlight.tools.factoring.factoring import Factoring, factored
 from counterlight.tools.transport.arrays import opened_array
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.storage import read_matrix, write_transport
@@ -44,6 +46,7 @@ class MatricesSummary:
     counting: int
     camera_pixels: int
     mask_given: bool
+    factoring: Factoring
 
     def __str__(self) -> str:
         channels = ", ".join(f"{name} {count}" for name, count in zip(CHANNELS, self.entries, strict=True))
@@ -53,34 +56,46 @@ class MatricesSummary:
             negative += f" ({', '.join(f'{n} {c}' for n, c in zip(CHANNELS, self.negative, strict=True))})"
         return (
             f"entries: {channels}; {self.size_bytes / 2**20:.1f} MiB; "
-            f"{self.counting} of {self.camera_pixels} camera pixels {which}; {negative}"
+            f"{self.counting} of {self.camera_pixels} camera pixels {which}; {negative}\n{self.factoring}"
         )
 
 
 def import_matrices_room(
-    files: MatrixFiles, folder: Path, projector: Device, camera: Device, *, name: str | None = None, force: bool = False
+    files: MatrixFiles,
+    folder: Path,
+    projector: Device,
+    camera: Device,
+    *,
+    name: str | None = None,
+    force: bool = False,
+    tolerance: float = TOLERANCE,
 ) -> MatricesSummary:
     """Read and check everything, then write the calibration `folder`; it appears whole or not at all.
 
+    tolerance : dB that pictures may lose where a dense T is factored, 0 for T as it is.
     Raises InputError for damaged files, wrong shapes, NaN, infinity, a channel without entries, an unlit camera.
     """
     with calibration.replacing(folder, force=force, inputs=files.all) as stage:
         shape = camera.pixels, projector.pixels
         matrices = [read_matrix(path, shape) for path in files.matrices]
         negative = tuple(map(keep_light, matrices, files.matrices))
+        entries = tuple(int(matrix.nnz) for matrix in matrices)
         transport = Transport.from_matrices(matrices, camera=camera.shape, projector=projector.shape)
+        del matrices  # as large as T, which may be dense
         ambient = read_ambient(files.ambient, camera)
+        transport, factoring = factored(transport, ambient, tolerance)
         mask = _mask(files.mask, camera, projector, transport, ambient)
         named = folder.name if name is None else name
         write_transport(transport, stage)
         calibration.write(Calibration(named, _provenance(files), (projector,), camera, ambient, mask), stage)
     return MatricesSummary(
-        entries=tuple(int(matrix.nnz) for matrix in matrices),
+        entries=entries,
         negative=negative,
         size_bytes=sum(path.stat().st_size for path in folder.iterdir()),
         counting=int(mask.sum()),
         camera_pixels=camera.pixels,
         mask_given=files.mask is not None,
+        factoring=factoring,
     )
 
 

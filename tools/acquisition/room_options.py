@@ -1,9 +1,10 @@
-"""What the acquiring and the importing commands share: where the room goes, and how its projector responds."""
+"""What acquiring and importing share: where the room goes, its projector's response, what of T may be factors."""
 
 import argparse
 from pathlib import Path
 
 from counterlight.response import Response, projector_response
+from counterlight.tools.choices import TOLERANCE
 
 ASSUMED = Response("srgb")
 ASSUMED_LINE = "response: sRGB assumed; measure it with counterlight fit-response, and give it with --response"
@@ -27,3 +28,15 @@ def add_room_options(parser: argparse.ArgumentParser, unless_given: str = "sRGB 
 def given_or_assumed(text: str | None) -> Response:
     """The response that --response names; who takes what nobody gave says `ASSUMED_LINE`."""
     return ASSUMED if text is None else projector_response(text)
+
+
+def add_tolerance(parser: argparse.ArgumentParser) -> None:
+    """--tolerance."""
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        default=TOLERANCE,
+        metavar="DB",
+        help="a dense T becomes near light and factors of far light; what compensated pictures may lose by that, in dB "
+        f"of the camera's picture (default {TOLERANCE:g}; 0: T stays as it is)",
+    )

@@ -9,6 +9,7 @@ from counterlight.tools.acquisition.acquire import Acquisition
 from counterlight.tools.acquisition.ramps import CODES, ProjectorLight
 from counterlight.tools.acquisition.room_options import ASSUMED_LINE
 from counterlight.tools.clusters.components import Clusters
+from counterlight.tools.factoring.factoring import Factoring
 
 SUSPECT = 3.0  # times the camera's noise that the check may be off
 OFF_COLOUR = 2.0, 0.02  # times the check's unexplained error, and more, that the coloured one's may be
@@ -21,6 +22,7 @@ class AcquisitionReport:
 
     given : the response that was not to be the measured one, if any.  covered : share of the projector's pixels that
     some camera pixel sees.  lit, camera_pixels : inside the mask, and in all.  entries : near light, of one channel.
+    factoring : what a dense T became.
     """
 
     acquisition: Acquisition
@@ -30,6 +32,7 @@ class AcquisitionReport:
     camera_pixels: int
     entries: int
     clusters: Clusters
+    factoring: Factoring
 
     def __str__(self) -> str:
         done = self.acquisition
@@ -44,6 +47,7 @@ class AcquisitionReport:
             "camera pixels lit",
             f"clusters: {self.clusters.count}, the largest of {sizes.max(initial=0)} projector pixels; {self.entries} "
             "near entries a channel",
+            str(self.factoring),
             *self._of_light(),
             f"check: a random pattern is predicted to {done.check}",
         ]

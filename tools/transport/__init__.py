@@ -1,6 +1,7 @@
 """The light transport of a room: c = T p + e, T = S + U M D (near light as sparse rows, far light as factors).
 
 transport.py is the mathematics (apply, transpose, floodlight, inside a mask), mask.py says which camera pixels count,
-storage.py is the files: sparse_files.py the layouts of scipy's matrices, arrays.py the archives that they are in.
-May import scipy and player. Read next: transport.py.
+storage.py is the files: sparse_files.py the layouts of scipy's matrices, arrays.py the archives that they are in;
+joining.py puts projectors side by side, each T factored first.
+May import scipy and player, joining.py also tools.factoring. Read next: transport.py.
 """

@@ -16,6 +16,8 @@ from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.pipeline.colour import LUMINANCE
+from counterlight.tools.choices import TOLERANCE
+from counterlight.tools.factoring.factoring import Factoring, factored
 from counterlight.tools.hdr.response_table import NODES, table_response
 from counterlight.tools.transport.mask import BRIGHT_PERCENTILE, FRACTION_OF_AMBIENT
 from counterlight.tools.transport.storage import read_transport, write_transport
@@ -27,28 +29,39 @@ MOST_APART = 0.02  # of white: measured responses of projectors of one kind
 
 
 def join_rooms(
-    folders: Sequence[Path], output: Path, monitors: Sequence[str] = (), *, name: str | None = None, force: bool = False
+    folders: Sequence[Path],
+    output: Path,
+    monitors: Sequence[str] = (),
+    *,
+    name: str | None = None,
+    force: bool = False,
+    tolerance: float = TOLERANCE,
 ) -> str:
-    """Write one calibration of several of the same camera; returns a line on the whole.
+    """Write one calibration of several of the same camera; returns lines on the whole, and on each T that is dense.
 
     monitors : names, one for each projector, in the order of the folders; none to keep what the folders say.
+    tolerance : dB that pictures may lose where a dense T is factored, 0 for T as it is.
     Raises InputError for cameras of different sizes, responses that differ, and ambient light that does.
     """
     if len(folders) < 2:
         raise InputError(f"{len(folders)} calibration to join: give at least two, of one projector each")
     with calibrations.replacing(output, force=force, inputs=folders) as stage:
-        joint, transport, difference = _join(folders, monitors, name or output.name)
+        joint, transport, difference, factorings = _join(folders, monitors, name or output.name, tolerance)
         write_transport(transport, stage)
         calibrations.write(joint, stage)
     raster = f"raster {joint.projector.width}x{joint.projector.height}"
-    return (
+    lines = [
         f"{output}: {len(joint.projectors)} projectors, {raster}, ambient light differs by {100 * difference:.2g} % of "
-        "white"
-    )
+        "white",
+        *(f"{folder}: {done}" for folder, done in zip(folders, factorings, strict=True) if done.losses),
+    ]
+    return "\n".join(lines)
 
 
-def _join(folders: Sequence[Path], monitors: Sequence[str], name: str) -> tuple[Calibration, Transport, float]:
-    """The joint calibration, its transport, and how far ambient light differs, relative to white."""
+def _join(
+    folders: Sequence[Path], monitors: Sequence[str], name: str, tolerance: float
+) -> tuple[Calibration, Transport, float, tuple[Factoring, ...]]:
+    """The joint calibration, its transport, how far ambient light differs, relative to white, and what was factored."""
     stored = [calibrations.read(folder) for folder in folders]
     rooms = [one.calibration for one in stored]
     _check_cameras(stored)
@@ -57,8 +70,9 @@ def _join(folders: Sequence[Path], monitors: Sequence[str], name: str) -> tuple[
     first = rooms[0]
     mask = np.any([room.mask for room in rooms], axis=0)
     joint = Calibration(name, provenance, projectors, first.camera, first.ambient, mask, _join_primaries(rooms))
-    transport = join_transports([read_transport(one) for one in stored], [room.projector.shape for room in rooms])
-    return joint, transport, _check_ambient(stored, transport.composition())
+    made = [factored(read_transport(one), one.calibration.ambient, tolerance) for one in stored]
+    transport = join_transports([each for each, _ in made], [room.projector.shape for room in rooms])
+    return joint, transport, _check_ambient(stored, transport.composition()), tuple(done for _, done in made)
 
 
 def _join_primaries(rooms: Sequence[Calibration]) -> NDArray[np.float32] | None:

@@ -1,0 +1,206 @@
+"""Whether a T is dense, and what of it can be factors: the cheapest S + U M D whose pictures lose no more than asked.
+
+Grids from coarse to fine are fitted; for each, one pass over T says for every limit how many entries stay and what
+pictures lose. The cheapest is made and measured; if it loses more than was estimated, a stricter one is taken.
+A T that factors do not make half as large is left as it is.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight import memory
+from counterlight.arrays import FloatArray
+from counterlight.errors import InputError
+from counterlight.tools.choices import TOLERANCE
+from counterlight.tools.factoring import passes
+from counterlight.tools.factoring.losses import asked, compensated, each_picture, measured
+from counterlight.tools.factoring.model import PEAK, Model, Rows, fitted
+from counterlight.tools.factoring.near import split
+from counterlight.tools.transport.mask import directly_lit
+from counterlight.tools.transport.transport import FarLight, Transport
+
+MOST_TOLERANCE = 10.0
+WORTH = 0.5  # of T's numbers, at most
+GRIDS = ((48, 24), (108, 54), (192, 108), (432, 216), (768, 432))  # nodes of the camera and of the projector
+MOST_FAR = 0.5  # of all light: what S⁺ inverts, and the mask is made of, has to be the larger part
+MOST_OF_A_ROW = 1 / 16  # of its row's far light: an entry that is more than that is near light
+LIMITS = np.array([1.0, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096])
+MARGINS = (1.0, 0.5, 0.25, 0.12)  # of the tolerance, what may be estimated
+MOST_READ = 1 << 13  # pixels that lie between a node and its neighbours: half of a texture's row (maps/row_map.py)
+MOST_NODES = 1500  # they are mixed by a dense matrix
+BYTES_A_PIXEL, BYTES_AN_ENTRY = 600, 20  # for the pictures' light; T's entries again, and a mark for each
+
+
+@dataclass(frozen=True)
+class Factoring:
+    """What became of T; its text is a line of a command's output.
+
+    before, after : numbers of a channel, near light's entries and what is not 0 in the factors.  near : entries.
+    losses : decibels of the camera's picture by the names of pictures.  reason : why T is as it was, or "".
+    """
+
+    before: int
+    after: int
+    near: int
+    losses: dict[str, float] = field(default_factory=dict)
+    reason: str = ""
+
+    def __str__(self) -> str:
+        if self.reason:
+            return f"T is left as it is, {self.before} numbers a channel: {self.reason}"
+        lost = ", ".join(f"{name} {loss:.3f}" for name, loss in self.losses.items())
+        return (
+            f"dense T factored: {self.before} entries a channel are {self.near} of near light and "
+            f"{self.after - self.near} numbers of far light; pictures lose, in dB: {lost}"
+        )
+
+
+def factored(
+    transport: Transport, ambient: NDArray[np.floating], tolerance: float = TOLERANCE
+) -> tuple[Transport, Factoring]:
+    """T as near light and factors if that is worth it, else itself, and what was done.
+
+    transport : with its pictures' sizes.  ambient : (camera height, camera width, 3).  tolerance : decibels that a
+    compensated picture may lose; 0 leaves T as it is.
+    Raises InputError for a tolerance out of range, and if memory does not suffice.
+    """
+    if not 0 <= tolerance <= MOST_TOLERANCE:
+        raise InputError(f"tolerance {tolerance:g}: expected 0 (T stays as it is) to {MOST_TOLERANCE:g} dB")
+    before = numbers(transport)
+    left = Factoring(before, before, transport.near.indices.size)
+    if tolerance == 0:
+        return transport, replace(left, reason="--tolerance 0")
+    if _least_numbers(transport) > WORTH * _entries(transport):
+        return transport, replace(left, reason="it is sparse")
+    _check_memory(transport)
+    rows = Rows.of(transport)
+    if np.count_nonzero(rows.apart) > WORTH * before:
+        return transport, replace(left, reason="its light is near light")
+    return _Search(rows, ambient, tolerance).found(left)
+
+
+def numbers(transport: Transport) -> int:
+    """What a channel of T is made of: entries of near light, and of D, M and U what is not 0."""
+    far = transport.far
+    return int(transport.near.indices.size) + (0 if far is None else factor_numbers(far))
+
+
+def _far_share(transport: Transport) -> float:
+    """Of all light, what is far."""
+    whole = float(transport.composition().sum())
+    return 1 - float(transport.near.sums().sum()) / whole if whole > 0 else 0.0
+
+
+def factor_numbers(far: FarLight) -> int:
+    """What a channel of D, M and U is made of."""
+    mixed = int(np.count_nonzero(far.mix.any(axis=0)))
+    return int(far.gather.indices.size + far.scatter.indices.size) + mixed
+
+
+def _entries(transport: Transport) -> int:
+    """Numbers that each have a pixel: what factors make fewer."""
+    far = transport.far
+    known = 0 if far is None else far.gather.indices.size + far.scatter.indices.size
+    return int(transport.near.indices.size + known)
+
+
+def _least_numbers(transport: Transport) -> int:
+    """Of any factors: each pixel of either side lies between four nodes."""
+    lit = int(np.count_nonzero(transport.near.lengths))
+    return 4 * (lit + transport.shape[1])
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    cells: tuple[int, int]
+    limit: float
+    numbers: int
+    losses: FloatArray
+
+
+class _Search:
+    """One T's factors: candidates first, then the cheapest that keeps the tolerance."""
+
+    def __init__(self, rows: Rows, ambient: NDArray[np.floating], tolerance: float) -> None:
+        self._rows, self._tolerance = rows, tolerance
+        T = rows.transport
+        self._most = int(WORTH * numbers(T))
+        self._limits = LIMITS[max(T.shape[1] * MOST_OF_A_ROW, LIMITS[0]) >= LIMITS]
+        assert T.projector is not None
+        self._pictures = asked(T, directly_lit(T, ambient, T.projector))
+
+    def found(self, left: Factoring) -> tuple[Transport, Factoring]:
+        candidates, T = self._candidates(), self._rows.transport
+        for margin in MARGINS:
+            fitting = self._fitting(candidates, margin)
+            if not fitting:
+                break
+            chosen = min(fitting, key=lambda each: (each.numbers, abs(np.log(each.limit / PEAK))))
+            # Whatever stays near: a fit that took all that is above it for near light would sink with every round.
+            model = fitted(self._rows, chosen.cells, max(chosen.limit, PEAK))
+            made = split(self._rows, replace(model, limit=chosen.limit))
+            if _far_share(made) > MOST_FAR:
+                return T, replace(left, reason="factors would hold most of its light, which is wide rather than far")
+            losses = measured(T, made, self._pictures)
+            if max(losses.values()) <= self._tolerance and numbers(made) <= self._most:
+                return made, Factoring(left.before, numbers(made), made.near.indices.size, losses)
+        return T, replace(left, reason=f"no factors of half its size keep pictures within {self._tolerance:g} dB")
+
+    def _candidates(self) -> list[_Candidate]:
+        """Of grids from coarse to fine, while a finer one can be cheaper; the drives are those of the first model."""
+        errors, found, cheapest = None, list[_Candidate](), self._most
+        for cells in _grids(self._rows.transport):
+            model = fitted(self._rows, cells, PEAK)
+            far = factor_numbers(model.far_light())
+            if far >= cheapest:
+                break
+            if errors is None:
+                rough = split(self._rows, model)
+                self._pictures = compensated(rough, self._pictures)
+                errors = self._pictures.squared_error(rough)
+            kept, squares = self._missed(model)
+            losses = self._pictures.losses(squares, errors)
+            found += [
+                _Candidate(cells, limit, int(count) + far, loss)
+                for limit, count, loss in zip(self._limits, kept, losses, strict=True)
+            ]
+            fitting = self._fitting(found, MARGINS[-1])
+            cheapest = min((each.numbers for each in fitting), default=self._most)
+        return found
+
+    def _fitting(self, candidates: list[_Candidate], margin: float) -> list[_Candidate]:
+        """Those that are worth it, and whose pictures lose at most that share of the tolerance."""
+        return [
+            each for each in candidates if each.numbers <= self._most and each.losses.max() <= margin * self._tolerance
+        ]
+
+    def _missed(self, model: Model) -> tuple[NDArray[np.int64], FloatArray]:
+        """Entries that stay (limits,), and Σ δ² (limits, 3, pictures)."""
+        rows, pictures = self._rows, self._pictures
+        drive = np.concatenate([np.ones((rows.near.shape[1], 3, 1)), pictures.drive], axis=2)
+        far = rows.transport.far
+        beside = np.zeros((rows.near.shape[0], 3, drive.shape[2])) if far is None else each_picture(far.apply, drive)
+        entries = passes.operands(rows.near)
+        kept, squares = passes.missed(
+            *entries, rows.relative, self._limits, *model.textures, *model.grids, drive, beside, pictures.counted
+        )
+        return kept, squares[..., 1:]
+
+
+def _grids(transport: Transport) -> list[tuple[int, int]]:
+    """Numbers of nodes, fine enough for every map's rows."""
+    least = max(transport.shape) // (MOST_READ // 4)
+    return sorted({(max(camera, least), max(projector, least)) for camera, projector in GRIDS})
+
+
+def _check_memory(transport: Transport) -> None:
+    rows, columns = transport.shape
+    if max(rows, columns) // (MOST_READ // 4) > MOST_NODES:
+        raise InputError(
+            f"T of {rows} camera x {columns} projector pixels is dense, and too large to be factored (at most "
+            f"{MOST_NODES * (MOST_READ // 4)}); scale the pictures down, or keep T as it is with --tolerance 0"
+        )
+    needed = BYTES_A_PIXEL * (rows + columns) * (passes.PARTS[0] // 4) + BYTES_AN_ENTRY * transport.near.indices.size
+    memory.check(needed, "factoring a dense T", "close other programs, or keep T as it is with --tolerance 0")

@@ -1,0 +1,150 @@
+"""Far light as smooth functions times the textures of both surfaces, by least squares: far ≈ A M Bᵀ.
+
+With F = far·1 and G = 1ᵀfar, the textures that camera and projector pixels lend to whatever light arrives or leaves,
+A = diag(F) Φ and B = diag(G) Ψ are linear between the nodes of two grids, and
+
+    M = (AᵀA + ε)⁻¹ Aᵀ far B (BᵀB + ε)⁻¹
+
+is the least-squares fit. What is near is only known once far light is: where it is, the fit takes the model of the
+round before for what lies beneath (expectation and maximisation, three rounds).
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import FloatArray
+from counterlight.maps.row_map import SparseRows
+from counterlight.tools.factoring import passes
+from counterlight.tools.factoring.grid import Grid
+from counterlight.tools.transport.transport import Csr, FarLight, Shape, Transport, channel
+
+ROUNDS = 3
+RIDGE = 1e-6  # ε, of the mean diagonal: nodes that no far light reaches stay 0
+PEAK = 64.0  # times its row's mean, an entry is near light to begin with
+CROWD, BLOCKS = 16.0, 108  # and all of a block of the raster (of so many) that sends that many times its share
+
+
+@dataclass(frozen=True)
+class Model:
+    """far ≈ diag(F) Φ M Ψᵀ diag(G).
+
+    camera, projector : Φ, Ψ.  F : (camera pixels, 3).  G : (projector pixels, 3).  M : (camera nodes, projector
+    nodes, 3).  limit : entries more than limit · F / n above it are near light.
+    """
+
+    camera: Grid
+    projector: Grid
+    F: FloatArray
+    G: FloatArray
+    M: FloatArray
+    limit: float
+
+    @property
+    def textures(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """F, G, M as the loops take them."""
+        return self.F, self.G, self.M
+
+    @property
+    def grids(self) -> tuple[NDArray[np.int32], FloatArray, NDArray[np.int32], FloatArray]:
+        """Φ, Ψ as the loops take them."""
+        return self.camera.corners, self.camera.weights, self.projector.corners, self.projector.weights
+
+    def far_light(self) -> FarLight:
+        """U M D."""
+        cells = max(self.M.shape[:2])  # one number for both sides: those that are missing have no light
+        mix = np.zeros((3, cells, cells))
+        mix[:, : self.M.shape[0], : self.M.shape[1]] = self.M.transpose(2, 0, 1)
+        U = [self.camera.textured(texture, cells) for texture in self.F.T]
+        D = [Csr(self.projector.textured(texture, cells).T) for texture in self.G.T]
+        return FarLight.from_matrices(D, mix, U)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """T as the fit reads it.
+
+    transport : near light, and far light if T has some already.  apart : (entries,), near light to begin with.
+    """
+
+    transport: Transport
+    apart: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, transport: Transport) -> "Rows":
+        assert transport.projector is not None
+        labels, shares = _blocks(transport.projector)
+        return cls(transport, passes.concentrated(*passes.operands(transport.near), labels, shares, PEAK, CROWD))
+
+    @property
+    def near(self) -> SparseRows:
+        return self.transport.near
+
+    @property
+    def relative(self) -> bool:
+        """Near light is what is above the model; where T's far light is known apart, its entries come on top of it."""
+        return self.transport.far is None
+
+    @cached_property
+    def known(self) -> tuple[FloatArray, FloatArray]:
+        """F and G of the far light that T has already."""
+        (rows, columns), far = self.transport.shape, self.transport.far
+        if far is None:
+            return np.zeros((rows, 3)), np.zeros((columns, 3))
+        return far.apply(np.ones((columns, 3))), far.apply_transpose(np.ones((rows, 3)))
+
+
+def fitted(rows: Rows, cells: tuple[int, int], limit: float) -> Model:
+    """The model on about so many nodes of the camera and of the projector; deterministic."""
+    camera, projector = rows.transport.camera, rows.transport.projector
+    assert camera is not None
+    assert projector is not None
+    grids = Grid.over(camera, cells[0]), Grid.over(projector, cells[1])
+    shape = rows.near.shape
+    nothing = np.zeros((grids[0].count, grids[1].count, 3))
+    model = Model(*grids, rows.near.sums(), np.zeros((shape[1], 3)), nothing, limit)
+    for done in range(ROUNDS + 1):
+        mixed, F, G = _projected(rows, model)
+        model = replace(model, M=_solved(model, mixed)) if done else model
+        if done < ROUNDS:
+            model = replace(model, F=F, G=G)
+    return model
+
+
+def _projected(rows: Rows, model: Model) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Aᵀ far B, F and G of the far light as the model tells it from near light."""
+    entries = passes.operands(rows.near)
+    mixed, F, G = passes.projected(*entries, rows.apart, rows.relative, model.limit, *model.textures, *model.grids)
+    far = rows.transport.far
+    if far is not None:
+        for i in range(3):
+            U, D = channel(far.scatter, i), channel(far.gather, i)
+            A, B = model.camera.textured(model.F[:, i]), model.projector.textured(model.G[:, i])
+            mixed[..., i] += (A.T @ U) @ far.mix[i] @ (D @ B).toarray()
+    return mixed, F + rows.known[0], G + rows.known[1]
+
+
+def _solved(model: Model, mixed: FloatArray) -> FloatArray:
+    """M of each channel from Aᵀ far B."""
+    M = np.empty_like(mixed)
+    for i in range(3):
+        A, B = model.camera.textured(model.F[:, i]), model.projector.textured(model.G[:, i])
+        left, right = _gram(A), _gram(B)
+        M[..., i] = np.linalg.solve(right, np.linalg.solve(left, mixed[..., i]).T).T
+    return M
+
+
+def _gram(A: Csr) -> FloatArray:
+    """AᵀA + ε; the identity for a channel without far light."""
+    gram = np.asarray((A.T @ A).toarray(), np.float64)
+    mean = np.trace(gram) / len(gram)
+    return gram + (RIDGE * mean if mean > 0 else 1.0) * np.eye(len(gram))
+
+
+def _blocks(raster: Shape) -> tuple[NDArray[np.int32], FloatArray]:
+    """The block of each projector pixel, and each block's share of them."""
+    grid = Grid.over(raster, BLOCKS)
+    nearest = np.take_along_axis(grid.corners, grid.weights.argmax(axis=1)[:, None], axis=1)[:, 0]
+    return nearest, np.bincount(nearest, minlength=grid.count) / nearest.size

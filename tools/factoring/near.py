@@ -1,0 +1,65 @@
+"""T as the near light that a model of its far light leaves, and that model's factors, T·1 unchanged."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import FloatArray
+from counterlight.maps.row_map import SparseRows
+from counterlight.tools.factoring import passes
+from counterlight.tools.factoring.model import Model, Rows
+from counterlight.tools.transport.transport import FarLight, Transport
+
+MOST_SCALED = 2.0  # what a row of U may grow by, and half of it what it may shrink by
+FAINTEST = 1e-6  # of a row's light: float32's rounding, not light that is missed
+
+
+def split(rows: Rows, model: Model) -> Transport:
+    """S + U M D for T: S is what of T's entries is above the model by its limit, and U's rows are scaled for T·1.
+
+    A row whose far light the model does not meet within MOST_SCALED keeps all its entries, and has no far light.
+    """
+    whole = rows.transport.composition()
+    keep = passes.beyond(*passes.operands(rows.near), rows.relative, model.limit, *model.textures, *model.grids)
+    far = model.far_light()
+    shone = far.apply(np.ones((rows.near.shape[1], 3)))
+    near = _above(rows.near.where(keep), model) if rows.relative else rows.near.where(keep)
+    rest = whole - near.sums()
+    scale = np.divide(rest, shone, out=np.zeros_like(shone), where=shone > 0)
+    astray = (rest > FAINTEST * whole) & ((scale < 1 / MOST_SCALED) | (scale > MOST_SCALED))
+    if rows.relative:
+        which = np.asarray(astray.any(axis=1))
+        near = _whole_rows(rows.near, near, which)
+        scale[which] = 0
+    scale = np.maximum(scale, 0)
+    return replace(rows.transport, near=near, far=_scaled(far, scale))
+
+
+def _above(near: SparseRows, model: Model) -> SparseRows:
+    """Less what the model has at the same places; ≥ 0."""
+    entries = passes.operands(near)
+    below = passes.explained(*entries[:2], *model.textures, *model.grids)
+    return replace(near, weights=np.maximum(near.weights - below, 0).astype(near.weights.dtype))
+
+
+def _whole_rows(full: SparseRows, near: SparseRows, which: NDArray[np.bool_]) -> SparseRows:
+    """`near`, with those rows (camera pixels,) as they are in `full`."""
+    if not which.any():
+        return near
+    kept, added = near.where(~which[near.rows]), full.where(which[full.rows])
+    rows = np.concatenate([kept.rows, added.rows])
+    order = np.argsort(rows, kind="stable")
+    return SparseRows(
+        kept.indptr + added.indptr,
+        np.concatenate([kept.indices, added.indices])[order],
+        np.concatenate([kept.weights, added.weights])[order],
+        near.columns,
+    )
+
+
+def _scaled(far: FarLight, scale: FloatArray) -> FarLight:
+    """Row k of U times scale[k], (camera pixels, 3)."""
+    U = far.scatter
+    weights = (U.weights * scale[U.rows]).astype(np.float64)
+    return replace(far, scatter=replace(U, weights=weights).inside(np.asarray(scale.any(axis=1))))

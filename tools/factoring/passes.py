@@ -1,0 +1,245 @@
+"""Loops over T's entries, compiled by Numba: each reads T once, row by row, and keeps nothing of its size.
+
+T's rows are (indptr, indices, weights) of SparseRows, rows many over n columns; the far light's model is the node
+weights of both sides, the textures F (rows, 3) and G (n, 3) and the mix M (camera nodes, projector nodes, 3).
+Sums over rows are made in parts, each by one thread, and added in order: they do not depend on the number of cores.
+"""
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import FloatArray
+from counterlight.maps.row_map import SparseRows
+
+PARTS, WIDE = (16, 4), 1 << 18  # fewer parts where each holds a picture of more than so many projector pixels
+
+
+@numba.njit(cache=True)
+def _parts(columns):  # type: ignore[no-untyped-def]
+    return PARTS[0] if columns <= WIDE else PARTS[1]
+
+
+@numba.njit(cache=True)
+def _seen_nodes(q, k, corners, weights, F, M):  # type: ignore[no-untyped-def]
+    """q (projector nodes, 3): what row k of diag(F) Φ M says of each node."""
+    q[:] = 0
+    for i in range(4):
+        if weights[k, i] == 0:
+            continue
+        row = M[corners[k, i]]
+        for c in range(3):
+            share = weights[k, i] * F[k, c]
+            for node in range(q.shape[0]):
+                q[node, c] += share * row[node, c]
+
+
+@numba.njit(cache=True)
+def _at(q, j, c, corners, weights, G):  # type: ignore[no-untyped-def]
+    """The model's entry at column j."""
+    total = 0.0
+    for i in range(4):
+        total += weights[j, i] * q[corners[j, i], c]
+    return total * G[j, c]
+
+
+@numba.njit(parallel=True, cache=True)
+def concentrated(indptr, indices, weights, labels, shares, peak, crowd):  # type: ignore[no-untyped-def]
+    """Whether an entry is no far light by where its row's light comes from, (entries,).
+
+    It is `peak` times the row's mean, or in a block of the raster that sends `crowd` times its share.
+    labels : (n,), the block of each column.  shares : (blocks,), of the raster's pixels.
+    """
+    apart = np.zeros(indices.size, np.bool_)
+    columns = labels.size
+    for k in numba.prange(indptr.size - 1):
+        sums, blocks = np.zeros(3), np.zeros(shares.size)
+        for e in range(indptr[k], indptr[k + 1]):
+            for c in range(3):
+                sums[c] += weights[e, c]
+                blocks[labels[indices[e]]] += weights[e, c]
+        total = sums.sum()
+        for e in range(indptr[k], indptr[k + 1]):
+            block = labels[indices[e]]
+            apart[e] = blocks[block] > crowd * shares[block] * total
+            for c in range(3):
+                apart[e] |= weights[e, c] * columns > peak * sums[c]
+    return apart
+
+
+@numba.njit(parallel=True, cache=True)
+def projected(  # type: ignore[no-untyped-def]
+    indptr, indices, weights, apart, relative, limit, F, G, M, camera, camera_weights, projector, projector_weights
+):
+    """Aᵀ far B (camera nodes, projector nodes, 3), far·1 (rows, 3) and 1ᵀfar (n, 3).
+
+    far is T without near entries: those `apart`, and those more than limit · F / n above the model. In their place the
+    model stands, if `relative`; else nothing, and `above the model` is above 0.
+    """
+    rows, columns = indptr.size - 1, G.shape[0]
+    parts = _parts(columns)
+    sent, seen = np.zeros((parts, columns, 3)), np.zeros((rows, 3))
+    mixed = np.zeros((parts, M.shape[0], M.shape[1], 3))
+    for b in numba.prange(parts):
+        q, gathered, value = np.zeros((M.shape[1], 3)), np.zeros((M.shape[1], 3)), np.zeros(3)
+        for k in range(b * rows // parts, (b + 1) * rows // parts):
+            gathered[:] = 0
+            if relative:
+                _seen_nodes(q, k, camera, camera_weights, F, M)
+            for e in range(indptr[k], indptr[k + 1]):
+                j, near = indices[e], apart[e]
+                for c in range(3):
+                    value[c] = _at(q, j, c, projector, projector_weights, G)
+                    near |= weights[e, c] - value[c] > limit * F[k, c] / columns
+                for c in range(3):
+                    light = min(value[c], weights[e, c]) if near else weights[e, c]
+                    seen[k, c] += light
+                    sent[b, j, c] += light
+                    for i in range(4):
+                        gathered[projector[j, i], c] += projector_weights[j, i] * G[j, c] * light
+            for i in range(4):
+                for c in range(3):
+                    share = camera_weights[k, i] * F[k, c]
+                    if share != 0:
+                        for node in range(M.shape[1]):
+                            mixed[b, camera[k, i], node, c] += share * gathered[node, c]
+    return mixed.sum(axis=0), seen, sent.sum(axis=0)
+
+
+@numba.njit(parallel=True, cache=True)
+def missed(  # type: ignore[no-untyped-def]
+    indptr,
+    indices,
+    weights,
+    relative,
+    limits,
+    F,
+    G,
+    M,
+    camera,
+    camera_weights,
+    projector,
+    projector_weights,
+    pictures,
+    beside,
+    counted,
+):
+    """What the model misses of pictures if only entries beyond a limit stay: near entries and Σ δ² for each limit.
+
+    limits : (L,) ascending, of (T − model) n / F.  pictures : (n, 3, Q), the first of ones; its light is made exact by
+    scaling rows.  beside : (rows, 3, Q), light of T that is not among these entries.  counted : (rows,).
+    Returns (L,) and (L, 3, Q).
+    """
+    rows, columns, levels, count = indptr.size - 1, G.shape[0], limits.size, pictures.shape[2]
+    parts = _parts(columns)
+    kept, squares = np.zeros((parts, levels), np.int64), np.zeros((parts, levels, 3, count))
+    gathered = np.zeros((M.shape[1], 3, count))
+    for j in range(columns):
+        for i in range(4):
+            for c in range(3):
+                for u in range(count):
+                    gathered[projector[j, i], c, u] += projector_weights[j, i] * G[j, c] * pictures[j, c, u]
+    for b in numba.prange(parts):
+        q, rest = np.zeros((M.shape[1], 3)), np.zeros(3)
+        near, light = np.zeros((levels + 1, 3, count)), np.zeros((3, count))
+        for k in range(b * rows // parts, (b + 1) * rows // parts):
+            _seen_nodes(q, k, camera, camera_weights, F, M)
+            near[:], light[:] = 0, 0
+            for c in range(3):
+                for node in range(M.shape[1]):
+                    for u in range(count):
+                        light[c, u] += q[node, c] * gathered[node, c, u]
+            left = beside[k] - light
+            for e in range(indptr[k], indptr[k + 1]):
+                j, level = indices[e], 0
+                for c in range(3):
+                    rest[c] = weights[e, c]
+                    if relative:
+                        rest[c] -= _at(q, j, c, projector, projector_weights, G)
+                for c in range(3):
+                    while level < levels and rest[c] * columns > limits[level] * F[k, c]:
+                        level += 1
+                kept[b, :level] += 1
+                for c in range(3):
+                    for u in range(count):
+                        left[c, u] += weights[e, c] * pictures[j, c, u]
+                        near[level, c, u] += rest[c] * pictures[j, c, u]
+            if not counted[k]:
+                continue
+            for level in range(levels, 0, -1):
+                left -= near[level]  # entries beyond the limit below
+                for c in range(3):
+                    fits = left[c, 0] > -light[c, 0] / 2 and left[c, 0] < light[c, 0]
+                    scale = left[c, 0] / light[c, 0] if fits else 0.0
+                    for u in range(count):
+                        squares[b, level - 1, c, u] += (left[c, u] - scale * light[c, u]) ** 2
+    return kept.sum(axis=0), squares.sum(axis=0)
+
+
+@numba.njit(parallel=True, cache=True)
+def beyond(  # type: ignore[no-untyped-def]
+    indptr, indices, weights, relative, limit, F, G, M, camera, camera_weights, projector, projector_weights
+):
+    """Which entries are more than limit · F / n above the model (above 0, if not `relative`), (entries,)."""
+    keep = np.zeros(indices.size, np.bool_)
+    columns = G.shape[0]
+    rows, parts = indptr.size - 1, _parts(G.shape[0])
+    for b in numba.prange(parts):
+        q = np.zeros((M.shape[1], 3))
+        for k in range(b * rows // parts, (b + 1) * rows // parts):
+            if relative:
+                _seen_nodes(q, k, camera, camera_weights, F, M)
+            for e in range(indptr[k], indptr[k + 1]):
+                for c in range(3):
+                    rest = weights[e, c] - _at(q, indices[e], c, projector, projector_weights, G)
+                    keep[e] |= rest * columns > limit * F[k, c]
+    return keep
+
+
+@numba.njit(parallel=True, cache=True)
+def explained(  # type: ignore[no-untyped-def]
+    indptr, indices, F, G, M, camera, camera_weights, projector, projector_weights
+):
+    """The model at entries, (entries, 3)."""
+    found = np.zeros((indices.size, 3))
+    rows, parts = indptr.size - 1, _parts(G.shape[0])
+    for b in numba.prange(parts):
+        q = np.zeros((M.shape[1], 3))
+        for k in range(b * rows // parts, (b + 1) * rows // parts):
+            _seen_nodes(q, k, camera, camera_weights, F, M)
+            for e in range(indptr[k], indptr[k + 1]):
+                for c in range(3):
+                    found[e, c] = _at(q, indices[e], c, projector, projector_weights, G)
+    return found
+
+
+@numba.njit(parallel=True, cache=True)
+def residual_and_back(indptr, indices, weights, pictures, offset, counted):  # type: ignore[no-untyped-def]
+    """r = T p + offset, 0 where not counted, and Tᵀ r, of Q pictures at once: (rows, 3, Q) and (n, 3, Q)."""
+    rows, columns, count = indptr.size - 1, pictures.shape[0], pictures.shape[2]
+    parts = _parts(columns)
+    residual, back = np.zeros((rows, 3, count)), np.zeros((parts, columns, 3, count))
+    for b in numba.prange(parts):
+        for k in range(b * rows // parts, (b + 1) * rows // parts):
+            if not counted[k]:
+                continue
+            r = residual[k]
+            r[:] = offset[k]
+            for e in range(indptr[k], indptr[k + 1]):
+                for c in range(3):
+                    for u in range(count):
+                        r[c, u] += weights[e, c] * pictures[indices[e], c, u]
+            for e in range(indptr[k], indptr[k + 1]):
+                for c in range(3):
+                    for u in range(count):
+                        back[b, indices[e], c, u] += weights[e, c] * r[c, u]
+    return residual, back.sum(axis=0)
+
+
+def operands(rows: SparseRows) -> tuple[NDArray[np.int64], NDArray[np.int32], FloatArray]:
+    """As the loops take them."""
+    return (
+        rows.indptr.astype(np.int64, copy=False),
+        rows.indices.astype(np.int32, copy=False),
+        np.ascontiguousarray(rows.weights),
+    )
