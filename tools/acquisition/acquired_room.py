@@ -32,8 +32,8 @@ class Plan:
     """What to acquire.
 
     scheme : its name, for the records.  projector : (height, width).  options : what else decides which pattern comes
-    next.  response : of the projector, None for the measured one.  tolerance : dB that pictures may lose where a dense T
-    is factored, 0 for T as it is.
+    next.  response : of the projector, None for the measured one.  tolerance : dB that pictures may lose where a
+    dense T is factored, 0 for T as it is.
     """
 
     scheme: str
