@@ -16,6 +16,7 @@ from counterlight.media.audio import open_audio
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.placement import read_placement
+from counterlight.pipeline.refinement import STEPS_OF_A_STILL
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room, read_room
 from counterlight.show.control import ControlServer
@@ -117,6 +118,12 @@ def _steps(options: argparse.Namespace, room: Room) -> Steps:
     return steps
 
 
+def _steps_into_file(options: argparse.Namespace, room: Room, *, still: bool) -> int:
+    """A still picture in a file has time for more than a frame of film in a window."""
+    usual = _steps(options, room)
+    return int(STEPS_OF_A_STILL if still and usual and options.refine is None else usual)
+
+
 def _render(options: argparse.Namespace, room: Room, adjustments: Adjustments) -> Stats:
     medium = one_medium(options)
     with MediaReader.open(medium, loop=options.loop, frames_per_second=options.fps) as reader:
@@ -150,7 +157,7 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
             compensate=options.compensation,
             frames=options.frames,
             white=room.white,
-            steps=int(_steps(options, room)),
+            steps=_steps_into_file(options, room, still=reader.info.still),
         )
     quality = stats.facts.get("camera_psnr_db")
     print(f"{options.output}: {stats.frames} frames" + (f", camera PSNR {quality:.1f} dB" if quality else ""))

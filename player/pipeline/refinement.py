@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 STARTS = ("previous", "previous-direct", "map", "direct", "grey")
 DEFAULT_STEPS, STEPS_WITHOUT_MAP = 4, 8
+STEPS_OF_A_STILL = 64  # where no frame is waited for
 DEAR_MAP = 5.0  # a T⁺ b that takes as long as so many steps is better left for more steps (docs/refinement.md)
 GREY = 0.5
 OVER_RELAXATION = 0.6
