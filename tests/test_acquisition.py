@@ -34,7 +34,7 @@ from counterlight.tools.acquisition.cameras.simulated import (
     SimulatedRoom,
     simulated_room,
 )
-from counterlight.tools.acquisition.plan import Pattern, Reference, measure_noise
+from counterlight.tools.acquisition.plan import Picture, Reference, measure_noise
 from counterlight.tools.acquisition.schemes.baselines import GrayCodeScheme
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
@@ -274,11 +274,11 @@ class Spoilt:
     def exposures(self) -> Exposures:
         return self._camera.exposures
 
-    def prepare(self, first: int, patterns: Sequence[Pattern], missing: Sequence[int]) -> None:
+    def prepare(self, first: int, patterns: Sequence[Picture], missing: Sequence[int]) -> None:
         pass
 
-    def capture(self, number: int, pattern: Pattern) -> tuple[Shot, ...]:
-        shots = self._camera.capture(number, pattern)
+    def capture(self, number: int, picture: Picture) -> tuple[Shot, ...]:
+        shots = self._camera.capture(number, picture)
         return tuple(map(self._spoil, shots)) if number in self._numbers else shots
 
 

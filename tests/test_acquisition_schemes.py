@@ -296,7 +296,7 @@ def test_shots_of_one_exposure_follow_each_other_without_a_wait(rng: np.random.G
     settings = replace(NOISY, exposures=(1.0, 1.0, 1.0, 0.5, 0.5), lag=2)
     eye = CountingEye(room_of(sharp_wall(rng)), settings)
     camera = LiveCamera(MemoryScreen(PROJECTOR), eye, Exposures(settings.exposures), lag=2)
-    shots = camera.capture_codes(0, np.full((*PROJECTOR, 3), 255, np.uint8))
+    shots = camera.capture(0, np.full((*PROJECTOR, 3), 255, np.uint8))
     assert (len(shots), eye.exposed, eye.passed) == (5, [1.0, 0.5], 4)
 
 

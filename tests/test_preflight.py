@@ -13,7 +13,7 @@ from scipy import sparse
 
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.cameras.camera import Shot
-from counterlight.tools.acquisition.cameras.live import Codes
+from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.acquisition.cameras.simulated import SimulatedCamera, SimulatedRoom
 from counterlight.tools.acquisition.cameras.tethered import open_tethered_eye, shutter_time
 from counterlight.tools.acquisition.cameras.video import VideoEye

@@ -16,6 +16,8 @@ from counterlight.arrays import FloatArray
 from counterlight.tools.transport.transport import Transport
 
 Pattern: TypeAlias = NDArray[np.bool_]  # (projector height, projector width), lit or dark: no response can bend it
+Codes: TypeAlias = NDArray[np.uint8]  # (projector height, projector width, 3), code values as the projector gets them
+Picture: TypeAlias = Pattern | Codes  # what a level shows
 MAD_TO_SIGMA = 1.4826  # of a normal distribution
 
 
@@ -54,6 +56,11 @@ class Reference:
         """T·1 as measured: (camera pixels, 3)."""
         return (self.floodlight - self.black).reshape(-1, 3)
 
+    @property
+    def rise_noise(self) -> FloatArray:
+        """Standard deviation of `light` where it is faint, (3,): of the difference of two means."""
+        return np.asarray(self.noise.dark * np.sqrt(2 / self.repeats))
+
     def above_black(self, capture: NDArray[np.floating]) -> FloatArray:
         """T p of a capture (camera height, camera width, 3): (camera pixels, 3)."""
         return (capture - self.black).reshape(-1, 3)
@@ -63,13 +70,13 @@ class Reference:
 class Level:
     """Patterns that need nothing of each other's captures.
 
-    patterns : lazily made.  further : how many levels may still come.
+    patterns : lazily made; a scheme's are black and white.  further : how many levels may still come.
     cover : how often the patterns together light each projector pixel that a camera pixel sees, 0 if not evenly. Then
     their captures must add up to as many floodlit rooms.
     """
 
     name: str
-    patterns: Sequence[Pattern]
+    patterns: Sequence[Picture]
     further: int
     cover: int = 0
 
@@ -87,28 +94,35 @@ Scheme: TypeAlias = Generator[Level, Captures, Measured]
 MakeScheme: TypeAlias = Callable[[Reference, tuple[int, int]], Scheme]  # the projector's (height, width)
 
 
-class LazyPatterns(Sequence[Pattern]):
+class LazyPatterns(Sequence[Picture]):
     """Patterns that are painted when they are shown: a whole level of them would not fit into memory."""
 
-    def __init__(self, count: int, paint: Callable[[int], Pattern]) -> None:
+    def __init__(self, count: int, paint: Callable[[int], Picture]) -> None:
         self._count, self._paint = count, paint
 
     def __len__(self) -> int:
         return self._count
 
     @overload
-    def __getitem__(self, index: int) -> Pattern: ...
+    def __getitem__(self, index: int) -> Picture: ...
     @overload
-    def __getitem__(self, index: slice) -> Sequence[Pattern]: ...
-    def __getitem__(self, index: int | slice) -> Pattern | Sequence[Pattern]:
+    def __getitem__(self, index: slice) -> Sequence[Picture]: ...
+    def __getitem__(self, index: int | slice) -> Picture | Sequence[Picture]:
         if isinstance(index, slice):
             return [self._paint(i) for i in range(*index.indices(self._count))]
         if not 0 <= index < self._count:
             raise IndexError(index)
         return self._paint(index)
 
-    def __iter__(self) -> Iterator[Pattern]:
+    def __iter__(self) -> Iterator[Picture]:
         return (self._paint(i) for i in range(self._count))
+
+
+def codes_of(picture: Picture) -> Codes:
+    """A picture as code values: a pattern in black and white, codes as they are."""
+    if picture.ndim == 3:
+        return picture.astype(np.uint8, copy=False)
+    return np.repeat(picture[..., None].astype(np.uint8) * np.uint8(255), 3, axis=2)
 
 
 def measure_noise(black: Sequence[FloatArray], floodlight: Sequence[FloatArray]) -> Noise:

@@ -13,7 +13,8 @@ import numpy as np
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.cameras.camera import Shot
-from counterlight.tools.acquisition.cameras.live import Codes, LiveCamera, codes_of
+from counterlight.tools.acquisition.cameras.live import LiveCamera
+from counterlight.tools.acquisition.plan import Codes, codes_of
 
 Grade = Literal["good", "doubtful", "bad"]
 SETTLED = 30  # frames after which a picture has surely arrived, and an automatic exposure has surely acted
@@ -80,7 +81,7 @@ class _Rig:
         usual, self.camera.lag = self.camera.lag, self.camera.lag if wait is None else wait
         try:
             self._number += 1
-            return self.camera.capture_codes(self._number, self.picture(level))
+            return self.camera.capture(self._number, self.picture(level))
         finally:
             self.camera.lag = usual
 

@@ -17,9 +17,9 @@ from counterlight.maps.room_maps import read_maps
 from counterlight.pipeline import reference
 from counterlight.pipeline.content import camera_psnr, reachable_white
 from counterlight.pipeline.operators import compensation
-from counterlight.tools.acquisition.cameras.live import Codes, LiveCamera
+from counterlight.tools.acquisition.cameras.live import LiveCamera
 from counterlight.tools.acquisition.movement import refuse_moved
-from counterlight.tools.acquisition.plan import measure_noise
+from counterlight.tools.acquisition.plan import Codes, measure_noise
 from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.storage import read_transport
 
@@ -90,7 +90,7 @@ class Verification:
     def _capture(self, codes: Codes, repeats: int) -> FloatArray:
         total = np.zeros((*self._room.camera.shape, 3))
         for _ in range(repeats):
-            shots = self._camera.capture_codes(self._captures, codes)
+            shots = self._camera.capture(self._captures, codes)
             self._captures += 1
             seen = self._camera.exposures.radiance(shots)
             if seen.shape != total.shape:

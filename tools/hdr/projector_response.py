@@ -17,6 +17,8 @@ from counterlight.response import Response
 from counterlight.tools.hdr.response_table import NODES, table_response
 
 LEAST_LEVELS = 5
+FOLLOWED = 0.01, 0.99  # of white: the readings that tell a curve's exponent; below is noise
+EXPONENTS = 0.4, 4.0
 
 
 @dataclass(frozen=True)
@@ -25,11 +27,13 @@ class ProjectorResponse:
 
     black_level : (channels,), light at code 0 as a fraction of light at full code.
     pooled : the largest change, as a fraction of white, that made the readings rise.
+    gammas : (channels,), the exponents that come closest.
     """
 
     response: Response
     black_level: tuple[float, ...]
     pooled: float
+    gammas: tuple[float, ...]
 
     def __str__(self) -> str:
         blacks = ", ".join(f"{level:.2%}" for level in self.black_level)
@@ -41,8 +45,9 @@ def fit_projector_response(
 ) -> ProjectorResponse:
     """Fit a rising curve a channel: (L(v) − L(0)) / (L(1) − L(0)).
 
-    Readings are pooled where noise makes them fall (isotonic regression, the closest rising sequence), and joined by
-    monotone cubics (Fritsch and Carlson 1980), so that no gamma and no polynomial is assumed.
+    Readings are pooled where noise makes them fall (isotonic regression, the closest rising sequence), and their γ-th
+    roots are joined by monotone cubics (Fritsch and Carlson 1980), γ being the curve's own median exponent: near black,
+    where a curve is steep, its root is straight. No gamma and no polynomial is assumed of its form.
 
     levels : (readings,), code values 0..1 with 0 and 1 among them, in any order; a level's readings are averaged.
     readings : (readings, 1 or 3), linear light.  counts : (readings,), how many measurements each stands for.
@@ -58,13 +63,30 @@ def fit_projector_response(
         raise InputError("grey ramp: white is no brighter than black; check the order of the levels")
     relative = (light - black) / (white - black)
     rising = np.stack([_rising(column, mass) for column in relative.T], axis=1)
-    table = np.clip(PchipInterpolator(codes, rising)(np.linspace(0, 1, NODES)), 0, 1)
-    table[[0, -1]] = rising[[0, -1]]
+    gammas = [_exponent(codes, column) for column in rising.T]
+    table = np.stack([_joined(codes, *each) for each in zip(rising.T, gammas, strict=True)], axis=1)
     return ProjectorResponse(
         table_response(table),
         tuple(float(v) for v in black / white),
         float(np.abs(rising - relative).max()),
+        tuple(gammas),
     )
+
+
+def _exponent(codes: FloatArray, rising: FloatArray) -> float:
+    """The median of log light / log code, 1 where no reading tells."""
+    told = (codes > 0) & (codes < 1) & (rising > FOLLOWED[0]) & (rising < FOLLOWED[1])
+    if not told.any():
+        return 1.0
+    return float(np.clip(np.median(np.log(rising[told]) / np.log(codes[told])), *EXPONENTS))
+
+
+def _joined(codes: FloatArray, rising: FloatArray, gamma: float) -> FloatArray:
+    """The curve at equally spaced codes: (NODES,)."""
+    roots = PchipInterpolator(codes, rising ** (1 / gamma))(np.linspace(0, 1, NODES))
+    curve = np.clip(roots, 0, 1) ** gamma
+    curve[[0, -1]] = rising[[0, -1]]
+    return np.asarray(curve)
 
 
 def _rising(relative: FloatArray, mass: FloatArray) -> FloatArray:

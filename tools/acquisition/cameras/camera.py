@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.response import Response
-from counterlight.tools.acquisition.plan import Pattern
+from counterlight.tools.acquisition.plan import Picture
 from counterlight.tools.hdr.camera_response import exposure_table
 from counterlight.tools.hdr.estimators import Estimator, make_estimator
 from counterlight.tools.hdr.sums import CpuSums
@@ -35,11 +35,11 @@ class Camera(Protocol):
     def name(self) -> str: ...
     @property
     def exposures(self) -> "Exposures": ...
-    def prepare(self, first: int, patterns: Sequence[Pattern], missing: Sequence[int]) -> None:
+    def prepare(self, first: int, patterns: Sequence[Picture], missing: Sequence[int]) -> None:
         """A level begins: its patterns have the numbers first, first + 1, …, of which `missing` will be asked for."""
 
-    def capture(self, number: int, pattern: Pattern) -> tuple[Shot, ...]:
-        """Show a pattern and photograph it, once for each exposure."""
+    def capture(self, number: int, picture: Picture) -> tuple[Shot, ...]:
+        """Show a picture and photograph it, once for each exposure."""
 
 
 @dataclass(frozen=True)

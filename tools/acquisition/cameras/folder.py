@@ -1,6 +1,6 @@
 """A camera that is any other program: patterns are written to a folder, captures are read from it, level by level.
 
-FOLDER/patterns/00012.png    what to show: 8-bit, white and black, the projector's size
+FOLDER/patterns/00012.png    what to show: 8-bit, the projector's size; white and black, or RGB where it has greys or colours
 FOLDER/captures/00012.png    what was seen (or .jpg); with a bracket 00012_0.png, 00012_1.png …
 FOLDER/acquisition.toml      which acquisition they are of: none takes another one's captures for its own
 """
@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from counterlight.errors import InputError
 from counterlight.files.manifest import write_toml
@@ -18,7 +19,7 @@ from counterlight.files.picture_files import SUFFIXES, read_picture
 from counterlight.files.png import encode_png
 from counterlight.files.reading import read_toml
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
-from counterlight.tools.acquisition.plan import Pattern
+from counterlight.tools.acquisition.plan import Picture
 from counterlight.writing.replacing import filling_folder, replacing_file
 
 ACQUISITION = "acquisition.toml"
@@ -61,14 +62,14 @@ class FolderCamera:
         with replacing_file(path) as temporary:
             write_toml(temporary, {"id": acquisition})
 
-    def prepare(self, first: int, patterns: Sequence[Pattern], missing: Sequence[int]) -> None:
+    def prepare(self, first: int, patterns: Sequence[Picture], missing: Sequence[int]) -> None:
         """Write the patterns; InputError naming the captures that are not there, or that belong to no pattern."""
         shown, seen = self._make_folders()
         with filling_folder(shown) as put:
             for number in missing:
                 path = shown / f"{number:05}.png"
                 if not path.exists():
-                    put(path, encode_png(patterns[number - first].astype(np.uint8) * 255))
+                    put(path, encode_png(_stored(patterns[number - first])))
         if missing:  # otherwise captures of later levels may be there, from an earlier run
             self._refuse_strangers(seen, first + len(patterns))
         deadline = time.monotonic() + self._wait_s
@@ -77,7 +78,7 @@ class FolderCamera:
                 raise InputError(_waiting(seen, absent))
             time.sleep(POLL_S)
 
-    def capture(self, number: int, pattern: Pattern) -> tuple[Shot, ...]:
+    def capture(self, number: int, picture: Picture) -> tuple[Shot, ...]:
         paths = [(stem, self._find(stem)) for stem in self._stems(number)]
         return tuple(read_picture(path or self._folder / "captures" / f"{stem}.png") for stem, path in paths)
 
@@ -111,6 +112,11 @@ class FolderCamera:
                     f"{path}: belongs to no pattern, expected {self._stems(0)[0]}.png to "
                     f"{self._stems(end - 1)[-1]}.png so far; move it out of the folder, or check --exposures"
                 )
+
+
+def _stored(picture: Picture) -> NDArray[np.uint8]:
+    """Grey for what is black and white: (height, width); or (height, width, 3)."""
+    return picture.astype(np.uint8) * np.uint8(255) if picture.dtype == np.bool_ else picture.astype(np.uint8)
 
 
 def _pictures(folder: Path) -> Iterator[Path]:

@@ -3,13 +3,8 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
-from counterlight.tools.acquisition.plan import Pattern
-
-Codes = NDArray[np.uint8]  # (projector height, projector width, 3), code values as the projector gets them
+from counterlight.tools.acquisition.plan import Codes, Picture, codes_of
 
 
 class Screen(Protocol):
@@ -66,15 +61,12 @@ class LiveCamera:
     def exposures(self) -> Exposures:
         return self._exposures
 
-    def prepare(self, first: int, patterns: Sequence[Pattern], missing: Sequence[int]) -> None:
+    def prepare(self, first: int, patterns: Sequence[Picture], missing: Sequence[int]) -> None:
         """Nothing to do: patterns are shown when they are captured."""
 
-    def capture(self, number: int, pattern: Pattern) -> tuple[Shot, ...]:
-        return self.capture_codes(number, codes_of(pattern))
-
-    def capture_codes(self, number: int, codes: Codes) -> tuple[Shot, ...]:
-        """Show any picture and take a bracket of it; shots of one exposure follow each other without a wait."""
-        self.screen.show(codes)
+    def capture(self, number: int, picture: Picture) -> tuple[Shot, ...]:
+        """Show a picture and take a bracket of it; shots of one exposure follow each other without a wait."""
+        self.screen.show(codes_of(picture))
         self.eye.begin(number)
         shots, exposed = list[Shot](), 0.0
         for time in self._exposures.times:
@@ -88,8 +80,3 @@ class LiveCamera:
     def wait(self, frames: int) -> None:
         for _ in range(frames):
             self.eye.skip()
-
-
-def codes_of(pattern: Pattern) -> Codes:
-    """A pattern as black and white."""
-    return np.repeat(pattern[..., None].astype(np.uint8) * np.uint8(255), 3, axis=2)

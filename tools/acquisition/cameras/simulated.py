@@ -13,7 +13,8 @@ from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Exposures, Shot
-from counterlight.tools.acquisition.cameras.live import Codes, LiveCamera, Screen
+from counterlight.tools.acquisition.cameras.live import LiveCamera, Screen
+from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.choices import MOST_LAG
 from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.simulation.effects.capture_noise import capture

@@ -9,7 +9,7 @@ from PIL import ImageGrab
 from counterlight.errors import InputError
 from counterlight.gl.monitors import Monitor, find_monitor, list_monitors
 from counterlight.gl.pattern_window import PatternWindow
-from counterlight.tools.acquisition.cameras.live import Codes
+from counterlight.tools.acquisition.plan import Codes
 
 
 class WindowScreen:
