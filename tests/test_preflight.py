@@ -13,11 +13,11 @@ from scipy import sparse
 
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.cameras.camera import Shot
-from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.acquisition.cameras.simulated import SimulatedCamera, SimulatedRoom
 from counterlight.tools.acquisition.cameras.tethered import open_tethered_eye, shutter_time
 from counterlight.tools.acquisition.cameras.video import VideoEye
 from counterlight.tools.acquisition.cameras.window import projector_monitor
+from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.acquisition.preflight import CHECKS, Finding, preflight
 from counterlight.tools.transport.transport import Transport
 from tests.acquired_rooms import CAMERA, NOISY, PROJECTOR, SHAPE, room_of, sharp_wall

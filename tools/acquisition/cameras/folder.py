@@ -1,6 +1,6 @@
 """A camera that is any other program: patterns are written to a folder, captures are read from it, level by level.
 
-FOLDER/patterns/00012.png    what to show: 8-bit, the projector's size; white and black, or RGB where it has greys or colours
+FOLDER/patterns/00012.png    what to show: 8-bit, the projector's size; RGB where it is not black and white
 FOLDER/captures/00012.png    what was seen (or .jpg); with a bracket 00012_0.png, 00012_1.png …
 FOLDER/acquisition.toml      which acquisition they are of: none takes another one's captures for its own
 """
