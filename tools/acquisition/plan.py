@@ -7,7 +7,7 @@ again it asks for the same patterns, which is what makes an acquisition resumabl
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias, overload
+from typing import TypeAlias, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from counterlight.tools.transport.transport import Transport
 Pattern: TypeAlias = NDArray[np.bool_]  # (projector height, projector width), lit or dark: no response can bend it
 Codes: TypeAlias = NDArray[np.uint8]  # (projector height, projector width, 3), code values as the projector gets them
 Picture: TypeAlias = Pattern | Codes  # what a level shows
+Painted = TypeVar("Painted", bound=Picture, covariant=True)
 MAD_TO_SIGMA = 1.4826  # of a normal distribution
 
 
@@ -94,27 +95,27 @@ Scheme: TypeAlias = Generator[Level, Captures, Measured]
 MakeScheme: TypeAlias = Callable[[Reference, tuple[int, int]], Scheme]  # the projector's (height, width)
 
 
-class LazyPatterns(Sequence[Picture]):
+class LazyPatterns(Sequence[Painted]):
     """Patterns that are painted when they are shown: a whole level of them would not fit into memory."""
 
-    def __init__(self, count: int, paint: Callable[[int], Picture]) -> None:
+    def __init__(self, count: int, paint: Callable[[int], Painted]) -> None:
         self._count, self._paint = count, paint
 
     def __len__(self) -> int:
         return self._count
 
     @overload
-    def __getitem__(self, index: int) -> Picture: ...
+    def __getitem__(self, index: int) -> Painted: ...
     @overload
-    def __getitem__(self, index: slice) -> Sequence[Picture]: ...
-    def __getitem__(self, index: int | slice) -> Picture | Sequence[Picture]:
+    def __getitem__(self, index: slice) -> Sequence[Painted]: ...
+    def __getitem__(self, index: int | slice) -> Painted | Sequence[Painted]:
         if isinstance(index, slice):
             return [self._paint(i) for i in range(*index.indices(self._count))]
         if not 0 <= index < self._count:
             raise IndexError(index)
         return self._paint(index)
 
-    def __iter__(self) -> Iterator[Picture]:
+    def __iter__(self) -> Iterator[Painted]:
         return (self._paint(i) for i in range(self._count))
 
 

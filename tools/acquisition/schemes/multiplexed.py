@@ -20,7 +20,7 @@ from scipy.special import ndtri
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.pipeline.colour import LUMINANCE
-from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Reference, Scheme
+from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Pattern, Reference, Scheme
 from counterlight.tools.acquisition.schemes.blocks import (
     BlockGrid,
     BlockLight,
@@ -89,7 +89,7 @@ class Tile:
         return code_length(self.side**2)
 
     @property
-    def patterns(self) -> LazyPatterns:
+    def patterns(self) -> LazyPatterns[Pattern]:
         height, width = self.projector
         number = np.arange(height)[:, None] % self.side * self.side + np.arange(width) % self.side
         lit = s_matrix(self.code)
@@ -145,7 +145,7 @@ class CodedBlocks:
         return code_length(self.grid.count)
 
     @property
-    def patterns(self) -> LazyPatterns:
+    def patterns(self) -> LazyPatterns[Pattern]:
         lit = s_matrix(self.code)[:, : self.grid.count]
         return LazyPatterns(self.code, lambda i: self.grid.paint(np.flatnonzero(lit[i])))
 
