@@ -13,6 +13,7 @@ from counterlight.pipeline.adjustments import NEUTRAL, Adjustments, adjusted_dec
 from counterlight.pipeline.colour import decoding_of
 from counterlight.pipeline.content import Succession, approach
 from counterlight.pipeline.device import LONG_BYTES, NearLight, PathReport
+from counterlight.pipeline.drift import moved
 from counterlight.pipeline.reference import Limits, PreparedRows
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.pipeline.renderer import Renderer
@@ -33,6 +34,7 @@ TWINS: dict[str, Callable[..., FloatArray]] = {
     "error_map.frag": lambda seen, b, ambient, reach, white, **_: reference.error_map(seen, ambient, b, reach, white),
     "gap.frag": reference.gap_terms,
     "impossible.frag": lambda reach, white, **_: reference.impossible(reach, white),
+    "moved.frag": moved,
     "pinned.frag": lambda source, to_source, target: reference.pinned(source, target, np.reshape(to_source, (3, 3)).T),
     "reach.frag": reference.reach_of,
     "resample.frag": lambda source, axis, origin, extent, target: reference.resample_axis(
