@@ -86,6 +86,11 @@ class Drift:
         return any(each.changes for each in self.projectors)
 
     @property
+    def changes(self) -> bool:
+        """Whether anything is undone."""
+        return self.moves or self.ambient is not None
+
+    @property
     def dimming(self) -> float:
         """The least gain of all channels: what is left of the light that a white picture can ask for."""
         return float(min(each.gain.min() for each in self.projectors))
@@ -103,7 +108,7 @@ class Drift:
         arrived = np.zeros(drive.shape)
         for each, (left, _, width, height) in zip(self.projectors, regions, strict=True):
             part = slice(height), slice(left, left + width)
-            arrived[part] = each.gain * resampled(drive[part], np.linalg.inv(each.to_raster))
+            arrived[part] = resampled(drive[part], np.asarray(np.linalg.inv(each.to_raster), np.float64)) * each.gain
         return arrived
 
     def shown(self, drive: Light, regions: tuple[Region, ...]) -> Light:
@@ -145,7 +150,7 @@ def moved(drive: Light, projectors: Light) -> FloatArray:
 
 
 def resampled(picture: Light, N: FloatArray) -> FloatArray:
-    """p(N x) of every pixel x, as much of it as a pixel's share that falls on the picture: (height, width, channels)."""
+    """p(N x) of every pixel x, as much of it as its share that falls on the picture: (height, width, channels)."""
     height, width = picture.shape[:2]
     at, ahead = positions(N, (height, width))
     lands = ahead * np.clip(np.minimum(at, (width, height) - at) + 0.5, 0, 1).prod(axis=2)

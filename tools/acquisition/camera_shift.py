@@ -67,14 +67,15 @@ def _whole_shift(old: FloatArray, new: FloatArray) -> FloatArray:
 
 def _descend(old: FloatArray, new: FloatArray, counts: BoolArray, d: FloatArray) -> tuple[FloatArray, float, float]:
     """d, its cost and standard deviation."""
-    spread = np.eye(2)
-    slopes = np.stack(np.gradient(old)[::-1], axis=2)
+    spread: FloatArray = np.eye(2)
+    down, right = np.gradient(old)
+    slopes = np.stack([right, down], axis=2)
     for _ in range(STEPS):
         residual, at = _residual(old, new, counts, d)
         scale = max(float(MAD_TO_SIGMA * np.median(np.abs(residual))), 1e-9)
         weights = 1 / (1 + (residual / (CAUCHY * scale)) ** 2)
         J = sampled(slopes, at)
-        inverse = np.linalg.pinv(J.T @ (weights[:, None] * J), hermitian=True)
+        inverse = np.asarray(np.linalg.pinv(J.T @ (weights[:, None] * J), hermitian=True))
         step = np.clip(inverse @ (J.T @ (weights * residual)), -1, 1)
         d, spread = d + step, scale**2 * inverse
         if np.abs(step).max() < STILL:

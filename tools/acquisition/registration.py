@@ -36,14 +36,15 @@ class Registration:
     """Where the picture is.
 
     moved : with the gain of each channel.  unsure : standard deviation of its corners, projector pixels.
-    unknowns : of STAGES.  residual : of the picture's light, relative, by noise alone 1; before : had nothing moved.
+    unknowns : of STAGES.  residual : robust deviation of what is seen, in what was expected of noise and T.
+    agreement : correlation of predicted and seen, each relative to the floodlight: low where no such picture stands.
     """
 
     moved: Moved
     unsure: float
     unknowns: int
     residual: float
-    before: float
+    agreement: float
 
 
 def random_field(shape: tuple[int, int], seed: int = 0) -> FloatArray:
@@ -76,15 +77,15 @@ class Registrar:
     def find(self, drive: FloatArray, seen: FloatArray, noise: Noise) -> Registration:
         """drive : (height, width, 3), what the region shows.  seen : (camera pixels, 3), above black, of that alone."""
         problem = _Problem(self, drive, seen[self._rows], noise)
-        before = problem.at(np.zeros(8))
         best = problem.descend(self._whole_shift(drive, luminance(seen)[self._rows]), STAGES[0])
         for unknowns in STAGES[1:]:
             found = problem.descend(best.theta, unknowns)
             worth = (best.cost - found.cost) / found.scale**2 > WORTH * (unknowns - best.unknowns)
             if worth and found.unsure < MOST_UNSURE:
                 best = found
-        moved = Moved(np.linalg.inv(_matrix(best.theta, self._shape)), best.gain)
-        return Registration(moved, best.unsure, best.unknowns, best.scale, before.scale)
+        N = np.linalg.inv(_matrix(best.theta, self._shape))
+        moved = Moved(np.asarray(N / N[2, 2]), best.gain)
+        return Registration(moved, best.unsure, best.unknowns, best.scale, problem.agreement(best.theta))
 
     def predicted(self, shown: FloatArray) -> FloatArray:
         """What the pixels asked see of a region's light (height, width, 3): (pixels, 3)."""
@@ -141,14 +142,15 @@ class _Problem:
         self._slopes = np.stack(np.gradient(picture)[::-1], axis=2)
         self._u = _normal(self._shape)
 
-    def at(self, theta: FloatArray) -> _Fit:
-        """How well a homography explains what is seen."""
-        residual, gain = self._residual(theta)
-        return self._fit(theta, gain, residual, np.inf, 0)
+    def agreement(self, theta: FloatArray) -> float:
+        """Of what is predicted with what is seen."""
+        seen = self._light / self._registrar.flood
+        predicted = seen - self._residual(theta)[0] * self._sigma / self._registrar.flood
+        return float(np.nan_to_num(np.corrcoef(seen, predicted)[0, 1]))
 
     def descend(self, theta: FloatArray, unknowns: int) -> _Fit:
         """From θ to the best within so many unknowns."""
-        spread = np.eye(unknowns)
+        spread: FloatArray = np.eye(unknowns)
         for _ in range(STEPS):
             residual, gain = self._residual(theta)
             J = self._jacobian(theta, unknowns) * float(LUMINANCE @ gain)
@@ -156,7 +158,7 @@ class _Problem:
             scale = _scale(residual)
             weights = 1 / (1 + (residual / (CAUCHY * scale)) ** 2)
             J = np.column_stack([J, (self._light - residual * self._sigma) / self._sigma])  # the gain, beside
-            spread = np.linalg.pinv(J.T @ (weights[:, None] * J), hermitian=True)
+            spread = np.asarray(np.linalg.pinv(J.T @ (weights[:, None] * J), hermitian=True))
             step = (spread @ (J.T @ (weights * residual)))[:unknowns]
             theta = theta.copy()
             theta[:unknowns] += step

@@ -11,20 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from counterlight.arrays import FloatArray
-from counterlight.calibration import Calibration, StoredCalibration
-from counterlight.errors import InputError
+from counterlight.calibration import StoredCalibration
 from counterlight.maps.room_maps import read_maps
 from counterlight.pipeline import reference
 from counterlight.pipeline.content import camera_psnr, reachable_white
+from counterlight.pipeline.drift import Drift
 from counterlight.pipeline.operators import compensation
-from counterlight.tools.acquisition.cameras.live import LiveCamera
-from counterlight.tools.acquisition.movement import refuse_moved
-from counterlight.tools.acquisition.plan import Codes, measure_noise
+from counterlight.tools.acquisition.photographer import Photographer
+from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.solve.registry import prepare
-from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.transport import Transport
 
-REFERENCES = 2  # captures of black and of white each
-AGAIN = "put them back, or acquire again"
+MUCH_WORSE = 3.0  # dB: a capture so far below its prediction is worth a word
 
 
 @dataclass(frozen=True)
@@ -48,70 +46,65 @@ class Verified:
             f"capture agrees with the prediction to {self.model_psnr:.2f} dB"
         )
 
+    @property
+    def verdict(self) -> str:
+        """What a person is to make of it."""
+        short = self.predicted_psnr - self.measured_psnr
+        if short < MUCH_WORSE:
+            return f"the picture arrives as predicted, {self.measured_psnr:.1f} dB"
+        return (
+            f"the picture arrives {short:.1f} dB worse than predicted: focus, response or colours are not as the "
+            "calibration has them; measure them, or acquire again"
+        )
+
 
 class Verification:
     """A picture in a calibrated room.
 
-    picture : (camera height, camera width, 3), linear 0..1, or the desired radiance itself.  repeats : captures of
-    each round, averaged.
+    transport : the stored calibration's.  drift : what is undone.
+    picture : (camera height, camera width, 3), linear 0..1, or the desired radiance itself.
     """
 
     def __init__(
-        self, camera: LiveCamera, stored: StoredCalibration, picture: FloatArray, *, radiance: bool, solver: str
+        self,
+        photographer: Photographer,
+        stored: StoredCalibration,
+        transport: Transport,
+        drift: Drift,
+        picture: FloatArray,
+        *,
+        radiance: bool,
+        solver: str,
     ) -> None:
-        self._camera, self._room, self._solver = camera, stored.calibration, solver
-        self._transport = read_transport(stored)
+        self._photographer, self._room, self._drift = photographer, stored.calibration, drift
+        self._transport = transport
+        self._ambient = self._room.ambient if drift.ambient is None else drift.ambient
         self._box = prepare("box", self._transport, self._room.mask)
         self._T_pinv = compensation(read_maps(stored)) if solver == "map" else None
-        self._flood = self._transport.floodlight(self._room.ambient)
-        self.white = reachable_white(self._flood, self._room.mask)
+        flood = self._transport.floodlight(self._room.ambient)
+        self.white = reachable_white(flood, self._room.mask) * drift.dimming
         self.desired: FloatArray = picture if radiance else picture * self.white
-        self._captures = 0
 
     def run(self, rounds: int, repeats: int) -> Iterator[Verified]:
-        """The plain compensation, and then `rounds` of feedback. InputError if the room is another one."""
-        self._refuse_other_room()
+        """The plain compensation, and then `rounds` of feedback.  repeats : captures of each, averaged."""
         target = self.desired
         for index in range(rounds + 1):
             codes = self._codes(target)
-            predicted = self._transport.apply(_drive(codes, self._room)) + self._room.ambient
-            captured = self._capture(codes, repeats)
+            predicted = self._transport.apply(self._arriving(codes)) + self._ambient
+            captured = self._photographer.mean(codes, repeats)
             pairs = (self.desired, predicted), (self.desired, captured), (predicted, captured)
             figures = [camera_psnr(wanted, seen, self._room.mask, self.white) for wanted, seen in pairs]
             yield Verified(index, figures[0], figures[1], figures[2], codes, predicted, captured)
             target = self.desired - (captured - predicted)
 
     def _codes(self, target: FloatArray) -> Codes:
-        light = target - self._room.ambient
+        light = target - self._ambient
         drive = self._box.solve(light).drive if self._T_pinv is None else self._T_pinv.apply(light)
         drive = np.clip(drive, 0, 1).reshape(*self._room.projector.shape, 3)
-        return reference.encode(drive, self._room.projector.response.inverse_table())
+        shown = self._drift.shown(drive, self._room.regions)
+        return reference.encode(shown, self._room.projector.response.inverse_table())
 
-    def _capture(self, codes: Codes, repeats: int) -> FloatArray:
-        total = np.zeros((*self._room.camera.shape, 3))
-        for _ in range(repeats):
-            shots = self._camera.capture(self._captures, codes)
-            self._captures += 1
-            seen = self._camera.exposures.radiance(shots)
-            if seen.shape != total.shape:
-                raise InputError(
-                    f"the camera gives {seen.shape[1]}x{seen.shape[0]}, the calibration was made with "
-                    f"{total.shape[1]}x{total.shape[0]}; set the camera to that size"
-                )
-            total += seen
-        return total / repeats
-
-    def _refuse_other_room(self) -> None:
-        shape = (*self._room.projector.shape, 3)
-        levels = [np.full(shape, level, np.uint8) for level in (0, 255)]
-        pictures = [[self._capture(codes, 1) for _ in range(REFERENCES)] for codes in levels]
-        noise = measure_noise(*pictures)
-        black, white = (np.mean(each, axis=0) for each in pictures)
-        mask = self._room.mask
-        before, after = (self._flood - self._room.ambient)[mask], (white - black)[mask]
-        refuse_moved(before, after, noise, 2 / REFERENCES, AGAIN)
-
-
-def _drive(codes: Codes, room: Calibration) -> FloatArray:
-    """What the projector makes of whole code values."""
-    return room.projector.response.to_linear(codes / 255.0)
+    def _arriving(self, codes: Codes) -> FloatArray:
+        """What the projector makes of whole code values, where it lands in the calibrated raster."""
+        drive = self._room.projector.response.to_linear(codes / 255.0)
+        return self._drift.landed(drive, self._room.regions) if self._drift.moves else drive
