@@ -150,6 +150,8 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
             white=room.white,
             steps=int(_steps(options, room)),
         )
+    if room.drifted is not None:
+        stats.facts["drift"] = room.drifted
     quality = stats.facts.get("camera_psnr_db")
     print(f"{options.output}: {stats.frames} frames" + (f", camera PSNR {quality:.1f} dB" if quality else ""))
     return stats

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration
@@ -30,6 +31,11 @@ class Room:
     dither: str = "ordered"
     start: str = "previous"
     drift: Drift | None = None
+
+    @property
+    def drifted(self) -> dict[str, Any] | None:
+        """For JSON, what the last check found; None if there was none."""
+        return None if self.drift is None else self.drift.to_dict(self.calibration.projectors)
 
     @property
     def default_steps(self) -> int:

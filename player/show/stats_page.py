@@ -61,6 +61,7 @@ def facts(session: Session) -> dict[str, Any]:
         "refine": session.steps,
         "gap": gap.get("relative_gap"),
         "gap_db": gap.get("below_optimum_db"),
+        "drift": session.room.drifted,
     }
 
 

@@ -5,6 +5,7 @@ Every call of a command is here.
 
 import json
 import re
+import shutil
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,6 +45,11 @@ def check(rig: Rig, folder: Path, *options: str, seed: int = 1) -> str:
     """One check of the room as it is now, with the rig's camera; returns what the command says."""
     exchange, room = folder / "check", folder / "room"
     return _photographed(rig, exchange, seed, folder / "check.log", "verify", room, *options)
+
+
+def forget(folder: Path) -> None:
+    """What a check has found is no longer undone."""
+    shutil.rmtree(folder / "room" / "drift", ignore_errors=True)
 
 
 def write_response(path: Path, table: list[list[float]]) -> Path:

@@ -28,6 +28,7 @@ STEPS, STILL = 15, 1e-4  # of one stage; where no corner moves by so many pixels
 CAUCHY = 2.385  # σ: 95 % as good as least squares where noise is normal (Holland and Welsch 1977)
 MOST_UNSURE = 0.05  # projector pixels: a stage whose corners are less sure is not taken
 WORTH = 4.0  # what a further unknown must explain, in what noise lets it explain by chance
+TELLS = 0.1  # of the brightest prediction: camera pixels whose median is a gain
 LIT, BRIGHT = 0.01, 99.0  # of that percentile of the floodlight: camera pixels that tell
 
 
@@ -177,8 +178,8 @@ class _Problem:
         """In σ, and each channel's gain."""
         M = _matrix(theta, self._shape)
         predicted = self._registrar.predicted(resampled(self._drive, M))
-        weight = 1 / self._sigma[:, None] ** 2
-        gain = np.sum(weight * predicted * self._seen, axis=0) / np.sum(weight * predicted**2, axis=0)
+        pairs = zip(self._seen.T, predicted.T, strict=True)
+        gain = np.array([_gain(*pair) for pair in pairs])
         return (self._light - luminance(gain * predicted)) / self._sigma, gain
 
     def _jacobian(self, theta: FloatArray, unknowns: int) -> FloatArray:
@@ -194,6 +195,12 @@ class _Problem:
         ]
         columns = np.stack(moves[:unknowns], axis=1) * (_half(self._shape) / w)[:, None]
         return np.asarray(self._registrar.near @ columns)
+
+
+def _gain(seen: FloatArray, predicted: FloatArray) -> float:
+    """The median, which somebody in the light does not change; 1 where there is none."""
+    told = predicted > TELLS * max(float(predicted.max()), 0.0)
+    return float(np.median(seen[told] / predicted[told])) if told.any() else 1.0
 
 
 def _scale(residual: FloatArray) -> float:

@@ -36,7 +36,7 @@ SURE = 5.0  # standard deviations
 OTHERWISE, MOST_OTHERWISE = 0.1, 0.03  # brighter or darker by more than that; so much of the view may be
 STILL = 0.03  # projector pixels: a picture that has moved by less has not
 DIMMED = 0.01  # change of light that is none
-ROOM_LIGHT = 0.001  # of the floodlight, likewise
+ROOM_LIGHT, SMOOTH = 0.001, 3.0  # of the floodlight, likewise, over so many camera pixels
 AGREED = 0.9  # a picture that agrees less was not found
 GAIN = 0.2, 5.0  # what can still be the same lamp
 
@@ -62,6 +62,8 @@ def check_room(photographer: Photographer, room: Calibration, transport: Transpo
     groups = [taken[start : start + REPEATS] for start in range(0, len(taken), REPEATS)]
     means = [np.mean(group, axis=0) for group in groups]
     noise = measure_noise(groups[0], groups[1])
+    if not (room.mask & ~photographer.saturated).any():
+        raise InputError("the floodlit room is overexposed all over; expose as for the calibration")
     looked = _Looked(room, transport, means[0], means[1], noise, ~photographer.saturated)
     lost = looked.lost()
     if lost:
@@ -144,10 +146,11 @@ class _Looked:
     @property
     def room_light(self) -> tuple[float, float, bool]:
         """Before and now, shares of the floodlight, and whether that is another light."""
-        old, new = (light.reshape(-1, 3)[self._lit] for light in (self.room.ambient, self.black))
+        lit, old, new = self._lit.reshape(self.room.camera.shape), self.room.ambient, self.black
         level = float(self.before[self._lit].mean())
-        squared = np.mean((new - old) ** 2) - np.mean(self.noise.dark**2) / REPEATS
-        return float(old.mean()) / level, float(new.mean()) / level, bool(np.sqrt(max(squared, 0)) > ROOM_LIGHT * level)
+        change = ndimage.gaussian_filter(np.where(lit[..., None], new - old, 0), (SMOOTH, SMOOTH, 0))  # noise is not
+        other = float(np.sqrt(np.mean(change[lit] ** 2))) > ROOM_LIGHT * level
+        return float(old[lit].mean()) / level, float(new[lit].mean()) / level, other
 
     @property
     def _overall(self) -> float:

@@ -39,6 +39,7 @@ class FolderCamera:
 
     def __init__(self, folder: Path, exposures: Exposures, wait_s: float = 0.0) -> None:
         self._folder, self._exposures, self._wait_s = folder, exposures, wait_s
+        self._goes_on = False  # a check whose later levels may have captures already
 
     @property
     def name(self) -> str:
@@ -77,7 +78,8 @@ class FolderCamera:
             str(record.get("id", "")),
             Table(record, f"{path}", f"remove {path}").integer("first", 0, 0, MOST),
         )
-        if bound == CHECK + check and not self._wait_s:
+        self._goes_on = bound == CHECK + check and not self._wait_s
+        if self._goes_on:
             return first
         if bound.startswith(CHECK):
             first = self._clear(first)
@@ -114,10 +116,11 @@ class FolderCamera:
                 path = shown / f"{number:05}.png"
                 if not path.exists():
                     put(path, encode_png(_stored(patterns[number - first])))
-        if missing:  # otherwise captures of later levels may be there, from an earlier run
+        there = self._goes_on and not self._absent(missing)
+        if missing and not there:  # otherwise captures of later levels may be there, from an earlier run
             self._refuse_strangers(seen, first + len(patterns))
         deadline = time.monotonic() + self._wait_s
-        while absent := [stem for number in missing for stem in self._stems(number) if self._find(stem) is None]:
+        while absent := self._absent(missing):
             if time.monotonic() >= deadline:
                 raise InputError(_waiting(seen, absent))
             time.sleep(POLL_S)
@@ -139,6 +142,9 @@ class FolderCamera:
     def _stems(self, number: int) -> list[str]:
         count = len(self._exposures.times)
         return [f"{number:05}"] if count == 1 else [f"{number:05}_{shot}" for shot in range(count)]
+
+    def _absent(self, numbers: Sequence[int]) -> list[str]:
+        return [stem for number in numbers for stem in self._stems(number) if self._find(stem) is None]
 
     def _find(self, stem: str) -> Path | None:
         paths = (self._folder / "captures" / f"{stem}{suffix}" for suffix in SUFFIXES)
