@@ -1,14 +1,14 @@
 """Rooms that have changed since they were calibrated: a picture elsewhere, a camera turned, light dimmed."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy import sparse
 
-from counterlight import calibration
 from counterlight.arrays import FloatArray
-from counterlight.calibration import StoredCalibration, writing
+from counterlight.calibration import Calibration, StoredCalibration, writing
 from counterlight.pipeline.drift import Moved
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport, channels
@@ -19,16 +19,18 @@ def write_changed(
     stored: StoredCalibration,
     *,
     shift: tuple[float, float] = (0, 0),
+    shifts: Sequence[tuple[float, float]] = (),
     camera: tuple[int, int] = (0, 0),
     light: tuple[float, float, float] = (1, 1, 1),
     ambient: float = 1.0,
 ) -> None:
     """A room that a simulated camera can look at now.
 
-    shift : of the projector's picture, its pixels right and down: boxes of light over boxes.  camera : by whole pixels.
+    shift : of the projector's picture, its pixels right and down: boxes of light over boxes; shifts : of several
+    projectors'.  camera : by whole pixels.
     """
     room, transport = stored.calibration, read_transport(stored)
-    boxes = shifted_boxes(room.projector.shape, shift)
+    boxes = _boxes(room, shifts or [shift])
     turned = rolled_rows(room.camera.shape, camera)
     near = [
         sparse.csr_array(gain * (matrix[turned] @ boxes), dtype=np.float32)
@@ -37,6 +39,17 @@ def write_changed(
     seen = np.asarray(ambient * room.ambient.reshape(-1, 3)[turned].reshape(room.ambient.shape), np.float32)
     with writing(folder, replace(room, ambient=seen)) as stage:
         write_transport(Transport.from_matrices(near), stage)
+
+
+def _boxes(room: Calibration, shifts: Sequence[tuple[float, float]]) -> sparse.csr_array:
+    """Of every projector in its own region of the raster."""
+    number = np.arange(room.projector.pixels).reshape(room.projector.shape)
+    total = sparse.csr_array((number.size, number.size))
+    for (left, top, width, height), shift in zip(room.regions, shifts, strict=True):
+        own = number[top : top + height, left : left + width].ravel()
+        part = sparse.coo_array(shifted_boxes((height, width), shift))
+        total += sparse.coo_array((part.data, (own[part.row], own[part.col])), shape=total.shape)
+    return sparse.csr_array(total)
 
 
 def shifted_boxes(shape: tuple[int, int], shift: tuple[float, float]) -> sparse.csr_array:
@@ -60,7 +73,3 @@ def rolled_rows(shape: tuple[int, int], moved: tuple[int, int]) -> np.ndarray:
 
 def moved_by(right: float, down: float, gain: float = 1.0) -> Moved:
     return Moved(np.array([[1, 0, right], [0, 1, down], [0, 0, 1.0]]), np.full(3, gain))
-
-
-def stored(folder: Path) -> StoredCalibration:
-    return calibration.read(folder)

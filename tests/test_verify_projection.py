@@ -4,6 +4,7 @@ import io
 import json
 import re
 import shutil
+import signal
 from contextlib import redirect_stdout
 from html.parser import HTMLParser
 from pathlib import Path
@@ -21,6 +22,8 @@ from counterlight.tools.acquisition.room_check import REPEATS
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.simulation.devices import Sensor
 from tests.drifted_rooms import write_changed
+from tests.joint_rooms import join, write_halves
+from tests.programs import PATIENCE_S, running, verb
 from tests.rooms import write_blurred_room
 from tests.test_acquisition import CAMERA, PROJECTOR
 
@@ -188,6 +191,39 @@ def test_a_folder_of_captures_goes_on_level_by_level(
     assert [*(exchange / "patterns").iterdir(), *(exchange / "captures").iterdir()] == []
     assert verify_projection.main([str(wall), *camera]) == 2  # the next check has numbers of its own
     assert min(path.name for path in (exchange / "patterns").iterdir()) == f"{3 * REPEATS + 4:05}.png"
+
+
+def test_every_projector_of_a_raster_is_found_where_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    room = join(write_halves(tmp_path), tmp_path / "joint")
+    stored = calibration.read(room)
+    shifts = [(0.8, 0.6), (-1.5, 0.3)]
+    write_changed(tmp_path / "now", stored, shifts=shifts)
+    capsys.readouterr()
+    assert verify_projection.main([str(room), "--camera", f"simulated:{tmp_path / 'now'}"]) == 0
+    said = capsys.readouterr().out
+    assert "projector 1's picture has moved by" in said
+    assert "; projector 2's picture has moved by" in said
+    drift = read_drift(stored)
+    assert drift is not None
+    for moved, device, shift in zip(drift.projectors, stored.calibration.projectors, shifts, strict=True):
+        # A tenth of a pixel: where pictures overlap, one's border is in the other's.
+        np.testing.assert_allclose(moved.at_corners(device)[0], shift, atol=0.1)
+
+
+def test_a_watch_goes_on_until_it_is_ended_whether_or_not_a_player_listens(wall: Path, tmp_path: Path) -> None:
+    room = shutil.copytree(wall, tmp_path / "room", ignore=shutil.ignore_patterns("drift"))
+    write_changed(tmp_path / "now", calibration.read(room), shift=(0.8, 0.6))
+    words = "--camera", f"simulated:{tmp_path / 'now'}", "--watch", "0.1", "--control", tmp_path / "nobody"
+    with running(*verb("verify"), room, *words) as process:
+        assert process.stdout
+        assert process.stderr
+        lines = [process.stdout.readline() for _ in range(3)]
+        process.send_signal(signal.SIGINT)
+        process.wait(PATIENCE_S)
+        errors = process.stderr.read()
+    assert all(re.match(r"the projector's picture has moved by .*: corrected\n", line) for line in lines)
+    assert process.returncode == 130
+    assert errors.count("nobody: no answer") >= 2
 
 
 def test_captures_of_an_acquisition_are_no_check_s(

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Parser, run
+from counterlight.command import Parser, run, tell
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.rig_options import add_rig_options
 from counterlight.tools.choices import VERIFIED
@@ -120,7 +120,12 @@ def _once(
     if not options.no_correct:
         write_drift(stored, drift)
         if options.control is not None and (drift.changes or (kept is not None and kept.changes)):
-            ask(options.control, "reload")
+            try:
+                ask(options.control, "reload")
+            except InputError as error:
+                if options.watch is None:
+                    raise
+                tell(f"{error}")  # a player that starts reads what is kept
     outcome = ("not corrected" if options.no_correct else "corrected") if checked.drift.changes else ""
     print(f"{checked.said}: {outcome}" if outcome else checked.said, flush=True)
     if options.picture is not None:
