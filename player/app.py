@@ -159,6 +159,8 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
             white=room.white,
             steps=_steps_into_file(options, room, still=reader.info.still),
         )
+    if room.drifted is not None:
+        stats.facts["drift"] = room.drifted
     quality = stats.facts.get("camera_psnr_db")
     print(f"{options.output}: {stats.frames} frames" + (f", camera PSNR {quality:.1f} dB" if quality else ""))
     return stats

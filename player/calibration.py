@@ -32,7 +32,7 @@ from counterlight.writing.replacing import replacing_folder
 FORMAT = 1
 TOML, AMBIENT, MASK = "calibration.toml", "ambient.exr", "mask.png"
 PRIMARIES = "primary_red.exr", "primary_green.exr", "primary_blue.exr"
-PARTS = (TOML, AMBIENT, MASK, *PRIMARIES, "transport_*.npz", "far_light.npz", "correction", "placement.toml")
+PARTS = (TOML, AMBIENT, MASK, *PRIMARIES, "transport_*.npz", "far_light.npz", "correction", "placement.toml", "drift")
 MOST_PROJECTORS, LONGEST_PROVENANCE = 64, 1 << 16
 # White is no less, light no more, in any unit: of what lies between, squares and a frame's sums stay within float32.
 RADIANCE = (1e-12, 1e12)
@@ -108,9 +108,9 @@ class Calibration:
                     "or give each a calibration and a player of its own"
                 )
         _ = self.projector  # its size is checked
-        _check_light(self.ambient, "ambient light")
+        check_light(self.ambient, "ambient light")
         if self.primaries is not None:
-            _check_light(self.primaries, "light of the primaries")
+            check_light(self.primaries, "light of the primaries")
 
     @property
     def projector(self) -> Device:
@@ -277,7 +277,7 @@ def _read_device(table: Table) -> Device:
 def _read_light(files: DescribedFiles, name: str, camera: Device) -> NDArray[np.float32]:
     with files.opened(files.folder / name) as file:
         light = exr.read_rgb(file, exr.sized(camera.shape, "the camera", REBUILD))
-        _check_light(light, file.name)
+        check_light(light, file.name)
         return light
 
 
@@ -288,13 +288,13 @@ def _read_primaries(files: DescribedFiles, camera: Device) -> NDArray[np.float32
     return np.stack([_read_light(files, name, camera) for name in PRIMARIES])
 
 
-def _check_light(light: NDArray[np.float32], where: str) -> None:
+def check_light(light: NDArray[np.float32], where: str, fix: str = REBUILD) -> None:
     """InputError for what is no light; what a subtracted dark frame leaves below 0 is no larger than what is above."""
     low, high = float(light.min()), float(light.max())
     if not (-high <= low and high <= RADIANCE[1]):  # NaN is no number's equal
         raise InputError(
             f"{where}: radiance from {low:g} to {high:g}, expected numbers from 0 (a little noise below) to "
-            f"{RADIANCE[1]:g}; {REBUILD}"
+            f"{RADIANCE[1]:g}; {fix}"
         )
 
 

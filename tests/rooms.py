@@ -97,13 +97,20 @@ def _frame(pixels: PixelFormat, planes: tuple[NDArray[np.generic], ...]) -> Fram
 
 
 def blurred_transport(
-    rng: np.random.Generator, camera: tuple[int, int], projector: tuple[int, int], sigma: float
+    rng: np.random.Generator,
+    camera: tuple[int, int],
+    projector: tuple[int, int],
+    sigma: float,
+    shift: tuple[float, float] = (0, 0),
 ) -> sparse.csr_array:
-    """A textured surface seen through a Gaussian blur: camera pixels overlap their neighbours' projector pixels."""
+    """A textured surface seen through a Gaussian blur: camera pixels overlap their neighbours' projector pixels.
+
+    shift : how far the projector's picture has moved over the surface, its pixels right and down.
+    """
     y, x = np.mgrid[: camera[0], : camera[1]].reshape(2, -1, 1)
     v, u = np.mgrid[: projector[0], : projector[1]].reshape(2, 1, -1)
-    dy = (y + 0.5) * projector[0] / camera[0] - v - 0.5
-    dx = (x + 0.5) * projector[1] / camera[1] - u - 0.5
+    dy = (y + 0.5) * projector[0] / camera[0] - v - 0.5 - shift[1]
+    dx = (x + 0.5) * projector[1] / camera[1] - u - 0.5 - shift[0]
     weights = np.exp(-(dx**2 + dy**2) / (2 * sigma**2))
     weights[weights < 1e-2] = 0
     albedo = rng.uniform(0.4, 1, (weights.shape[0], 1))
@@ -117,13 +124,15 @@ def write_blurred_room(
     projector: tuple[int, int] = (30, 40),
     cells: int = 0,
     mixing: NDArray[np.float64] | None = None,
+    shift: tuple[float, float] = (0, 0),
 ) -> Transport:
     """A calibration folder of a textured, slightly blurred wall whose colours differ; returns its transport.
 
     cells : of far light, a tenth of all light; 0 for none.  mixing : (3, 3), what each channel's light is made of, rows
-    of sum 1, for floodlights of the primaries.
+    of sum 1, for floodlights of the primaries.  shift : as for `blurred_transport`; the
+    paint stays.
     """
-    blur = blurred_transport(rng, camera, projector, 0.5)
+    blur = blurred_transport(rng, camera, projector, 0.5, shift)
     tints = rng.uniform(0.5, 1, (3, blur.shape[0], 1))
     near = tuple(sparse.csr_array(blur.multiply(tint), dtype=np.float32) for tint in tints)
     transport = Transport.from_matrices(near, _far_light(rng, blur.shape, cells) if cells else None)

@@ -1,19 +1,29 @@
 """counterlight verify: the closed loop in a simulated room, the report of an acquisition, and rooms that are others."""
 
+import io
 import json
 import re
+import shutil
+import signal
+from contextlib import redirect_stdout
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from counterlight import calibration
+from counterlight.pipeline.drift import read_drift
 from counterlight.tools import acquire_transport, verify_projection
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_room
+from counterlight.tools.acquisition.room_check import REPEATS
 from counterlight.tools.inverse.pictures import typical_pictures
-from tests.acquired_rooms import shown_by
+from counterlight.tools.simulation.devices import Sensor
+from tests.drifted_rooms import write_changed
+from tests.joint_rooms import join, write_halves
+from tests.programs import PATIENCE_S, running, verb
 from tests.rooms import write_blurred_room
 from tests.test_acquisition import CAMERA, PROJECTOR
 
@@ -27,6 +37,14 @@ def rooms(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert acquire_transport.main([*words, "-o", str(folder / "acquired")]) == 0
     picture = cv2.resize(typical_pictures((6, 8))[0], CAMERA[::-1]).clip(0, 1)
     cv2.imwrite(str(folder / "picture.png"), np.round(255 * picture[..., None].repeat(3, 2) ** 0.45))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wall(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A calibration folder whose T is the truth."""
+    folder = tmp_path_factory.mktemp("wall") / "wall"
+    write_blurred_room(folder, np.random.default_rng(4), (54, 75), (45, 60))
     return folder
 
 
@@ -53,10 +71,11 @@ def test_feedback_comes_closer_and_the_best_round_is_written(rooms: Path, capsys
 
 def test_another_room_is_noticed(rooms: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_blurred_room(tmp_path / "other", np.random.default_rng(9), CAMERA, PROJECTOR)
-    assert verify_projection.main([*verified(rooms)[:3], f"simulated:{tmp_path / 'other'}"]) == 2
-    assert re.search(
-        r"the floodlit room now differs by .* moved; put them back, or acquire again", capsys.readouterr().err
-    )
+    shutil.rmtree(rooms / "acquired" / "drift", ignore_errors=True)
+    assert verify_projection.main([*verified(rooms)[:3], f"simulated:{tmp_path / 'other'}"]) == verify_projection.LOST
+    said = capsys.readouterr().out
+    assert re.fullmatch(r"\d+% of the floodlit room is otherwise bright .* no longer holds: acquire again\n", said)
+    assert not (rooms / "acquired" / "drift").exists()
     write_blurred_room(tmp_path / "large", np.random.default_rng(9), CAMERA, (12, 16))
     assert verify_projection.main([*verified(rooms)[:3], f"simulated:{tmp_path / 'large'}"]) == 2
     assert "the projector has 16x12 pixels, " in capsys.readouterr().err
@@ -65,27 +84,171 @@ def test_another_room_is_noticed(rooms: Path, tmp_path: Path, capsys: pytest.Cap
     assert "is for 30x21; width and height are swapped" in line
 
 
-def test_a_folder_is_asked_round_by_round_and_ends_as_the_camera_itself(
-    rooms: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_what_goes_without_a_picture_and_what_does_not(rooms: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    room, picture, *camera = verified(rooms)
+    assert verify_projection.main([room, *camera]) == 0
+    assert capsys.readouterr().out == "nothing has changed\n"
+    for words, complaint in (
+        ([room, *camera, "--rounds", "2"], "are of a PICTURE"),
+        ([room, picture, *camera, "--watch", "5"], "leave out PICTURE"),
+        ([room, *camera, "--watch", "0"], "a number of seconds above 0"),
+    ):
+        assert verify_projection.main(words) == 2
+        assert complaint in capsys.readouterr().err
+
+
+# What became of the room; what is said; whether it is undone.
+CHANGES: dict[str, tuple[dict[str, Any], str, bool]] = {
+    "picture": ({"shift": (0.8, 0.6)}, r"the projector's picture has moved by 0\.[78]\d, 0\.[56]\d pixels", True),
+    "lamp": ({"light": (0.85, 0.9, 0.9)}, r"the projector's light is 8[45]\.\d%, (89|90)\.\d%, (89|90)\.\d% of", True),
+    "daylight": ({"ambient": 4.0}, r"the room's light is \d\.\d+% of white, was", True),
+    "camera": (
+        {"camera": (1, 0)},
+        r"the camera has moved by (1\.0|0\.9)\d, -?0\.0\d of its pixels: put it back",
+        False,
+    ),
+    "all": ({"shift": (-0.5, 0.5), "camera": (0, 1)}, r"the camera has moved by -?0\.\d\d, (1\.0|0\.9)\d of", False),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_what_has_changed_is_told_apart(
+    wall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: str
 ) -> None:
-    more = ["--rounds", "1", "--repeats", "2"]
-    assert verify_projection.main(verified(rooms, "--no-preflight", *more)) == 0
-    direct = capsys.readouterr().out
-    eye = SimulatedCamera(simulated_room(rooms / "room"), CameraSettings())
-    exchange, asked = tmp_path / "exchange", 0
-    words = [*verified(rooms)[:3], f"folder:{exchange}", "--projector", "30x21", *more]
-    words += ["--exposures", repr(eye.exposures.times[0])]
-    while verify_projection.main(words) != 0:
-        assert "waiting for " in capsys.readouterr().err
-        asked += 1
-        for path in sorted((exchange / "patterns").glob("*.png")):
-            if not (exchange / "captures" / path.name).exists():
-                (shot,) = eye.capture(int(path.stem), shown_by(path))
-                cv2.imwrite(str(exchange / "captures" / path.name), shot[..., ::-1])
-    assert asked == 1 + 2  # black and white, the picture, one round of feedback
-    assert capsys.readouterr().out.endswith(direct)
-    assert verify_projection.main([*words, "--solver", "box", "--repeats", "3"]) == 2
-    assert "holds captures of another acquisition; move them away" in capsys.readouterr().err
+    how, said, undone = CHANGES[change]
+    stored = calibration.read(wall)
+    shutil.rmtree(wall / "drift", ignore_errors=True)
+    write_changed(tmp_path / "now", stored, **how)
+    code = verify_projection.main([str(wall), "--camera", f"simulated:{tmp_path / 'now'}"])
+    printed = capsys.readouterr().out
+    assert re.match(said, printed), printed
+    assert printed.count(";") == (0 if undone else 1)  # nothing else is found
+    assert (code, (wall / "drift").exists()) == ((0, True) if undone else (verify_projection.LOST, False))
+    assert printed.endswith(": corrected\n") == undone
+
+
+def test_nothing_is_corrected_unasked_and_what_came_back_is_forgotten(
+    wall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stored = calibration.read(wall)
+    shutil.rmtree(wall / "drift", ignore_errors=True)
+    write_changed(tmp_path / "now", stored, shift=(0.8, 0.6))
+    now, then = (["--camera", f"simulated:{room}"] for room in (tmp_path / "now", wall))
+    assert verify_projection.main([str(wall), *now, "--no-correct"]) == 0
+    assert capsys.readouterr().out.endswith(": not corrected\n")
+    assert read_drift(stored) is None
+    for camera, changes in ((now, True), (then, False)):
+        assert verify_projection.main([str(wall), *camera]) == 0
+        kept = read_drift(stored)
+        assert kept is not None
+        assert kept.changes == changes
+
+
+def test_a_corrected_picture_arrives_as_it_would_have(wall: Path, tmp_path: Path) -> None:
+    """A pixel of drift costs 7 dB here, its correction gives 5 back: the paint is another one in each camera pixel, so
+    that drives are as fine as pixels, which no interpolation carries. Nothing is asked where no light falls now.
+    """
+    picture = np.zeros((54, 75), np.float32)
+    picture[5:-5, 5:-5] = cv2.resize(typical_pictures((6, 8))[0], (65, 44)).clip(0, 1)
+    cv2.imwrite(str(tmp_path / "picture.png"), np.round(255 * picture[..., None].repeat(3, 2) ** 0.45))
+    write_blurred_room(tmp_path / "now", np.random.default_rng(4), (54, 75), (45, 60), shift=(0.8, 0.6))
+
+    def measured(room: Path, *words: str) -> float:
+        shutil.rmtree(wall / "drift", ignore_errors=True)
+        output = io.StringIO()
+        with redirect_stdout(output):
+            command = [str(wall), str(tmp_path / "picture.png"), "--camera", f"simulated:{room}", *words]
+            assert verify_projection.main(command) == 0
+        found = re.search(r"measured (\S+) dB", output.getvalue())
+        assert found
+        return float(found[1])
+
+    before, drifted, corrected = measured(wall), measured(tmp_path / "now", "--no-correct"), measured(tmp_path / "now")
+    assert drifted < before - 6
+    assert corrected > before - 3
+
+
+def test_a_folder_of_captures_goes_on_level_by_level(
+    wall: Path, rooms: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Black, white and the random picture, then the compensated one, then its round of feedback."""
+    stored = calibration.read(wall)
+    shutil.rmtree(wall / "drift", ignore_errors=True)
+    write_changed(tmp_path / "now", stored, shift=(0.8, 0.6))
+    sensor = Sensor(bits=14, full_well=20000, read_noise=5)
+    eye = SimulatedCamera(simulated_room(tmp_path / "now"), CameraSettings(sensor))
+    height, width = stored.calibration.projector.shape
+    exchange = tmp_path / "exchange"
+    camera = ["--camera", f"folder:{exchange}", "--projector", f"{width}x{height}"]
+    camera += ["--exposures", f"{eye.exposures.times[0]}"]
+    command = [str(wall), str(rooms / "picture.png"), *camera, "--rounds", "1", "--repeats", "2"]
+    for count in (3 * REPEATS, 2, 2):
+        assert verify_projection.main(command) == 2
+        assert f"waiting for {count} captures" in capsys.readouterr().err
+        photograph(eye, exchange)
+    assert verify_projection.main(command) == 0
+    said = capsys.readouterr().out
+    assert re.match(r"the projector's picture has moved by 0\.[78]\d, 0\.[56]\d pixels", said)
+    assert "round 1: " in said
+    assert re.search(r"\nthe picture arrives as predicted, \d\d\.\d dB\n$", said)
+    assert [*(exchange / "patterns").iterdir(), *(exchange / "captures").iterdir()] == []
+    assert verify_projection.main([str(wall), *camera]) == 2  # the next check has numbers of its own
+    assert min(path.name for path in (exchange / "patterns").iterdir()) == f"{3 * REPEATS + 4:05}.png"
+
+
+def test_every_projector_of_a_raster_is_found_where_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    room = join(write_halves(tmp_path), tmp_path / "joint")
+    stored = calibration.read(room)
+    shifts = [(0.8, 0.6), (-1.5, 0.3)]
+    write_changed(tmp_path / "now", stored, shifts=shifts)
+    capsys.readouterr()
+    assert verify_projection.main([str(room), "--camera", f"simulated:{tmp_path / 'now'}"]) == 0
+    said = capsys.readouterr().out
+    assert "projector 1's picture has moved by" in said
+    assert "; projector 2's picture has moved by" in said
+    drift = read_drift(stored)
+    assert drift is not None
+    for moved, device, shift in zip(drift.projectors, stored.calibration.projectors, shifts, strict=True):
+        # A tenth of a pixel: where pictures overlap, one's border is in the other's.
+        np.testing.assert_allclose(moved.at_corners(device)[0], shift, atol=0.1)
+
+
+def test_a_watch_goes_on_until_it_is_ended_whether_or_not_a_player_listens(wall: Path, tmp_path: Path) -> None:
+    room = shutil.copytree(wall, tmp_path / "room", ignore=shutil.ignore_patterns("drift"))
+    write_changed(tmp_path / "now", calibration.read(room), shift=(0.8, 0.6))
+    words = "--camera", f"simulated:{tmp_path / 'now'}", "--watch", "0.1", "--control", tmp_path / "nobody"
+    with running(*verb("verify"), room, *words) as process:
+        assert process.stdout
+        assert process.stderr
+        lines = [process.stdout.readline() for _ in range(3)]
+        process.send_signal(signal.SIGINT)
+        process.wait(PATIENCE_S)
+        errors = process.stderr.read()
+    assert all(re.match(r"the projector's picture has moved by .*: corrected\n", line) for line in lines)
+    assert process.returncode == 130
+    assert errors.count("nobody: no answer") >= 2
+
+
+def test_captures_of_an_acquisition_are_no_check_s(
+    wall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "captures").mkdir()
+    (tmp_path / "captures" / "00000.png").write_bytes(b"somebody's")
+    (tmp_path / "acquisition.toml").write_text('id = "0123"\n')
+    size = "x".join(map(str, calibration.read(wall).calibration.projector.shape[::-1]))
+    assert verify_projection.main([str(wall), "--camera", f"folder:{tmp_path}", "--projector", size]) == 2
+    assert "holds captures of an acquisition" in capsys.readouterr().err
+    assert (tmp_path / "captures" / "00000.png").exists()
+
+
+def photograph(eye: SimulatedCamera, exchange: Path) -> None:
+    """What a person's program does: every pattern that has no capture yet."""
+    for path in sorted((exchange / "patterns").glob("*.png")):
+        target = exchange / "captures" / path.name
+        if not target.exists():
+            shown = cv2.imread(str(path), cv2.IMREAD_COLOR)[..., ::-1]
+            (shot,) = eye.capture(int(path.stem), np.ascontiguousarray(shown))
+            cv2.imwrite(str(target), np.ascontiguousarray(shot[..., ::-1]))
 
 
 class _Pictures(HTMLParser):

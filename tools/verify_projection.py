@@ -1,17 +1,20 @@
-"""counterlight verify: project a compensated picture, photograph it, compare with the prediction and with the picture.
+"""counterlight verify: is the room as it was calibrated, and does the compensated picture arrive?
 
-The camera stands where it stood when the calibration was made, with the same settings. With --camera folder:DIR
-pictures and captures are exchanged as counterlight acquire does: the same command again after each.
+The camera stands where it stood when the calibration was made, with the same settings. A projector's picture that has
+moved, a lamp that has dimmed and another light in the room are found and undone: counterlight play takes that over when
+it starts or is told to reload. Exit code 3: the calibration no longer holds, acquire again.
 """
 
 import argparse
 import hashlib
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Parser, run
+from counterlight.command import Parser, run, tell
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.rig_options import add_rig_options
 from counterlight.tools.choices import VERIFIED
@@ -22,44 +25,47 @@ from counterlight.writing.replacing import replacing_folder
 
 if TYPE_CHECKING:
     from counterlight.calibration import StoredCalibration
+    from counterlight.pipeline.drift import Drift
+    from counterlight.tools.acquisition.cameras.camera import Camera
+    from counterlight.tools.acquisition.photographer import Photographer
     from counterlight.tools.acquisition.verify import Verification, Verified
+    from counterlight.tools.transport.transport import Transport
+
+LOST = 3  # exit code
+WATCH_S = 600.0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     return run(_main, argv)
 
 
-def _main(argv: Sequence[str] | None) -> None:
+def _main(argv: Sequence[str] | None) -> int:
     options = _parser().parse_args(argv)
     from counterlight.calibration import check_order
 
     check_order(options.calibration, [options.picture])
+    if options.picture is None and (options.rounds or options.output is not None):
+        raise InputError("--rounds and -o are of a PICTURE; name one, or leave them out")
+    if options.watch is not None and options.picture is not None:
+        raise InputError("--watch looks at the room again and again; leave out PICTURE")
     if options.output is None:
-        _verify(options)
-        return
+        return _verify(options, None)
     _refuse_existing(options.output)
     with replacing_folder(options.output, _refuse_existing) as stage:
-        task, best = _verify(options)
-        _write(stage, task, best)
-    print(f"{options.output}: round {best.round}, written")
+        return _verify(options, stage)
 
 
-def _verify(options: argparse.Namespace) -> "tuple[Verification, Verified]":
-    """Print every round; returns what was verified and the best one."""
+def _verify(options: argparse.Namespace, stage: Path | None) -> int:
     from threadpoolctl import threadpool_limits
 
     from counterlight import calibration as calibrations
-    from counterlight.tools.acquisition.cameras.folder import FolderCamera
     from counterlight.tools.acquisition.cameras.live import LiveCamera
     from counterlight.tools.acquisition.preflight import preflight, refuse_bad
     from counterlight.tools.acquisition.rig import open_rig
-    from counterlight.tools.acquisition.verify import Verification
-    from counterlight.tools.relighting.pictures import read_placed
-    from counterlight.tools.transport.objective import ObjectiveOptions
+    from counterlight.tools.transport.storage import read_transport
 
     stored = calibrations.read(options.calibration)
     room = stored.calibration
-    picture = read_placed(options.picture, room.camera.shape)
     with threadpool_limits(limits=1), open_rig(options) as (camera, projector):
         if projector != room.projector.shape:
             swapped = projector[::-1] == room.projector.shape
@@ -68,29 +74,106 @@ def _verify(options: argparse.Namespace) -> "tuple[Verification, Verified]":
                 f"the projector has {projector[1]}x{projector[0]} pixels, {options.calibration} is for "
                 f"{room.projector.width}x{room.projector.height}; {fix}"
             )
-        if isinstance(camera, FolderCamera):
-            camera.bind(_exchange(options, stored), first=True)
         if isinstance(camera, LiveCamera) and not options.no_preflight:
             for finding in preflight(camera):
                 refuse_bad(finding)
-        aims = ObjectiveOptions(options.drift, options.outside)
-        radiance = options.picture.suffix.lower() == ".exr"
-        task = Verification(
-            camera,
-            stored,
-            picture,
-            radiance=radiance,
-            solver=options.solver,
-            colour=options.colour,
-            aims=aims,
-        )
-        print(task.tier)
-        print(f"white is a camera radiance of {task.white:.4g}; {int(room.mask.sum())} camera pixels count")
-        found = []
-        for result in task.run(options.rounds, options.repeats):
-            print(result, flush=True)
-            found.append(result)
-    return task, max(found, key=lambda each: each.measured_psnr)
+        transport = read_transport(stored)
+        while True:
+            with _photographing(camera, stored, options) as photographer:
+                code = _once(options, stored, transport, photographer, stage)
+            if options.watch is None:
+                return code
+            time.sleep(options.watch)
+
+
+@contextmanager
+def _photographing(
+    camera: "Camera", stored: "StoredCalibration", options: argparse.Namespace
+) -> "Iterator[Photographer]":
+    """Captures of one check; a folder keeps them until it is done, so that it can go on where it waited."""
+    from counterlight.tools.acquisition.cameras.folder import FolderCamera
+    from counterlight.tools.acquisition.photographer import Photographer
+
+    device = stored.calibration.camera
+    if not isinstance(camera, FolderCamera):
+        yield Photographer(camera, device)
+        return
+    told = stored.fingerprint, options.picture, options.rounds, options.repeats, options.solver, options.colour
+    first = camera.begin(hashlib.sha256(repr(told).encode()).hexdigest())
+    yield Photographer(camera, device, first)
+    camera.end(first)
+
+
+def _once(
+    options: argparse.Namespace,
+    stored: "StoredCalibration",
+    transport: "Transport",
+    photographer: "Photographer",
+    stage: Path | None,
+) -> int:
+    """One check, and the picture if there is one; returns the exit code."""
+    from counterlight.pipeline.drift import read_drift, write_drift
+    from counterlight.tools.acquisition.room_check import check_room, nothing
+    from counterlight.unattended.asking import ask
+
+    checked, kept = check_room(photographer, stored.calibration, transport), read_drift(stored)
+    if checked.lost:
+        print(f"{checked.said}; what is calibrated no longer holds: acquire again", flush=True)
+        return LOST
+    drift = (kept or nothing(stored.calibration)) if options.no_correct else checked.drift
+    if not options.no_correct:
+        write_drift(stored, drift)
+        if options.control is not None and (drift.changes or (kept is not None and kept.changes)):
+            try:
+                ask(options.control, "reload")
+            except InputError as error:
+                if options.watch is None:
+                    raise
+                tell(f"{error}")  # a player that starts reads what is kept
+    outcome = ("not corrected" if options.no_correct else "corrected") if checked.drift.changes else ""
+    print(f"{checked.said}: {outcome}" if outcome else checked.said, flush=True)
+    if options.picture is not None:
+        _show(options, stored, transport, photographer, drift, stage)
+    return 0
+
+
+def _show(
+    options: argparse.Namespace,
+    stored: "StoredCalibration",
+    transport: "Transport",
+    photographer: "Photographer",
+    drift: "Drift",
+    stage: Path | None,
+) -> None:
+    """Print every round of the picture, and what to make of the best one; write that."""
+    from counterlight.tools.acquisition.verify import Verification
+    from counterlight.tools.relighting.pictures import read_placed
+    from counterlight.tools.transport.objective import ObjectiveOptions
+
+    picture = read_placed(options.picture, stored.calibration.camera.shape)
+    radiance = options.picture.suffix.lower() == ".exr"
+    task = Verification(
+        photographer,
+        stored,
+        transport,
+        drift,
+        picture,
+        radiance=radiance,
+        solver=options.solver,
+        colour=options.colour,
+        aims=ObjectiveOptions(options.drift, options.outside),
+    )
+    print(task.tier)
+    print(f"white is a camera radiance of {task.white:.4g}; {int(stored.calibration.mask.sum())} camera pixels count")
+    found = []
+    for result in task.run(options.rounds, options.repeats):
+        print(result, flush=True)
+        found.append(result)
+    best = max(found, key=lambda each: each.measured_psnr)
+    print(best.verdict)
+    if stage is not None:
+        _write(stage, task, best)
+        print(f"{options.output}: round {best.round}, written")
 
 
 def _exchange(options: argparse.Namespace, stored: "StoredCalibration") -> str:
@@ -121,16 +204,35 @@ def _whole(text: str) -> int:
     return int(text)
 
 
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = -1.0
+    if not 0 < seconds < 1e7:
+        raise argparse.ArgumentTypeError(f"expected a number of seconds above 0, found {text!r}")
+    return seconds
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = Parser("verify", description=__doc__)
     parser.add_argument("calibration", type=Path, help="a calibration folder")
-    parser.add_argument("picture", type=Path, help="what the camera is to see; .exr is radiance, pixel by pixel")
+    parser.add_argument(
+        "picture", type=Path, nargs="?", help="what the camera is to see; .exr is radiance; without: the room alone"
+    )
     parser.add_argument("--solver", choices=VERIFIED, default="box", help="default box; map: as the player does it")
     parser.add_argument("--rounds", type=_whole, default=0, metavar="N", help="of feedback (default 0)")
     parser.add_argument("--repeats", type=_whole, default=4, metavar="N", help="captures averaged (default 4)")
     parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="projected.png and what was seen of it")
     add_colour(parser)
     add_objective_options(parser)
+    parser.add_argument("--no-correct", action="store_true", help="say what has changed, and leave it")
+    parser.add_argument(
+        "--watch", type=_seconds, nargs="?", const=WATCH_S, metavar="SECONDS", help=f"again (default {WATCH_S:g} s)"
+    )
+    parser.add_argument(
+        "--control", type=Path, metavar="SOCKET", help="of a player that is to take the correction over"
+    )
     add_rig_options(parser)
     return parser
 

@@ -14,6 +14,7 @@ from counterlight.pipeline.adjustments import NEUTRAL, Adjustments, adjusted_dec
 from counterlight.pipeline.colour import decoding_of
 from counterlight.pipeline.content import Succession, approach
 from counterlight.pipeline.device import LONG_BYTES, NearLight, PathReport
+from counterlight.pipeline.drift import moved
 from counterlight.pipeline.reference import Limits, PreparedRows
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.pipeline.renderer import Renderer
@@ -35,6 +36,7 @@ TWINS: dict[str, Callable[..., FloatArray]] = {
     "gap.frag": reference.gap_terms,
     "impossible.frag": lambda reach, white, **_: reference.impossible(reach, white),
     "mix.frag": reference.mix,
+    "moved.frag": moved,
     "pinned.frag": lambda source, to_source, target: reference.pinned(source, target, np.reshape(to_source, (3, 3)).T),
     "reach.frag": lambda unlimited=None, **inputs: reference.reach_of(**inputs),
     "recolour.frag": reference.recolour,

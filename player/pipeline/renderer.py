@@ -17,6 +17,7 @@ from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.content import SceneCuts
 from counterlight.pipeline.damper import Damper
 from counterlight.pipeline.device import Device, FarPass, Light, Operation, Owner, StoredMap, StoredMaps
+from counterlight.pipeline.drift import Drift
 from counterlight.pipeline.map_views import MapViews, Observer
 from counterlight.pipeline.mixer import Mixer
 from counterlight.pipeline.refinement import Certificate
@@ -67,6 +68,7 @@ class Renderer:
         self._maps = own(MapViews(device, stored, ambient, mixer))
         self._request = own(Request(device, room, ambient, self._maps, self._near_light, mixer))
         self._split = own(device.make_pass("split.frag", camera, line=room.white))
+        self._moved = None if room.drift is None or not room.drift.moves else own(_Moved(device, room, room.drift))
         self._projector_view = own(device.encoder(projector, calibration.projector.response, 1.0, room.dither))
         self._camera_view = own(device.encoder(camera, Response("srgb"), room.white, "none"))
 
@@ -184,7 +186,9 @@ class Renderer:
             return self._request.plain(self._decoded)
         b = self._request.light(self._decoded)
         drive = self._drive(b, steps)
-        return self._maps.over_projector(drive, self._unclamped(b)) if self._adjustments.clipping else drive
+        if self._adjustments.clipping:
+            drive = self._maps.over_projector(drive, self._unclamped(b))
+        return drive if self._moved is None else self._moved.run(drive)
 
     def _drive(self, b: Light, steps: int) -> Light:
         if self._refiner is None or not steps:
@@ -207,6 +211,26 @@ class _NearLight:
 
     def __call__(self, b: Light) -> Light:
         return b if self._undo is None else self._undo.run(b, b)
+
+
+class _Moved:
+    """A drive -> how it is shown by projectors whose pictures have moved, or whose light has changed."""
+
+    def __init__(self, device: Device, room: Room, drift: Drift) -> None:
+        self._owner = Owner()
+        own, calibration = self._owner.own, room.calibration
+        try:
+            self._projectors = own(device.picture(drift.table(calibration.regions)))
+            self._pass = own(device.make_pass("moved.frag", calibration.projector.shape))
+        except BaseException:
+            self.release()
+            raise
+
+    def run(self, drive: Light) -> Light:
+        return self._pass.run(drive=drive, projectors=self._projectors)
+
+    def release(self) -> None:
+        self._owner.release()
 
 
 class _Unclamped:

@@ -1,18 +1,20 @@
 """A room as it is played in: its calibration, its maps, and how they are used."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
-from counterlight.calibration import Calibration, StoredCalibration
+from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.files.generation import read_steadily
 from counterlight.maps import room_maps as maps
 from counterlight.maps.room_maps import RoomMaps
+from counterlight.pipeline.drift import Drift, read_drift
 from counterlight.pipeline.refinement import default_start, default_steps
 
 DITHERS = ("ordered", "noise", "none")
@@ -24,6 +26,7 @@ class Room:
 
     white : camera radiance of a white picture, in each channel.  dither : one of DITHERS.
     start : one of counterlight.pipeline.refinement.STARTS, where refinement begins.
+    drift : what has changed since the calibration, whose ambient light is that of now; None if nobody has looked.
     """
 
     calibration: Calibration
@@ -31,6 +34,12 @@ class Room:
     white: float
     dither: str = "ordered"
     start: str = "previous"
+    drift: Drift | None = None
+
+    @property
+    def drifted(self) -> dict[str, Any] | None:
+        """For JSON, what the last check found; None if there was none."""
+        return None if self.drift is None else self.drift.to_dict(self.calibration.projectors)
 
     @cached_property
     def ambient(self) -> NDArray[np.float32]:
@@ -59,16 +68,25 @@ def read_room(
         raise InputError(
             f"--refine-from {start}: --refine 0 makes no step that could start there; leave one of them out"
         )
-    stored, room_maps = read_steadily(folder / calibrations.TOML, lambda: _read(folder, refinement=refine != 0))
+    calibration, room_maps, drift = read_steadily(
+        folder / calibrations.TOML, lambda: _read(folder, refinement=refine != 0)
+    )
     if (refine or start) and room_maps.refinement is None:
         raise InputError(
             f"{folder}: its maps were built without what refinement needs; "
             f"rebuild them with: counterlight build {folder}, or leave out --refine and --refine-from"
         )
-    level = room_maps.white if white is None else white
-    return Room(stored.calibration, room_maps, level, dither, start or default_start(room_maps.correction_in_steps))
+    reachable = room_maps.white * (1.0 if drift is None else drift.dimming)
+    level = reachable if white is None else white
+    start = start or default_start(room_maps.correction_in_steps)
+    return Room(calibration, room_maps, level, dither, start, drift)
 
 
-def _read(folder: Path, *, refinement: bool) -> tuple[StoredCalibration, RoomMaps]:
+def _read(folder: Path, *, refinement: bool) -> tuple[Calibration, RoomMaps, Drift | None]:
+    """The calibration's ambient light is that of now."""
     stored = calibrations.read(folder)
-    return stored, maps.read_maps(stored, refinement=refinement)
+    drift = read_drift(stored)
+    calibration = stored.calibration
+    if drift is not None and drift.ambient is not None:
+        calibration = replace(calibration, ambient=drift.ambient)
+    return calibration, maps.read_maps(stored, refinement=refinement), drift

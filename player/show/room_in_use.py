@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +34,11 @@ class RoomInUse:
     def camera(self) -> tuple[int, int]:
         """(height, width) of the view."""
         return self._room.calibration.camera.shape
+
+    @property
+    def drifted(self) -> dict[str, Any] | None:
+        """For JSON, what the last check found; None if there was none."""
+        return self._room.drifted
 
     def reload(self) -> Renderer:
         """Read the maps and make a renderer of them; InputError if they do not suit the windows that are open."""

@@ -111,6 +111,8 @@ class Session:
         """What was counted; raises InputError if the show has ended since a medium could not be played."""
         if self.programme.failure is not None:
             raise self.programme.failure
+        if self.room.drifted is not None:
+            self.stats.facts["drift"] = self.room.drifted
         if self._draws:
             certificate = self.certificate(max_age_s=0.0)
             certified = {} if certificate is None else certificate.to_dict()

@@ -70,6 +70,7 @@ def facts(session: Session) -> dict[str, Any]:
         "gap": gap.get("relative_gap"),
         "gap_db": gap.get("below_optimum_db"),
         "light_outside": gap.get("light_outside"),
+        "drift": session.room.drifted,
     }
 
 

@@ -5,6 +5,7 @@ Every call of a command is here.
 
 import json
 import re
+import shutil
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,27 +38,18 @@ def acquire(rig: Rig, folder: Path, *options: str, seed: int = 0) -> str:
     While the command waits for the captures of a level, the rig photographs the patterns that it has written.
     """
     exchange, room = folder / "exchange", folder / "room"
-    height, width = rig.raster
-    words = [
-        "--camera",
-        f"folder:{exchange}",
-        "--projector",
-        f"{width}x{height}",
-        "--wait",
-        WAIT_S,
-        "-o",
-        room,
-        *options,
-    ]
-    log = folder / "acquire.log"
-    with log.open("w") as errors, running(*verb("acquire"), *words, errors=errors.fileno()) as process:
-        while process.poll() is None:
-            _photograph_new(rig, exchange, seed)
-            time.sleep(POLL_S)
-        assert process.stdout
-        said = process.stdout.read()
-    assert process.returncode == 0, log.read_text()
-    return said
+    return _photographed(rig, exchange, seed, folder / "acquire.log", "acquire", "-o", room, *options)
+
+
+def check(rig: Rig, folder: Path, *options: str, seed: int = 1) -> str:
+    """One check of the room as it is now, with the rig's camera; returns what the command says."""
+    exchange, room = folder / "check", folder / "room"
+    return _photographed(rig, exchange, seed, folder / "check.log", "verify", room, *options)
+
+
+def forget(folder: Path) -> None:
+    """What a check has found is no longer undone."""
+    shutil.rmtree(folder / "room" / "drift", ignore_errors=True)
 
 
 def write_response(path: Path, table: list[list[float]]) -> Path:
@@ -89,6 +81,20 @@ def show_plain(folder: Path, picture: Path) -> Shown:
 def refining(steps: int) -> tuple[str, ...]:
     """The options for so many steps of refinement."""
     return "--refine", str(steps)
+
+
+def _photographed(rig: Rig, exchange: Path, seed: int, log: Path, name: str, *words: object) -> str:
+    """Run a command, and photograph what it has written while it waits for the captures of a level."""
+    height, width = rig.raster
+    camera = "--camera", f"folder:{exchange}", "--projector", f"{width}x{height}", "--wait", WAIT_S
+    with log.open("w") as errors, running(*verb(name), *words, *camera, errors=errors.fileno()) as process:
+        while process.poll() is None:
+            _photograph_new(rig, exchange, seed)
+            time.sleep(POLL_S)
+        assert process.stdout
+        said = process.stdout.read()
+    assert process.returncode == 0, said + log.read_text()
+    return said
 
 
 def _photograph_new(rig: Rig, exchange: Path, seed: int) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from tests.rig.judge import Figures
 from tests.rig.trial import SWEPT, Verdict
 
 COLUMNS = {
@@ -33,6 +34,7 @@ def _row(verdicts: Sequence[Verdict]) -> dict[str, str]:
     means = {name: float(np.mean([figures[name] for figures in every if name in figures])) for name in every[0]}
     row = {"room": verdicts[0].room, "fault": verdicts[0].fault}
     row |= {heading: form.format_map(means) for heading, form in COLUMNS.items()}
+    row["after one check, dB"] = f"{means['checked_psnr']:.1f}" if "checked_psnr" in means else ""
     for verdict, figures in zip(verdicts, every, strict=True):
         if verdict.by_steps:
             counts = ", ".join(map(str, verdict.by_steps))
@@ -72,7 +74,8 @@ def text_of_csv(verdicts: Sequence[Verdict]) -> str:
 def _figures(verdict: Verdict) -> dict[str, float]:
     """All numbers of a verdict by name."""
     found = {"below": verdict.distance}
-    parts = ("product", verdict.product), ("optimum", verdict.optimum)
+    parts: tuple[tuple[str, Figures], ...] = ("product", verdict.product), ("optimum", verdict.optimum)
+    parts += (("checked", verdict.checked),) if verdict.checked is not None else ()
     lights = ("outside", verdict.beside), ("plain_outside", verdict.plain_beside)
     for name, part in (*parts, *lights):
         found |= {f"{name}_{field}": value for field, value in vars(part).items()}

@@ -1,7 +1,7 @@
 """One trial: the product acquires a room, builds, shows pictures under each fault, and is judged."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -26,6 +26,7 @@ SWEPT = "astronaut"  # the picture that is shown after various steps: bright to 
 class Verdict:
     """Of one picture.
 
+    checked : as product, after one check of the room, where something has changed since the acquisition.
     product, optimum : of what is shown, 8-bit codes both.  beside, plain_beside : light outside the picture, the
     product's and that of the picture as any player would show it.  by_steps, beside_by_steps : the same
     after so many steps of refinement, of one picture.
@@ -40,6 +41,7 @@ class Verdict:
     plain_beside: Outside
     by_steps: dict[int, Figures]
     beside_by_steps: dict[int, Outside]
+    checked: Figures | None = None
 
     @property
     def distance(self) -> float:
@@ -56,14 +58,30 @@ def trial(
     product.acquire(rig, folder, *_given(first, folder))
     product.build(folder)
     for fault in faults:
-        judge = Judge(rig if fault.now == fault.devices else rig.after(fault.now))
-        for make in PICTURES.values():
-            picture = make(rig.camera)
+        changed = fault.now != fault.devices
+        now = rig.after(fault.now) if changed else rig
+        judge, pictures = Judge(now), [make(rig.camera) for make in PICTURES.values()]
+        verdicts = []
+        for picture in pictures:
             picture.write(folder / f"{picture.name}.png")
             seen = _Seen(judge, picture, folder)
-            yield seen.verdict(fault.name, steps if picture.name == SWEPT else ())
+            verdicts.append(seen.verdict(fault.name, steps if picture.name == SWEPT else ()))
             if sheets is not None:
                 seen.draw(sheets / f"{room.name}-{fault.name}-{picture.name}.png")
+        yield from _after_a_check(judge, pictures, verdicts, folder) if changed else verdicts
+
+
+def _after_a_check(
+    judge: Judge, pictures: Sequence[Picture], verdicts: Sequence[Verdict], folder: Path
+) -> Iterator[Verdict]:
+    """The verdicts, and how the product does once it has looked at the room as it is now."""
+    product.check(judge.rig, folder)
+    for picture, verdict in zip(pictures, verdicts, strict=True):
+        path = folder / f"{picture.name}.png"
+        shown = product.show(folder, path)
+        question = judge.asks(picture, shown.white, product.show_plain(folder, path).codes)
+        yield replace(verdict, checked=judge.figures(question, shown.codes))
+    product.forget(folder)
 
 
 def _given(fault: Fault, folder: Path) -> tuple[str, ...]:

@@ -5,28 +5,26 @@ two similar pictures, so that the next round solves T p + e + δ = desired. (Ask
 little would not do: much of that no drive within 0..1 can give, and the rest would suffer.)
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from counterlight.arrays import FloatArray
-from counterlight.calibration import Calibration, StoredCalibration
-from counterlight.errors import InputError
+from counterlight.calibration import StoredCalibration
 from counterlight.maps.room_maps import read_maps
 from counterlight.pipeline import reference
 from counterlight.pipeline.content import camera_psnr
+from counterlight.pipeline.drift import Drift
 from counterlight.pipeline.operators import compensation
-from counterlight.tools.acquisition.cameras.camera import Camera
-from counterlight.tools.acquisition.movement import refuse_moved
-from counterlight.tools.acquisition.plan import Codes, measure_noise
+from counterlight.tools.acquisition.photographer import Photographer
+from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions, objective_of
-from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.transport import Transport
 
-REFERENCES = 2  # captures of black and of white each
-AGAIN = "put them back, or acquire again"
+MUCH_WORSE = 3.0  # dB: a capture so far below its prediction is worth a word
 
 
 @dataclass(frozen=True)
@@ -50,19 +48,33 @@ class Verified:
             f"capture agrees with the prediction to {self.model_psnr:.2f} dB"
         )
 
+    @property
+    def verdict(self) -> str:
+        """What a person is to make of it."""
+        short = self.predicted_psnr - self.measured_psnr
+        if short < MUCH_WORSE:
+            return f"the picture arrives as predicted, {self.measured_psnr:.1f} dB"
+        return (
+            f"the picture arrives {short:.1f} dB worse than predicted: focus, response or colours are not as the "
+            "calibration has them; measure them, or acquire again"
+        )
+
 
 class Verification:
     """A picture in a calibrated room.
 
-    picture : (camera height, camera width, 3), linear 0..1, or the desired camera radiance itself.  repeats : captures
-    of each round, averaged.  colour : of choices.COLOURS; the solver `map` takes that of the maps.
+    transport : the stored calibration's.  drift : what is undone.
+    picture : (camera height, camera width, 3), linear 0..1, or the desired camera radiance itself.
+    colour : of choices.COLOURS; the solver `map` takes that of the maps.
     desired, and what is predicted and captured, are in screen primaries.
     """
 
     def __init__(
         self,
-        camera: Camera,
+        photographer: Photographer,
         stored: StoredCalibration,
+        transport: Transport,
+        drift: Drift,
         picture: FloatArray,
         *,
         radiance: bool,
@@ -70,30 +82,25 @@ class Verification:
         colour: str = "auto",
         aims: ObjectiveOptions = DEFAULT_AIMS,
     ) -> None:
-        self._camera, self._room = camera, stored.calibration
-        transport = read_transport(stored)
-        self._rise = transport.composition().reshape(self._room.ambient.shape)
+        ambient = stored.calibration.ambient if drift.ambient is None else drift.ambient
+        self._photographer, self._room, self._drift = photographer, replace(stored.calibration, ambient=ambient), drift
         maps = read_maps(stored) if solver == "map" else None
         self._T_pinv = None if maps is None else compensation(maps)
         self.tier = tier_of(self._room, transport, colour if maps is None else maps.mixing.tier)
         objective = objective_of(self.tier.transport, self._room, aims)
         self._box = prepare("box", self.tier.transport, self._room.mask, objective)
-        self.white = self.tier.white
+        self.white = self.tier.white * drift.dimming
         self.desired: FloatArray = (
             np.asarray(self.tier.mixing.on_screen(picture), np.float64) if radiance else picture * self.white
         )
-        self._captures = 0
 
     def run(self, rounds: int, repeats: int) -> Iterator[Verified]:
-        """The plain compensation, and then `rounds` of feedback. InputError if the room is another one."""
-        self._refuse_other_room()
+        """The plain compensation, and then `rounds` of feedback.  repeats : captures of each, averaged."""
         target = self.desired
         for index in range(rounds + 1):
             codes = self._codes(target)
-            predicted = self.tier.seen(_drive(codes, self._room))
-            captured = np.asarray(
-                self.tier.mixing.on_screen(np.mean(self._capture([codes] * repeats), axis=0)), np.float64
-            )
+            predicted = self.tier.seen(self._arriving(codes))
+            captured = np.asarray(self.tier.mixing.on_screen(self._photographer.mean(codes, repeats)), np.float64)
             pairs = (self.desired, predicted), (self.desired, captured), (predicted, captured)
             figures = [camera_psnr(wanted, seen, self._room.mask, self.white) for wanted, seen in pairs]
             yield Verified(index, figures[0], figures[1], figures[2], codes, predicted, captured)
@@ -103,37 +110,10 @@ class Verification:
         light = self.tier.asked(target)
         drive = self._box.solve(light).drive if self._T_pinv is None else self._T_pinv.apply(light)
         drive = np.clip(drive, 0, 1).reshape(*self._room.projector.shape, 3)
-        return reference.encode(drive, self._room.projector.response.inverse_table())
+        shown = self._drift.shown(drive, self._room.regions)
+        return reference.encode(shown, self._room.projector.response.inverse_table())
 
-    def _capture(self, pictures: Sequence[Codes]) -> list[FloatArray]:
-        """What the camera sees of each picture, (camera height, camera width, 3), shown one after the other."""
-        numbers = range(self._captures, self._captures + len(pictures))
-        self._captures = numbers.stop
-        self._camera.prepare(numbers.start, pictures, numbers)
-        return [self._one(number, codes) for number, codes in zip(numbers, pictures, strict=True)]
-
-    def _one(self, number: int, codes: Codes) -> FloatArray:
-        seen = self._camera.exposures.radiance(self._camera.capture(number, codes))
-        height, width = self._room.camera.shape
-        if seen.shape[:2] != (height, width):
-            raise InputError(
-                f"the camera gives {seen.shape[1]}x{seen.shape[0]}, the calibration was made with "
-                f"{width}x{height}; set the camera to that size"
-            )
-        return np.asarray(seen, np.float64)
-
-    def _refuse_other_room(self) -> None:
-        shape = (*self._room.projector.shape, 3)
-        levels = [np.full(shape, level, np.uint8) for level in (0, 255) for _ in range(REFERENCES)]
-        captures = self._capture(levels)
-        blacks, whites = captures[:REFERENCES], captures[REFERENCES:]
-        noise = measure_noise(blacks, whites)
-        black, white = np.mean(blacks, axis=0), np.mean(whites, axis=0)
-        mask = self._room.mask
-        before, after = self._rise[mask], (white - black)[mask]
-        refuse_moved(before, after, noise, 2 / REFERENCES, AGAIN)
-
-
-def _drive(codes: Codes, room: Calibration) -> FloatArray:
-    """What the projector makes of whole code values."""
-    return room.projector.response.to_linear(codes / 255.0)
+    def _arriving(self, codes: Codes) -> FloatArray:
+        """What the projector makes of whole code values, where it lands in the calibrated raster."""
+        drive = self._room.projector.response.to_linear(codes / 255.0)
+        return self._drift.landed(drive, self._room.regions) if self._drift.moves else drive

@@ -2,7 +2,7 @@
 
 FOLDER/patterns/00012.png    what to show: 8-bit, the projector's size; RGB where it is not black and white
 FOLDER/captures/00012.png    what was seen (or .jpg); with a bracket 00012_0.png, 00012_1.png …
-FOLDER/acquisition.toml      which acquisition they are of: none takes another one's captures for its own
+FOLDER/acquisition.toml      which acquisition, or check, they are of: none takes another one's captures for its own
 """
 
 import re
@@ -18,6 +18,7 @@ from counterlight.files.manifest import write_toml
 from counterlight.files.picture_files import SUFFIXES, read_picture
 from counterlight.files.png import encode_png
 from counterlight.files.reading import read_toml
+from counterlight.files.tables import Table
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.plan import Picture
 from counterlight.writing.replacing import filling_folder, replacing_file
@@ -25,6 +26,8 @@ from counterlight.writing.replacing import filling_folder, replacing_file
 ACQUISITION = "acquisition.toml"
 POLL_S = 0.2
 LISTED = 3  # names in a message
+CHECK, CHECKED = "check ", "checked"  # ids of checks begin so; of a folder whose last check has ended
+MOST = 1 << 40
 _NUMBERED = re.compile(r"(?P<number>\d{5,})(_(?P<shot>\d+))?")
 
 
@@ -36,6 +39,7 @@ class FolderCamera:
 
     def __init__(self, folder: Path, exposures: Exposures, wait_s: float = 0.0) -> None:
         self._folder, self._exposures, self._wait_s = folder, exposures, wait_s
+        self._goes_on = False  # a check whose later levels may have captures already
 
     @property
     def name(self) -> str:
@@ -62,6 +66,48 @@ class FolderCamera:
         with replacing_file(path) as temporary:
             write_toml(temporary, {"id": acquisition})
 
+    def begin(self, check: str) -> int:
+        """Take the folder for a check of a room, by its id; returns the number of its first capture.
+
+        A check that has waited in vain goes on where nobody was to wait for captures; otherwise it begins anew, and
+        what it had is removed. InputError if the folder holds an acquisition's captures.
+        """
+        path, seen = self._folder / ACQUISITION, self._folder / "captures"
+        record = read_toml(path, f"remove {path}") if path.exists() else {}
+        bound, first = (
+            str(record.get("id", "")),
+            Table(record, f"{path}", f"remove {path}").integer("first", 0, 0, MOST),
+        )
+        self._goes_on = bound == CHECK + check and not self._wait_s
+        if self._goes_on:
+            return first
+        if bound.startswith(CHECK):
+            first = self._clear(first)
+        elif bound != CHECKED and seen.is_dir() and any(_pictures(seen)):
+            raise InputError(f"{seen}: holds captures of an acquisition; move them away, or name another folder")
+        self._make_folders()
+        self._record(CHECK + check, first)
+        return first
+
+    def end(self, first: int) -> None:
+        """The check that began with capture `first` is done: its pictures and captures are removed."""
+        self._record(CHECKED, self._clear(first))
+
+    def _record(self, bound: str, first: int) -> None:
+        with replacing_file(self._folder / ACQUISITION) as temporary:
+            write_toml(temporary, {"id": bound, "first": first})
+
+    def _clear(self, first: int) -> int:
+        """Remove what is numbered from `first` on; returns a number that was never given."""
+        following = first
+        for folder in self._make_folders():
+            for path in list(_pictures(folder)):
+                named = _NUMBERED.fullmatch(path.stem)
+                if named is not None and int(named["number"]) >= first:
+                    following = max(following, int(named["number"]) + 1)
+                    path.unlink(missing_ok=True)
+        return following
+
     def prepare(self, first: int, patterns: Sequence[Picture], missing: Sequence[int]) -> None:
         """Write the patterns; InputError naming the captures that are not there, or that belong to no pattern."""
         shown, seen = self._make_folders()
@@ -70,10 +116,11 @@ class FolderCamera:
                 path = shown / f"{number:05}.png"
                 if not path.exists():
                     put(path, encode_png(_stored(patterns[number - first])))
-        if missing:  # otherwise captures of later levels may be there, from an earlier run
+        there = self._goes_on and not self._absent(missing)
+        if missing and not there:  # otherwise captures of later levels may be there, from an earlier run
             self._refuse_strangers(shown, seen, first + len(patterns))
         deadline = time.monotonic() + self._wait_s
-        while absent := [stem for number in missing for stem in self._stems(number) if self._find(stem) is None]:
+        while absent := self._absent(missing):
             if time.monotonic() >= deadline:
                 raise InputError(_waiting(seen, absent))
             time.sleep(POLL_S)
@@ -95,6 +142,9 @@ class FolderCamera:
     def _stems(self, number: int) -> list[str]:
         count = len(self._exposures.times)
         return [f"{number:05}"] if count == 1 else [f"{number:05}_{shot}" for shot in range(count)]
+
+    def _absent(self, numbers: Sequence[int]) -> list[str]:
+        return [stem for number in numbers for stem in self._stems(number) if self._find(stem) is None]
 
     def _find(self, stem: str) -> Path | None:
         paths = (self._folder / "captures" / f"{stem}{suffix}" for suffix in SUFFIXES)

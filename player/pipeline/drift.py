@@ -1,0 +1,246 @@
+"""What has changed in a room since its calibration, as far as it is undone frame by frame (docs/drift.md).
+
+A projector's picture has moved: its pixel x lights now where in the calibrated raster N x is, so that a drive
+p that is meant for the raster is shown as p(N x). Its light has changed, c = g T p + e', so that p(N x) / g is shown.
+
+The folder drift/ of a calibration holds drift.toml and, if the ambient light is another one, ambient.exr. It is of one
+state of calibration.toml, and of any maps that are built of that.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import FloatArray
+from counterlight.calibration import Calibration, Device, Region, StoredCalibration, check_light
+from counterlight.errors import InputError
+from counterlight.files import exr
+from counterlight.files.generation import read_steadily
+from counterlight.files.manifest import describe_files, write_toml
+from counterlight.files.reading import DescribedFiles, read_toml
+from counterlight.files.tables import Table
+from counterlight.writing.replacing import replacing_folder
+
+FOLDER, FILE, AMBIENT, FORMAT = "drift", "drift.toml", "ambient.exr", 1
+FARTHEST = 0.5  # of a projector's longer side: how far a corner may have moved
+GAIN = 0.05, 20.0
+Light: TypeAlias = NDArray[np.floating]
+
+
+@dataclass(frozen=True)
+class Moved:
+    """One projector's picture.
+
+    to_raster : N, (3, 3), a position of the projector's pixels -> where in the calibrated raster its light falls now,
+    pixels from the upper left corner, homogeneous.  gain : (3,) g, of each channel's light.
+    """
+
+    to_raster: FloatArray
+    gain: FloatArray
+
+    @classmethod
+    def nothing(cls) -> "Moved":
+        return cls(np.eye(3), np.ones(3))
+
+    @property
+    def changes(self) -> bool:
+        return not (np.array_equal(self.to_raster, np.eye(3)) and np.array_equal(self.gain, np.ones(3)))
+
+    def displacement(self, positions: FloatArray) -> FloatArray:
+        """How far the picture has moved at positions (n, 2) of the projector's pixels: (n, 2), right and down."""
+        x, y, w = self.to_raster @ np.column_stack([positions, np.ones(len(positions))]).T
+        return np.asarray(np.column_stack([x / w, y / w]) - positions)
+
+    def at_corners(self, device: Device) -> FloatArray:
+        """The displacement in the middle and at the four corners, (5, 2)."""
+        return self.displacement(_marks(device))
+
+    def check(self, device: Device) -> None:
+        """InputError unless all of the picture is in front of the lens, unmirrored, and not too far away."""
+        ahead = np.column_stack([_marks(device), np.ones(5)]) @ self.to_raster[2]
+        if not (ahead > 0).all() or np.linalg.det(self.to_raster[:2, :2]) <= 0:
+            raise InputError("the homography turns the picture over")
+        farthest = float(np.abs(self.at_corners(device)).max())
+        if not farthest <= FARTHEST * max(device.shape):
+            raise InputError(f"the picture's corners have moved by {farthest:.0f} pixels, expected at most half of it")
+
+
+@dataclass(frozen=True)
+class Drift:
+    """All that has changed.
+
+    ambient : as a calibration's; None: as it was.  said : in words.  date : ISO 8601.
+    """
+
+    projectors: tuple[Moved, ...]
+    ambient: NDArray[np.float32] | None = None
+    said: str = ""
+    date: str = ""
+
+    @property
+    def moves(self) -> bool:
+        """Whether any picture is shown elsewhere, or otherwise bright."""
+        return any(each.changes for each in self.projectors)
+
+    @property
+    def changes(self) -> bool:
+        """Whether anything is undone."""
+        return self.moves or self.ambient is not None
+
+    @property
+    def dimming(self) -> float:
+        """The least gain of all channels: what is left of the light that a white picture can ask for."""
+        return float(min(each.gain.min() for each in self.projectors))
+
+    def table(self, regions: tuple[Region, ...]) -> NDArray[np.float32]:
+        """For moved.frag: (projectors, 5, 3), rows of N, then (left, width, height) of the region, then g."""
+        rows = [
+            np.vstack([moved.to_raster, (region.left, region.width, region.height), moved.gain])
+            for moved, region in zip(self.projectors, regions, strict=True)
+        ]
+        return np.asarray(rows, np.float32)
+
+    def landed(self, drive: Light, regions: tuple[Region, ...]) -> FloatArray:
+        """What arrives in the calibrated raster of what is shown, g p(N⁻¹ u): (height, width, 3)."""
+        arrived = np.zeros(drive.shape)
+        for each, (left, _, width, height) in zip(self.projectors, regions, strict=True):
+            part = slice(height), slice(left, left + width)
+            arrived[part] = resampled(drive[part], np.asarray(np.linalg.inv(each.to_raster), np.float64)) * each.gain
+        return arrived
+
+    def shown(self, drive: Light, regions: tuple[Region, ...]) -> Light:
+        """A drive for the calibrated raster as it is to be shown; the same if nothing has moved."""
+        return moved(drive, self.table(regions)) if self.moves else drive
+
+    def to_dict(self, devices: tuple[Device, ...]) -> dict[str, Any]:
+        """For JSON: how far each picture has moved in its middle, pixels, and what is left of its light."""
+        shifts = [each.at_corners(device)[0] for each, device in zip(self.projectors, devices, strict=True)]
+        return {
+            "checked": self.date,
+            "moved": [[round(float(v), 3) for v in shift] for shift in shifts],
+            "gain": [round(float(each.gain.mean()), 4) for each in self.projectors],
+        }
+
+
+def read_drift(stored: StoredCalibration) -> Drift | None:
+    """The drift kept with a calibration, None where there is none; InputError for what fits neither it nor any room."""
+    path = stored.folder / FOLDER / FILE
+    return read_steadily(path, lambda: _read(stored, path) if path.exists() else None)
+
+
+def write_drift(stored: StoredCalibration, drift: Drift) -> None:
+    """Keep a drift, or that nothing has drifted; replaces what was kept before as a whole."""
+    with replacing_folder(stored.folder / FOLDER, lambda _: stored.refuse_replaced()) as stage:
+        if drift.ambient is not None:
+            exr.write_rgb(stage / AMBIENT, drift.ambient)
+        write_toml(stage / FILE, _to_toml(stored, drift, describe_files(stage)))
+
+
+def moved(drive: Light, projectors: Light) -> FloatArray:
+    """A drive (height, width, 3) as it is shown (moved.frag).  projectors : of `Drift.table`."""
+    shown = np.zeros(drive.shape)
+    for rows in np.asarray(projectors, np.float64):
+        left, width, height = (int(value) for value in rows[3])
+        part = slice(height), slice(left, left + width)
+        shown[part] = np.clip(resampled(drive[part], rows[:3]) / rows[4], 0, 1)
+    return shown
+
+
+def resampled(picture: Light, N: FloatArray) -> FloatArray:
+    """p(N x) of every pixel x, as much of it as its share that falls on the picture: (height, width, channels)."""
+    height, width = picture.shape[:2]
+    at, ahead = positions(N, (height, width))
+    lands = ahead * np.clip(np.minimum(at, (width, height) - at) + 0.5, 0, 1).prod(axis=2)
+    return np.asarray(lands[..., None] * sampled(picture, at.reshape(-1, 2)).reshape(picture.shape))
+
+
+def positions(N: FloatArray, shape: tuple[int, int]) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Where a homography takes the centres of pixels (height, width): (height, width, 2), and which it leaves ahead."""
+    y, x = np.mgrid[: shape[0], : shape[1]] + 0.5
+    u, v, w = np.einsum("ij,jyx->iyx", N, np.stack([x, y, np.ones_like(x)]))
+    ahead = w > 0
+    w = np.where(ahead, w, 1)
+    return np.stack([u / w, v / w], axis=2), ahead
+
+
+def sampled(picture: Light, at: FloatArray) -> FloatArray:
+    """Between pixels (Catmull and Rom 1974), the border's going on outside: (n, 2) positions -> (n, channels)."""
+    height, width = picture.shape[:2]
+    first = np.floor(at - 0.5).astype(np.int64)
+    across, down = np.moveaxis(_catmull_rom(at - 0.5 - first), 1, 0)
+    result = np.zeros((len(at), picture.shape[2]))
+    for i in range(4):
+        row = np.clip(first[:, 1] + i - 1, 0, height - 1)
+        for j in range(4):
+            column = np.clip(first[:, 0] + j - 1, 0, width - 1)
+            result += (down[:, i] * across[:, j])[:, None] * picture[row, column]
+    return result
+
+
+def _catmull_rom(t: FloatArray) -> FloatArray:
+    """Weights of the four pixels around a share t of the way between the inner two: (…, 4)."""
+    weights = ((2 - t) * t - 1) * t, (3 * t - 5) * t * t + 2, ((4 - 3 * t) * t + 1) * t, (t - 1) * t * t
+    return np.stack(weights, axis=-1) / 2
+
+
+def _read(stored: StoredCalibration, path: Path) -> Drift:
+    fix = "check the room again with counterlight verify, or remove the folder"
+    values = read_toml(path, fix)
+    table = Table(values, f"{path}", fix)
+    table.format(FORMAT)
+    if values.get("calibration") != stored.fingerprint:
+        raise table.refusal(f": found for another state of {stored.folder}/calibration.toml")
+    room = stored.calibration
+    entries = table.tables("projectors")
+    if len(entries) != len(room.projectors):
+        raise table.refusal(f": {len(entries)} projectors, the calibration has {len(room.projectors)}")
+    moved = tuple(_read_moved(entry, device) for entry, device in zip(entries, room.projectors, strict=True))
+    files = DescribedFiles(path.parent, table.table("files", optional=True).values, fix)
+    ambient = _read_ambient(files, room) if AMBIENT in files else None
+    return Drift(moved, ambient, table.text("said", ""), table.text("date", ""))
+
+
+def _read_moved(table: Table, device: Device) -> Moved:
+    if table.size("size", device.pixels) != device.shape:
+        raise table.wrong("size", f"[{device.width}, {device.height}], the calibrated projector's")
+    moved = Moved(table.rows("to_raster", 3, 3, -1e5, 1e5), table.numbers("gain", 3, None, *GAIN))
+    try:
+        moved.check(device)
+    except InputError as error:
+        raise table.refusal(f": {error}") from None
+    return moved
+
+
+def _read_ambient(files: DescribedFiles, room: Calibration) -> NDArray[np.float32]:
+    with files.opened(files.folder / AMBIENT) as file:
+        light = exr.read_rgb(file, exr.sized(room.camera.shape, "the camera", files.fix))
+        check_light(light, file.name, files.fix)
+        return light
+
+
+def _to_toml(stored: StoredCalibration, drift: Drift, files: dict[str, Any]) -> dict[str, Any]:
+    devices = stored.calibration.projectors
+    return {
+        "format": FORMAT,
+        "calibration": stored.fingerprint,
+        "date": drift.date,
+        "said": drift.said,
+        "projectors": [
+            {
+                "size": [device.width, device.height],
+                "to_raster": [[float(v) for v in row] for row in moved.to_raster],
+                "gain": [float(v) for v in moved.gain],
+            }
+            for moved, device in zip(drift.projectors, devices, strict=True)
+        ],
+        "files": files,
+    }
+
+
+def _marks(device: Device) -> FloatArray:
+    """The middle of the picture and its corners, (5, 2)."""
+    width, height = device.width, device.height
+    return np.array([(width / 2, height / 2), (0, 0), (width, 0), (width, height), (0, height)], np.float64)

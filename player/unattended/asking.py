@@ -1,0 +1,41 @@
+"""Asking a player at its control socket, as its clients do: one command, one answer."""
+
+import json
+import socket
+from pathlib import Path
+
+from counterlight.errors import InputError, one_line, shown
+from counterlight.unattended.json_lines import encode
+
+PATIENCE_S = 30.0
+LONGEST = 1 << 16
+
+
+def ask(control: Path, *command: str) -> None:
+    """Have a player run a command; InputError if nobody listens, or if it says that it could not."""
+    fix = "is the player running with --control and this name?"
+    try:
+        with socket.socket(socket.AF_UNIX) as connection:
+            connection.settimeout(PATIENCE_S)
+            connection.connect(str(control))
+            connection.sendall(encode({"command": list(command), "request_id": 1}))
+            answer = _answer(connection)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{control}: no answer ({one_line(error)}); {fix}") from None
+    if answer.get("error") != "success":
+        told = answer.get("message", answer.get("error"))
+        raise InputError(f"{control}: the player could not {command[0]}: {shown(told)}")
+
+
+def _answer(connection: socket.socket) -> dict[str, object]:
+    """The line that is an answer; events come between."""
+    waiting = b""
+    while more := connection.recv(4096):
+        *lines, waiting = (waiting + more).split(b"\n")
+        for line in lines:
+            answer = json.loads(line)
+            if isinstance(answer, dict) and answer.get("request_id") == 1 and "error" in answer:
+                return answer
+        if len(waiting) > LONGEST:
+            break
+    return {"error": "it hung up"}

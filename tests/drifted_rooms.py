@@ -1,0 +1,75 @@
+"""Rooms that have changed since they were calibrated: a picture elsewhere, a camera turned, light dimmed."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy import sparse
+
+from counterlight.arrays import FloatArray
+from counterlight.calibration import Calibration, StoredCalibration, writing
+from counterlight.pipeline.drift import Moved
+from counterlight.tools.transport.storage import read_transport, write_transport
+from counterlight.tools.transport.transport import Transport, channels
+
+
+def write_changed(
+    folder: Path,
+    stored: StoredCalibration,
+    *,
+    shift: tuple[float, float] = (0, 0),
+    shifts: Sequence[tuple[float, float]] = (),
+    camera: tuple[int, int] = (0, 0),
+    light: tuple[float, float, float] = (1, 1, 1),
+    ambient: float = 1.0,
+) -> None:
+    """A room that a simulated camera can look at now.
+
+    shift : of the projector's picture, its pixels right and down: boxes of light over boxes; shifts : of several
+    projectors'.  camera : by whole pixels.
+    """
+    room, transport = stored.calibration, read_transport(stored)
+    boxes = _boxes(room, shifts or [shift])
+    turned = rolled_rows(room.camera.shape, camera)
+    near = [
+        sparse.csr_array(gain * (matrix[turned] @ boxes), dtype=np.float32)
+        for gain, matrix in zip(light, channels(transport.near), strict=True)
+    ]
+    seen = np.asarray(ambient * room.ambient.reshape(-1, 3)[turned].reshape(room.ambient.shape), np.float32)
+    with writing(folder, replace(room, ambient=seen)) as stage:
+        write_transport(Transport.from_matrices(near), stage)
+
+
+def _boxes(room: Calibration, shifts: Sequence[tuple[float, float]]) -> sparse.csr_array:
+    """Of every projector in its own region of the raster."""
+    number = np.arange(room.projector.pixels).reshape(room.projector.shape)
+    total = sparse.csr_array((number.size, number.size))
+    for (left, top, width, height), shift in zip(room.regions, shifts, strict=True):
+        own = number[top : top + height, left : left + width].ravel()
+        part = sparse.coo_array(shifted_boxes((height, width), shift))
+        total += sparse.coo_array((part.data, (own[part.row], own[part.col])), shape=total.shape)
+    return sparse.csr_array(total)
+
+
+def shifted_boxes(shape: tuple[int, int], shift: tuple[float, float]) -> sparse.csr_array:
+    """(pixels, pixels): what share of each calibrated pixel the picture's pixels cover that have moved."""
+    across, down = (_shares(n, s) for n, s in zip(shape[::-1], shift, strict=True))
+    return sparse.csr_array(sparse.kron(down, across))
+
+
+def _shares(count: int, shift: float) -> FloatArray:
+    """Overlap of the unit box i with the box j + shift, (i, j)."""
+    i, j = np.arange(count)[:, None], np.arange(count)
+    return np.maximum(0, 1 - np.abs(j + shift - i))
+
+
+def rolled_rows(shape: tuple[int, int], moved: tuple[int, int]) -> np.ndarray:
+    """Which old pixel each pixel of a camera sees that has turned right and down; its border sees on."""
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    y, x = np.clip(y + moved[1], 0, shape[0] - 1), np.clip(x + moved[0], 0, shape[1] - 1)
+    return np.asarray((y * shape[1] + x).ravel())
+
+
+def moved_by(right: float, down: float, gain: float = 1.0) -> Moved:
+    return Moved(np.array([[1, 0, right], [0, 1, down], [0, 0, 1.0]]), np.full(3, gain))

@@ -1,0 +1,35 @@
+"""A show beside which a camera looks: what it finds is taken over by the player without a gap."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from counterlight import calibration
+from counterlight.tools import verify_projection
+from tests.desktop import expected_picture, screen
+from tests.drifted_rooms import write_changed
+from tests.programs import wait_until
+from tests.remote import show
+
+BOX = (0, 0, 100, 75)
+
+
+def test_a_check_beside_a_show_is_taken_over(
+    xvfb: str, plain_room: Path, noise_picture: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    room = shutil.copytree(plain_room, tmp_path / "room")
+    before = expected_picture(room, noise_picture, tmp_path)
+    write_changed(tmp_path / "now", calibration.read(room), shift=(0.8, -0.6))
+    with show(xvfb, tmp_path, room, noise_picture, "--no-osd") as (process, client):
+        wait_until(lambda: np.array_equal(screen(xvfb, BOX), before), "the picture", process)
+        camera = ["--camera", f"simulated:{tmp_path / 'now'}", "--control", str(tmp_path / "show.socket")]
+        assert verify_projection.main([str(room), *camera]) == 0
+        after = expected_picture(room, noise_picture, tmp_path)
+        assert np.abs(after - before).max() > 20  # codes: noise that has moved
+        wait_until(lambda: np.array_equal(screen(xvfb, BOX), after), "the corrected picture", process)
+        assert client.get("pause") is False  # it has gone on
+    capsys.readouterr()
+    assert verify_projection.main([str(room), *camera]) == 2
+    assert "show.socket: no answer" in capsys.readouterr().err

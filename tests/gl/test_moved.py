@@ -1,0 +1,52 @@
+"""Pictures that have moved: the pass against its twin, alone and in the chain that the player runs."""
+
+from dataclasses import replace
+
+import moderngl
+import numpy as np
+import pytest
+
+from counterlight.calibration import Region
+from counterlight.gl.passes import Pass, float_texture, picture_texture
+from counterlight.pipeline.drift import Drift, Moved, moved
+from tests.drifted_rooms import moved_by
+from tests.renderers import both, read
+from tests.rooms import random_room, yuv_frame
+
+REGIONS = Region(0, 0, 13, 7), Region(13, 0, 11, 5), Region(24, 0, 4, 7)
+# Positions of up to 28 pixels in float32 are off by 28 · 2⁻²³ · a few roundings, slopes of random drives are below 4.
+ATOL = 1e-4
+
+
+def some(rng: np.random.Generator, reach: float) -> Moved:
+    N = np.eye(3) + reach * rng.uniform(-1, 1, (3, 3)) * [[0.02, 0.02, 1], [0.02, 0.02, 1], [2e-3, 2e-3, 0]]
+    return Moved(N, rng.uniform(0.8, 1.25, 3))
+
+
+@pytest.mark.parametrize("reach", [0.0, 0.3, 1.0, 4.0])
+def test_the_pass_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator, reach: float) -> None:
+    drive = rng.uniform(0, 1, (7, 28, 3)).astype(np.float32)
+    table = Drift(tuple(some(rng, reach) for _ in REGIONS)).table(REGIONS)
+    step = Pass(gl_context, "moved.frag", float_texture(gl_context, (7, 28)))
+    inputs = picture_texture(gl_context, drive), picture_texture(gl_context, table)
+    result = read(step.run(drive=inputs[0], projectors=inputs[1]))
+    for resource in (step, *inputs):
+        resource.release()
+    np.testing.assert_allclose(result, moved(drive, table), atol=ATOL)
+
+
+def test_the_chain_equals_its_twin_and_identity_is_left_out(
+    gl_context: moderngl.Context, rng: np.random.Generator
+) -> None:
+    plain, frame = random_room(rng, far=True), yuv_frame(rng, (9, 15))
+    found = {}
+    drifts = {"none": None, "identity": Drift((Moved.nothing(),)), "moved": Drift((moved_by(0.8, -0.6, 0.9),))}
+    for name, drift in drifts.items():
+        with both(gl_context, replace(plain, drift=drift), frame) as (gpu, cpu):
+            for renderer in (gpu, cpu):
+                renderer.render("projector", compensate=True)
+            np.testing.assert_allclose(gpu.linear(), cpu.linear(), atol=ATOL)
+            found[name] = gpu.linear().copy(), gpu.encoded().copy()
+    for none, identity, other in zip(*found.values(), strict=True):
+        np.testing.assert_array_equal(none, identity)
+        assert not np.array_equal(none, other)

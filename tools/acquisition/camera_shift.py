@@ -1,0 +1,96 @@
+"""How far a camera has moved, from the floodlit room before and after: texture moves with the camera alone.
+
+A projector that has moved lights the same paint: inside the raster the floodlit room stays what it was. Both pictures
+are taken relative to their surroundings, after(x) = before(x + d), and d is found as in registration.py.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, ndimage
+
+from counterlight.arrays import BoolArray, FloatArray
+from counterlight.pipeline.drift import sampled
+
+SURROUNDINGS = 4.0  # σ, camera pixels: what is smoother may be light as well as paint
+STEPS, STILL = 15, 1e-4
+CAUCHY, MAD_TO_SIGMA = 2.385, 1.4826
+FAINT = 1e-3  # of the brightest
+
+
+@dataclass(frozen=True)
+class CameraShift:
+    """By how many of its pixels the camera has turned, right and down, and how sure that is.
+
+    explained : share of the change of the floodlit room that it explains, 0..1.
+    """
+
+    right: float
+    down: float
+    unsure: float
+    explained: float
+
+    @property
+    def far(self) -> float:
+        return float(np.hypot(self.right, self.down))
+
+
+def camera_shift(before: FloatArray, after: FloatArray, counts: BoolArray) -> CameraShift:
+    """before, after : (camera height, camera width), light of the floodlit room.  counts : where it tells, likewise."""
+    old, new = (_relative(light, counts) for light in (before, after))
+    still = _descend(old, new, counts, np.zeros(2))
+    found = min(still, _descend(old, new, counts, _whole_shift(old, new)), key=lambda each: each[1])
+    d, cost, unsure = found
+    unmoved = _cost(_residual(old, new, counts, np.zeros(2))[0])
+    return CameraShift(float(d[0]), float(d[1]), unsure, max(1 - cost / max(unmoved, 1e-30), 0.0))
+
+
+def _relative(light: FloatArray, counts: BoolArray) -> FloatArray:
+    """Light over that of its surroundings, less 1; 0 where nothing tells."""
+    weight = ndimage.gaussian_filter(counts.astype(np.float64), SURROUNDINGS)
+    around = ndimage.gaussian_filter(np.where(counts, light, 0), SURROUNDINGS) / np.maximum(weight, 1e-6)
+    floor = FAINT * max(float(light[counts].max()), 1e-30)
+    return np.where(counts, light / np.maximum(around, floor) - 1, 0)
+
+
+def _whole_shift(old: FloatArray, new: FloatArray) -> FloatArray:
+    padded = tuple(2 * n for n in old.shape)
+    product = fft.rfft2(old, padded) * np.conj(fft.rfft2(new, padded))
+    score = fft.irfft2(product, padded)
+    steps = [np.fft.fftfreq(n, 1 / n) for n in padded]
+    for axis, (step, n) in enumerate(zip(steps, old.shape, strict=True)):
+        score[(slice(None),) * axis + (np.abs(step) > n // 8,)] = -np.inf
+    peak = np.unravel_index(np.argmax(score), padded)
+    return np.array([steps[1][peak[1]], steps[0][peak[0]]])
+
+
+def _descend(old: FloatArray, new: FloatArray, counts: BoolArray, d: FloatArray) -> tuple[FloatArray, float, float]:
+    """d, its cost and standard deviation."""
+    spread: FloatArray = np.eye(2)
+    down, right = np.gradient(old)
+    slopes = np.stack([right, down], axis=2)
+    for _ in range(STEPS):
+        residual, at = _residual(old, new, counts, d)
+        scale = max(float(MAD_TO_SIGMA * np.median(np.abs(residual))), 1e-9)
+        weights = 1 / (1 + (residual / (CAUCHY * scale)) ** 2)
+        J = sampled(slopes, at)
+        inverse = np.asarray(np.linalg.pinv(J.T @ (weights[:, None] * J), hermitian=True))
+        step = np.clip(inverse @ (J.T @ (weights * residual)), -1, 1)
+        d, spread = d + step, scale**2 * inverse
+        if np.abs(step).max() < STILL:
+            break
+    return d, _cost(_residual(old, new, counts, d)[0]), float(np.sqrt(np.trace(spread)))
+
+
+def _residual(old: FloatArray, new: FloatArray, counts: BoolArray, d: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """after(x) − before(x + d) where it tells, and those places: (pixels,), (pixels, 2)."""
+    y, x = np.nonzero(counts)
+    at = np.column_stack([x, y]) + 0.5 + d
+    return new[counts] - sampled(old[..., None], at)[:, 0], at
+
+
+def _cost(residual: FloatArray) -> float:
+    """Mean of squares, the few that are far off left out: a thing that was moved is no camera that was."""
+    squares: NDArray[np.float64] = np.sort(residual**2)
+    return float(squares[: max(len(squares) * 9 // 10, 1)].mean())

@@ -1,0 +1,246 @@
+"""How far a projector's picture has moved since the calibration, from one smooth random picture.
+
+A camera that has not moved sees c = g T W p + e of a picture p that lands elsewhere in the raster: (W p)(u) = p(M u),
+M a homography from the calibrated raster to the projector's own pixels. Which whole shift it is says the correlation of
+p with what the camera sees of it, gathered by Tᵀ. Then Gauss and Newton, (W p)' = ∇p(M u) · M' u, with weights that
+fall with the residual (Cauchy) and the gain beside them: a shift first, then what else the data hold, up to the
+homography. The picture is smooth, octave upon octave, so that nothing in it repeats and a step sees its way from afar.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, ndimage
+
+from counterlight.arrays import BoolArray, FloatArray
+from counterlight.calibration import Region
+from counterlight.pipeline.colour import LUMINANCE
+from counterlight.pipeline.drift import Moved, positions, resampled, sampled
+from counterlight.tools.acquisition.plan import MAD_TO_SIGMA, Noise
+from counterlight.tools.transport.transport import Csr, Transport, luminance, luminance_matrix
+
+SMOOTH, OCTAVES = 1.5, 4  # σ of the picture's finest octave, projector pixels
+CONTRAST, DARKEST = 0.22, 0.02  # the picture's standard deviation, and its least light: 0..1 around a half
+MODEL = 0.01  # of a camera pixel's floodlight: what T does not know of it
+STAGES = 2, 6, 8  # unknowns: a shift, an affinity, a homography
+STEPS, STILL = 15, 1e-4  # of one stage; where no corner moves by so many pixels, it ends
+CAUCHY = 2.385  # σ: 95 % as good as least squares where noise is normal (Holland and Welsch 1977)
+MOST_UNSURE = 0.05  # projector pixels: a stage whose corners are less sure is not taken
+WORTH = 4.0  # what a further unknown must explain, in what noise lets it explain by chance
+TELLS = 0.1  # of the brightest prediction: camera pixels whose median is a gain
+LIT, BRIGHT = 0.01, 99.0  # of that percentile of the floodlight: camera pixels that tell
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Where the picture is.
+
+    moved : with the gain of each channel.  unsure : standard deviation of its corners, projector pixels.
+    unknowns : of STAGES.  residual : robust deviation of what is seen, in what was expected of noise and T.
+    agreement : correlation of predicted and seen, each relative to the floodlight: low where no such picture stands.
+    """
+
+    moved: Moved
+    unsure: float
+    unknowns: int
+    residual: float
+    agreement: float
+
+
+def random_field(shape: tuple[int, int], seed: int = 0) -> FloatArray:
+    """A smooth random picture of linear light, (height, width), 0..1."""
+    rng = np.random.default_rng(seed)
+    field = np.zeros(shape)
+    for octave in range(OCTAVES):
+        noise = ndimage.gaussian_filter(rng.standard_normal(shape), SMOOTH * 2**octave, mode="reflect")
+        field += noise / noise.std()
+    return np.asarray(np.clip(0.5 + CONTRAST * field / field.std(), DARKEST, 1 - DARKEST))
+
+
+class Registrar:
+    """Finds the picture of one projector of a raster.
+
+    counts : (camera height, camera width), which camera pixels are asked.
+    """
+
+    def __init__(self, transport: Transport, region: Region, counts: BoolArray) -> None:
+        assert transport.projector is not None
+        number = np.arange(transport.shape[1]).reshape(transport.projector)
+        left, top, width, height = region
+        self._columns = number[top : top + height, left : left + width].ravel()
+        self._transport, self._shape = transport, (height, width)
+        flood = luminance(self._seen(np.ones((height, width, 3))))
+        self._rows = np.flatnonzero(counts.ravel() & (flood > LIT * np.percentile(flood, BRIGHT)))
+        self.flood = flood[self._rows]
+        self.near: Csr = luminance_matrix(transport.near)[self._rows][:, self._columns]
+
+    def find(self, drive: FloatArray, seen: FloatArray, noise: Noise) -> Registration:
+        """drive : (height, width, 3), what the region shows.  seen : (camera pixels, 3), above black, of that alone."""
+        problem = _Problem(self, drive, seen[self._rows], noise)
+        best = problem.descend(self._whole_shift(drive, luminance(seen)[self._rows]), STAGES[0])
+        for unknowns in STAGES[1:]:
+            found = problem.descend(best.theta, unknowns)
+            worth = (best.cost - found.cost) / found.scale**2 > WORTH * (unknowns - best.unknowns)
+            if worth and found.unsure < MOST_UNSURE:
+                best = found
+        N = np.linalg.inv(_matrix(best.theta, self._shape))
+        moved = Moved(np.asarray(N / N[2, 2]), best.gain)
+        return Registration(moved, best.unsure, best.unknowns, best.scale, problem.agreement(best.theta))
+
+    def predicted(self, shown: FloatArray) -> FloatArray:
+        """What the pixels asked see of a region's light (height, width, 3): (pixels, 3)."""
+        return self._seen(shown)[self._rows]
+
+    def _seen(self, shown: FloatArray) -> FloatArray:
+        whole = np.zeros((self._transport.shape[1], 3))
+        whole[self._columns] = shown.reshape(-1, 3)
+        return self._transport.apply(whole)
+
+    def _whole_shift(self, drive: FloatArray, light: FloatArray) -> FloatArray:
+        """θ of the best whole shift: the peak of Σ q(u) p(u − s) over the root of what p could correlate there."""
+        share = light / self.flood
+        gathered = self.near.T @ ((share - share.mean()) / self.flood)
+        weight = self.near.T @ (1 / self.flood)
+        picture = luminance(drive.reshape(-1, 3)).reshape(self._shape)
+        picture = picture - picture.mean()
+        score = _correlated(gathered.reshape(self._shape), picture)
+        energy = _correlated(weight.reshape(self._shape), picture**2)
+        score /= np.sqrt(np.maximum(energy, 1e-3 * energy.max()))
+        down, right = (
+            np.fft.fftfreq(n, 1 / n)[i]
+            for n, i in zip(score.shape, np.unravel_index(np.argmax(score), score.shape), strict=True)
+        )
+        theta = np.zeros(8)
+        theta[:2] = -np.array([right, down]) / _half(self._shape)
+        return theta
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """θ : unknowns of M.  gain : (3,).  cost : robust, in squares of expected noise.  scale : of residuals, in σ.
+
+    unsure : standard deviation of the corners, projector pixels.
+    """
+
+    theta: FloatArray
+    gain: FloatArray
+    cost: float
+    scale: float
+    unsure: float
+    unknowns: int
+
+
+class _Problem:
+    """min over M and g of what the camera pixels see otherwise than predicted."""
+
+    def __init__(self, registrar: Registrar, drive: FloatArray, seen: FloatArray, noise: Noise) -> None:
+        self._registrar, self._drive, self._seen = registrar, drive, seen
+        self._shape = drive.shape[0], drive.shape[1]
+        self._light = luminance(seen)
+        self._sigma = np.hypot(luminance(noise.sigma(seen)), MODEL * registrar.flood)
+        picture = luminance(drive.reshape(-1, 3)).reshape(self._shape)
+        self._slopes = np.stack(np.gradient(picture)[::-1], axis=2)
+        self._u = _normal(self._shape)
+
+    def agreement(self, theta: FloatArray) -> float:
+        """Of what is predicted with what is seen."""
+        seen = self._light / self._registrar.flood
+        predicted = seen - self._residual(theta)[0] * self._sigma / self._registrar.flood
+        return float(np.nan_to_num(np.corrcoef(seen, predicted)[0, 1]))
+
+    def descend(self, theta: FloatArray, unknowns: int) -> _Fit:
+        """From θ to the best within so many unknowns."""
+        spread: FloatArray = np.eye(unknowns)
+        for _ in range(STEPS):
+            residual, gain = self._residual(theta)
+            J = self._jacobian(theta, unknowns) * float(LUMINANCE @ gain)
+            J /= self._sigma[:, None]
+            scale = _scale(residual)
+            weights = 1 / (1 + (residual / (CAUCHY * scale)) ** 2)
+            J = np.column_stack([J, (self._light - residual * self._sigma) / self._sigma])  # the gain, beside
+            spread = np.asarray(np.linalg.pinv(J.T @ (weights[:, None] * J), hermitian=True))
+            step = (spread @ (J.T @ (weights * residual)))[:unknowns]
+            theta = theta.copy()
+            theta[:unknowns] += step
+            spread = scale**2 * spread[:unknowns, :unknowns]
+            if np.abs(step).max() * _half(self._shape) < STILL:
+                break
+        residual, gain = self._residual(theta)
+        unsure = float(np.sqrt(np.trace(spread)) * _half(self._shape))
+        return self._fit(theta, gain, residual, unsure, unknowns)
+
+    def _fit(self, theta: FloatArray, gain: FloatArray, residual: FloatArray, unsure: float, unknowns: int) -> _Fit:
+        cost = float(np.sum(CAUCHY**2 * np.log1p((residual / CAUCHY) ** 2)))
+        return _Fit(theta, gain, cost, _scale(residual), unsure, unknowns)
+
+    def _residual(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """In σ, and each channel's gain."""
+        M = _matrix(theta, self._shape)
+        predicted = self._registrar.predicted(resampled(self._drive, M))
+        pairs = zip(self._seen.T, predicted.T, strict=True)
+        gain = np.array([_gain(*pair) for pair in pairs])
+        return (self._light - luminance(gain * predicted)) / self._sigma, gain
+
+    def _jacobian(self, theta: FloatArray, unknowns: int) -> FloatArray:
+        """Of the prediction by the first unknowns, per unit gain: (pixels, unknowns)."""
+        at = positions(_matrix(theta, self._shape), self._shape)[0].reshape(-1, 2)
+        slopes = sampled(self._slopes, at)
+        u, (_, scaled, w) = self._u, _mapped(theta, self._u)
+        moves = [
+            slopes[:, 0],
+            slopes[:, 1],
+            *(slopes[:, i] * u[:, j] for i in range(2) for j in range(2)),
+            *(-(slopes * scaled).sum(axis=1) * u[:, j] for j in range(2)),
+        ]
+        columns = np.stack(moves[:unknowns], axis=1) * (_half(self._shape) / w)[:, None]
+        return np.asarray(self._registrar.near @ columns)
+
+
+def _gain(seen: FloatArray, predicted: FloatArray) -> float:
+    """The median, which somebody in the light does not change; 1 where there is none."""
+    told = predicted > TELLS * max(float(predicted.max()), 0.0)
+    return float(np.median(seen[told] / predicted[told])) if told.any() else 1.0
+
+
+def _scale(residual: FloatArray) -> float:
+    return max(float(MAD_TO_SIGMA * np.median(np.abs(residual))), 1e-3)
+
+
+def _half(shape: tuple[int, int]) -> float:
+    return max(shape) / 2
+
+
+def _normal(shape: tuple[int, int]) -> FloatArray:
+    """Pixel centres around the middle, in halves of the longer side: (pixels, 2)."""
+    y, x = np.mgrid[: shape[0], : shape[1]] + 0.5
+    return np.stack([x - shape[1] / 2, y - shape[0] / 2], axis=2).reshape(-1, 2) / _half(shape)
+
+
+def _mapped(theta: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(1 + A) u + t and that over w = 1 + g u, and w; θ is t, A row by row, g."""
+    w = 1 + u @ theta[6:8]
+    q = u + u @ theta[2:6].reshape(2, 2).T + theta[:2]
+    return q, q / w[:, None], w
+
+
+def _matrix(theta: FloatArray, shape: tuple[int, int]) -> FloatArray:
+    """M, between positions in pixels from the upper left corner."""
+    own = np.eye(3)
+    own[:2, :2] += theta[2:6].reshape(2, 2)
+    own[:2, 2], own[2, :2] = theta[:2], theta[6:8]
+    half = _half(shape)
+    to_pixels = np.array([[half, 0, shape[1] / 2], [0, half, shape[0] / 2], [0, 0, 1]])
+    M = to_pixels @ own @ np.linalg.inv(to_pixels)
+    return np.asarray(M / M[2, 2])
+
+
+def _correlated(where: NDArray[np.floating], picture: NDArray[np.floating]) -> FloatArray:
+    """Σ_u where(u) picture(u − s) of every shift s, those of half the picture and more left out."""
+    padded = tuple(2 * n for n in picture.shape)
+    product = fft.rfft2(where, padded) * np.conj(fft.rfft2(picture, padded))
+    sums = fft.irfft2(product, padded)
+    for axis, n in enumerate(picture.shape):
+        far = np.abs(np.fft.fftfreq(padded[axis], 1 / padded[axis])) > n // 4
+        sums[(slice(None),) * axis + (far,)] = 0
+    return np.asarray(sums)
