@@ -181,6 +181,7 @@ class Stage:
         self.saved: list[Corners | None] = []
         self.fresh: list[Any] = []
         self.refinable = True
+        self.drifted: dict[str, Any] | None = None
         told = {name: options.pop(name) for name in ("bindings", "remotes", "heartbeat") if name in options}
         self.session = Session(
             Playlist(list(self.readers), loop=loop_list),

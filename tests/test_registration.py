@@ -5,6 +5,7 @@ import pytest
 from scipy import ndimage, sparse
 
 from counterlight.calibration import Region
+from counterlight.errors import InputError
 from counterlight.pipeline.drift import Moved, resampled
 from counterlight.tools.acquisition.camera_shift import camera_shift
 from counterlight.tools.acquisition.plan import Noise
@@ -74,6 +75,11 @@ def test_what_the_data_do_not_hold_is_not_made_up(transport: Transport) -> None:
     found = Registrar(transport, WHOLE, few).find(picture(), photographed(transport, arrived), NOISE)
     assert found.unknowns == 2
     np.testing.assert_allclose(found.moved.displacement(CORNERS), np.tile((0.8, 0.6), (5, 1)), atol=2 * EXACT)
+
+
+def test_a_picture_that_nobody_sees_is_said(transport: Transport) -> None:
+    with pytest.raises(InputError, match="seen by 0 camera pixels that count, expected 50 or more"):
+        Registrar(transport, WHOLE, np.zeros(CAMERA, np.bool_))
 
 
 def test_a_few_camera_pixels_that_see_something_else_change_nothing(transport: Transport) -> None:

@@ -1,7 +1,9 @@
 """A show beside which a camera looks: what it finds is taken over by the player without a gap."""
 
+import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,14 +24,22 @@ def test_a_check_beside_a_show_is_taken_over(
     room = shutil.copytree(plain_room, tmp_path / "room")
     before = expected_picture(room, noise_picture, tmp_path)
     write_changed(tmp_path / "now", calibration.read(room), shift=(0.8, -0.6))
-    with show(xvfb, tmp_path, room, noise_picture, "--no-osd") as (process, client):
+    beats = tmp_path / "beats"
+
+    def told() -> Any:
+        return json.loads(beats.read_text().splitlines()[-1])["drift"]
+
+    with show(xvfb, tmp_path, room, noise_picture, "--no-osd", "--heartbeat", beats) as (process, client):
         wait_until(lambda: np.array_equal(screen(xvfb, BOX), before), "the picture", process)
+        assert told() is None
         camera = ["--camera", f"simulated:{tmp_path / 'now'}", "--control", str(tmp_path / "show.socket")]
         assert verify_projection.main([str(room), *camera]) == 0
         after = expected_picture(room, noise_picture, tmp_path)
         assert np.abs(after - before).max() > 20  # codes: noise that has moved
         wait_until(lambda: np.array_equal(screen(xvfb, BOX), after), "the corrected picture", process)
         assert client.get("pause") is False  # it has gone on
+        wait_until(lambda: told() is not None, "a beat", process)
+        np.testing.assert_allclose(told()["moved"], [[0.8, -0.6]], atol=0.05)  # boxes of light, noise
     capsys.readouterr()
     assert verify_projection.main([str(room), *camera]) == 2
     assert "show.socket: no answer" in capsys.readouterr().err

@@ -15,6 +15,7 @@ from scipy import fft, ndimage
 
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Region
+from counterlight.errors import InputError
 from counterlight.pipeline.colour import LUMINANCE
 from counterlight.pipeline.drift import Moved, positions, resampled, sampled
 from counterlight.tools.acquisition.plan import MAD_TO_SIGMA, Noise
@@ -28,6 +29,7 @@ STEPS, STILL = 15, 1e-4  # of one stage; where no corner moves by so many pixels
 CAUCHY = 2.385  # σ: 95 % as good as least squares where noise is normal (Holland and Welsch 1977)
 MOST_UNSURE = 0.05  # projector pixels: a stage whose corners are less sure is not taken
 WORTH = 4.0  # what a further unknown must explain, in what noise lets it explain by chance
+FEWEST = 50  # camera pixels: eight unknowns, and noise
 TELLS = 0.1  # of the brightest prediction: camera pixels whose median is a gain
 LIT, BRIGHT = 0.01, 99.0  # of that percentile of the floodlight: camera pixels that tell
 
@@ -61,7 +63,7 @@ def random_field(shape: tuple[int, int], seed: int = 0) -> FloatArray:
 class Registrar:
     """Finds the picture of one projector of a raster.
 
-    counts : (camera height, camera width), which camera pixels are asked.
+    counts : (camera height, camera width), which camera pixels are asked; InputError for too few.
     """
 
     def __init__(self, transport: Transport, region: Region, counts: BoolArray) -> None:
@@ -73,6 +75,11 @@ class Registrar:
         flood = luminance(self._seen(np.ones((height, width, 3))))
         self._rows = np.flatnonzero(counts.ravel() & (flood > LIT * np.percentile(flood, BRIGHT)))
         self.flood = flood[self._rows]
+        if len(self._rows) < FEWEST:
+            raise InputError(
+                f"a picture is seen by {len(self._rows)} camera pixels that count, expected {FEWEST} or more: "
+                "is the camera overexposed, or looking elsewhere?"
+            )
         self.near: Csr = luminance_matrix(transport.near)[self._rows][:, self._columns]
 
     def find(self, drive: FloatArray, seen: FloatArray, noise: Noise) -> Registration:
