@@ -26,8 +26,8 @@ from counterlight.tools.transport.trust import seen, trust
 
 FAINTEST = 1e-12  # of the largest: a projector pixel whose d is below lights nothing, and its step would overflow
 FINEST = 1e-6  # of ½ Σ w b²: an error 60 dB below the target needs no finer certificate
-HARDLY_SEEN = 0.05  # of what is seen of most projector pixels: the prior is then as strong as what the camera says
-FALL = 4  # the power by which the prior vanishes where more is seen: 6e-6 of d where all is
+HARDLY_SEEN = 0.02  # of what is seen of most projector pixels: the prior is then as strong as what the camera says
+FALL = 4  # the power by which the prior vanishes where more is seen: 2e-7 of d where all is
 STRONGEST = 1e6  # times what the camera says
 STIFFNESS = 0.03  # of d: what ties pixels that nobody sees to their neighbours (--outside continue)
 
@@ -186,7 +186,7 @@ def _prior(
 def _hold(d: FloatArray, shown: FloatArray) -> FloatArray:
     """How strongly a projector pixel is held for want of being seen, (projector pixels, 3).
 
-    d (0.05 / shown)⁴, at most what d is where all is seen; that of what nobody sees.
+    d (0.02 / shown)⁴, at most what d is where all is seen; that of what nobody sees.
     """
     typical = np.median(d[shown > 0.5], axis=0) if np.any(shown > 0.5) else d.max(axis=0, initial=0.0)
     share = np.divide(HARDLY_SEEN, shown, out=np.full_like(shown, np.inf), where=shown > 0)[:, None]
