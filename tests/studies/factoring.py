@@ -74,12 +74,10 @@ def _faint(matrix: sparse.csr_array) -> np.ndarray:
 def main() -> None:
     rng = np.random.default_rng(15)
     whole = radiosity_corner(0.5)
-    larger = traced(radiosity_corner(0.75), rng)
     rooms = {
         "radiosity": whole,
         "radiosity, noisy": noisy(whole, rng),
         f"{PATHS} paths a pixel": traced(whole, rng),
-        f"{PATHS} paths a pixel, larger": larger,
     }
     print(
         "| corner | camera, projector | entries | near | far | CPU s | below the optimum, dB: photograph, half, spots |"

@@ -133,6 +133,7 @@ class _Search:
 
     def found(self, left: Factoring) -> tuple[Transport, Factoring]:
         candidates, T = self._candidates(), self._rows.transport
+        reason = f"no factors of half its size keep pictures within {self._tolerance:g} dB"
         for margin in MARGINS:
             fitting = self._fitting(candidates, margin)
             if not fitting:
@@ -142,11 +143,12 @@ class _Search:
             model = fitted(self._rows, chosen.cells, max(chosen.limit, PEAK))
             made = split(self._rows, replace(model, limit=chosen.limit))
             if _far_share(made) > MOST_FAR:
-                return T, replace(left, reason="factors would hold most of its light, which is wide rather than far")
+                reason = "factors would hold most of its light, which is wide rather than far"
+                continue
             losses = measured(T, made, self._pictures)
             if max(losses.values()) <= self._tolerance and numbers(made) <= self._most:
                 return made, Factoring(left.before, numbers(made), made.near.indices.size, losses)
-        return T, replace(left, reason=f"no factors of half its size keep pictures within {self._tolerance:g} dB")
+        return T, replace(left, reason=reason)
 
     def _candidates(self) -> list[_Candidate]:
         """Of grids from coarse to fine, while a finer one can be cheaper; the drives are those of the first model."""

@@ -24,7 +24,7 @@ from counterlight.tools.transport.transport import Csr, FarLight, Shape, Transpo
 ROUNDS = 3
 RIDGE = 1e-6  # ε, of the mean diagonal: nodes that no far light reaches stay 0
 PEAK = 64.0  # times its row's mean, an entry is near light to begin with
-CROWD, BLOCKS = 16.0, 108  # and all of a block of the raster (of so many) that sends that many times its share
+CROWD, BLOCKS = 8.0, 108  # and all of a block of the raster (of so many) that sends that many times its share
 
 
 @dataclass(frozen=True)
