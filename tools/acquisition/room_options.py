@@ -3,7 +3,8 @@
 import argparse
 from pathlib import Path
 
-from counterlight.tools.choices import TOLERANCE
+from counterlight.errors import InputError
+from counterlight.tools.choices import MOST_TOLERANCE, TOLERANCE
 
 
 def add_room_options(parser: argparse.ArgumentParser) -> None:
@@ -23,9 +24,20 @@ def add_tolerance(parser: argparse.ArgumentParser) -> None:
     """--tolerance."""
     parser.add_argument(
         "--tolerance",
-        type=float,
+        type=_parse_tolerance,
         default=TOLERANCE,
         metavar="DB",
         help="a dense T becomes near light and factors of far light; what compensated pictures may lose by that, in dB "
         f"of the camera's picture (default {TOLERANCE:g}; 0: T stays as it is)",
     )
+
+
+def _parse_tolerance(text: str) -> float:
+    """Refused before anything is captured or read."""
+    try:
+        tolerance = float(text)
+    except ValueError:
+        tolerance = -1.0
+    if not 0 <= tolerance <= MOST_TOLERANCE:
+        raise InputError(f"--tolerance {text}: expected 0 (T stays as it is) to {MOST_TOLERANCE:g} dB")
+    return tolerance
