@@ -13,8 +13,9 @@ from counterlight import calibration, memory
 from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.pipeline.content import camera_psnr, reachable_white
-from counterlight.tools.factoring import passes
-from counterlight.tools.factoring.factoring import LIMITS, MOST_TOLERANCE, factored
+from counterlight.tools.choices import MOST_TOLERANCE
+from counterlight.tools.factoring import factoring, passes
+from counterlight.tools.factoring.factoring import LIMITS, factored
 from counterlight.tools.factoring.grid import Grid
 from counterlight.tools.factoring.losses import asked, compensated, measured
 from counterlight.tools.factoring.model import Model, Rows, fitted
@@ -262,6 +263,13 @@ def test_too_little_memory_is_said_before_work(corner: Transport, monkeypatch: p
         factored(corner, in_the_dark(corner))
 
 
+def test_more_pixels_than_nodes_can_serve_are_left_alone(corner: Transport, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(factoring, "MOST_NODES", 0)
+    found, done = factored(corner, in_the_dark(corner))
+    assert found is corner
+    assert "too many nodes" in done.reason
+
+
 def test_a_stricter_tolerance_is_kept(corner: Transport) -> None:
     loose, strict = (factored(corner, in_the_dark(corner), tolerance)[1] for tolerance in (0.3, 0.01))
     assert max(strict.losses.values()) <= 0.01
@@ -362,10 +370,11 @@ def test_an_imported_corner_is_factored_built_and_played(tmp_path: Path, corner:
     assert by_factors >= by_dense - 0.1
 
 
-def test_a_tolerance_that_is_none_writes_nothing(tmp_path: Path, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("tolerance", ["-1", "nan", "11", "much"])
+def test_a_tolerance_that_is_none_writes_nothing(tmp_path: Path, rng: np.random.Generator, tolerance: str) -> None:
     given = write_matrices(tmp_path, transport([direct(rng)] * 3))
-    line = fail("import-transport", *given, "-o", tmp_path / "room", "--tolerance", "-1")
-    assert "tolerance -1: expected 0 (T stays as it is) to 10 dB" in line
+    line = fail("import-transport", *given, "-o", tmp_path / "room", f"--tolerance={tolerance}")
+    assert f"--tolerance {tolerance}: expected 0 (T stays as it is) to 10 dB" in line
     assert not (tmp_path / "room").exists()
 
 

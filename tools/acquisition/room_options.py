@@ -3,8 +3,9 @@
 import argparse
 from pathlib import Path
 
+from counterlight.errors import InputError
 from counterlight.response import Response, projector_response
-from counterlight.tools.choices import TOLERANCE
+from counterlight.tools.choices import MOST_TOLERANCE, TOLERANCE
 
 ASSUMED = Response("srgb")
 ASSUMED_LINE = "response: sRGB assumed; measure it with counterlight fit-response, and give it with --response"
@@ -34,9 +35,20 @@ def add_tolerance(parser: argparse.ArgumentParser) -> None:
     """--tolerance."""
     parser.add_argument(
         "--tolerance",
-        type=float,
+        type=_parse_tolerance,
         default=TOLERANCE,
         metavar="DB",
         help="a dense T becomes near light and factors of far light; what compensated pictures may lose by that, in dB "
         f"of the camera's picture (default {TOLERANCE:g}; 0: T stays as it is)",
     )
+
+
+def _parse_tolerance(text: str) -> float:
+    """Refused before anything is captured or read."""
+    try:
+        tolerance = float(text)
+    except ValueError:
+        tolerance = -1.0
+    if not 0 <= tolerance <= MOST_TOLERANCE:
+        raise InputError(f"--tolerance {text}: expected 0 (T stays as it is) to {MOST_TOLERANCE:g} dB")
+    return tolerance

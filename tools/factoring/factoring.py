@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from counterlight import memory
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
-from counterlight.tools.choices import TOLERANCE
+from counterlight.tools.choices import MOST_TOLERANCE, TOLERANCE
 from counterlight.tools.factoring import passes
 from counterlight.tools.factoring.losses import asked, compensated, each_picture, measured
 from counterlight.tools.factoring.model import PEAK, Model, Rows, fitted
@@ -21,7 +21,6 @@ from counterlight.tools.factoring.near import split
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.transport import FarLight, Transport
 
-MOST_TOLERANCE = 10.0
 WORTH = 0.5  # of T's numbers, at most
 GRIDS = ((48, 24), (108, 54), (192, 108), (432, 216), (768, 432))  # nodes of the camera and of the projector
 MOST_FAR = 0.5  # of all light: what S⁺ inverts, and the mask is made of, has to be the larger part
@@ -30,7 +29,8 @@ LIMITS = np.array([1.0, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096])
 MARGINS = (1.0, 0.5, 0.25, 0.12)  # of the tolerance, what may be estimated
 MOST_READ = 1 << 13  # pixels that lie between a node and its neighbours: half of a texture's row (maps/row_map.py)
 MOST_NODES = 1500  # they are mixed by a dense matrix
-BYTES_A_PIXEL, BYTES_AN_ENTRY = 600, 20  # for the pictures' light; T's entries again, and a mark for each
+BYTES_A_ROW, BYTES_A_SUM = 500, 96  # of either side: four pictures' light and textures; a thread's sums of four
+BYTES_AN_ENTRY = 20  # half of T's entries again with what is explained, and two marks for each
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,8 @@ def factored(
         return transport, replace(left, reason="--tolerance 0")
     if _least_numbers(transport) > WORTH * _entries(transport):
         return transport, replace(left, reason="it is sparse")
+    if max(transport.shape) > MOST_NODES * MOST_READ // 4:
+        return transport, replace(left, reason=f"more than {MOST_NODES * MOST_READ // 4} pixels are too many nodes")
     _check_memory(transport)
     rows = Rows.of(transport)
     if np.count_nonzero(rows.apart) > WORTH * before:
@@ -199,10 +201,7 @@ def _grids(transport: Transport) -> list[tuple[int, int]]:
 
 def _check_memory(transport: Transport) -> None:
     rows, columns = transport.shape
-    if max(rows, columns) // (MOST_READ // 4) > MOST_NODES:
-        raise InputError(
-            f"T of {rows} camera x {columns} projector pixels is dense, and too large to be factored (at most "
-            f"{MOST_NODES * (MOST_READ // 4)}); scale the pictures down, or keep T as it is with --tolerance 0"
-        )
-    needed = BYTES_A_PIXEL * (rows + columns) * (passes.PARTS[0] // 4) + BYTES_AN_ENTRY * transport.near.indices.size
+    parts = passes.PARTS[columns > passes.WIDE]
+    needed = BYTES_A_ROW * rows + (BYTES_A_ROW + BYTES_A_SUM * parts) * columns
+    needed += BYTES_AN_ENTRY * transport.near.indices.size
     memory.check(needed, "factoring a dense T", "close other programs, or keep T as it is with --tolerance 0")
