@@ -13,6 +13,7 @@ from Xlib.display import Display
 from Xlib.error import BadDrawable, BadWindow
 from Xlib.ext import xtest
 
+from counterlight.pipeline.room import read_room
 from tests.programs import PATIENCE_S, on, running, succeed, verb
 
 Box = tuple[int, int, int, int]  # left, top, width, height
@@ -26,7 +27,9 @@ def playing(
 
 
 def expected_picture(room: Path, medium: Path, tmp_path: Path, *options: str) -> np.ndarray:
-    """The same view rendered headless, RGB."""
+    """The same view rendered headless, RGB, with the steps that a window takes for a still picture, too."""
+    if "--refine" not in options:
+        options = *options, "--refine", str(read_room(room, None).default_steps)
     succeed("play", room, medium, "--output", tmp_path / "expected.png", *options)
     return cv2.imread(str(tmp_path / "expected.png"))[..., ::-1].astype(int)
 

@@ -3,6 +3,7 @@
 import time
 from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import av
@@ -75,7 +76,7 @@ def played(clip: Path, rendering_s: float, limit: int | None = None, **setup: An
         Waiting(Border()),
         screen,  # type: ignore[arg-type]
         screen,
-        None,  # type: ignore[arg-type]  # no room is asked for
+        SimpleNamespace(drifted=None),  # type: ignore[arg-type]  # no room is asked for more
         **setup,
         clock=clock,
     )

@@ -20,6 +20,7 @@ from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
 from counterlight.tools.acquisition.summary import AcquisitionReport
 from counterlight.tools.clusters.components import find_clusters
+from counterlight.tools.factoring.factoring import Factoring
 from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.transport.transport import Transport, channels, luminance_matrix
 from tests.acquired_rooms import CAMERA, NOISY, PROJECTOR, room_of, run, sharp_wall
@@ -60,7 +61,9 @@ def acquired(
 
 def report_on(done: Acquisition, given: Response | None = None) -> AcquisitionReport:
     near = done.measured.transport.near
-    return AcquisitionReport(done, given, 1.0, 1, 1, near.indices.size, find_clusters(luminance_matrix(near)))
+    entries = int(near.indices.size)
+    left = Factoring(entries, entries, entries)
+    return AcquisitionReport(done, given, 1.0, 1, 1, entries, find_clusters(luminance_matrix(near)), left)
 
 
 def gammas(*exponents: float) -> Light:

@@ -23,13 +23,15 @@ FAINT = 1e-3  # of the brightest
 class CameraShift:
     """By how many of its pixels the camera has turned, right and down, and how sure that is.
 
-    explained : share of the change of the floodlit room that it explains, 0..1.
+    explained : share of the change of the floodlit room that it explains, 0..1.  change : that, root mean square, a
+    share of the light.
     """
 
     right: float
     down: float
     unsure: float
     explained: float
+    change: float
 
     @property
     def far(self) -> float:
@@ -43,7 +45,9 @@ def camera_shift(before: FloatArray, after: FloatArray, counts: BoolArray) -> Ca
     found = min(still, _descend(old, new, counts, _whole_shift(old, new)), key=lambda each: each[1])
     d, cost, unsure = found
     unmoved = _cost(_residual(old, new, counts, np.zeros(2))[0])
-    return CameraShift(float(d[0]), float(d[1]), unsure, max(1 - cost / max(unmoved, 1e-30), 0.0))
+    return CameraShift(
+        float(d[0]), float(d[1]), unsure, max(1 - cost / max(unmoved, 1e-30), 0.0), float(np.sqrt(unmoved))
+    )
 
 
 def _relative(light: FloatArray, counts: BoolArray) -> FloatArray:

@@ -33,6 +33,7 @@ OWN = 0.99  # share of a camera pixel's light that is one projector's
 CAMERA_MOVED, CAMERA_UNSURE = 0.1, 0.1  # of the camera's pixels
 EXPLAINED = 0.5  # of a change by more than a pixel, or it is no camera's movement
 SURE = 5.0  # standard deviations
+SAME = 0.002  # of the light: a floodlit room that changes by less is the same, wherever a bare wall seems to be
 OTHERWISE, MOST_OTHERWISE = 0.1, 0.03  # brighter or darker by more than that; so much of the view may be
 STILL = 0.03  # projector pixels: a picture that has moved by less has not
 DIMMED = 0.01  # change of light that is none
@@ -116,7 +117,7 @@ class _Looked:
         shape = self.room.camera.shape
         before, after = (luminance(light).reshape(shape) for light in (self.before, self.after))
         counts = ndimage.binary_erosion(self.inner.reshape(shape))
-        return camera_shift(before, after, counts) if counts.any() else CameraShift(0, 0, np.inf, 0)
+        return camera_shift(before, after, counts) if counts.any() else CameraShift(0, 0, np.inf, 0, 0)
 
     def gain(self, number: int) -> FloatArray:
         """Of each channel's light of one projector, (3,); NaN where it lights no pixel alone."""
@@ -133,7 +134,8 @@ class _Looked:
         camera, gain = self.camera, self._overall
         if not GAIN[0] < gain < GAIN[1]:
             return f"the projector's light is {gain:.0%} of what it was: it is off, or lamp or exposure is another one"
-        if camera.far > max(CAMERA_MOVED, SURE * camera.unsure) and (camera.far < 1 or camera.explained > EXPLAINED):
+        surely = camera.far > max(CAMERA_MOVED, SURE * camera.unsure) and camera.change > SAME
+        if surely and (camera.far < 1 or camera.explained > EXPLAINED):
             return f"the camera has moved by {camera.right:.2f}, {camera.down:.2f} of its pixels: put it back"
         before, after = luminance(self.before)[self.inner], luminance(self.after)[self.inner]
         sigma = luminance(self.noise.sigma(self.before))[self.inner]
