@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from counterlight.maps.mixing import UNLIMITED
-from counterlight.pipeline.device import Device, FarPass, Light, Owner, Pass, StoredMaps
+from counterlight.pipeline.device import Device, FarPass, Light, Operation, Owner, Pass, StoredMaps
 from counterlight.pipeline.mixer import Mixer
 from counterlight.pipeline.views import (
     CLIP_FAINT,
@@ -25,13 +25,12 @@ from counterlight.pipeline.views import (
 class Observer:
     """What the camera sees of a drive, in screen primaries: e + B (S p + U M D p)."""
 
-    def __init__(self, device: Device, stored: StoredMaps, ambient: Light, mixer: Mixer) -> None:
+    def __init__(self, stored: StoredMaps, ambient: Light, mixer: Mixer) -> None:
         maps, self._owner = stored.room.maps, Owner()
-        own, camera = self._owner.own, stored.room.calibration.camera.shape
+        own = self._owner.own
         self._near = own(stored.of(maps.transport).product("ADD_TO_BASE"))
         self._far = None if maps.far is None else own(FarPass(stored, maps.far, "ADD_TO_BASE"))
         self._ambient, self._mixer = ambient, mixer
-        self._black = own(device.picture(np.zeros((*camera, 3), np.float32)))
         if mixer.mixes:
             self._seen = own(mixer.seen())
 
@@ -42,7 +41,7 @@ class Observer:
 
     def light(self, drive: Light) -> Light:
         """S p + U M D p."""
-        return self._light(drive, self._black)
+        return self._light(drive, self._mixer.black)
 
     def _light(self, drive: Light, base: Light) -> Light:
         near = self._near.run(drive, base)
@@ -66,48 +65,44 @@ class MapViews:
     @cached_property
     def reach(self) -> Light:
         """The brightest grey that each primary lets a pixel show, and in alpha whether it counts."""
-        temporary, mixer = Owner(), self._mixer
-        unlimited = {"unlimited": UNLIMITED} if mixer.mixes else {}
-        reach = self._owner.own(self._device.make_pass("reach.frag", self._camera, mixer.defines, **unlimited))
-        try:
-            observer = temporary.own(Observer(self._device, self._stored, self._ambient, mixer))
-            seen_of = observer.light if mixer.mixes else observer.run
-            return self._full_drive(seen_of, self._ambient, reach, mixer.rows if mixer.mixes else {})
-        finally:
-            temporary.release()
+        observer, mixer = self._observer(), self._mixer
+        if not mixer.mixes:
+            return self._full_drive(observer, observer.run, self._ambient)
+        return self._full_drive(observer, observer.light, self._ambient, mixer.defines, UNLIMITED, **mixer.rows)
 
     @cached_property
     def full(self) -> Light:
         """T·1, the light of full drive, and in alpha the mask."""
-        temporary = Owner()
-        reach = self._owner.own(self._device.make_pass("reach.frag", self._camera, {"ABOVE": None}))
-        try:
-            observer = temporary.own(Observer(self._device, self._stored, self._ambient, self._mixer))
-            black = temporary.own(self._device.picture(np.zeros((*self._camera, 3), np.float32)))
-            return self._full_drive(observer.light, black, reach, {})
-        finally:
-            temporary.release()
+        observer = self._observer()
+        return self._full_drive(observer, observer.light, self._mixer.black, {"ABOVE": None})
 
     @cached_property
     def most(self) -> Light:
         """S·1, the near light of full drive, and in alpha whether a camera pixel counts."""
-        temporary = Owner()
-        reach = self._owner.own(self._device.make_pass("reach.frag", self._camera))
-        try:
-            black = temporary.own(self._device.picture(np.zeros((*self._camera, 3), np.float32)))
-            product = temporary.own(self._stored.of(self._room.maps.transport).product())
-            return self._full_drive(product.run, black, reach, {})
-        finally:
-            temporary.release()
+        product = self._stored.of(self._room.maps.transport).product()
+        return self._full_drive(product, product.run, self._mixer.black)
+
+    def _observer(self) -> Observer:
+        return Observer(self._stored, self._ambient, self._mixer)
 
     def _full_drive(
-        self, seen_of: Callable[[Light], Light], ambient: Light, reach: Pass, rows: Mapping[str, Light]
+        self,
+        made: Observer | Operation,
+        see: Callable[[Light], Light],
+        ambient: Light,
+        defines: Mapping[str, int | None] | None = None,
+        unlimited: float | None = None,
+        **rows: Light,
     ) -> Light:
+        """reach.frag of what `see` makes of full drive; `made`, which it belongs to, is released."""
         temporary = Owner()
         try:
+            temporary.own(made)
+            uniforms = {} if unlimited is None else {"unlimited": unlimited}
+            reach = self._owner.own(self._device.make_pass("reach.frag", self._camera, defines, **uniforms))
             white = temporary.own(self._device.picture(np.ones((*self._projector, 3), np.float32)))
             mask = temporary.own(self._device.mask(self._room.calibration.mask))
-            return reach.run(seen=seen_of(white), ambient=ambient, mask=mask, **rows)
+            return reach.run(seen=see(white), ambient=ambient, mask=mask, **rows)
         finally:
             temporary.release()
 

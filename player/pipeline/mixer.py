@@ -30,7 +30,7 @@ class Mixer:
 
     def asked(self, light: Light) -> Light:
         """A light, valid until the next call."""
-        return self._asked.run(light=light, base=self._black, **self.rows) if self.mixes else light
+        return self._asked.run(light=light, base=self.black, **self.rows) if self.mixes else light
 
     def seen(self) -> Pass:
         """A pass of its own for B light + base: run(light, base, **seen_rows); the caller releases it."""
@@ -43,7 +43,7 @@ class Mixer:
 
     def on_screen(self, light: Light) -> Light:
         """B light, what light of the transport is in screen primaries, valid until the next call."""
-        return self._on_screen.run(light=light, base=self._black, **self.seen_rows) if self.mixes else light
+        return self._on_screen.run(light=light, base=self.black, **self.seen_rows) if self.mixes else light
 
     def recolour(self, shape: tuple[int, int]) -> Pass | None:
         """A pass from camera radiance to screen primaries, None where they are the same; the caller releases it."""
@@ -64,7 +64,8 @@ class Mixer:
         }
 
     @cached_property
-    def _black(self) -> Light:
+    def black(self) -> Light:
+        """No light, of the camera's size."""
         return self._owner.own(self._device.picture(np.zeros((*self._camera, 3), np.float32)))
 
     @cached_property

@@ -64,7 +64,7 @@ class Renderer:
             self._refiner = own(Refiner(device, stored, maps.refinement, calibration.mask))
             self._start = own(self._make_start(stored, maps.refinement))
         mixer = own(Mixer(device, room))
-        self._observers = [own(Observer(device, stored, ambient, mixer)) for _ in range(2)]
+        self._observers = [own(Observer(stored, ambient, mixer)) for _ in range(2)]
         self._maps = own(MapViews(device, stored, ambient, mixer))
         self._request = own(Request(device, room, ambient, self._maps, self._near_light, mixer))
         self._split = own(device.make_pass("split.frag", camera, line=room.white))
