@@ -11,7 +11,6 @@ from counterlight.gl.adaptation import Adapter
 from counterlight.gl.passes import Pass, ScreenPass, float_texture, integer_texture, picture_texture, table_texture
 from counterlight.gl.paths import GlMaps, store_maps
 from counterlight.gl.planes import Planes
-from counterlight.maps.prior import Prior
 from counterlight.media.frames import PixelFormat
 from counterlight.pipeline.device import NearLight, Owner
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
@@ -56,7 +55,9 @@ class GlDevice:
     def encoder(self, shape: tuple[int, int], response: Response, scale: float, dither: str) -> "_Encoder":
         return _Encoder(self._context, shape, response, scale, dither)
 
-    def stepper(self, shape: tuple[int, int], step_size: NDArray[np.float32], prior: Prior) -> "_Stepper":
+    def stepper(
+        self, shape: tuple[int, int], step_size: NDArray[np.float32], prior: Mapping[str, moderngl.Texture]
+    ) -> "_Stepper":
         return _Stepper(self._context, shape, step_size, prior)
 
     def total(self, shape: tuple[int, int]) -> "_Total":
@@ -96,13 +97,16 @@ class _Stepper:
     """refinement_step.frag, by turns into two pairs of targets."""
 
     def __init__(
-        self, context: moderngl.Context, shape: tuple[int, int], step_size: NDArray[np.float32], prior: Prior
+        self,
+        context: moderngl.Context,
+        shape: tuple[int, int],
+        step_size: NDArray[np.float32],
+        prior: Mapping[str, moderngl.Texture],
     ) -> None:
-        self._owner = Owner()
+        self._owner, self._prior = Owner(), prior
         own = self._owner.own
         try:
             self._step_size = own(picture_texture(context, step_size))
-            self._prior = {name: own(picture_texture(context, picture)) for name, picture in vars(prior).items()}
             uniforms = {"over_relaxation": OVER_RELAXATION}
             self._pass = own(ScreenPass(context, "refinement_step.frag", uniforms=uniforms))
             self._targets = [own(_Target(context, shape)) for _ in range(2)]

@@ -96,9 +96,11 @@ class CpuDevice:
         table = response.inverse_table()
         return _Function(lambda light, frame: reference.encode(light, table, scale, dither, frame))
 
-    def stepper(self, shape: tuple[int, int], step_size: FloatArray, prior: Prior) -> "_Function":
-        step = reference.refinement_step
-        return _Function(lambda k, descent, y, p: step(descent, y, p, step_size, prior, momentum(k), OVER_RELAXATION))
+    def stepper(
+        self, shape: tuple[int, int], step_size: FloatArray, prior: Mapping[str, NDArray[np.float32]]
+    ) -> "_Function":
+        step, drawn = reference.refinement_step, Prior(**prior)
+        return _Function(lambda k, descent, y, p: step(descent, y, p, step_size, drawn, momentum(k), OVER_RELAXATION))
 
     def total(self, shape: tuple[int, int]) -> "_Function":
         return _Function(lambda picture: reference.block_sum(picture, max(shape))[0, 0])

@@ -12,7 +12,6 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.maps.prior import Prior
 from counterlight.maps.room_maps import FarMaps
 from counterlight.maps.row_map import RowMap
 from counterlight.media.frames import PixelFormat
@@ -176,7 +175,7 @@ class Device(Protocol):
     def encoder(self, shape: tuple[int, int], response: Response, scale: float, dither: str) -> Operation:
         """run(light, frame) -> 8 bit through an inverse response."""
 
-    def stepper(self, shape: tuple[int, int], step_size: NDArray[np.float32], prior: Prior) -> Operation:
+    def stepper(self, shape: tuple[int, int], step_size: NDArray[np.float32], prior: Mapping[str, Light]) -> Operation:
         """run(step, descent, y, p) -> the next p and y, valid until the step after the next."""
 
     def total(self, shape: tuple[int, int]) -> Operation:

@@ -1,5 +1,7 @@
 """Refinement: two gathers a step, T and Tᵀ, and the step itself; see player/pipeline/refinement.py."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,8 +28,9 @@ class Refiner:
         own, projector = self._owner.own, maps.dual.output_shape
         try:
             self._slope = own(_Slope(stored, maps))
-            self._step = own(device.stepper(projector, maps.step_size, maps.prior))
-            self._certifier = own(_Certifier(device, maps, mask))
+            prior = {name: own(device.picture(picture)) for name, picture in vars(maps.prior).items()}
+            self._step = own(device.stepper(projector, maps.step_size, prior))
+            self._certifier = own(_Certifier(device, maps, prior, mask))
         except BaseException:
             self.release()
             raise
@@ -76,12 +79,14 @@ class _Slope:
 class _Certifier:
     """The gap, the errors and the light outside, summed over the picture and read back."""
 
-    def __init__(self, device: Device, maps: RefinementMaps, mask: NDArray[np.bool_]) -> None:
+    def __init__(
+        self, device: Device, maps: RefinementMaps, prior: Mapping[str, Light], mask: NDArray[np.bool_]
+    ) -> None:
         camera, projector = (mask.shape[0], mask.shape[1]), maps.dual.output_shape
         self._owner = Owner()
         own = self._owner.own
         self._downhill = own(device.make_pass("refinement_step.frag", projector, {"SLOPE": None}))
-        self._prior = {name: own(device.picture(picture)) for name, picture in vars(maps.prior).items()}
+        self._prior = prior
         self._gap = own(device.make_pass("gap.frag", projector))
         self._squared = own(device.make_pass("weighted.frag", camera, {"SQUARED": None}))
         self._weighted = own(device.make_pass("weighted.frag", projector))
