@@ -49,6 +49,11 @@ class Region(NamedTuple):
     width: int
     height: int
 
+    @property
+    def part(self) -> tuple[slice, slice]:
+        """Of a picture: rows and columns."""
+        return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
+
 
 @dataclass(frozen=True)
 class Device:
@@ -108,9 +113,9 @@ class Calibration:
                     "or give each a calibration and a player of its own"
                 )
         _ = self.projector  # its size is checked
-        check_light(self.ambient, "ambient light")
+        _check_light(self.ambient, "ambient light")
         if self.primaries is not None:
-            check_light(self.primaries, "light of the primaries")
+            _check_light(self.primaries, "light of the primaries")
 
     @property
     def projector(self) -> Device:
@@ -219,7 +224,7 @@ def _read(folder: Path) -> StoredCalibration:
     camera = _read_device(table.table("camera"))
     files = DescribedFiles(folder, table.table("files").values, REBUILD)
     name, provenance = table.text("name", folder.name), table.text("provenance", "", LONGEST_PROVENANCE)
-    ambient, mask = _read_light(files, AMBIENT, camera), _read_mask(files, camera)
+    ambient, mask = read_light(files, AMBIENT, camera), _read_mask(files, camera)
     try:
         calibration = Calibration(name, provenance, projectors, camera, ambient, mask, _read_primaries(files, camera))
     except InputError as error:
@@ -274,21 +279,21 @@ def _read_device(table: Table) -> Device:
     return Device(height, width, read_response(table))
 
 
-def _read_light(files: DescribedFiles, name: str, camera: Device) -> NDArray[np.float32]:
-    with files.opened(files.folder / name) as file:
-        light = exr.read_rgb(file, exr.sized(camera.shape, "the camera", REBUILD))
-        check_light(light, file.name)
-        return light
+def read_light(files: DescribedFiles, name: str, camera: Device) -> NDArray[np.float32]:
+    """The camera's picture of light in a described folder; InputError if it does not fit, or is no light."""
+    light = exr.read_described(files, name, camera.shape, "the camera")
+    _check_light(light, f"{files.folder / name}", files.fix)
+    return light
 
 
 def _read_primaries(files: DescribedFiles, camera: Device) -> NDArray[np.float32] | None:
     """All three if any is listed."""
     if not any(name in files for name in PRIMARIES):
         return None
-    return np.stack([_read_light(files, name, camera) for name in PRIMARIES])
+    return np.stack([read_light(files, name, camera) for name in PRIMARIES])
 
 
-def check_light(light: NDArray[np.float32], where: str, fix: str = REBUILD) -> None:
+def _check_light(light: NDArray[np.float32], where: str, fix: str = REBUILD) -> None:
     """InputError for what is no light; what a subtracted dark frame leaves below 0 is no larger than what is above."""
     low, high = float(light.min()), float(light.max())
     if not (-high <= low and high <= RADIANCE[1]):  # NaN is no number's equal

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from counterlight import memory
 from counterlight.errors import InputError, one_line, shown
 from counterlight.files.exr_header import Part, read_parts
-from counterlight.files.reading import Source, opened
+from counterlight.files.reading import DescribedFiles, Source, opened
 from counterlight.files.silence import silence
 
 MAX_SURPLUS_BYTES = 1 << 30  # decoded for the sake of three channels among others
@@ -84,6 +84,12 @@ def read_rgb(source: Source, accept: Acceptance = lambda header, name: None) -> 
         accept(_header(parts[0]), file.name)
         channels = _decoded(file, parts, wanted)
         return np.stack([channels[name].astype(np.float32) for name in wanted], axis=-1)
+
+
+def read_described(files: DescribedFiles, name: str, shape: tuple[int, int], whose: str) -> NDArray[np.float32]:
+    """A picture of a folder whose table describes its files; its (height, width) is that of `whose`."""
+    with files.opened(files.folder / name) as file:
+        return read_rgb(file, sized(shape, whose, files.fix))
 
 
 def sized(shape: tuple[int, int], whose: str, fix: str) -> Acceptance:

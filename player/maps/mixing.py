@@ -144,11 +144,7 @@ def read(manifest: Table, files: DescribedFiles, camera: tuple[int, int]) -> Mix
         raise table.wrong("neutral", "the mixing of a neutral surface: rows of sum 1 that can be told apart")
     if tier != "pixel":
         return Mixing(neutral)
-    rows = []
-    for name in FILES:
-        with files.opened(files.folder / name) as file:
-            rows.append(exr.read_rgb(file, exr.sized(camera, "the camera", files.fix)))
-    pixel = np.stack(rows, axis=2)
+    pixel = np.stack([exr.read_described(files, name, camera, "the camera") for name in FILES], axis=2)
     check_pixels(pixel, f"{files.folder / FILES[0]} and its siblings", files.fix)
     return Mixing(neutral, pixel)
 

@@ -30,22 +30,12 @@ class Prior:
     down: Picture
 
     @property
-    def diagonal(self) -> Picture:
-        """η + Σ ω."""
-        return np.asarray(self.damping + self._edges, np.float32)
-
-    @property
     def bound(self) -> Picture:
         """Row sums of |P|, η + 2 Σ ω: no eigenvalue of P is above the largest, and P ≼ diag of them."""
-        return np.asarray(self.damping + 2 * self._edges, np.float32)
-
-    @property
-    def _edges(self) -> Picture:
-        """Σ ω of a pixel's edges."""
-        sums = self.right + self.down
-        sums[:, 1:] += self.right[:, :-1]
-        sums[1:] += self.down[:-1]
-        return np.asarray(sums)
+        edges = self.right + self.down
+        edges[:, 1:] += self.right[:, :-1]
+        edges[1:] += self.down[:-1]
+        return np.asarray(self.damping + 2 * edges, np.float32)
 
     @classmethod
     def none(cls, shape: tuple[int, int]) -> "Prior":
@@ -77,10 +67,6 @@ def file_of(name: str) -> str:
 
 def read(files: DescribedFiles, projector: tuple[int, int]) -> Prior:
     """The prior in a folder of maps; InputError if it does not fit the projector, or is damaged."""
-    pictures = {}
-    for name in NAMES:
-        with files.opened(files.folder / file_of(name)) as file:
-            pictures[name] = exr.read_rgb(file, exr.sized(projector, "the projector", files.fix))
-    prior = Prior(**pictures)
+    prior = Prior(*(exr.read_described(files, file_of(name), projector, "the projector") for name in NAMES))
     prior.check(lambda name: f"{files.folder / file_of(name)}", files.fix)
     return prior

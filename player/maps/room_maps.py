@@ -233,10 +233,9 @@ def _sizes(manifest: Table, stored: StoredCalibration, *, refinement: bool) -> d
 
 def _read_positive(files: DescribedFiles, name: str, shape: tuple[int, int], whose: str) -> NDArray[np.float32]:
     """A picture of steps, weights or shares; InputError if it does not fit, or is damaged."""
-    with files.opened(files.folder / name) as file:
-        picture = exr.read_rgb(file, exr.sized(shape, whose, files.fix))
-        _check_positive(picture, file.name, files.fix)
-        return picture
+    picture = exr.read_described(files, name, shape, whose)
+    _check_positive(picture, f"{files.folder / name}", files.fix)
+    return picture
 
 
 def _check_positive(picture: NDArray[np.float32], where: str, fix: str) -> None:

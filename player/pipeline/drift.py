@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
-from counterlight.calibration import Calibration, Device, Region, StoredCalibration, check_light
+from counterlight.calibration import Device, Region, StoredCalibration, read_light
 from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.files.generation import read_steadily
@@ -106,8 +106,8 @@ class Drift:
     def landed(self, drive: Light, regions: tuple[Region, ...]) -> FloatArray:
         """What arrives in the calibrated raster of what is shown, g p(N⁻¹ u): (height, width, 3)."""
         arrived = np.zeros(drive.shape)
-        for each, (left, _, width, height) in zip(self.projectors, regions, strict=True):
-            part = slice(height), slice(left, left + width)
+        for each, region in zip(self.projectors, regions, strict=True):
+            part = region.part
             arrived[part] = resampled(drive[part], np.asarray(np.linalg.inv(each.to_raster), np.float64)) * each.gain
         return arrived
 
@@ -199,7 +199,7 @@ def _read(stored: StoredCalibration, path: Path) -> Drift:
         raise table.refusal(f": {len(entries)} projectors, the calibration has {len(room.projectors)}")
     moved = tuple(_read_moved(entry, device) for entry, device in zip(entries, room.projectors, strict=True))
     files = DescribedFiles(path.parent, table.table("files", optional=True).values, fix)
-    ambient = _read_ambient(files, room) if AMBIENT in files else None
+    ambient = read_light(files, AMBIENT, room.camera) if AMBIENT in files else None
     return Drift(moved, ambient, table.text("said", ""), table.text("date", ""))
 
 
@@ -212,13 +212,6 @@ def _read_moved(table: Table, device: Device) -> Moved:
     except InputError as error:
         raise table.refusal(f": {error}") from None
     return moved
-
-
-def _read_ambient(files: DescribedFiles, room: Calibration) -> NDArray[np.float32]:
-    with files.opened(files.folder / AMBIENT) as file:
-        light = exr.read_rgb(file, exr.sized(room.camera.shape, "the camera", files.fix))
-        check_light(light, file.name, files.fix)
-        return light
 
 
 def _to_toml(stored: StoredCalibration, drift: Drift, files: dict[str, Any]) -> dict[str, Any]:

@@ -69,10 +69,9 @@ class Registrar:
     def __init__(self, transport: Transport, region: Region, counts: BoolArray) -> None:
         assert transport.projector is not None
         number = np.arange(transport.shape[1]).reshape(transport.projector)
-        left, top, width, height = region
-        self._columns = number[top : top + height, left : left + width].ravel()
-        self._transport, self._shape = transport, (height, width)
-        flood = luminance(self._seen(np.ones((height, width, 3))))
+        self._columns = number[region.part].ravel()
+        self._transport, self._shape = transport, (region.height, region.width)
+        flood = luminance(self._seen(np.ones((*self._shape, 3))))
         self._rows = np.flatnonzero(counts.ravel() & (flood > LIT * np.percentile(flood, BRIGHT)))
         self.flood = flood[self._rows]
         if len(self._rows) < FEWEST:

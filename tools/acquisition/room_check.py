@@ -25,10 +25,8 @@ from counterlight.tools.acquisition.registration import BRIGHT, LIT, Registrar, 
 from counterlight.tools.transport.transport import Transport, luminance
 
 REPEATS = 4  # captures of each picture
-MARGIN, INNER = (
-    8,
-    0.999,
-)  # an eighth of the raster's side at its border lights no more of an inner pixel than a thousandth
+MARGIN = 8  # of the raster's side: what is nearer to its border than so large a part of it
+INNER = 0.999  # gives an inner pixel no more light than a thousandth
 OWN = 0.99  # share of a camera pixel's light that is one projector's
 CAMERA_MOVED, CAMERA_UNSURE = 0.1, 0.1  # of the camera's pixels
 EXPLAINED = 0.5  # of a change by more than a pixel, or it is no camera's movement
@@ -82,7 +80,7 @@ def registration_codes(room: Calibration, region: Region) -> Codes:
     field = random_field((region.height, region.width))
     grey = np.repeat(field[..., None], 3, axis=2)
     codes = np.zeros((*room.projector.shape, 3), np.uint8)
-    codes[_part(region)] = reference.encode(grey, room.projector.response.inverse_table())
+    codes[region.part] = reference.encode(grey, room.projector.response.inverse_table())
     return codes
 
 
@@ -171,7 +169,7 @@ class _Looked:
         """(camera pixels,): of near light, what the inside of a region gives."""
         inside = np.zeros((*self.room.projector.shape, 3))
         down, right = (max(side // MARGIN, 1) for side in (region.height, region.width))
-        inside[_part(region)][down : region.height - down, right : region.width - right] = 1
+        inside[region.part][down : region.height - down, right : region.width - right] = 1
         near = self.transport.near
         all_, some = luminance(near.sums()), luminance(near.apply(inside.reshape(-1, 3)))
         return np.divide(some, all_, out=np.zeros_like(all_), where=all_ > 0)
@@ -179,7 +177,7 @@ class _Looked:
 
 def _found(looked: _Looked, region: Region, codes: Codes, seen: FloatArray) -> Registration:
     registrar = Registrar(looked.transport, region, looked.counts)
-    drive = looked.room.projector.response.to_linear(codes[_part(region)] / 255.0)
+    drive = looked.room.projector.response.to_linear(codes[region.part] / 255.0)
     return registrar.find(drive, (seen - looked.black).reshape(-1, 3), looked.noise)
 
 
@@ -217,10 +215,6 @@ def _undone(looked: _Looked, found: Sequence[Registration]) -> Checked:
     if looked.camera.unsure > CAMERA_UNSURE:
         text += " (too little texture to tell whether the camera has moved)"
     return Checked(Drift(tuple(pictures), ambient, text, _now()), text)
-
-
-def _part(region: Region) -> tuple[slice, slice]:
-    return slice(region.top, region.top + region.height), slice(region.left, region.left + region.width)
 
 
 def _now() -> str:

@@ -196,8 +196,8 @@ def _hold(d: FloatArray, shown: FloatArray) -> FloatArray:
 def _owners(projector: tuple[int, int], regions: Sequence[Region]) -> NDArray[np.int64]:
     """The number of each pixel's projector, (projector height, projector width); -1 where there is none."""
     owner = np.full(projector, -1 if regions else 0)
-    for number, (left, top, width, height) in enumerate(regions):
-        owner[top : top + height, left : left + width] = number
+    for number, region in enumerate(regions):
+        owner[region.part] = number
     return owner
 
 
