@@ -22,7 +22,7 @@ from counterlight.errors import InputError
 from counterlight.media.frames import Frame
 
 REACHABLE_SHARE = 0.9  # of the camera pixels that count
-DARK_PAINT, BRIGHT = 0.05, 99  # of the bright pixels, their percentile: darker paint shall not make white dark
+BRIGHT_PERCENTILE, FRACTION_OF_BRIGHT = 99.0, 0.05  # darker than that share of the bright pixels is dark paint
 QUIETEST = 1e-30  # mean squared error that counts as none
 CUT, THUMBNAIL = 0.1, 48  # mean change of the code values, in full scale; samples along the shorter side
 
@@ -86,9 +86,8 @@ def reachable_white(floodlight: NDArray[np.floating], mask: NDArray[np.bool_]) -
     """
     inside = floodlight[mask]
     light = inside.sum(axis=1)
-    weakest = (
-        inside.min(axis=1)[light >= DARK_PAINT * np.percentile(light, BRIGHT, method="lower")] if light.size else light
-    )
+    bright = np.percentile(light, BRIGHT_PERCENTILE, method="lower") if light.size else 0.0
+    weakest = inside.min(axis=1)[light >= FRACTION_OF_BRIGHT * bright]
     if weakest.size == 0:
         raise InputError("the mask is empty: no camera pixel counts; check mask.png")
     level = float(np.percentile(weakest, 100 * (1 - REACHABLE_SHARE)))

@@ -8,14 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, ndimage
+from scipy import ndimage
 
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.pipeline.drift import sampled
+from counterlight.tools.acquisition.registration import best_shift, cauchy_weights, correlated, robust_scale
 
 SURROUNDINGS = 4.0  # σ, camera pixels: what is smoother may be light as well as paint
 STEPS, STILL = 15, 1e-4
-CAUCHY, MAD_TO_SIGMA = 2.385, 1.4826
+LEAST_SCALE = 1e-9
+FARTHEST = 8  # whole shifts are looked for up to so large a part of a side
 FAINT = 1e-3  # of the brightest
 
 
@@ -42,7 +44,8 @@ def camera_shift(before: FloatArray, after: FloatArray, counts: BoolArray) -> Ca
     """before, after : (camera height, camera width), light of the floodlit room.  counts : where it tells, likewise."""
     old, new = (_relative(light, counts) for light in (before, after))
     still = _descend(old, new, counts, np.zeros(2))
-    found = min(still, _descend(old, new, counts, _whole_shift(old, new)), key=lambda each: each[1])
+    whole = best_shift(correlated(old, new, FARTHEST, -np.inf))
+    found = min(still, _descend(old, new, counts, whole), key=lambda each: each[1])
     d, cost, unsure = found
     unmoved = _cost(_residual(old, new, counts, np.zeros(2))[0])
     return CameraShift(
@@ -58,17 +61,6 @@ def _relative(light: FloatArray, counts: BoolArray) -> FloatArray:
     return np.where(counts, light / np.maximum(around, floor) - 1, 0)
 
 
-def _whole_shift(old: FloatArray, new: FloatArray) -> FloatArray:
-    padded = tuple(2 * n for n in old.shape)
-    product = fft.rfft2(old, padded) * np.conj(fft.rfft2(new, padded))
-    score = fft.irfft2(product, padded)
-    steps = [np.fft.fftfreq(n, 1 / n) for n in padded]
-    for axis, (step, n) in enumerate(zip(steps, old.shape, strict=True)):
-        score[(slice(None),) * axis + (np.abs(step) > n // 8,)] = -np.inf
-    peak = np.unravel_index(np.argmax(score), padded)
-    return np.array([steps[1][peak[1]], steps[0][peak[0]]])
-
-
 def _descend(old: FloatArray, new: FloatArray, counts: BoolArray, d: FloatArray) -> tuple[FloatArray, float, float]:
     """d, its cost and standard deviation."""
     spread: FloatArray = np.eye(2)
@@ -76,8 +68,8 @@ def _descend(old: FloatArray, new: FloatArray, counts: BoolArray, d: FloatArray)
     slopes = np.stack([right, down], axis=2)
     for _ in range(STEPS):
         residual, at = _residual(old, new, counts, d)
-        scale = max(float(MAD_TO_SIGMA * np.median(np.abs(residual))), 1e-9)
-        weights = 1 / (1 + (residual / (CAUCHY * scale)) ** 2)
+        scale = robust_scale(residual, LEAST_SCALE)
+        weights = cauchy_weights(residual, scale)
         J = sampled(slopes, at)
         inverse = np.asarray(np.linalg.pinv(J.T @ (weights[:, None] * J), hermitian=True))
         step = np.clip(inverse @ (J.T @ (weights * residual)), -1, 1)

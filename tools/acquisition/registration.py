@@ -17,12 +17,15 @@ from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.pipeline.colour import LUMINANCE
+from counterlight.pipeline.content import BRIGHT_PERCENTILE
 from counterlight.pipeline.drift import Moved, positions, resampled, sampled
 from counterlight.tools.acquisition.plan import MAD_TO_SIGMA, Noise
 from counterlight.tools.transport.transport import Csr, Transport, luminance, luminance_matrix
 
 SMOOTH, OCTAVES = 1.5, 4  # σ of the picture's finest octave, projector pixels
 CONTRAST, DARKEST = 0.22, 0.02  # the picture's standard deviation, and its least light: 0..1 around a half
+LEAST_SCALE = 1e-3  # of residuals, in σ
+FARTHEST = 4  # whole shifts are looked for up to so large a part of a side
 MODEL = 0.01  # of a camera pixel's floodlight: what T does not know of it
 STAGES = 2, 6, 8  # unknowns: a shift, an affinity, a homography
 STEPS, STILL = 15, 1e-4  # of one stage; where no corner moves by so many pixels, it ends
@@ -31,7 +34,7 @@ MOST_UNSURE = 0.05  # projector pixels: a stage whose corners are less sure is n
 WORTH = 4.0  # what a further unknown must explain, in what noise lets it explain by chance
 FEWEST = 50  # camera pixels: eight unknowns, and noise
 TELLS = 0.1  # of the brightest prediction: camera pixels whose median is a gain
-LIT, BRIGHT = 0.01, 99.0  # of that percentile of the floodlight: camera pixels that tell
+LIT = 0.01  # of the bright pixels' floodlight: camera pixels that tell
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ class Registrar:
         self._columns = number[region.part].ravel()
         self._transport, self._shape = transport, (region.height, region.width)
         flood = luminance(self._seen(np.ones((*self._shape, 3))))
-        self._rows = np.flatnonzero(counts.ravel() & (flood > LIT * np.percentile(flood, BRIGHT)))
+        self._rows = np.flatnonzero(counts.ravel() & lit(flood))
         self.flood = flood[self._rows]
         if len(self._rows) < FEWEST:
             raise InputError(
@@ -110,15 +113,11 @@ class Registrar:
         weight = self.near.T @ (1 / self.flood)
         picture = luminance(drive.reshape(-1, 3)).reshape(self._shape)
         picture = picture - picture.mean()
-        score = _correlated(gathered.reshape(self._shape), picture)
-        energy = _correlated(weight.reshape(self._shape), picture**2)
+        score = correlated(gathered.reshape(self._shape), picture)
+        energy = correlated(weight.reshape(self._shape), picture**2)
         score /= np.sqrt(np.maximum(energy, 1e-3 * energy.max()))
-        down, right = (
-            np.fft.fftfreq(n, 1 / n)[i]
-            for n, i in zip(score.shape, np.unravel_index(np.argmax(score), score.shape), strict=True)
-        )
         theta = np.zeros(8)
-        theta[:2] = -np.array([right, down]) / _half(self._shape)
+        theta[:2] = -best_shift(score) / _half(self._shape)
         return theta
 
 
@@ -162,8 +161,8 @@ class _Problem:
             residual, gain = self._residual(theta)
             J = self._jacobian(theta, unknowns) * float(LUMINANCE @ gain)
             J /= self._sigma[:, None]
-            scale = _scale(residual)
-            weights = 1 / (1 + (residual / (CAUCHY * scale)) ** 2)
+            scale = robust_scale(residual, LEAST_SCALE)
+            weights = cauchy_weights(residual, scale)
             J = np.column_stack([J, (self._light - residual * self._sigma) / self._sigma])  # the gain, beside
             spread = np.asarray(np.linalg.pinv(J.T @ (weights[:, None] * J), hermitian=True))
             step = (spread @ (J.T @ (weights * residual)))[:unknowns]
@@ -178,7 +177,7 @@ class _Problem:
 
     def _fit(self, theta: FloatArray, gain: FloatArray, residual: FloatArray, unsure: float, unknowns: int) -> _Fit:
         cost = float(np.sum(CAUCHY**2 * np.log1p((residual / CAUCHY) ** 2)))
-        return _Fit(theta, gain, cost, _scale(residual), unsure, unknowns)
+        return _Fit(theta, gain, cost, robust_scale(residual, LEAST_SCALE), unsure, unknowns)
 
     def _residual(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """In σ, and each channel's gain."""
@@ -209,8 +208,19 @@ def _gain(seen: FloatArray, predicted: FloatArray) -> float:
     return float(np.median(seen[told] / predicted[told])) if told.any() else 1.0
 
 
-def _scale(residual: FloatArray) -> float:
-    return max(float(MAD_TO_SIGMA * np.median(np.abs(residual))), 1e-3)
+def lit(flood: FloatArray) -> BoolArray:
+    """Camera pixels that tell, by their floodlight."""
+    return np.asarray(flood > LIT * np.percentile(flood, BRIGHT_PERCENTILE))
+
+
+def robust_scale(residual: FloatArray, least: float) -> float:
+    """Standard deviation of most residuals."""
+    return max(float(MAD_TO_SIGMA * np.median(np.abs(residual))), least)
+
+
+def cauchy_weights(residual: FloatArray, scale: float) -> FloatArray:
+    """Of least squares in which what is far off hardly counts."""
+    return np.asarray(1 / (1 + (residual / (CAUCHY * scale)) ** 2))
 
 
 def _half(shape: tuple[int, int]) -> float:
@@ -241,12 +251,21 @@ def _matrix(theta: FloatArray, shape: tuple[int, int]) -> FloatArray:
     return np.asarray(M / M[2, 2])
 
 
-def _correlated(where: NDArray[np.floating], picture: NDArray[np.floating]) -> FloatArray:
-    """Σ_u where(u) picture(u − s) of every shift s, those of half the picture and more left out."""
+def correlated(
+    where: NDArray[np.floating], picture: NDArray[np.floating], farthest: int = FARTHEST, beyond: float = 0.0
+) -> FloatArray:
+    """Σ_u where(u) picture(u − s) of every shift s; `beyond` for those of more than a `farthest` part of a side."""
     padded = tuple(2 * n for n in picture.shape)
     product = fft.rfft2(where, padded) * np.conj(fft.rfft2(picture, padded))
     sums = fft.irfft2(product, padded)
     for axis, n in enumerate(picture.shape):
-        far = np.abs(np.fft.fftfreq(padded[axis], 1 / padded[axis])) > n // 4
-        sums[(slice(None),) * axis + (far,)] = 0
+        far = np.abs(np.fft.fftfreq(padded[axis], 1 / padded[axis])) > n // farthest
+        sums[(slice(None),) * axis + (far,)] = beyond
     return np.asarray(sums)
+
+
+def best_shift(sums: FloatArray) -> FloatArray:
+    """Right and down, of the peak of what `correlated` gives."""
+    peak = np.unravel_index(np.argmax(sums), sums.shape)
+    down, right = (np.fft.fftfreq(n, 1 / n)[i] for n, i in zip(sums.shape, peak, strict=True))
+    return np.array([right, down])

@@ -21,7 +21,7 @@ from counterlight.pipeline.drift import Drift, Moved
 from counterlight.tools.acquisition.camera_shift import CameraShift, camera_shift
 from counterlight.tools.acquisition.photographer import Photographer
 from counterlight.tools.acquisition.plan import Codes, Noise, measure_noise
-from counterlight.tools.acquisition.registration import BRIGHT, LIT, Registrar, Registration, random_field
+from counterlight.tools.acquisition.registration import Registrar, Registration, lit, random_field
 from counterlight.tools.transport.transport import Transport, luminance
 
 REPEATS = 4  # captures of each picture
@@ -158,8 +158,7 @@ class _Looked:
 
     @cached_property
     def _lit(self) -> BoolArray:
-        light = luminance(self.before)
-        return np.asarray(light > LIT * np.percentile(light, BRIGHT))
+        return lit(luminance(self.before))
 
     @property
     def _bright(self) -> BoolArray:

@@ -5,8 +5,9 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
 from counterlight.maps.mixing import invertible
+from counterlight.pipeline.content import BRIGHT_PERCENTILE
 
-BRIGHT_PERCENTILE, DARK = 99.0, 0.05  # darker in some channel, as a share of the bright pixels, is mostly noise
+DARK = 0.05  # darker in some channel, as a share of the bright pixels, is mostly noise
 NEAR = 0.3  # tint; nearer pixels decide
 BALANCED_PERCENTILE, BALANCED = 5.0, 0.25  # tint of the most neutral pixels of a camera that is balanced on white
 BRIGHTEST_PERCENTILE = 90.0

@@ -16,10 +16,11 @@ from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.pipeline.colour import LUMINANCE
+from counterlight.pipeline.content import BRIGHT_PERCENTILE
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.factoring.factoring import Factoring, factored
 from counterlight.tools.hdr.response_table import NODES, table_response
-from counterlight.tools.transport.mask import BRIGHT_PERCENTILE, FRACTION_OF_AMBIENT
+from counterlight.tools.transport.mask import FRACTION_OF_AMBIENT
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, stacked
 

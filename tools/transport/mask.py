@@ -5,11 +5,11 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
 from counterlight.pipeline.colour import LUMINANCE
+from counterlight.pipeline.content import BRIGHT_PERCENTILE, FRACTION_OF_BRIGHT
 from counterlight.tools.transport.transport import Transport
 from counterlight.tools.transport.trust import CUT, cut_by_edges
 
-BRIGHT_PERCENTILE = 99.0
-FRACTION_OF_BRIGHT, DARK_PAINT = 0.05, 0.01  # of all light; of near light, which has no far light to tell apart
+DARK_PAINT = 0.01  # of the bright pixels' near light, which has no far light to tell apart
 FRACTION_OF_AMBIENT = 0.02
 CLEAR = 5.0  # times the noise
 
