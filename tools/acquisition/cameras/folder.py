@@ -63,8 +63,7 @@ class FolderCamera:
         shown, _ = self._make_folders()
         for pattern in shown.glob("*.png"):  # of the acquisition before: others at the same numbers
             pattern.unlink()
-        with replacing_file(path) as temporary:
-            write_toml(temporary, {"id": acquisition})
+        self._record(acquisition)
 
     def begin(self, check: str) -> int:
         """Take the folder for a check of a room, by its id; returns the number of its first capture.
@@ -86,16 +85,16 @@ class FolderCamera:
         elif bound != CHECKED and seen.is_dir() and any(_pictures(seen)):
             raise InputError(f"{seen}: holds captures of an acquisition; move them away, or name another folder")
         self._make_folders()
-        self._record(CHECK + check, first)
+        self._record(CHECK + check, first=first)
         return first
 
     def end(self, first: int) -> None:
         """The check that began with capture `first` is done: its pictures and captures are removed."""
-        self._record(CHECKED, self._clear(first))
+        self._record(CHECKED, first=self._clear(first))
 
-    def _record(self, bound: str, first: int) -> None:
+    def _record(self, bound: str, **more: int) -> None:
         with replacing_file(self._folder / ACQUISITION) as temporary:
-            write_toml(temporary, {"id": bound, "first": first})
+            write_toml(temporary, {"id": bound, **more})
 
     def _clear(self, first: int) -> int:
         """Remove what is numbered from `first` on; returns a number that was never given."""
