@@ -100,6 +100,14 @@ class SparseRows:
         """The other rows left empty, (rows,), and entries of 0 left out."""
         return self.where((self.weights != 0).any(axis=1) & mask[self.rows])
 
+    def scaled(self, factors: NDArray[np.floating]) -> "SparseRows":
+        """Each row times its factor, (rows,), or one for each channel, (rows, 3); empty where that is 0."""
+        if np.all(factors == 1):
+            return self
+        each = factors.reshape(self.shape[0], -1)
+        kept = self.inside(np.asarray((each > 0).any(axis=1)))
+        return replace(kept, weights=(kept.weights * each[kept.rows]).astype(self.weights.dtype))
+
 
 @dataclass(frozen=True)
 class RowMap:

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.arrays import FloatArray
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.factoring import passes
 from counterlight.tools.factoring.model import Model, Rows
-from counterlight.tools.transport.transport import FarLight, Transport
+from counterlight.tools.transport.transport import Transport
 
 MOST_SCALED = 2.0  # what a row of U may grow by, and half of it what it may shrink by
 FAINTEST = 1e-6  # of a row's light: float32's rounding, not light that is missed
@@ -33,7 +32,7 @@ def split(rows: Rows, model: Model) -> Transport:
         near = _whole_rows(rows.near, near, which)
         scale[which] = 0
     scale = np.maximum(scale, 0)
-    return replace(rows.transport, near=near, far=_scaled(far, scale))
+    return replace(rows.transport, near=near, far=replace(far, scatter=far.scatter.scaled(scale)))
 
 
 def _above(near: SparseRows, model: Model) -> SparseRows:
@@ -56,10 +55,3 @@ def _whole_rows(full: SparseRows, near: SparseRows, which: NDArray[np.bool_]) ->
         np.concatenate([kept.weights, added.weights])[order],
         near.columns,
     )
-
-
-def _scaled(far: FarLight, scale: FloatArray) -> FarLight:
-    """Row k of U times scale[k], (camera pixels, 3)."""
-    U = far.scatter
-    weights = (U.weights * scale[U.rows]).astype(np.float64)
-    return replace(far, scatter=replace(U, weights=weights).inside(np.asarray(scale.any(axis=1))))

@@ -28,7 +28,6 @@ from counterlight.tools.inverse.pieces import Piece, Truncation, join
 from counterlight.tools.inverse.priors import prior_matrices
 from counterlight.tools.inverse.windowed import FINEST_TOLERANCE, WindowedChannel, plan_windows, windowed_jobs
 from counterlight.tools.jobs import run_jobs
-from counterlight.tools.transport.objective import scaled
 from counterlight.tools.transport.transport import CHANNELS, Csr, channels, luminance_matrix
 
 GOLDEN_RATIO = (np.sqrt(5) - 1) / 2
@@ -119,7 +118,7 @@ def invert_near_light(
     prior : P; the plain inverse (λ = 0) knows none.
     """
     roots = mask.ravel().astype(np.float64) if weights is None else np.sqrt(weights)
-    near, reach = scaled(near, roots), reach * roots[:, None]
+    near, reach = near.scaled(roots), reach * roots[:, None]
     refuse_not_finite(near, np.zeros((1, len(CHANNELS))))
     whole = light = luminance_matrix(near)
     if whole.nnz == 0:

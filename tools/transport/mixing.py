@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 from counterlight.arrays import FloatArray
-from counterlight.maps.row_map import SparseRows
 from counterlight.tools.transport.transport import Transport
 
 FAINT = 1e-9  # of a row's own light: less cannot be scaled to anything
@@ -21,18 +20,17 @@ def mixed_channels(transport: Transport, mixing: FloatArray) -> Transport:
     to the floodlight Σ_j X_kj U_j M_j D_j 1 (docs/colour.md says what that costs).
     """
     near, far = transport.near, transport.far
-    ones = np.ones((transport.shape[1], 3))
     rows = near.rows if mixing.ndim == 3 else np.zeros(near.indices.size, np.int8)
     each = mixing.reshape(-1, 3, 3)
     weights = np.stack(
         [sum(each[rows, k, j] * near.weights[:, j] for j in range(3)) for k in range(3)], axis=1
     )  # channel by channel: nine numbers an entry would be the room's largest array
     light = replace(near, weights=np.maximum(weights, 0).astype(near.weights.dtype))
-    scaled = _scaled(light, _ratio(_mixed_light(mixing, near.apply(ones)), light.apply(ones)))
+    scaled = light.scaled(_ratio(_mixed_light(mixing, near.sums()), light.sums()))
     if far is None:
         return replace(transport, near=scaled)
-    floodlight = far.apply(ones)
-    scatter = _scaled(far.scatter, _ratio(_mixed_light(mixing, floodlight), floodlight))
+    floodlight = far.apply(np.ones((transport.shape[1], 3)))
+    scatter = far.scatter.scaled(_ratio(_mixed_light(mixing, floodlight), floodlight))
     return replace(transport, near=scaled, far=replace(far, scatter=scatter))
 
 
@@ -44,8 +42,3 @@ def _ratio(wanted: FloatArray, found: FloatArray) -> FloatArray:
     """max(wanted, 0) / found; 0 where there is nothing to scale."""
     enough = found > FAINT * np.max(found, initial=0.0)
     return np.divide(np.maximum(wanted, 0), found, out=np.zeros_like(found), where=enough)
-
-
-def _scaled(rows: SparseRows, factor: FloatArray) -> SparseRows:
-    weights = (rows.weights * np.repeat(factor, rows.lengths, axis=0)).astype(rows.weights.dtype)
-    return replace(rows, weights=weights)

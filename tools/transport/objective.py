@@ -17,7 +17,6 @@ from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration, Region
 from counterlight.errors import InputError
 from counterlight.maps.prior import Prior
-from counterlight.maps.row_map import SparseRows
 from counterlight.pipeline.reference import pull
 from counterlight.pipeline.refinement import Certificate
 from counterlight.tools.choices import OUTSIDE
@@ -70,9 +69,9 @@ class Objective:
     @cached_property
     def dual(self) -> Transport:
         """Tᵀ W."""
-        weighted = replace(self.T, near=scaled(self.T.near, self.weights))
+        weighted = replace(self.T, near=self.T.near.scaled(self.weights))
         if self.T.far is not None:
-            far = replace(self.T.far, scatter=scaled(self.T.far.scatter, self.weights))
+            far = replace(self.T.far, scatter=self.T.far.scatter.scaled(self.weights))
             weighted = replace(weighted, far=far)
         return weighted.T
 
@@ -144,14 +143,6 @@ class Objective:
         shape = self.prior.damping.shape
         pulled = pull(p.reshape(shape), self.prior.damping, self.prior.right, self.prior.down)
         return np.asarray(pulled.reshape(-1, 3), np.float64)
-
-
-def scaled(rows: SparseRows, factors: FloatArray) -> SparseRows:
-    """diag(factors) · rows, without the rows whose factor is 0; as it is if all are 1."""
-    if np.all(factors == 1):
-        return rows
-    kept = rows.inside(factors > 0)
-    return replace(kept, weights=(kept.weights * factors[kept.rows][:, None]).astype(rows.weights.dtype))
 
 
 def objective_of(transport: Transport, calibration: Calibration, options: ObjectiveOptions) -> Objective:
