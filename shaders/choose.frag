@@ -6,7 +6,7 @@
 // Defines: SCALES: candidates are shares of the greatest scale; where none is within its budget, the one with the least
 //   sum; else offsets, and then the last one.
 // Output: (1, o), or with SCALES (s, o), and on the way to it from `before` by the share `approach`.
-// CPU twin: choose in player/pipeline/reference.py.
+// CPU twin: choose in player/pipeline/adaptation.py.
 uniform sampler2D sums, candidates;
 #ifdef SCALES
 uniform sampler2D tone, before;

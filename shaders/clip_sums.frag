@@ -7,7 +7,7 @@
 // Defines: TILES along a side; SCALES tries shares of the greatest scale at the given offset, else offsets are tried at
 //   their greatest scales, and only what is too dark counts.
 // Output: TILES columns, 4 · TILES rows: the tiles, four times, for candidates 0..3, 4..7, 8..11 and 12..15.
-// CPU twin: clip_sums in player/pipeline/reference.py.
+// CPU twin: clip_sums in player/pipeline/adaptation.py.
 uniform sampler2D picture, near, near_white, near_ambient, ambient, most, candidates;
 #ifdef SCALES
 uniform sampler2D tone;

@@ -12,11 +12,12 @@ from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import SparseRows, pack
 from counterlight.media.video import Frame
 from counterlight.pipeline import reference, views
+from counterlight.pipeline.adaptation import Limits, tone_of
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
 from counterlight.pipeline.colour import decoding_of
 from counterlight.pipeline.content import SCALES, SMOOTHING_S, Succession, tile_grid
 from counterlight.pipeline.cpu_renderer import CpuRenderer
-from counterlight.pipeline.reference import Limits, PreparedRows, reach_of, tone_of
+from counterlight.pipeline.reference import PreparedRows, reach_of
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.test_cards import CARDS, card
 from counterlight.pipeline.views import VIEWS

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from counterlight.media.frames import radiance_frame
-from counterlight.pipeline import cpu_renderer, reference
+from counterlight.pipeline import adaptation, cpu_renderer, reference
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.views import VIEWS
@@ -47,10 +47,11 @@ def test_the_renderer_without_opengl_runs_every_twin(rng: np.random.Generator, m
 
         return run
 
-    twins = {twin for twin, file in named().values() if file == "player/pipeline/reference.py"}
-    for name in twins - {"PreparedRows"}:
-        original = getattr(reference, name)
-        monkeypatch.setattr(reference, name, watched(name, original))
+    homes = {f"player/pipeline/{home.__name__.rpartition('.')[2]}.py": home for home in (adaptation, reference)}
+    twins = {twin: homes[file] for twin, file in named().values() if file in homes}
+    for name in twins.keys() - {"PreparedRows"}:
+        original = getattr(twins[name], name)
+        monkeypatch.setattr(twins[name], name, watched(name, original))
         for shader, drawn in cpu_renderer.TWINS.items():
             if drawn is original:
                 monkeypatch.setitem(cpu_renderer.TWINS, shader, watched(name, original))
@@ -68,4 +69,4 @@ def test_the_renderer_without_opengl_runs_every_twin(rng: np.random.Generator, m
             renderer.upload(frame)
             renderer.render(view, compensate=True, steps=1)
             renderer.certificate()
-    assert twins - ran == set()
+    assert twins.keys() - ran == set()

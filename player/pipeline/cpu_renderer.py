@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import RowMap
 from counterlight.media.frames import PixelFormat
-from counterlight.pipeline import reference
+from counterlight.pipeline import adaptation, reference
+from counterlight.pipeline.adaptation import Limits
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
 from counterlight.pipeline.colour import decoding_of
 from counterlight.pipeline.content import Succession, approach
 from counterlight.pipeline.device import LONG_BYTES, NearLight, PathReport
 from counterlight.pipeline.drift import moved
-from counterlight.pipeline.reference import Limits, PreparedRows
+from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
@@ -204,7 +205,7 @@ class _Adapter(_Held):
 
     def run(self, placed: FloatArray) -> FloatArray:
         u = reference.desired_light(placed, 0.0, 1.0, NO_TONE, self._unit, self._black_level)
-        found = reference.tone_of(u, self._near_light(u), self._limits, self._white, self._budget)
+        found = adaptation.tone_of(u, self._near_light(u), self._limits, self._white, self._budget)
         weight = 0.0 if self._succession.fresh else 1 - approach(self._succession.elapsed_s)
         self._now = reference.blend(found, self._before, weight)
         self._succession.draw()

@@ -3,12 +3,11 @@
 Each function names its shader. Pictures are (row, column, channel), linear, row 0 at the top; sums are in float64 where
 it costs little, so that the twin is the more exact of the two.
 
-tone : (s, o), see content.py.  reach : (camera height, camera width, 4), the radiance of full drive, and 1 where
-a pixel is inside the mask and lit in every channel, 0 elsewhere.
+tone : (s, o), see content.py; adaptation.py has the twins of the passes that find it.  reach : (camera height, camera
+width, 4), the radiance of full drive, and 1 where a pixel is inside the mask and lit in every channel, 0 elsewhere.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,6 @@ from counterlight.maps.mixing import grey_reach, mixed
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import RowMap, unpack
 from counterlight.pipeline.colour import Decoding
-from counterlight.pipeline.content import OFFSETS, SCALES, tile_grid
 from counterlight.pipeline.views import (
     CLIP_FAINT,
     CLIP_SPAN,
@@ -296,76 +294,6 @@ def counted(reach: FloatArray, lit: NDArray[np.bool_]) -> FloatArray:
     return np.concatenate([reach, lit[..., None]], axis=2)
 
 
-@dataclass(frozen=True)
-class Limits:
-    """What a room lets a camera pixel have, (camera height, camera width, 3) each; see content.py.
-
-    near_white : 1 − F 1.  near_ambient : e − F e.  ambient : e.  most : S·1, and a fourth channel, 0 where a pixel does
-    not count.
-    """
-
-    near_white: FloatArray
-    near_ambient: FloatArray
-    ambient: FloatArray
-    most: FloatArray
-
-
-def clip_sums(
-    u: FloatArray, near: FloatArray, limits: Limits, white: float, budget: float, offset: float | None
-) -> FloatArray:
-    """What clips less what may, of 16 candidates, over all samples (clip_sums.frag, then block_sum.frag).
-
-    u : in shares of white.  near : u − F u.  budget : share of A.  offset : o, of which the scales are tried; None
-    tries the offsets at s = 1 − o, and counts only what is too dark. Returns (16,).
-    """
-    tile, step = tile_grid(u.shape[:2])
-    at = np.ix_(*(_samples(u.shape[axis], tile[axis], step[axis]) for axis in (0, 1)))
-    ambient, most = limits.ambient[at], limits.most[at]
-    offsets, shares = (OFFSETS, np.ones(16)) if offset is None else (np.full(16, offset), SCALES)
-    allowed = budget * np.maximum(white * u[at], ambient)
-    sums = np.empty(16)
-    for i, (o, share) in enumerate(zip(offsets, shares, strict=True)):
-        needed = white * ((1 - o) * share * near[at] + o * limits.near_white[at]) - limits.near_ambient[at]
-        clipped = np.maximum(-needed, 0)
-        if offset is not None:
-            clipped = clipped + np.maximum(needed - most[..., :3], 0)
-        sums[i] = np.sum((clipped - allowed) * most[..., 3:])
-    return sums
-
-
-def _samples(length: int, tile: int, step: int) -> NDArray[np.int64]:
-    starts = range(0, length, tile)
-    return np.concatenate([np.arange(start, min(start + tile, length), step) for start in starts])
-
-
-def choose(candidates: FloatArray, sums: FloatArray, otherwise: int) -> float:
-    """The first candidate whose sum is at most 0, moved towards the one before as far as a line allows (choose.frag).
-
-    otherwise : the candidate to take where there is none.
-    """
-    within = np.flatnonzero(sums <= 0)
-    if not within.size:
-        return float(candidates[otherwise])
-    i = within[0]
-    if i == 0:
-        return float(candidates[0])
-    share = sums[i - 1] / (sums[i - 1] - sums[i])
-    return float(candidates[i - 1] + share * (candidates[i] - candidates[i - 1]))
-
-
-def tone_of(u: FloatArray, near: FloatArray, limits: Limits, white: float, budget: float) -> NDArray[np.float64]:
-    """(s, o) for one picture."""
-    sums = clip_sums(u, near, limits, white, budget / 2, None)
-    offset = choose(OFFSETS, sums, len(OFFSETS) - 1)
-    sums = clip_sums(u, near, limits, white, budget, offset)
-    return np.array([(1 - offset) * choose(SCALES, sums, int(np.argmin(sums))), offset])
-
-
-def blend(now: FloatArray, before: FloatArray, weight: float) -> FloatArray:
-    """(1 − weight) now + weight before (blend.frag)."""
-    return np.asarray((1 - weight) * now + weight * before)
-
-
 def error_map(
     seen: FloatArray, ambient: FloatArray, b: FloatArray, reach: FloatArray, white: float
 ) -> NDArray[np.float64]:
@@ -440,3 +368,8 @@ def _scramble(v: NDArray[np.uint32]) -> NDArray[np.uint32]:
     v = v * np.uint32(747796405) + np.uint32(2891336453)
     v = ((v >> ((v >> np.uint32(28)) + np.uint32(4))) ^ v) * np.uint32(277803737)
     return (v >> np.uint32(22)) ^ v
+
+
+def blend(now: FloatArray, before: FloatArray, weight: float) -> FloatArray:
+    """(1 − weight) now + weight before (blend.frag)."""
+    return np.asarray((1 - weight) * now + weight * before)

@@ -15,7 +15,7 @@ from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.row_map_pass import MapTextures, RowMapPass
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
-from counterlight.pipeline import reference
+from counterlight.pipeline import adaptation, reference
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.colour import decoding_of
 from counterlight.pipeline.content import approach
@@ -139,7 +139,7 @@ def test_the_adaptation_of_a_large_view_equals_its_twin(gl_context: moderngl.Con
     most = reference.reach_of(seen, 0 * seen, rng.uniform(size=shape) < 0.9).astype(np.float32)
     textures = picture_texture(gl_context, ambient), float_texture(gl_context, shape, most)
     adapter = Adapter(gl_context, lambda b: b, *textures, white)
-    limits = reference.Limits(np.ones_like(ambient), ambient, ambient, most)
+    limits = adaptation.Limits(np.ones_like(ambient), ambient, ambient, most)
     adapter.set(100 * share, 1.0, 0.0)
     expected: list[np.ndarray] = []
     for power in (1.0, 3.0):
@@ -148,7 +148,7 @@ def test_the_adaptation_of_a_large_view_equals_its_twin(gl_context: moderngl.Con
         adapter.advance(cut=power == 1, duration_s=0.04)
         found = np.frombuffer(adapter.run(texture).read(), np.float32)[:2]
         texture.release()
-        target = reference.tone_of(picture, picture, limits, white, share)
+        target = adaptation.tone_of(picture, picture, limits, white, share)
         expected.append(target if power == 1 else expected[0] + approach(0.04) * (target - expected[0]))
         np.testing.assert_allclose(found, expected[-1], atol=ATOL)
         assert 0.3 < found[0] < 0.95
