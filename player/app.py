@@ -232,6 +232,7 @@ def play_in_window(
             image_display_duration=image_display_duration(options),
             blackout=options.blackout,
             osd=options.osd,
+            unattended=options.supervised,
             screenshots=options.screenshot_directory,
             audio=audio,
             silence=silence,

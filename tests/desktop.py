@@ -69,5 +69,21 @@ def press(display: str, key: str, *held: str) -> None:
     connection.close()
 
 
+def mouse(display: str, *events: tuple[str, int, int]) -> None:
+    """Real moves ("move", x, y), and presses and releases of a button ("press", number, 0) through the X server."""
+    connection = Display(display)
+    for action, first, second in events:
+        if action == "move":
+            xtest.fake_input(connection, X.MotionNotify, x=first, y=second)
+        else:
+            xtest.fake_input(connection, X.ButtonPress if action == "press" else X.ButtonRelease, first)
+        connection.sync()
+    connection.close()
+
+
+def click(display: str, button: int, count: int = 1) -> None:
+    mouse(display, ("move", 12, 9), *[("press", button, 0), ("release", button, 0)] * count)
+
+
 def xrandr(display: str, *arguments: str) -> None:
     subprocess.run(["xrandr", "--display", display, *arguments], check=True, capture_output=True, timeout=PATIENCE_S)

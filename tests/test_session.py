@@ -67,7 +67,7 @@ def test_pause_holds_and_resumes_where_it_was(stage: Stage) -> None:
 def test_seeking_goes_from_the_current_position() -> None:
     stage = Stage(Reader(count=1000))
     stage.advance(0.4)
-    assert stage.press("right") == "0:00:05 / 0:00:40"
+    assert stage.press("right") == "0:00:05 / 0:00:40 (13 %)"
     stage.advance(0.02)
     assert stage.screen.uploaded[-1] == pytest.approx(25 * 5.4, abs=2)  # where it was, to a frame or two
     stage.press("left", "left")
@@ -134,6 +134,21 @@ def test_the_a_b_loop_goes_back_at_b_until_it_is_cleared() -> None:
     stage.advance(1.0)
     assert not stage.session.done
     assert 975 <= stage.screen.uploaded[-1] < 1000
+
+
+def test_the_a_b_loop_runs_between_its_points_whichever_was_set_first() -> None:
+    stage = Stage(Reader(count=1000))
+    stage.advance(2.0)
+    stage.press("l")
+    stage.commands.run("seek", 1.0, "absolute")
+    stage.advance(0.2)
+    said = stage.press("l")
+    b, a = (round(25 * stage.commands.get(f"ab-loop-{point}")) for point in "ab")
+    assert a < b
+    assert said == f"A-B loop {a / 25:.2f} to {b / 25:.2f} s"
+    begun = len(stage.screen.uploaded)
+    stage.advance(3.0)
+    assert set(stage.screen.uploaded[begun:]) == set(range(a, b))
 
 
 @pytest.mark.parametrize("seamless", [False, True])

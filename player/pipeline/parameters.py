@@ -28,6 +28,7 @@ class Parameter:
 
 
 LISTED_IMAGE_S = 5.0  # how long a picture in a list is shown if nobody says
+OSD = ("off", "on", "notices")
 FLAG, CONTROL = Flag(), Number(-100, 100, whole=True)
 STEPS = Number(0, MOST_STEPS, whole=True, words=("auto",), noun="a number of steps")
 PARAMETERS = {
@@ -60,6 +61,10 @@ PARAMETERS = {
         unit="steps",
         unsaid=f"{DEFAULT_STEPS}, from direct mapping {STEPS_WITHOUT_MAP}; 0: the correction map alone",
     ),
-    "osd": Parameter("whether the screen says what keys change", FLAG, True),
+    "osd": Parameter(
+        "on: what keys change, and in a window what went wrong; notices: that always; off: neither",
+        Choice(OSD),
+        "on",
+    ),
     "fullscreen": Parameter("whether the monitor is filled", FLAG, False),
 }

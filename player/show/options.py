@@ -18,7 +18,7 @@ from counterlight.pipeline.parameters import LISTED_IMAGE_S, PARAMETERS
 from counterlight.pipeline.refinement import STARTS
 from counterlight.pipeline.room import DITHERS
 from counterlight.pipeline.test_cards import CARDS
-from counterlight.show.keys import KEYS
+from counterlight.show.keys import KEYS, MEANINGS
 from counterlight.show.playlist import expand
 from counterlight.show.settings import Several, apply_settings, default_path
 from counterlight.unattended.supervisor import SAFE
@@ -205,8 +205,8 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
 def _keys() -> str:
     """The keys in lines of a terminal's width."""
     lines = ["keys (? lists them over the picture):"]
-    for key, words in KEYS.items():
-        piece = f"{key} {words}"
+    for key, command in KEYS.items():
+        piece = f"{key} {MEANINGS[command]}"
         if len(lines[-1]) + len(piece) > 100 or len(lines) == 1:
             lines.append("  " + piece)
         else:

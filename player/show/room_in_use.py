@@ -66,6 +66,10 @@ class RoomInUse:
         values = 3 * np.count_nonzero(self._room.calibration.mask)
         return psnr(float(certificate.squared_error.sum()) / max(int(values), 1) / self._room.white**2)
 
+    def on_camera(self, points: Points) -> Points:
+        """Where the correction map has most of what points of the projector's picture show; NaN where it is empty."""
+        return lit_by(self._room.maps.correction, points)
+
     def on_projector(self, points: Points) -> Points:
         """Where the projector's picture lights points of the view most."""
         return lit_by(self._room.maps.transport, points)

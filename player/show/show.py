@@ -1,7 +1,11 @@
 """A show from loop to loop: what keys and remotes command, what the session shows, what is written over it and told."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
+import numpy as np
+
+from counterlight.overlay.pointer import Pointer
 from counterlight.show.commands import commands_of
 from counterlight.show.control import ControlServer
 from counterlight.show.keys import Keys
@@ -48,6 +52,8 @@ class Show:
         while not (session.done or session.display.closed):
             for key in session.display.poll(session.wait_s()):
                 self.press(key)
+            for pointer in session.display.pointers():
+                self.point(pointer)
             for remote in self._remotes:
                 remote.poll(self.commands)
             self.step()
@@ -59,6 +65,24 @@ class Show:
     def step(self) -> None:
         """Show what is due, with what is written over it."""
         self.session.step(self._overlay.page)
+
+    def point(self, pointer: Pointer) -> None:
+        """Pull the picture that is being placed; otherwise the mouse does nothing but click."""
+        session, placing = self.session, self.session.placing
+        if placing is None:
+            return
+        if pointer.action == "release":
+            placing.let_go()
+            return
+        at = np.array([[pointer.x, pointer.y]])
+        x, y = (session.room.on_camera(at) if session.view == "projector" else at)[0]
+        if not np.isfinite((x, y)).all():  # where the projector lights nothing that counts
+            return
+        if pointer.action == "press":
+            placing.grab(x, y)
+            session.changed()
+        elif placing.drag(x, y):
+            session.adjust(replace(session.adjustments, corners=placing.corners))
 
     def press(self, key: str) -> None:
         """Do what a key stands for and say on the screen what it changed; unknown keys do nothing."""

@@ -43,11 +43,11 @@ def _outside(certificate: Certificate | None) -> list[str]:
 
 
 def position(session: Session) -> str:
-    """`0:00:05 / 0:01:30`."""
+    """`0:00:05 / 0:01:30 (6 %)`."""
     playback = session.playback
     assert playback is not None
     duration_s = playback.reader.info.duration_s
-    total = f" / {_clock(duration_s)}" if duration_s else ""
+    total = f" / {_clock(duration_s)} ({100 * playback.position_s / duration_s:.0f} %)" if duration_s else ""
     return _clock(playback.position_s) + total + (" paused" if playback.paused else "")
 
 

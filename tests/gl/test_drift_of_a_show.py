@@ -29,7 +29,7 @@ def test_a_check_beside_a_show_is_taken_over(
     def told() -> Any:
         return json.loads(beats.read_text().splitlines()[-1])["drift"]
 
-    with show(xvfb, tmp_path, room, noise_picture, "--no-osd", "--heartbeat", beats) as (process, client):
+    with show(xvfb, tmp_path, room, noise_picture, "--osd", "off", "--heartbeat", beats) as (process, client):
         wait_until(lambda: np.array_equal(screen(xvfb, BOX), before), "the picture", process)
         assert told() is None
         camera = ["--camera", f"simulated:{tmp_path / 'now'}", "--control", str(tmp_path / "show.socket")]

@@ -160,7 +160,7 @@ def test_a_damaged_map_does_not_replace_the_one_that_plays(
     shutil.copytree(room, folder)
     steps = "--refine", "4"  # the default may be another for the new map; the player's stay
     corrected = expected_picture(folder, picture, tmp_path, *steps)
-    with playing(xvfb, folder, picture, "--no-osd", "--stats", stats, *steps) as process:
+    with playing(xvfb, folder, picture, "--osd", "off", "--stats", stats, *steps) as process:
 
         def shows(wanted: np.ndarray) -> Callable[[], bool]:
             return lambda: np.array_equal(screen(xvfb, WINDOW), wanted)
