@@ -22,7 +22,14 @@ from counterlight.pipeline.room import Room, read_room
 from counterlight.show.control import ControlServer
 from counterlight.show.headless import headless_renderer, render_to_file
 from counterlight.show.media import Media
-from counterlight.show.options import adjustments_of, image_display_duration, monitors_of, one_medium, read_options
+from counterlight.show.options import (
+    adjustments_of,
+    ignored,
+    image_display_duration,
+    monitors_of,
+    one_medium,
+    read_options,
+)
 from counterlight.show.output import check_output
 from counterlight.show.playlist import Playlist, files_of
 from counterlight.show.room_in_use import RoomInUse
@@ -141,6 +148,8 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
         raise InputError("--loop with --output never ends; add --frames N")
     if reader.info.live and options.frames is None:
         raise InputError(f"{reader.info.path}: a live source never ends; add --frames N to --output")
+    for line in ignored(options, reader.info):
+        tell(line)
     if options.refine == "auto":
         raise InputError("--refine auto is for a window: a file has no time to keep; give a number of steps")
     if options.backend == "cpu" and options.path is not None:

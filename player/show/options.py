@@ -10,6 +10,7 @@ from typing import Any
 from counterlight.calibration import RADIANCE
 from counterlight.command import Parser
 from counterlight.errors import InputError
+from counterlight.media.frames import MediaInfo
 from counterlight.media.medium import Border, Medium
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.device import PATHS
@@ -23,11 +24,17 @@ from counterlight.show.playlist import expand
 from counterlight.show.settings import Several, apply_settings, default_path
 from counterlight.unattended.supervisor import SAFE
 
+WINDOW_ONLY = (
+    *("fullscreen", "monitor", "any_size", "vsync", "audio", "volume", "mute", "blackout", "osd"),
+    *("screenshot_directory", "speed", "image_display_duration", "control", "heartbeat", "playlist_start"),
+)
+
 
 def read_options(argv: Sequence[str] | None, description: str) -> argparse.Namespace:
     """Options over settings over defaults.
 
-    keys : the settings' key bindings.  media : media/medium.py, `lists` expanded.  border : what others may name.
+    given : names of those whose value is not the default.  keys : the settings' key bindings.
+    media : media/medium.py, `lists` expanded.  border : what others may name.
     lasting : whether nobody is there to start the show again.
     """
     parser = _parser(description)
@@ -38,6 +45,7 @@ def read_options(argv: Sequence[str] | None, description: str) -> argparse.Names
         if config.config is not None or path.exists():
             keys = apply_settings(parser, path)
     options = parser.parse_intermixed_args(argv)
+    options.given = {name for name, value in vars(options).items() if value != parser.get_default(name)}
     options.keys, options.lists = keys, [Medium(name) for name in options.media]
     roots = [options.media_root] if isinstance(options.media_root, Path) else options.media_root or []
     options.border = Border.around(options.lists, roots, live=options.allow_live)
@@ -212,6 +220,19 @@ def _keys() -> str:
         else:
             lines[-1] += f",  {piece}"
     return "\n".join(lines).replace("%", "%%")
+
+
+def ignored(options: argparse.Namespace, info: MediaInfo) -> list[str]:
+    """A line for options of the command line that mean nothing to what is rendered into a file."""
+    lines = [f"--{name.replace('_', '-')}: is for a window, means nothing with --output" for name in WINDOW_ONLY]
+    unused = [line for name, line in zip(WINDOW_ONLY, lines, strict=True) if name in options.given]
+    if info.still:
+        unused += [
+            f"--{name}: {info.path} is a single picture" for name in ("frames", "start") if name in options.given
+        ]
+    if "fps" in options.given and not options.media[0].is_sequence:
+        unused.append(f"--fps: {info.path} is no numbered sequence and has a rate of its own")
+    return unused
 
 
 def one_medium(options: argparse.Namespace) -> Medium:

@@ -1,10 +1,12 @@
 """A show from loop to loop: what keys and remotes command, what the session shows, what is written over it and told."""
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from counterlight.command import status
 from counterlight.overlay.pointer import Pointer
 from counterlight.show.commands import commands_of
 from counterlight.show.control import ControlServer
@@ -13,9 +15,10 @@ from counterlight.show.memory import short_collections
 from counterlight.show.overlay import Overlay
 from counterlight.show.session import Session
 from counterlight.show.stats import Stats
-from counterlight.show.stats_page import facts
+from counterlight.show.stats_page import facts, status_line
 from counterlight.unattended.heartbeat import Heartbeat
 
+STATUS_INTERVAL_S = 0.5
 REDRAW = "redraw"  # not a key: the window was resized or uncovered
 
 
@@ -34,6 +37,7 @@ class Show:
         self._keys = Keys(self.commands, bindings)
         self._overlay = Overlay(session, self._keys)
         self._remotes, self._heartbeat = remotes, heartbeat
+        self._told_at = float("-inf")
 
     def run(self, limit: int | None = None) -> Stats:
         """Play until the list ends, the window closes, `q`, or `limit` frames have been shown; ends the session.
@@ -45,6 +49,7 @@ class Show:
                 self._run(limit)
             return self.session.outcome()
         finally:
+            status("")
             self.session.close()
 
     def _run(self, limit: int | None) -> None:
@@ -59,8 +64,15 @@ class Show:
             self.step()
             if self._heartbeat is not None and self._heartbeat.due:
                 self._heartbeat.beat(facts(session))
+            self._tell_terminal()
             if limit is not None and session.stats.frames >= limit:
                 return
+
+    def _tell_terminal(self) -> None:
+        session, now_s = self.session, time.monotonic()
+        if session.playback is not None and now_s - self._told_at >= STATUS_INTERVAL_S:
+            self._told_at = now_s
+            status(status_line(session))
 
     def step(self) -> None:
         """Show what is due, with what is written over it."""

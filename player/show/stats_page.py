@@ -51,6 +51,15 @@ def position(session: Session) -> str:
     return _clock(playback.position_s) + total + (" paused" if playback.paused else "")
 
 
+def status_line(session: Session) -> str:
+    """What a terminal says while a medium plays."""
+    stats = session.stats
+    listed = f"[{session.programme.on + 1}/{len(session.playlist.media)}] " if len(session.playlist.media) > 1 else ""
+    refined = f", {session.steps} steps" if session.compensation and session.steps else ""
+    dropped = f", {stats.dropped} dropped" if stats.dropped else ""
+    return f"{listed}{position(session)}, {stats.frames_per_second:.1f} fps{refined}{dropped}"
+
+
 def facts(session: Session) -> dict[str, Any]:
     """JSON-able: what somebody far away wants to know of the show. Costs a step of refinement, for the gap."""
     stats, playback = session.stats, session.playback
