@@ -114,6 +114,24 @@ def test_speed_changes_the_rate_and_not_the_place() -> None:
     assert stage.screen.uploaded[-1] == pytest.approx(87, abs=1)
 
 
+def test_frames_that_come_too_late_are_said_once_with_what_to_change() -> None:
+    stage = Stage(Reader(count=1000), Reader("other", count=1000), refine=16)
+    stage.session.stats.add("decode", 0.002)
+    for _ in range(500):  # more than the stage, which draws nothing, adds
+        stage.session.stats.add("gpu", 0.12)
+    stage.advance(4.9, step=0.12)  # three frames for one that is shown
+    assert stage.session.stats.notices == []
+    stage.advance(10, step=0.12)
+    (line,) = stage.session.stats.notices
+    assert "frames came too late: drawing takes" in line
+    assert "a frame lasts 40; take fewer steps of refinement than 16" in line
+    stage.press(">")
+    stage.advance(4.9, step=0.04)
+    assert len(stage.session.stats.notices) == 1
+    stage.advance(20, step=0.04)  # in time again: another medium is not accused of what the first one dropped
+    assert len(stage.session.stats.notices) == 1
+
+
 def test_the_a_b_loop_goes_back_at_b_until_it_is_cleared() -> None:
     stage = Stage(Reader(count=1000))
     stage.advance(1.0)

@@ -20,6 +20,7 @@ from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.refinement import Certificate, StepBudget
 from counterlight.pipeline.renderer import Renderer
 from counterlight.show.display import Display
+from counterlight.show.lateness import Lateness
 from counterlight.show.media import Media
 from counterlight.show.memory import give_back
 from counterlight.show.placing import Placing
@@ -101,6 +102,7 @@ class Session:
         self._start: tuple[Medium, float] | None = playlist.current, start_s
         self._pixels: PixelFormat | None = None  # that the renderer is open for
         self._budget: StepBudget | None = None
+        self._lateness: Lateness | None = None
         self.programme = Programme(
             playlist,
             opener,
@@ -248,6 +250,8 @@ class Session:
         self.programme.plays()
         self.placing = None
         self._budget = self._new_budget()
+        rate = None if reader.info.still else reader.info.frames_per_second
+        self._lateness = None if rate is None else Lateness(self.stats, rate, self.clock())
         self.stats.interrupted()
         self.display.set_title(printable(f"{Path(medium.name).name} - Counterlight"))
 
@@ -304,6 +308,9 @@ class Session:
         self.stats.add("upload", time.perf_counter() - start)
         self.stats.frames += 1
         self._uploaded = self._changed = True
+        advice = None if self._lateness is None else self._lateness.advice(self.clock(), self.steps)
+        if advice is not None:
+            self.notice(advice)
 
     def _took_over(self, incoming: Renderer, frame: Frame) -> bool:
         """Whether what reload brought can draw a frame: it then takes the place of the renderer, which else stays."""
