@@ -27,6 +27,8 @@ from counterlight.writing.replacing import replacing_folder
 FOLDER, FILE, AMBIENT, FORMAT = "drift", "drift.toml", "ambient.exr", 1
 FARTHEST = 0.5  # of a projector's longer side: how far a corner may have moved
 GAIN = 0.05, 20.0
+TAPS = 6  # pixels to each side of which a moved one is made
+CONTINUED = 1.0  # pixels beside the calibrated raster that still get a picture: what deblurs its rim needs them
 Light: TypeAlias = NDArray[np.floating]
 
 
@@ -145,15 +147,18 @@ def moved(drive: Light, projectors: Light) -> FloatArray:
     for rows in np.asarray(projectors, np.float64):
         left, width, height = (int(value) for value in rows[3])
         part = slice(height), slice(left, left + width)
-        shown[part] = np.clip(resampled(drive[part], rows[:3]) / rows[4], 0, 1)
+        shown[part] = np.clip(resampled(drive[part], rows[:3], CONTINUED) / rows[4], 0, 1)
     return shown
 
 
-def resampled(picture: Light, N: FloatArray) -> FloatArray:
-    """p(N x) of every pixel x, as much of it as its share that falls on the picture: (height, width, channels)."""
+def resampled(picture: Light, N: FloatArray, beyond: float = 0.0) -> FloatArray:
+    """p(N x) of every pixel x, (height, width, channels), as much of it as its share that falls on the picture.
+
+    beyond : so many pixels beside the picture are still of it.
+    """
     height, width = picture.shape[:2]
     at, ahead = positions(N, (height, width))
-    lands = ahead * np.clip(np.minimum(at, (width, height) - at) + 0.5, 0, 1).prod(axis=2)
+    lands = ahead * np.clip(np.minimum(at, (width, height) - at) + 0.5 + beyond, 0, 1).prod(axis=2)
     return np.asarray(lands[..., None] * sampled(picture, at.reshape(-1, 2)).reshape(picture.shape))
 
 
@@ -167,23 +172,30 @@ def positions(N: FloatArray, shape: tuple[int, int]) -> tuple[FloatArray, NDArra
 
 
 def sampled(picture: Light, at: FloatArray) -> FloatArray:
-    """Between pixels (Catmull and Rom 1974), the border's going on outside: (n, 2) positions -> (n, channels)."""
+    """Between six by six pixels (Keys 1981), a mirror beyond the border: (n, 2) positions -> (n, channels)."""
     height, width = picture.shape[:2]
     first = np.floor(at - 0.5).astype(np.int64)
-    across, down = np.moveaxis(_catmull_rom(at - 0.5 - first), 1, 0)
+    across, down = np.moveaxis(_keys(at - 0.5 - first), 1, 0)
     result = np.zeros((len(at), picture.shape[2]))
-    for i in range(4):
-        row = np.clip(first[:, 1] + i - 1, 0, height - 1)
-        for j in range(4):
-            column = np.clip(first[:, 0] + j - 1, 0, width - 1)
+    for i in range(TAPS):
+        row = _mirrored(first[:, 1] + i - 2, height)
+        for j in range(TAPS):
+            column = _mirrored(first[:, 0] + j - 2, width)
             result += (down[:, i] * across[:, j])[:, None] * picture[row, column]
     return result
 
 
-def _catmull_rom(t: FloatArray) -> FloatArray:
-    """Weights of the four pixels around a share t of the way between the inner two: (…, 4)."""
-    weights = ((2 - t) * t - 1) * t, (3 * t - 5) * t * t + 2, ((4 - 3 * t) * t + 1) * t, (t - 1) * t * t
-    return np.stack(weights, axis=-1) / 2
+def _keys(t: FloatArray) -> FloatArray:
+    """Weights of the six pixels around a share t of the way between the inner two: (…, 6).  Exact for cubics."""
+    x = np.abs(t[..., None] + 2 - np.arange(TAPS))
+    near, middle = (4 * x - 7) * x * x / 3 + 1, ((36 - 7 * x) * x - 59) * x / 12 + 2.5
+    return np.where(x < 1, near, np.where(x < 2, middle, ((x - 8) * x + 21) * x / 12 - 1.5))
+
+
+def _mirrored(index: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Pixels around the outermost ones, which stay alone."""
+    last = count - 1
+    return np.asarray(np.clip(last - np.abs(last - np.abs(index)), 0, last))
 
 
 def _read(stored: StoredCalibration, path: Path) -> Drift:
