@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from counterlight.show.checked_room import CheckedRoom
 from counterlight.show.commands import commands_of
 from counterlight.show.control import ControlServer
 from counterlight.show.keys import Keys
@@ -11,12 +12,16 @@ from counterlight.show.session import Session
 from counterlight.show.stats import Stats
 from counterlight.show.stats_page import facts
 from counterlight.unattended.heartbeat import Heartbeat
+from counterlight.unattended.room_checks import RoomChecks
 
 REDRAW = "redraw"  # not a key: the window was resized or uncovered
 
 
 class Show:
-    """A session and all that it answers to.  bindings : of the settings file, see Keys."""
+    """A session and all that it answers to.
+
+    bindings : of the settings file, see Keys.  checks : of the room; None for none.
+    """
 
     def __init__(
         self,
@@ -25,11 +30,13 @@ class Show:
         bindings: Mapping[str, str] | None = None,
         remotes: Sequence[ControlServer] = (),
         heartbeat: Heartbeat | None = None,
+        checks: RoomChecks | None = None,
     ) -> None:
         self.session, self.commands = session, commands_of(session)
         self._keys = Keys(self.commands, bindings)
         self._overlay = Overlay(session, self._keys)
         self._remotes, self._heartbeat = remotes, heartbeat
+        self._checked = None if checks is None else CheckedRoom(session, self.commands, checks)
 
     def run(self, limit: int | None = None) -> Stats:
         """Play until the list ends, the window closes, `q`, or `limit` frames have been shown; ends the session.
@@ -41,6 +48,8 @@ class Show:
                 self._run(limit)
             return self.session.outcome()
         finally:
+            if self._checked is not None:
+                self._checked.close()
             self.session.close()
 
     def _run(self, limit: int | None) -> None:
@@ -59,6 +68,8 @@ class Show:
     def step(self) -> None:
         """Show what is due, with what is written over it."""
         self.session.step(self._overlay.page)
+        if self._checked is not None:
+            self._checked.poll()
 
     def press(self, key: str) -> None:
         """Do what a key stands for and say on the screen what it changed; unknown keys do nothing."""
