@@ -4,13 +4,14 @@
 //
 // Inputs: `drive`, linear RGB, 0..1; `projectors`, a row for each, five texels: the rows of N, (left, width, height) of
 // its region, its gain g. N takes a position of its pixels to one of the calibrated region, homogeneous, in pixels.
-// Output: drive, 0..1. Beyond the calibrated raster it goes on as in a mirror for a pixel and fades over another one:
-// nobody knows what is there.
+// Output: drive, 0..1. Beyond the calibrated raster it goes on as in a mirror and fades: nobody knows what is there.
 // CPU twin: moved in player/pipeline/drift.py.
 uniform sampler2D drive;
 uniform sampler2D projectors;
 
 out vec4 shown;
+
+const float FADE = 2.0; // pixels, as in the twin
 
 vec3 row_of(int projector, int column) { return texelFetch(projectors, ivec2(column, projector), 0).rgb; }
 
@@ -31,7 +32,7 @@ void main() {
     float scale = dot(row_of(projector, 2), own);
     if (own.y > region.z || scale <= 0.0) return;
     vec2 at = vec2(dot(row_of(projector, 0), own), dot(row_of(projector, 1), own)) / scale - 0.5;
-    vec2 lands = clamp(min(at, region.yz - 1.0 - at) + 2.0, 0.0, 1.0);
+    vec2 lands = clamp(1.0 + (min(at, region.yz - 1.0 - at) + 0.5) / FADE, 0.0, 1.0);
     if (lands.x * lands.y <= 0.0) return;
     ivec2 first = ivec2(floor(at)), most = ivec2(region.yz) - 1;
     vec2 between = at - vec2(first);

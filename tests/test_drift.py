@@ -88,15 +88,15 @@ def test_a_whole_pixel_is_moved_exactly_and_each_projector_within_its_own_pictur
     shown = moved(drive, Drift((moved_by(2, -1), Moved.nothing())).table(REGIONS))
     expected = np.zeros_like(drive)
     expected[1:, :11] = drive[:-1, 2:13]
-    expected[1:, 11] = drive[:-1, 11]  # a pixel beyond, as in a mirror; further out it is dark
-    expected[0, :11], expected[0, 11] = drive[1, 2:13], drive[1, 11]
+    expected[1:, 11], expected[1:, 12] = 0.75 * drive[:-1, 11], 0.25 * drive[:-1, 10]  # beyond, a mirror that fades
+    expected[0, :13] = 0.75 * np.array([1] * 11 + [0.75, 0.25])[:, None] * drive[1, [*range(2, 13), 11, 10]]
     expected[:5, 13:] = drive[:5, 13:]  # below the lower projector nothing is shown
     np.testing.assert_allclose(shown, expected, atol=1e-6)  # the table is float32
 
 
-def test_beyond_the_border_it_goes_on_for_a_pixel_and_what_lands_there_is_lost() -> None:
-    shown = moved(np.ones((7, 24, 3)), Drift((moved_by(1.75, 0), moved_by(0, 0))).table(REGIONS))
-    np.testing.assert_allclose(shown[3, 9:13, 0], [1, 1, 1, 0.25], atol=1e-6)
+def test_beyond_the_border_it_fades_over_two_pixels_and_what_lands_there_is_lost() -> None:
+    shown = moved(np.ones((7, 24, 3)), Drift((moved_by(2.75, 0), moved_by(0, 0))).table(REGIONS))
+    np.testing.assert_allclose(shown[3, 9:13, 0], [1, 0.875, 0.375, 0], atol=1e-6)
     np.testing.assert_allclose(resampled(np.ones((7, 13, 3)), moved_by(0.25, 0).to_raster)[3, 11:, 0], [1, 0.75])
 
 

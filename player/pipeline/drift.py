@@ -28,7 +28,7 @@ FOLDER, FILE, AMBIENT, FORMAT = "drift", "drift.toml", "ambient.exr", 1
 FARTHEST = 0.5  # of a projector's longer side: how far a corner may have moved
 GAIN = 0.05, 20.0
 TAPS = 6  # pixels to each side of which a moved one is made
-CONTINUED = 1.0  # pixels beside the calibrated raster that still get a picture: what deblurs its rim needs them
+FADE = 2.0  # pixels beside the calibrated raster over which a moved picture fades: what deblurs its rim needs them
 Light: TypeAlias = NDArray[np.floating]
 
 
@@ -147,18 +147,19 @@ def moved(drive: Light, projectors: Light) -> FloatArray:
     for rows in np.asarray(projectors, np.float64):
         left, width, height = (int(value) for value in rows[3])
         part = slice(height), slice(left, left + width)
-        shown[part] = np.clip(resampled(drive[part], rows[:3], CONTINUED) / rows[4], 0, 1)
+        shown[part] = np.clip(resampled(drive[part], rows[:3], FADE) / rows[4], 0, 1)
     return shown
 
 
-def resampled(picture: Light, N: FloatArray, beyond: float = 0.0) -> FloatArray:
+def resampled(picture: Light, N: FloatArray, fade: float = 0.0) -> FloatArray:
     """p(N x) of every pixel x, (height, width, channels), as much of it as its share that falls on the picture.
 
-    beyond : so many pixels beside the picture are still of it.
+    fade : so many pixels beside the picture are of it, too, the further the less; all that falls on it then counts.
     """
     height, width = picture.shape[:2]
     at, ahead = positions(N, (height, width))
-    lands = ahead * np.clip(np.minimum(at, (width, height) - at) + 0.5 + beyond, 0, 1).prod(axis=2)
+    depth = np.minimum(at, (width, height) - at)
+    lands = ahead * np.clip(1 + depth / fade if fade else depth + 0.5, 0, 1).prod(axis=2)
     return np.asarray(lands[..., None] * sampled(picture, at.reshape(-1, 2)).reshape(picture.shape))
 
 
