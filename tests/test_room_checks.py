@@ -143,6 +143,15 @@ def test_a_room_that_is_lost_is_told_and_the_show_goes_on() -> None:
     assert not show.paused
 
 
+def test_a_check_that_cannot_begin_is_told_and_the_show_goes_on() -> None:
+    show = Shown(Reader(count=1000))
+    show.checks._command = ["/nowhere"]
+    show.come_due()
+    assert "No such file" in show.stage.session.stats.notices[0]
+    assert not show.paused
+    assert not show.checks.due
+
+
 def test_options_say_how_often_and_with_which_camera() -> None:
     words = [
         "room",

@@ -154,7 +154,8 @@ def moved(drive: Light, projectors: Light) -> FloatArray:
 def resampled(picture: Light, N: FloatArray, fade: float = 0.0) -> FloatArray:
     """p(N x) of every pixel x, (height, width, channels), as much of it as its share that falls on the picture.
 
-    fade : so many pixels beside the picture are of it, too, the further the less; all that falls on it then counts.
+    fade : where not 0, pixels whose centres fall on the picture count whole, those beside it the less the further, up
+    to so many pixels away.
     """
     height, width = picture.shape[:2]
     at, ahead = positions(N, (height, width))

@@ -26,11 +26,19 @@ class CheckedRoom:
             if outcome is not None:
                 self._take(outcome)
         elif checks.due and between and session.playback is not None:
-            self._paused, session.manner.paused = session.manner.paused, True
-            checks.begin()
+            self._begin()
 
     def close(self) -> None:
         self._checks.close()
+
+    def _begin(self) -> None:
+        session = self._session
+        try:
+            self._checks.begin()
+        except OSError as error:
+            session.notice(f"the room's check: {error}")
+            return
+        self._paused, session.manner.paused = session.manner.paused, True
 
     def _take(self, outcome: Outcome) -> None:
         session = self._session

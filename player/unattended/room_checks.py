@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import IO, NamedTuple
 
 LONGEST_S = 600.0  # a camera that does not answer
-ENDING_S = 5.0
+ENDING_S = 2.0  # a supervisor takes a player for dead that is silent for 3
 
 
 class Outcome(NamedTuple):
@@ -38,9 +38,15 @@ class RoomChecks:
         return not self.running and self._clock() - self._since >= self._every_s
 
     def begin(self) -> None:
-        said = tempfile.TemporaryFile()  # noqa: SIM115 - held until the child ends; a pipe could fill
+        """OSError if there is no place for another process."""
         self._since = self._clock()
-        self._child = subprocess.Popen(self._command, stdin=subprocess.DEVNULL, stdout=said, stderr=said), said
+        said = tempfile.TemporaryFile()  # noqa: SIM115 - held until the child ends; a pipe could fill
+        try:
+            process = subprocess.Popen(self._command, stdin=subprocess.DEVNULL, stdout=said, stderr=said)
+        except BaseException:
+            said.close()
+            raise
+        self._child = process, said
 
     def outcome(self) -> Outcome | None:
         """What came of the check that runs; None until it has ended."""
