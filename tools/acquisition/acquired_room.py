@@ -28,6 +28,9 @@ from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport, luminance_matrix
+from counterlight.tools.transport.trust import seen
+
+MOST_TRIED = 1 << 17  # camera pixels up to which a white picture is tried; build tries it anyway
 
 
 @dataclass(frozen=True)
@@ -132,9 +135,11 @@ def _report(
 
 
 def _light_outside(room: Calibration, transport: Transport) -> LightOutside:
-    """A few steps tell: what nobody sees is dark after the first."""
+    unseen = float(np.mean(np.maximum(1 - seen(transport.near, np.ones(transport.shape[0], np.bool_)), 0)))
+    if room.camera.pixels > MOST_TRIED:
+        return LightOutside(unseen, None)
     tier = tier_of(room, transport)
     objective = objective_of(tier.transport, room, DEFAULT_AIMS)
     white = tier.asked(np.full(tier.ambient.shape, tier.white)).reshape(-1, 3)
-    drive, _ = Box(objective, most_steps=CHECK_EVERY).run(white)
-    return LightOutside(objective.unseen, objective.light_outside(drive))
+    drive, _ = Box(objective, most_steps=CHECK_EVERY).run(white)  # what nobody sees is dark after the first steps
+    return LightOutside(unseen, objective.light_outside(drive))

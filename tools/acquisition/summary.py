@@ -21,7 +21,7 @@ class LightOutside:
     """Light that the camera does not see.
 
     unseen : share of the projector's pixels whose light it is.  white : of a white picture's drive, what is left there
-    of full drive; None where nothing is unseen.
+    of full drive; None where nothing is unseen, or nobody tried.
     """
 
     unseen: float

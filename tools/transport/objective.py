@@ -80,11 +80,6 @@ class Objective:
         doubted = self.weights < 1
         return np.where(doubted[:, None], np.clip(b, 0, self._most), b) if doubted.any() else b
 
-    @property
-    def unseen(self) -> float:
-        """The share of the projector's pixels that the camera does not see, by how little it sees of each."""
-        return float(np.mean(np.maximum(1 - self.seen, 0)))
-
     def light_outside(self, drive: FloatArray, plain: FloatArray | None = None) -> float | None:
         """Drive of what the camera does not see, as a share of what it is in `plain`; None where that is nothing.
 
