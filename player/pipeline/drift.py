@@ -27,8 +27,9 @@ from counterlight.writing.replacing import replacing_folder
 FOLDER, FILE, AMBIENT, FORMAT = "drift", "drift.toml", "ambient.exr", 1
 FARTHEST = 0.5  # of a projector's longer side: how far a corner may have moved
 GAIN = 0.05, 20.0
-TAPS = 6  # pixels to each side of which a moved one is made
+TAPS = 6  # pixels a side of which a moved one is made
 FADE = 2.0  # pixels beside the calibrated raster over which a moved picture fades: what deblurs its rim needs them
+MARGIN = int(FADE) + TAPS // 2  # pixels of the mirror
 Light: TypeAlias = NDArray[np.floating]
 
 
@@ -176,28 +177,40 @@ def positions(N: FloatArray, shape: tuple[int, int]) -> tuple[FloatArray, NDArra
 def sampled(picture: Light, at: FloatArray) -> FloatArray:
     """Between six by six pixels (Keys 1981), a mirror beyond the border: (n, 2) positions -> (n, channels)."""
     height, width = picture.shape[:2]
-    first = np.floor(at - 0.5).astype(np.int64)
-    across, down = np.moveaxis(_keys(at - 0.5 - first), 1, 0)
-    result = np.zeros((len(at), picture.shape[2]))
+    mirrored = picture[_mirrored(height)][:, _mirrored(width)]
+    flat, stride = mirrored.reshape(-1, picture.shape[2]), width + 2 * MARGIN
+    first = np.floor(at - 0.5)
+    across, down = (_keys(t)[..., None] for t in (at - 0.5 - first).T)
+    # Farther out than the margin is dark in what is shown, and of no weight in what is looked for.
+    x, y = np.clip(first + MARGIN - 2, 0, (stride - TAPS, height + 2 * MARGIN - TAPS)).astype(np.int64).T
+    corner, result = y * stride + x, np.zeros((len(at), picture.shape[2]))
     for i in range(TAPS):
-        row = _mirrored(first[:, 1] + i - 2, height)
-        for j in range(TAPS):
-            column = _mirrored(first[:, 0] + j - 2, width)
-            result += (down[:, i] * across[:, j])[:, None] * picture[row, column]
+        line = across[0] * flat[corner + i * stride]
+        for j in range(1, TAPS):
+            line += across[j] * flat[corner + i * stride + j]
+        result += down[i] * line
     return result
 
 
 def _keys(t: FloatArray) -> FloatArray:
-    """Weights of the six pixels around a share t of the way between the inner two: (…, 6).  Exact for cubics."""
-    x = np.abs(t[..., None] + 2 - np.arange(TAPS))
-    near, middle = (4 * x - 7) * x * x / 3 + 1, ((36 - 7 * x) * x - 59) * x / 12 + 2.5
-    return np.where(x < 1, near, np.where(x < 2, middle, ((x - 8) * x + 21) * x / 12 - 1.5))
+    """Weights of the six pixels around a share t of the way between the inner two: (6, …).  Exact for cubics."""
+
+    def near(x: FloatArray) -> FloatArray:
+        return (4 * x - 7) * x * x / 3 + 1
+
+    def middle(x: FloatArray) -> FloatArray:
+        return ((36 - 7 * x) * x - 59) * x / 12 + 2.5
+
+    def far(x: FloatArray) -> FloatArray:
+        return ((x - 8) * x + 21) * x / 12 - 1.5
+
+    return np.stack([far(2 + t), middle(1 + t), near(t), near(1 - t), middle(2 - t), far(3 - t)])
 
 
-def _mirrored(index: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """Pixels around the outermost ones, which stay alone."""
+def _mirrored(count: int) -> NDArray[np.int64]:
+    """Pixels of a line with its margins, around the outermost ones, which stay alone."""
     last = count - 1
-    return np.asarray(np.clip(last - np.abs(last - np.abs(index)), 0, last))
+    return np.asarray(np.clip(last - np.abs(last - np.abs(np.arange(-MARGIN, count + MARGIN))), 0, last))
 
 
 def _read(stored: StoredCalibration, path: Path) -> Drift:
