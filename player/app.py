@@ -24,6 +24,7 @@ from counterlight.show.headless import headless_renderer, render_to_file
 from counterlight.show.media import Media
 from counterlight.show.options import (
     adjustments_of,
+    check_of,
     ignored,
     image_display_duration,
     monitors_of,
@@ -37,6 +38,7 @@ from counterlight.show.session import Session, Steps
 from counterlight.show.show import Show
 from counterlight.show.stats import Stats
 from counterlight.unattended.heartbeat import Heartbeat, Notifier
+from counterlight.unattended.room_checks import RoomChecks
 from counterlight.unattended.supervisor import supervise
 from counterlight.writing.outputs import check_apart, check_file, check_log
 
@@ -66,6 +68,7 @@ def _show(options: argparse.Namespace) -> None:
     if options.calibration is None or not options.media:
         raise InputError("counterlight play: needs a CALIBRATION and MEDIA; see counterlight play --help")
     check_order(options.calibration, [medium.name for medium in options.media])
+    check_of(options)
     _check_outputs(options)
     adjustments = replace(adjustments_of(options), corners=read_placement(options.calibration))
     if options.output:
@@ -175,6 +178,16 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
     return stats
 
 
+def _checks(options: argparse.Namespace) -> RoomChecks | None:
+    """Of the room, by counterlight verify."""
+    told = check_of(options)
+    if told is None:
+        return None
+    words, every_s = told
+    verify = sys.executable, "-P", "-m", "counterlight", "verify", str(options.calibration), *words
+    return RoomChecks(verify, every_s)
+
+
 def play_in_window(
     options: argparse.Namespace,
     room: Room,
@@ -253,7 +266,8 @@ def play_in_window(
             return session.renderer.encoded_texture
 
         window.attach(shown, lambda: session.rendered_view == "projector")
-        show = Show(session, bindings=options.keys, remotes=remotes, heartbeat=heartbeat)
+        checks = _checks(options)
+        show = Show(session, bindings=options.keys, remotes=remotes, heartbeat=heartbeat, checks=checks)
         return show.run(options.frames)
 
 

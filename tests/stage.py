@@ -185,9 +185,9 @@ class Stage:
         self.clock, self.screen = Clock(), Screen()
         self.saved: list[Corners | None] = []
         self.fresh: list[Any] = []
-        self.refinable = True
+        self.refinable, self.drifts = True, False
         self.drifted: dict[str, Any] | None = None
-        told = {name: options.pop(name) for name in ("bindings", "remotes", "heartbeat") if name in options}
+        told = {name: options.pop(name) for name in ("bindings", "remotes", "heartbeat", "checks") if name in options}
         self.session = Session(
             Playlist(list(self.readers), loop=loop_list),
             self,

@@ -376,7 +376,8 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
     scene = small_scene(tmp_path, "wall")
     succeed("simulate", scene, "-o", tmp_path / "true")
     printed = succeed("acquire", "--camera", f"simulated:{scene}", "--scheme", scheme, "-o", tmp_path / "acquired")
-    for pattern in (r"\d+ pictures, \d+ exposures", r"coverage: \d", r"clusters: \d+", r"check: .* predicted to \d"):
+    said = r"\d+ pictures, \d+ exposures", r"coverage: \d", r"clusters: \d+", r"check: .* predicted to \d"
+    for pattern in (*said, r"light outside: [\d.]+ % of the projector's light"):
         assert re.search(pattern, printed)
     for name in ("true", "acquired"):
         assert build_correction_map.main([str(tmp_path / name)]) == 0

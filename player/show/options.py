@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import shlex
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -64,6 +65,21 @@ def adjustments_of(options: argparse.Namespace) -> Adjustments:
 def monitors_of(options: argparse.Namespace) -> list[str]:
     """The monitors that are named, one for each projector; settings may name a single one without a list."""
     return [options.monitor] if isinstance(options.monitor, str) else options.monitor or []
+
+
+def check_of(options: argparse.Namespace) -> tuple[list[str], float] | None:
+    """What a check of the room is told beside its folder, and every how many seconds one is due; None for no checks."""
+    if options.check_every is None and options.check_with is None:
+        return None
+    if options.check_every is None or options.check_with is None:
+        raise InputError("--check-every MINUTES and --check-with '--camera CAMERA …' belong together; give both")
+    if options.output is not None:
+        raise InputError("--check-every is for a window; with --output leave it out")
+    try:
+        words = shlex.split(options.check_with)
+    except ValueError as error:
+        raise InputError(f"--check-with {options.check_with}: {error}; quote it as for a shell") from None
+    return words, 60 * options.check_every
 
 
 def image_display_duration(options: argparse.Namespace) -> float | None:
@@ -204,6 +220,10 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
     add("--dither", choices=DITHERS, default="ordered", help="how 8-bit steps are hidden (default ordered)")
     add("--control", type=Path, metavar="SOCKET", help="take commands there, JSON lines as mpv's IPC")
     add("--heartbeat", metavar="FILE|-", help="add a JSON line a second: frames, drops, memory, position")
+    minutes = Number(1 / 60, 1e6, noun="minutes")
+    text = "look at the room again so often, between two media if there\nare several, and correct what has moved"
+    _number(parser, "check-every", minutes, "MINUTES", text)
+    add("--check-with", metavar="'OPTIONS'", help="of counterlight verify: --camera CAMERA and what belongs to it")
     _flag(parser, "supervise", False, "start the player again whenever it dies or hangs")
     add("--supervised", action="store_true", help=argparse.SUPPRESS)  # said by the supervisor
     add("--safe", choices=SAFE, default="black", help="what --supervise shows after too many crashes (default black)")

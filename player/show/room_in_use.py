@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from counterlight import calibration
 from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.media.frames import PixelFormat
 from counterlight.overlay.outline import Points, lit_by
 from counterlight.pipeline.content import psnr
+from counterlight.pipeline.drift import read_drift
 from counterlight.pipeline.placement import Corners, corners_of, place, write_placement
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.renderer import Renderer
@@ -39,6 +41,12 @@ class RoomInUse:
     def drifted(self) -> dict[str, Any] | None:
         """For JSON, what the last check found; None if there was none."""
         return self._room.drifted
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the last check has found, or no longer finds, anything to undo."""
+        found = read_drift(calibration.read(self._folder))
+        return any(each is not None and each.changes for each in (found, self._room.drift))
 
     def reload(self) -> Renderer:
         """Read the maps and make a renderer of them; InputError if they do not suit the windows that are open."""

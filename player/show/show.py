@@ -8,6 +8,7 @@ import numpy as np
 
 from counterlight.command import status
 from counterlight.overlay.pointer import Pointer
+from counterlight.show.checked_room import CheckedRoom
 from counterlight.show.commands import commands_of
 from counterlight.show.control import ControlServer
 from counterlight.show.keys import Keys
@@ -17,13 +18,17 @@ from counterlight.show.session import Session
 from counterlight.show.stats import Stats
 from counterlight.show.stats_page import facts, status_line
 from counterlight.unattended.heartbeat import Heartbeat
+from counterlight.unattended.room_checks import RoomChecks
 
 STATUS_INTERVAL_S = 0.5
 REDRAW = "redraw"  # not a key: the window was resized or uncovered
 
 
 class Show:
-    """A session and all that it answers to.  bindings : of the settings file, see Keys."""
+    """A session and all that it answers to.
+
+    bindings : of the settings file, see Keys.  checks : of the room; None for none.
+    """
 
     def __init__(
         self,
@@ -32,12 +37,14 @@ class Show:
         bindings: Mapping[str, str] | None = None,
         remotes: Sequence[ControlServer] = (),
         heartbeat: Heartbeat | None = None,
+        checks: RoomChecks | None = None,
     ) -> None:
         self.session, self.commands = session, commands_of(session)
         self._keys = Keys(self.commands, bindings)
         self._overlay = Overlay(session, self._keys)
         self._remotes, self._heartbeat = remotes, heartbeat
         self._told_at = float("-inf")
+        self._checked = None if checks is None else CheckedRoom(session, self.commands, checks)
 
     def run(self, limit: int | None = None) -> Stats:
         """Play until the list ends, the window closes, `q`, or `limit` frames have been shown; ends the session.
@@ -50,6 +57,8 @@ class Show:
             return self.session.outcome()
         finally:
             status("")
+            if self._checked is not None:
+                self._checked.close()
             self.session.close()
 
     def _run(self, limit: int | None) -> None:
@@ -77,6 +86,8 @@ class Show:
     def step(self) -> None:
         """Show what is due, with what is written over it."""
         self.session.step(self._overlay.page)
+        if self._checked is not None:
+            self._checked.poll()
 
     def point(self, pointer: Pointer) -> None:
         """Pull the picture that is being placed; otherwise the mouse does nothing but click."""
