@@ -12,7 +12,6 @@ from counterlight.command import track
 from counterlight.errors import InputError
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.content import camera_psnr
-from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.show.output import open_output
@@ -25,6 +24,8 @@ FRAME_TIMEOUT_S = 120.0
 def headless_renderer(backend: str, room: Room, path: str = "fragment") -> Iterator[Renderer]:
     """A renderer without a window: "gl" through EGL, on one of PATHS, or "cpu"."""
     if backend == "cpu":
+        from counterlight.pipeline.cpu_renderer import CpuRenderer  # Numba takes half a second: not before it is used
+
         yield CpuRenderer(room)
         return
     from counterlight.gl.context import headless_context
