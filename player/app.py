@@ -157,7 +157,8 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
         raise InputError("--refine auto is for a window: a file has no time to keep; give a number of steps")
     if options.backend == "cpu" and options.path is not None:
         raise InputError(f"--path {options.path}: --backend cpu has no GPU to take it on; leave one of them out")
-    with headless_renderer(options.backend, room, options.path or "fragment") as renderer:
+    backend = "gl" if options.path is not None and options.backend == "auto" else options.backend
+    with headless_renderer(backend, room, options.path or "fragment") as renderer:
         renderer.open(reader.info.format)
         renderer.adjust(adjustments)
         stats = render_to_file(

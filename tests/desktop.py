@@ -30,7 +30,7 @@ def expected_picture(room: Path, medium: Path, tmp_path: Path, *options: str) ->
     """The same view rendered headless, RGB, with the steps that a window takes for a still picture, too."""
     if "--refine" not in options:
         options = *options, "--refine", str(read_room(room, None).default_steps)
-    succeed("play", room, medium, "--output", tmp_path / "expected.png", *options)
+    succeed("play", room, medium, "--backend", "gl", "--output", tmp_path / "expected.png", *options)
     return cv2.imread(str(tmp_path / "expected.png"))[..., ::-1].astype(int)
 
 

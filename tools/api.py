@@ -239,7 +239,8 @@ def build_maps(
 class Renderer:
     """The player's renderer without a window, for pictures of the camera's size; a context manager.
 
-    backend : "gl", OpenGL through EGL, or "cpu".  white : radiance of a white picture; None takes the maps'.
+    backend : "gl", OpenGL through EGL, "cpu", or "auto": "gl" where there is a GPU.  white : radiance of a white
+    picture; None takes the maps'.
     """
 
     def __init__(self, room: Room, maps: RoomMaps, *, backend: str = "gl", white: float | None = None) -> None:

@@ -1,7 +1,7 @@
 """What a backend offers the pipeline: it holds pictures, draws passes over them, and multiplies with a room's maps.
 
-gl/device.py does it with OpenGL, cpu_renderer.py with the twins of the shaders; what is done in which order is written
-once, in renderer.py and what that is made of.
+gl/device.py does it with OpenGL, cpu_renderer.py with compiled passes, reference_renderer.py with the twins of the
+shaders; what is done in which order is written once, in renderer.py and what that is made of.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -30,7 +30,7 @@ T = TypeVar("T")
 class PathReport:
     """How a renderer multiplies with the room's maps.
 
-    name : "fragment", "compute" or "cpu".  entry_bytes : of an entry of the correction map.
+    name : "fragment", "compute", "cpu" or "reference".  entry_bytes : of an entry of the correction map.
     fragment_ms, compute_ms : of a frame's products, measured at the start; None if that was not asked for.
     """
 

@@ -20,6 +20,7 @@ from counterlight.pipeline.parameters import LISTED_IMAGE_S, PARAMETERS
 from counterlight.pipeline.refinement import STARTS
 from counterlight.pipeline.room import DITHERS
 from counterlight.pipeline.test_cards import CARDS
+from counterlight.show.headless import BACKENDS
 from counterlight.show.keys import KEYS, MEANINGS
 from counterlight.show.playlist import expand
 from counterlight.show.settings import Several, apply_settings, default_path
@@ -209,7 +210,13 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="render without a window into .png, .exr (linear), name%%05d.png,\n.mp4, .mov, .webm or .mkv (lossless)",
     )
-    add("--backend", choices=("gl", "cpu"), default="gl", help="cpu: the numpy reference (with --output)")
+    add(
+        "--backend",
+        choices=BACKENDS,
+        default="auto",
+        help="what renders a file: gl, OpenGL, or cpu, compiled for the processor\n"
+        "(default auto: gl where there is a GPU, or --path is given, else cpu)",
+    )
     add(
         "--path",
         choices=PATHS,

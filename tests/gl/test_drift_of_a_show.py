@@ -50,7 +50,7 @@ def test_a_show_looks_at_its_room_by_itself(xvfb: str, plain_room: Path, noise_p
     before = expected_picture(room, noise_picture, tmp_path)
     write_changed(tmp_path / "now", calibration.read(room), shift=(0.8, -0.6))
     told = "--check-every", "0.05", "--check-with", f"--camera 'simulated:{tmp_path / 'now'}'"
-    with show(xvfb, tmp_path, room, noise_picture, "--no-osd", *told) as (process, client):
+    with show(xvfb, tmp_path, room, noise_picture, "--osd", "off", *told) as (process, client):
         wait_until((room / "drift" / "drift.toml").exists, "a check", process)
         after = expected_picture(room, noise_picture, tmp_path)
         assert np.abs(after - before).max() > 20  # codes: noise that has moved
