@@ -16,11 +16,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, sparse
-from scipy.linalg import cho_factor, solve_triangular
-from scipy.linalg.lapack import dtrtri
 
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.calibration import Region
+from counterlight.tools.inverse.banded import columns_of_inverse
 from counterlight.tools.inverse.pieces import Piece, Truncation, truncated_piece
 from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.transport import Csr
@@ -58,44 +57,29 @@ class WindowedChannel:
         self._normal = sparse.csr_array(normal if prior is None else normal + prior)
 
     def solve(self, block: IntArray, window: IntArray) -> WindowRows:
-        """Rows `block` of T⁺ computed on `window` ⊇ block (sorted projector pixels)."""
-        ordered = np.concatenate([np.setdiff1d(window, block, assume_unique=True), block])
-        normal, outside = self._split(ordered)
-        X = last_columns_of_inverse(normal, block.size)
+        """Rows `block` of T⁺ computed on `window` ⊇ block (projector pixels, both ascending)."""
+        normal, outside = self._split(window)
+        X = columns_of_inverse(normal, np.searchsorted(window, block))
         residual = np.abs(outside @ X).sum(axis=0)
-        local = self._columns[:, ordered]
+        local = self._columns[:, window]
         camera, place = np.unique(local.indices, return_inverse=True)
-        compact = sparse.csc_array((local.data, place, local.indptr), shape=(camera.size, ordered.size))
+        compact = sparse.csc_array((local.data, place, local.indptr), shape=(camera.size, window.size))
         return WindowRows(camera.astype(np.int64), compact @ X, residual)
 
     def touched(self, block: IntArray) -> IntArray:
         """Projector pixels that light what a block's pixels light, ascending."""
         return np.unique(self._normal[block].indices).astype(np.int64)
 
-    def _split(self, ordered: IntArray) -> tuple[FloatArray, Csr]:
-        """N[window, window], dense, and N[outside, window] with rows for those pixels only that the window touches."""
-        rows = self._normal[ordered]
-        by_pixel = np.argsort(ordered)
-        place = by_pixel[np.minimum(np.searchsorted(ordered, rows.indices, sorter=by_pixel), ordered.size - 1)]
-        inside = ordered[place] == rows.indices
-        row = np.repeat(np.arange(ordered.size), np.diff(rows.indptr))
-        normal = np.zeros((ordered.size, ordered.size), order="F")
-        normal[row[inside], place[inside]] = rows.data[inside]
+    def _split(self, window: IntArray) -> tuple[Csr, Csr]:
+        """N[window, window], and N[outside, window] with rows for those pixels only that the window touches."""
+        rows = self._normal[window]
+        place = np.minimum(np.searchsorted(window, rows.indices), window.size - 1)
+        inside = window[place] == rows.indices
+        row = np.repeat(np.arange(window.size), np.diff(rows.indptr))
+        normal = sparse.csr_array((rows.data[inside], (row[inside], place[inside])), shape=(window.size,) * 2)
         touched, outer = np.unique(rows.indices[~inside], return_inverse=True)
-        shape = touched.size, ordered.size
+        shape = touched.size, window.size
         return normal, sparse.csr_array((rows.data[~inside], (outer, row[~inside])), shape=shape)
-
-
-def last_columns_of_inverse(N: FloatArray, count: int) -> FloatArray:
-    """The last `count` columns of N⁻¹, N symmetric and positive definite, (n, n), overwritten.
-
-    With N = L Lᵀ, the last columns of L⁻¹ are 0 but for the inverse of L's last block: half of the work is saved.
-    """
-    factor = cho_factor(N, lower=True, overwrite_a=True, check_finite=False)[0]
-    split = len(N) - count
-    X = np.zeros((len(N), count), order="F")
-    X[split:] = np.tril(dtrtri(factor[split:, split:], lower=True)[0])
-    return np.asarray(solve_triangular(factor, X, lower=True, trans=1, overwrite_b=True, check_finite=False))
 
 
 @dataclass(frozen=True)
