@@ -1,6 +1,7 @@
 """counterlight build: invert a calibration's light transport and pack it for the player."""
 
 import argparse
+import shlex
 import sys
 import time
 from collections.abc import Sequence
@@ -42,9 +43,11 @@ def _main(argv: Sequence[str] | None) -> None:
     stored = calibration.read(options.calibration)
     built = build_room_maps(stored, inverse_options, aims, refine=not options.no_refine, colour=options.colour)
     print(built.tier)
-    print(f"{built.summary}, {time.monotonic() - start:.1f} s")
+    print(built.summary)
     if options.report is not None:
         print(f"report: {write_report(built, options.report)}")
+    took = time.monotonic() - start
+    print(f"{took:.1f} s: {built.conclusion}; next: counterlight play {shlex.quote(str(options.calibration))} MEDIA")
 
 
 def _damping(text: str) -> float | None:
@@ -69,8 +72,8 @@ def _parser() -> argparse.ArgumentParser:
         choices=INVERSES,
         default="auto",
         help="T⁺ of the whole transport, of one that is cut into clusters as the thesis does, or none: direct mapping, "
-        "which refinement starts from (default auto: whole where a sample says that it takes at most a minute, fits the "
-        "memory and keeps its tolerance; else cut; the last line says which, and why)",
+        "which refinement starts from (default auto: whole where a sample says that it takes at most a minute, fits "
+        "the memory and keeps its tolerance; else cut; the last line says which, and why)",
     )
     parser.add_argument(
         "--regularize",

@@ -15,8 +15,13 @@ def direct_mapping(dual: SparseRows, composition: FloatArray, heard: FloatArray)
     pixels, 3), what is left of it beside the prior.
     """
     rows = dual.rows
-    order = np.lexsort((luminance(dual.weights), rows))
-    strongest = order[np.append(np.diff(rows[order]) != 0, True)[: order.size]]
+    strength = luminance(dual.weights)
+    brightest = np.zeros(dual.shape[0])
+    np.maximum.at(brightest, rows, strength)
+    last = np.full(dual.shape[0], -1)
+    candidates = np.flatnonzero(strength == brightest[rows])
+    np.maximum.at(last, rows[candidates], candidates)
+    strongest = last[last >= 0]
     chosen = dual.indices[strongest]
     light = composition[chosen]
     inverse = np.divide(1.0, light, out=np.zeros_like(light), where=light > FAINTEST * composition.max(initial=0.0))

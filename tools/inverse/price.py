@@ -83,7 +83,7 @@ def price_of_windows(
     sampled = plan_windows(channel, member, tolerance, regions, truncation)
     pixels = int(np.count_nonzero(member))
     needed = ENTRY_BYTES * sampled.entries + bytes_of_windows(T, pixels)
-    return Price(len(CHANNELS) * sampled.seconds / _cores(), sampled.entries, needed, sampled.failing)
+    return Price(sampled.seconds / _cores(), sampled.entries, needed, sampled.failing)
 
 
 def spoken(seconds: float) -> str:

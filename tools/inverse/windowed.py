@@ -23,7 +23,7 @@ from counterlight.calibration import Region
 from counterlight.tools.inverse.banded import columns_of_inverse
 from counterlight.tools.inverse.pieces import Piece, Truncation, truncated_piece
 from counterlight.tools.jobs import run_jobs
-from counterlight.tools.transport.transport import Csr
+from counterlight.tools.transport.transport import CHANNELS, Csr
 
 BLOCKS = (16, 8, 4, 2, 1)
 BLOCK_VALUES = 1 << 24  # float64 values of one block's rows, three channels (128 MiB)
@@ -159,7 +159,7 @@ class Sampled:
     """What a few windows of one channel found.
 
     windows : with the smallest halo that most of them get by with; blocks grow their own.
-    seconds : of a processor, that one channel of all blocks takes.  entries : of T⁺, (pixels of the clusters) times the
+    seconds : of a processor, that all blocks take, three channels.  entries : of T⁺, (pixels of the clusters) times the
     mean of the sample's rows.  failing : share of the sample that no halo brings within the tolerance.
     """
 
@@ -218,12 +218,14 @@ def _sample(
     found, halo = _grow(channel, windows, corner, tolerance)
     start = time.thread_time()
     block = windows.pixels(corner, 0)
-    found = channel.solve(block, windows.window(channel, corner, halo))
+    channel.solve(block, windows.window(channel, corner, halo))
+    solved = time.thread_time()
     entries = 0
     if truncation is not None:
-        rows = np.ascontiguousarray(found.columns.T)[None, None]
-        entries = truncated_piece(block[None], found.camera[None], np.repeat(rows, 3, axis=0), truncation).columns.size
-    return _Sample(halo, float(found.residual.max()), time.thread_time() - start, block.size, entries)
+        alike = np.repeat(np.ascontiguousarray(found.columns.T)[None, None], len(CHANNELS), axis=0)
+        entries = truncated_piece(block[None], found.camera[None], alike, truncation).columns.size
+    seconds = len(CHANNELS) * (solved - start) + time.thread_time() - solved
+    return _Sample(halo, float(found.residual.max()), seconds, block.size, entries)
 
 
 def _spread(corners: list[tuple[int, int]]) -> list[tuple[int, int]]:
