@@ -232,6 +232,8 @@ def build_maps(
 
     if preset is not None and preset not in PRESETS:
         raise InputError(f"preset {preset!r}: expected one of {', '.join(PRESETS)}{nearest(preset, PRESETS)}")
+    if options.get("max_cluster") is not None:
+        options = {"inverse": "cut"} | options
     wanted = replace(InverseOptions() if preset is None else presets.PRESETS[preset], **options)
     return build(_coloured(room, colour).tier, wanted, refine=refine).maps
 

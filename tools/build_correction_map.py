@@ -30,7 +30,8 @@ def _main(argv: Sequence[str] | None) -> None:
 
     if options.preset is not None:  # what is given beside it prevails
         preset = presets.PRESETS[options.preset]
-        parser.set_defaults(regularize=preset.damping, max_error=preset.max_error, inverse=preset.inverse)
+        inverse = preset.inverse if options.max_cluster is None else "cut"
+        parser.set_defaults(regularize=preset.damping, max_error=preset.max_error, inverse=inverse)
         options = parser.parse_args(argv)
     start = time.monotonic()
     inverse_options = InverseOptions(
