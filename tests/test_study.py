@@ -146,6 +146,7 @@ def test_a_method_says_the_commands_that_give_it() -> None:
         "counterlight build --max-error 2 --regularize none --max-cluster 50; "
         "counterlight play --refine 8 --refine-from direct"
     )
+    assert Map("f", "", None).command == "counterlight build --inverse whole; counterlight play --refine 0"
     assert Solver("box", "f").command == "counterlight compensate --solver box"
 
 

@@ -135,6 +135,8 @@ class Map:
             words.append(f"--regularize {self.options.damping:g}" if self.options.damping else "--regularize none")
         if self.options.max_cluster is not None:
             words.append(f"--max-cluster {self.options.max_cluster}")
+        elif self.options.inverse != "auto":
+            words.append(f"--inverse {self.options.inverse}")
         start = f" --refine-from {self.start}" if self.steps and self.start != "map" else ""
         return f"{' '.join(['counterlight build', *words])}; counterlight play --refine {self.steps}{start}"
 
