@@ -74,6 +74,9 @@ def price_of_windows(
 
     T : one channel, which the others are like.  Only what the sampled windows touch is looked at.
     """
+    at_work = bytes_of_windows(T, int(np.count_nonzero(member)))
+    if at_work > SHARE_OF_MEMORY * available_bytes():
+        return Price(needed=at_work)
     touched = np.zeros(T.shape[0], bool) if len(regions) <= 1 else np.ones(T.shape[0], bool)
     columns = np.zeros(T.shape[1], bool)
     columns[sampled_pixels(member)] = True
@@ -81,8 +84,7 @@ def price_of_windows(
     local = Csr(_only_rows(T, touched))
     channel = WindowedChannel(local, damping, prior, int(np.count_nonzero(np.diff(T.indptr))))
     sampled = plan_windows(channel, member, tolerance, regions, truncation)
-    pixels = int(np.count_nonzero(member))
-    needed = ENTRY_BYTES * sampled.entries + bytes_of_windows(T, pixels)
+    needed = ENTRY_BYTES * sampled.entries + at_work
     return Price(sampled.seconds / _cores(), sampled.entries, needed, sampled.failing)
 
 
