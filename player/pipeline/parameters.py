@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from counterlight.pipeline.kinds import Choice, Flag, Kind, Number
-from counterlight.pipeline.refinement import DEFAULT_STEPS, MOST_STEPS, STEPS_WITHOUT_MAP
+from counterlight.pipeline.refinement import MOST_STEPS
 from counterlight.pipeline.test_cards import CARDS
 from counterlight.pipeline.views import VIEWS
 
@@ -59,7 +59,7 @@ PARAMETERS = {
         STEPS,
         value="N|auto",
         unit="steps",
-        unsaid=f"{DEFAULT_STEPS}, from direct mapping {STEPS_WITHOUT_MAP}; 0: the correction map alone",
+        unsaid="what the maps say, 4 to 16; 0: the correction map alone",
     ),
     "osd": Parameter(
         "on: what keys change, and in a window what went wrong; notices: that always; off: neither",

@@ -15,7 +15,7 @@ from counterlight.files.generation import read_steadily
 from counterlight.maps import room_maps as maps
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.pipeline.drift import Drift, read_drift
-from counterlight.pipeline.refinement import default_start, default_steps
+from counterlight.pipeline.refinement import Advice, advice_of, default_start, default_steps
 
 DITHERS = ("ordered", "noise", "none")
 
@@ -49,7 +49,10 @@ class Room:
     @property
     def default_steps(self) -> int:
         """Steps of refinement a frame if nobody says how many."""
-        return default_steps(self.start) if self.maps.refinement is not None else 0
+        if self.maps.refinement is None:
+            return 0
+        advice = _advice(self.maps)
+        return advice.steps if advice is not None and advice.start == self.start else default_steps(self.start)
 
 
 def read_room(
@@ -78,8 +81,19 @@ def read_room(
         )
     reachable = room_maps.white * (1.0 if drift is None else drift.dimming)
     level = reachable if white is None else white
-    start = start or default_start(room_maps.correction_in_steps)
-    return Room(calibration, room_maps, level, dither, start, drift)
+    return Room(calibration, room_maps, level, dither, start or start_of(room_maps, folder), drift)
+
+
+def start_of(room_maps: RoomMaps, folder: Path | None = None) -> str:
+    """Where refinement starts if nobody says: as the maps advise, or as their sizes do."""
+    advice = _advice(room_maps, folder)
+    return default_start(room_maps.correction_in_steps) if advice is None else advice.start
+
+
+def _advice(room_maps: RoomMaps, folder: Path | None = None) -> Advice | None:
+    where = "maps" if folder is None else f"{folder / maps.FOLDER / maps.MANIFEST}"
+    fix = "" if folder is None else f"rebuild it with: counterlight build {folder}"
+    return advice_of(room_maps.details, where, fix)
 
 
 def _read(folder: Path, *, refinement: bool) -> tuple[Calibration, RoomMaps, Drift | None]:

@@ -172,8 +172,8 @@ def _add_compensation(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--refine-from",
         choices=STARTS,
-        help="where they start (default: the correction map's picture,\n"
-        "or, if that map is large, direct mapping's, both changed\nas in the frame before)",
+        help="where they start (default: as the maps say, the correction map's\n"
+        "picture, or direct mapping's if that map is large, both changed\nas in the frame before)",
     )
     _offer(parser, "compensation", "view")
 
