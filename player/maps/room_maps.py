@@ -137,10 +137,10 @@ def write_maps(maps: RoomMaps, stored: StoredCalibration, stage: Path) -> None:
         maps.refinement.prior.check(lambda name: f"{folder / prior.file_of(name)}", UNUSABLE)
     sizes = {name: row_map.write(packed, stage / name) for name, packed in maps.named().items()}
     if maps.refinement is not None:
-        exr.write_rgb(stage / STEP_SIZE, maps.refinement.step_size)
+        exr.write_plain(stage / STEP_SIZE, exr.rgb(maps.refinement.step_size))
         maps.refinement.prior.write(stage)
         for name, values in ((WEIGHTS, maps.refinement.weights), (SEEN, maps.refinement.seen)):
-            exr.write_channels(stage / name, {"Y": values})
+            exr.write_plain(stage / name, {"Y": values})
     mixings.write(maps.mixing, stage)
     manifest = {
         "format": FORMAT,
