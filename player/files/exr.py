@@ -165,7 +165,7 @@ def _beside(
         return together
     places = [parts[0].channels.index(name) for name in names]
     memory.check(len(names) * 4 * prod(parts[0].shape), f"{file.name}: reading it", "scale it down")
-    together = np.empty((*parts[0].shape, len(names)), exr_lines.TYPES[parts[0].plain])
+    together = np.empty((*parts[0].shape, len(names)), lines.dtype)
     with _unreadable(file):
         for rows, values in lines.read(file):
             for i, place in enumerate(places):

@@ -21,7 +21,7 @@ from counterlight.files.exr_header import FLOAT, MAGIC, PLAIN, UINT, Part
 
 PIECE_BYTES = 1 << 20  # stays in a processor's cache while it is looked at and put in its place
 KINDS = {np.dtype(np.uint32): UINT, np.dtype(np.float32): FLOAT}
-TYPES = {kind: dtype for dtype, kind in KINDS.items()}
+TYPES: dict[int, np.dtype[Any]] = {kind: dtype for dtype, kind in KINDS.items()}
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,11 @@ class Lines:
     first: int
     height: int
     line: np.dtype[Any]
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of the values."""
+        return self.line["values"].base.newbyteorder("=")
 
     def read(self, file: BufferedReader) -> Iterator[tuple[slice, NDArray[Any]]]:
         """Pieces from the top: which rows, and their values (rows, channels, width), overwritten by the next piece.

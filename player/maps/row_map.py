@@ -181,7 +181,7 @@ def pack(
     wide = source_shape[0] * source_shape[1] > MAX_FLOAT_INDEX
     packed = RowMap(lookup, entries, source_shape, np.zeros(texture_shape, np.uint32) if wide else None)
     indices = entries[..., 3] if packed.index is None else packed.index
-    for some, texels in _blocks(packed):
+    for some, _, texels in _places(packed):
         entries.reshape(-1, 4)[texels, :3] = rows.weights[some]
         indices[np.divmod(texels, texture_shape[1])] = rows.indices[some]
     return packed
@@ -189,30 +189,37 @@ def pack(
 
 def unpack(packed: RowMap) -> SparseRows:
     """The matrix that `pack` was given, its zero entries left out."""
-    height, width = packed.source_shape
-    indptr = _indptr(packed)
+    indptr, (height, width) = _indptr(packed), packed.source_shape
     rows = SparseRows(indptr, np.empty(indptr[-1], np.int32), np.empty((indptr[-1], 3), np.float32), height * width)
-    for some, texels in _blocks(packed):
-        entries = packed.entries.reshape(-1, 4)[texels]
-        rows.weights[some] = entries[:, :3]
-        rows.indices[some] = entries[:, 3] if packed.index is None else packed.index.ravel()[texels]
+    for some, block in in_blocks(packed):
+        rows.indices[some], rows.weights[some] = block.indices, block.weights
     return rows
 
 
-def _indptr(packed: RowMap) -> NDArray[np.int64]:
-    return np.concatenate([[0], np.cumsum(packed.lookup[..., 2].ravel(), dtype=np.int64)])
+def in_blocks(packed: RowMap) -> Iterator[tuple[slice, SparseRows]]:
+    """The matrix, some of its rows at a time: which of all entries these are, and the rows."""
+    columns = packed.source_shape[0] * packed.source_shape[1]
+    for some, indptr, texels in _places(packed):
+        entries = packed.entries.reshape(-1, 4)[texels]
+        indices = entries[:, 3] if packed.index is None else packed.index.ravel()[texels]
+        yield some, SparseRows(indptr, indices.astype(np.int32), np.ascontiguousarray(entries[:, :3]), columns)
 
 
-def _blocks(packed: RowMap) -> Iterator[tuple[slice, NDArray[np.int64]]]:
-    """All entries, row by row, in a few blocks: which of them, and the texels that they have."""
+def _places(packed: RowMap) -> Iterator[tuple[slice, NDArray[np.int64], NDArray[np.int64]]]:
+    """Some rows at a time: which of all entries are theirs, where each row begins among these, and their texels."""
     indptr, width = _indptr(packed), packed.entries.shape[1]
     lookup, first = packed.lookup.reshape(-1, 3), 0
     while first < len(lookup):
         last = max(first + 1, int(np.searchsorted(indptr, indptr[first] + BLOCK, side="right")) - 1)
         x, y, lengths = lookup[first:last].astype(np.int64).T
-        some = slice(int(indptr[first]), int(indptr[last]))
-        yield some, np.repeat(y * width + x - indptr[first:last], lengths) + np.arange(some.start, some.stop)
+        starts = indptr[first : last + 1] - indptr[first]
+        texels = np.repeat(y * width + x - starts[:-1], lengths) + np.arange(starts[-1])
+        yield slice(int(indptr[first]), int(indptr[last])), starts, texels
         first = last
+
+
+def _indptr(packed: RowMap) -> NDArray[np.int64]:
+    return np.concatenate([[0], np.cumsum(packed.lookup[..., 2].ravel(), dtype=np.int64)])
 
 
 def write(packed: RowMap, folder: Path) -> dict[str, Any]:
@@ -259,8 +266,7 @@ def read(folder: Path, sizes: Table, opened: OpenFile | None = None) -> RowMap:
         if index.min() < 0 or index.max() >= prod(source) or np.any(index != np.floor(index)):
             raise InputError(f"{folder}: an index lies outside the {prod(source)} source pixels; {sizes.fix}")
 
-    lookup = channels("lookup.exr", LOOKUP_CHANNELS, output, np.uint32, lambda rows: None)
-    _check_lookup(lookup, texture, folder, sizes.fix)
+    lookup = channels("lookup.exr", LOOKUP_CHANNELS, output, np.uint32, _LookupCheck(texture, folder, sizes.fix))
     entries = channels("entries.exr", ENTRIES_CHANNELS, texture, np.float32, entries_are_sound)
     if not wide:
         return RowMap(lookup, entries, source)
@@ -274,16 +280,22 @@ def shapes(sizes: Table) -> tuple[tuple[int, int], tuple[int, int], tuple[int, i
     return output, source, sizes.size("texture", MOST_TEXELS)
 
 
-def _check_lookup(lookup: UintArray, texture: tuple[int, int], where: Path, fix: str) -> None:
-    """Every row inside the entries texture, and no more of them than it holds."""
-    height, width = texture
-    x, y, length = (lookup[..., i].astype(np.int64) for i in range(3))
-    used = length > 0
-    if np.any(used & ((x + length > width) | (y >= height))):
-        raise InputError(f"{where}: a lookup entry points outside the {width}x{height} entries texture; {fix}")
-    count = int(length.sum())
-    if count > height * width:
-        raise InputError(f"{where}: rows of {count} entries in {width}x{height} texels, so they overlap; {fix}")
+class _LookupCheck:
+    """Looks at rows of a lookup texture: InputError for one outside the entries texture, or more than it holds."""
+
+    def __init__(self, texture: tuple[int, int], where: Path, fix: str) -> None:
+        self._height, self._width = texture
+        self._where, self._fix, self._count = where, fix, 0
+
+    def __call__(self, rows: UintArray) -> None:
+        x, y, length = (rows[..., i].astype(np.int64) for i in range(3))
+        size = f"{self._width}x{self._height}"
+        if np.any((length > 0) & ((x + length > self._width) | (y >= self._height))):
+            raise InputError(f"{self._where}: a lookup entry points outside the {size} entries texture; {self._fix}")
+        self._count += int(length.sum())
+        if self._count > self._height * self._width:
+            found = f"rows of {self._count} entries in {size} texels"
+            raise InputError(f"{self._where}: {found}, so they overlap; {self._fix}")
 
 
 def _refuse_not_finite(rows: SparseRows, width: int) -> None:
