@@ -126,7 +126,7 @@ ROOMS = {  # of the player, and which others each may know
     "files": "errors memory writing",
     "response": "errors files",
     "calibration": "errors files response writing",
-    "maps": "arrays calibration errors files writing",
+    "maps": "arrays calibration errors files memory writing",
     "media": "errors files writing",
     "pipeline": "arrays calibration errors files maps media response writing",
     "overlay": "maps pipeline",

@@ -11,6 +11,7 @@ mixing : how the camera's colours mix the primaries; all of these maps are of th
 """
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,6 +37,7 @@ from counterlight.writing.replacing import replacing_folder
 FORMAT = 2  # 1 knew no weights and no prior
 UNUSABLE = "give more --regularize, or look for what is extreme in the calibration"
 FOLDER, MANIFEST, STEP_SIZE = "correction", "manifest.toml", "step_size.exr"
+READERS = 2  # of maps at a time
 WEIGHTS, SEEN = "weights.exr", "seen.exr"
 
 
@@ -137,10 +139,10 @@ def write_maps(maps: RoomMaps, stored: StoredCalibration, stage: Path) -> None:
         maps.refinement.prior.check(lambda name: f"{folder / prior.file_of(name)}", UNUSABLE)
     sizes = {name: row_map.write(packed, stage / name) for name, packed in maps.named().items()}
     if maps.refinement is not None:
-        exr.write_rgb(stage / STEP_SIZE, maps.refinement.step_size)
+        exr.write_plain(stage / STEP_SIZE, exr.rgb(maps.refinement.step_size))
         maps.refinement.prior.write(stage)
         for name, values in ((WEIGHTS, maps.refinement.weights), (SEEN, maps.refinement.seen)):
-            exr.write_channels(stage / name, {"Y": values})
+            exr.write_plain(stage / name, {"Y": values})
     mixings.write(maps.mixing, stage)
     manifest = {
         "format": FORMAT,
@@ -183,7 +185,9 @@ def _read_maps(stored: StoredCalibration, refinement: bool) -> RoomMaps:
     white = manifest.number("white", None, *RADIANCE)
     files = DescribedFiles(folder, manifest.table("files").values, fix)
     sizes = _sizes(manifest, stored, refinement=refinement)
-    maps = {name: row_map.read(folder / name, table, files.opened) for name, table in sizes.items()}
+    with ThreadPoolExecutor(READERS) as readers:  # hashing and copying leave Python's lock to others
+        read = readers.map(lambda name: row_map.read(folder / name, sizes[name], files.opened), sizes)
+        maps = dict(zip(sizes, read, strict=True))
     far = undo = further = None
     if "far_mix" in maps:
         far = FarMaps(maps["far_gather"], maps["far_mix"], maps["far_scatter"])

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.maps.row_map import RowMap, UintArray
+from counterlight.maps.row_map import RowMap, UintArray, in_blocks
 from counterlight.maps.short_map import to_half
 
 GROUP = 64  # invocations of a workgroup
@@ -52,15 +52,12 @@ def lanes_of(packed: RowMap) -> int:
 
 def spans_fit(packed: RowMap) -> bool:
     """Whether every row's entries lie within SHORT_SPAN source pixels across and down."""
-    _, starts, lengths = _rows(packed)
-    used = np.flatnonzero(lengths)
-    if not used.size:
-        return True
-    first, texels = _runs(starts[used], lengths[used])
-    return all(
-        bool((np.maximum.reduceat(at, first) - np.minimum.reduceat(at, first) < SHORT_SPAN).all())
-        for at in _source(packed, texels)
-    )
+    for _, rows in in_blocks(packed):
+        first = rows.indptr[:-1][rows.lengths > 0]
+        for at in np.divmod(rows.indices, packed.source_shape[1]) if first.size else ():
+            if (np.maximum.reduceat(at, first) - np.minimum.reduceat(at, first) >= SHORT_SPAN).any():
+                return False
+    return True
 
 
 def parts(packed: RowMap, lanes: int, most_entries: int, scale: np.float32 | None = None) -> Iterator[Part]:
