@@ -40,10 +40,10 @@ def test_steps_never_make_a_hard_case_worse_and_come_close_to_the_optimum(name: 
     assert all(np.isfinite(p).all() and 0 <= p.min() <= p.max() <= 1 for p in drives.values())
     first, few, many = (case.error(p) for p in drives.values())
     wrong = known_wrong(case)
-    assert few <= first * 1.01 + wrong
-    assert many <= few * 1.01 + wrong
-    best = np.clip(hard.METHODS["box"](case)(case.target), 0, 1)
-    assert many <= case.error(best) + PRIOR + wrong
+    least = case.error(np.clip(hard.METHODS["box"](case)(case.target), 0, 1)) + PRIOR
+    assert few <= max(first, least) * 1.01 + wrong
+    assert many <= max(few, least) * 1.01 + wrong
+    assert many <= least + wrong
     noise = hard_cases.amplification(case, refined(64), drives[64])
     assert noise <= MOST_NOISE.get(name, 10)  # a plain inverse: up to the condition number
 

@@ -158,7 +158,7 @@ def test_a_damaged_map_does_not_replace_the_one_that_plays(
 ) -> None:
     folder, stats = tmp_path / "wall", tmp_path / "stats.json"
     shutil.copytree(room, folder)
-    steps = "--refine", "4"  # the default may be another for the new map; the player's stay
+    steps = "--refine", "4", "--refine-from", "map"  # by default these are the maps' to say
     corrected = expected_picture(folder, picture, tmp_path, *steps)
     with playing(xvfb, folder, picture, "--osd", "off", "--stats", stats, *steps) as process:
 
