@@ -1,0 +1,187 @@
+"""A sparse matrix in words of 4 bytes: T ≈ diag(C) W, one picture of colours C, and whole numbers for weights.
+
+The rows of T are nearly one weight times a colour of the camera pixel: T_k[i,j] = C_k(i) · code_k[i,j], where the code
+is mostly the same for red, green and blue and then takes one word, as does a code of one channel; three different ones
+take two. The transpose has the same codes, and its source is the picture times C: both are transposes of each other
+to the last bit, and neither the colours nor the codes are held twice. Which colours and codes: small_fit.py.
+
+A row is a run of words, the bits from the lowest: 3 say what the word is, 13 the distance from the source pixel before,
+16 the code, a small float: fraction (12), exponent (3), sign, so that small weights are as exact as large ones: whole
+numbers below 2¹², then (2¹² + fraction) 2^(exponent − 1). Words of another kind: JUMP, 29 bits of distance; THREE, whose code is red and whose next word is green | blue << 16; TRUST, whose
+16 bits are the row's weight in refinement. shaders/small_map.frag and .comp read them.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.maps.row_map import SparseRows
+
+JUMP, THREE, TRUST, ALL = 0, 3, 5, 7  # and 1, 2, 4 of red, green, blue alone
+FRACTION_BITS, MOST_SHIFT = 12, 6
+LARGEST_CODE = ((2 << FRACTION_BITS) - 1) << MOST_SHIFT
+FULL_TRUST = 32767
+FARTHEST_STEP, FARTHEST_JUMP = (1 << 13) - 1, (1 << 29) - 1
+FULL, HIGHEST = 4095, 63  # a colour's largest channel, and exponent
+WORD_BYTES = 4
+
+IntArray = NDArray[np.int64]
+Uint32 = NDArray[np.uint32]
+
+
+@dataclass(frozen=True)
+class SmallMap:
+    """out_i = scale · C(i) ∘ Σ_j code[i,j] ∘ source_j.
+
+    indptr : (rows + 1,).  indices : (entries,), ascending in each row.  codes : (entries, 3) int32, as `coded` makes them.
+    colours : (rows,) uint32, C as `colours_of` reads it; None for 1.
+    trust : (rows,), w of a product that is weighed, w C ∘ (base − out), in parts of FULL_TRUST.
+    """
+
+    indptr: IntArray
+    indices: NDArray[np.int32]
+    codes: NDArray[np.int32]
+    output_shape: tuple[int, int]
+    source_shape: tuple[int, int]
+    colours: Uint32 | None = None
+    trust: NDArray[np.int16] | None = None
+    scale: float = 1.0
+
+    @property
+    def count(self) -> int:
+        return self.indices.size
+
+    @property
+    def rows(self) -> IntArray:
+        """The row of each entry, (entries,)."""
+        return np.repeat(np.arange(self.indptr.size - 1), np.diff(self.indptr))
+
+    @property
+    def gain(self) -> NDArray[np.float32]:
+        """w C, (output height, output width, 3)."""
+        gain = np.ones((self.indptr.size - 1, 3), np.float32)
+        if self.colours is not None:
+            gain *= colours_of(self.colours)
+        if self.trust is not None:
+            gain *= (self.trust / np.float32(FULL_TRUST))[:, None]
+        return gain.reshape(*self.output_shape, 3)
+
+    def transposed(self, kept: NDArray[np.bool_] | None, colours: Uint32 | None) -> "SmallMap":
+        """The codes' transpose, of those rows alone that are `kept`.  colours : of its own rows."""
+        rows = self.rows
+        entries = np.arange(rows.size) if kept is None else np.flatnonzero(kept[rows])
+        order = entries[np.argsort(self.indices[entries], kind="stable")]
+        lengths = np.bincount(self.indices[entries], minlength=self.source_shape[0] * self.source_shape[1])
+        return SmallMap(
+            np.concatenate([[0], np.cumsum(lengths)]),
+            rows[order].astype(np.int32),
+            self.codes[order],
+            self.source_shape,
+            self.output_shape,
+            colours,
+            scale=self.scale,
+        )
+
+    def unpacked(self) -> SparseRows:
+        """The matrix, weights in float64."""
+        weights = self.codes * self.scale
+        if self.colours is not None:
+            weights = weights * colours_of(self.colours)[self.rows].astype(np.float64)
+        return SparseRows(self.indptr, self.indices, weights, self.source_shape[0] * self.source_shape[1])
+
+
+@dataclass(frozen=True)
+class Words:
+    """Runs of words: run r is words[starts[r] : starts[r + 1]]."""
+
+    words: Uint32
+    starts: IntArray
+
+
+def colours_of(bits: Uint32) -> NDArray[np.float32]:
+    """(…,) -> (…, 3): 2^(e − 63) in the channel that the two highest bits name, shares of it in the next two.
+
+    e takes the 6 bits below, the shares 12 bits each.
+    """
+    largest = (bits >> 30).astype(np.int64)
+    shares = np.ones((*bits.shape, 3), np.float32)
+    for after, shift in ((1, 12), (2, 0)):
+        part = (bits >> shift & FULL).astype(np.float32) / np.float32(FULL)
+        np.put_along_axis(shares, ((largest + after) % 3)[..., None], part[..., None], axis=-1)
+    return np.asarray(shares * np.exp2((bits >> 24 & HIGHEST).astype(np.float32) - HIGHEST)[..., None])
+
+
+def coded(values: NDArray[np.floating]) -> NDArray[np.int32]:
+    """The nearest codes."""
+    values = np.clip(values, -LARGEST_CODE, LARGEST_CODE)
+    unit = np.exp2(_shifts(values))
+    return np.asarray(np.rint(values / unit) * unit).astype(np.int32)
+
+
+def _shifts(values: NDArray[np.number]) -> IntArray:
+    """By how much a number of FRACTION_BITS + 1 bits is shifted to be about each value."""
+    _, bits = np.frexp(values.astype(np.float64))
+    return np.clip(bits.astype(np.int64) - FRACTION_BITS - 1, 0, MOST_SHIFT)
+
+
+def _code_bits(codes: NDArray[np.int32]) -> IntArray:
+    """The 16 bits of each code."""
+    shifts, size = _shifts(codes), np.abs(codes.astype(np.int64))
+    number = size >> shifts
+    exponent = np.where(number >> FRACTION_BITS, shifts + 1, 0)
+    fraction = number & (1 << FRACTION_BITS) - 1
+    return np.asarray((codes < 0).astype(np.int64) << 15 | exponent << FRACTION_BITS | fraction)
+
+
+def in_words(small: SmallMap, runs: IntArray, starts: IntArray, *, trust: bool) -> Words:
+    """The entries of each run in words.
+
+    runs : (rows + 1,) or more, where runs of entries begin, ends included.  starts : (runs,), the source pixel that
+    the first distance counts from.
+    trust : let the runs, one a row, begin with the row's trust where it is below 1.
+    """
+    count, lengths = runs.size - 1, np.diff(runs)
+    run = np.repeat(np.arange(count), lengths)
+    before = np.concatenate([[0], small.indices[:-1]]) if small.count else small.indices
+    first = runs[:-1][lengths > 0]
+    before[first] = starts[lengths > 0]
+    distance = small.indices.astype(np.int64) - before
+    red, green, blue = _code_bits(small.codes).T
+    kind = _kinds(small.codes)
+    jumps, wide = distance > FARTHEST_STEP, kind == THREE
+    doubted = np.zeros(count, bool)
+    if trust and small.trust is not None:
+        doubted = (small.trust > 0) & (small.trust < FULL_TRUST)
+    taken = 1 + jumps.astype(np.int64) + wide
+    ends = np.cumsum(taken) + np.cumsum(doubted)[run]
+    words = np.zeros(int(taken.sum() + doubted.sum()), np.uint32)
+    at = ends - 1 - wide
+    code = np.where(np.isin(kind, (2, 4)), np.where(kind == 2, green, blue), red)
+    words[at] = kind | np.where(jumps, 0, distance) << 3 | code << 16
+    words[at[jumps] - 1] = JUMP | distance[jumps] << 3
+    words[ends[wide] - 1] = green[wide] | blue[wide] << 16
+    per_run = np.bincount(run, taken, count).astype(np.int64) + doubted
+    offsets = np.concatenate([[0], np.cumsum(per_run)])
+    if doubted.any():
+        words[offsets[:-1][doubted]] = TRUST | small.trust[doubted].astype(np.int64) << 16  # type: ignore[index]
+    return Words(words, offsets)
+
+
+def word_count(small: SmallMap) -> int:
+    """Words of the entries, but for jumps, which are few."""
+    return small.count + int((_kinds(small.codes) == THREE).sum())
+
+
+def _kinds(codes: NDArray[np.int32]) -> IntArray:
+    """ALL where the three codes are one, 1, 2 or 4 where only one is not 0, else THREE."""
+    lit = (codes != 0) @ np.array([1, 2, 4])
+    alike = (codes[:, 0] == codes[:, 1]) & (codes[:, 1] == codes[:, 2])
+    return np.where(alike, ALL, np.where(np.isin(lit, (1, 2, 4)), lit, THREE)).astype(np.int64)
+
+
+def without_nothing(small: SmallMap) -> SmallMap:
+    """Entries whose three codes are 0 left out."""
+    keep = small.codes.any(axis=1)
+    kept_before = np.concatenate([[0], np.cumsum(keep)])
+    return replace(small, indptr=kept_before[small.indptr], indices=small.indices[keep], codes=small.codes[keep])
