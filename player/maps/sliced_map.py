@@ -42,9 +42,12 @@ class Part:
 
 def lanes_of(packed: RowMap) -> int:
     """Invocations a row: more than one where there are few rows of many entries."""
-    rows = packed.lookup.shape[0] * packed.lookup.shape[1]
-    mean = packed.count / rows
-    lanes = 1
+    return lanes_for(packed.lookup.shape[0] * packed.lookup.shape[1], packed.count)
+
+
+def lanes_for(rows: int, entries: int) -> int:
+    """As `lanes_of`."""
+    mean, lanes = entries / rows, 1
     while lanes < GROUP and rows * lanes < ENOUGH and 2 * lanes <= mean:
         lanes *= 2
     return lanes
@@ -74,7 +77,7 @@ def parts(packed: RowMap, lanes: int, most_entries: int, scale: np.float32 | Non
     padded = np.concatenate([order, np.full(-order.size % a_group, -1)]).reshape(-1, a_group)
     longest = np.where(padded >= 0, lengths[padded], 0).max(axis=1)
     sizes = -(-longest // lanes) * GROUP
-    for groups in _cut(sizes, max(most_entries, int(sizes.max()))):
+    for groups in cut(sizes, max(most_entries, int(sizes.max()))):
         yield _part(packed, padded[groups], sizes[groups], lanes, scale, (shape[1], starts, lengths))
 
 
@@ -88,7 +91,7 @@ def row_order(lengths: IntArray, shape: tuple[int, int]) -> IntArray:
     return np.lexsort((x % TILE, y % TILE, x // TILE, y // TILE, -bins))
 
 
-def _cut(sizes: IntArray, most: int) -> Iterator[slice]:
+def cut(sizes: IntArray, most: int) -> Iterator[slice]:
     """Consecutive workgroups whose entries together are at most `most`, and at most MOST_GROUPS of them."""
     ends, first = np.cumsum(sizes), 0
     while first < sizes.size:

@@ -5,9 +5,6 @@ S and U share one picture of colours, so that a residual times w C is the source
 where that is less. Of that S may take NEAR where there is far light, and U, M and D a third of the rest each:
 
     Û M̂ D̂ − U M D = (Û − U) M D + Û (M̂ − M) D + Û M̂ (D̂ − D).
-
-Before, U, M and D are evened by diagonals, U β⁻¹ · β M α⁻¹ · α D, so that cells hold about 1 at full drive: the
-entries of a row are then about of one size.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +16,7 @@ from counterlight.arrays import FloatArray
 from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, unpack
 from counterlight.maps.small_fit import Fit, fit
-from counterlight.maps.small_map import FARTHEST_JUMP, FULL_TRUST, SmallMap, without_nothing
+from counterlight.maps.small_map import FARTHEST_JUMP, FULL_TRUST, WORD_BYTES, SmallMap, without_nothing, words_of_entries
 
 CODES = 255
 MOST_CODES = 0.5  # of white in the camera's picture; less where the map was built with a smaller --max-error
@@ -43,6 +40,12 @@ class SmallLight:
     def certified(self) -> bool:
         return self.change <= self.allowed
 
+    @property
+    def entry_bytes(self) -> float:
+        """Mean, of all maps."""
+        words = sum(int(words_of_entries(small).sum()) for small in self.maps.values())
+        return WORD_BYTES * words / max(sum(small.count for small in self.maps.values()), 1)
+
     def of(self, packed: RowMap) -> SmallMap | None:
         return self.maps.get(id(packed))
 
@@ -58,13 +61,21 @@ def small_light(maps: RoomMaps, white: float) -> SmallLight | None:
         return None
     if maps.refinement is None or codes <= 0 or max(_sizes(maps)) > FARTHEST_JUMP:
         return None
-    near = unpack(maps.transport)
-    far = None if maps.far is None else _Far.balanced(maps.far)
+    near = ascending(unpack(maps.transport))
+    far = None if maps.far is None else _Far.of(maps.far)
     full = near.sums() + (0.0 if far is None else far.light)
     most = np.clip(full, DARKEST * white, white)
-    trust = np.rint(FULL_TRUST * maps.refinement.weights.ravel()).astype(np.int16)
+    trust = np.rint(FULL_TRUST * np.where(_heard(maps.refinement), maps.refinement.weights.ravel(), 0)).astype(np.int16)
     found, change = _maps(maps, maps.refinement, near, far, codes / CODES * most, trust)
     return SmallLight(found, CODES * float((change / most).max(initial=0.0)), codes)
+
+
+def _heard(refinement: RefinementMaps) -> NDArray[np.bool_]:
+    """The camera pixels that TᵀW reads, (camera pixels,)."""
+    heard = np.zeros(refinement.weights.size, bool)
+    for packed in (refinement.dual, *([refinement.far_dual.gather] if refinement.far_dual else [])):
+        heard[unpack(packed).indices] = True
+    return heard
 
 
 def _sizes(maps: RoomMaps) -> list[int]:
@@ -73,7 +84,7 @@ def _sizes(maps: RoomMaps) -> list[int]:
 
 @dataclass(frozen=True)
 class _Far:
-    """D, M, U, balanced, what full drive makes of each, (cells, 3) of D 1 and M D 1, and of all, (camera pixels, 3)."""
+    """D, M without the cells that no drive reaches, U; D 1 and M D 1, (cells, 3), and U M D 1, (camera pixels, 3)."""
 
     gather: SparseRows
     mix: SparseRows
@@ -83,23 +94,20 @@ class _Far:
     light: FloatArray
 
     @classmethod
-    def balanced(cls, maps: FarMaps) -> "_Far":
-        gather, mix, scatter = (unpack(part) for part in (maps.gather, maps.mix, maps.scatter))
+    def of(cls, maps: FarMaps) -> "_Far":
+        gather, mix, scatter = (ascending(unpack(part)) for part in (maps.gather, maps.mix, maps.scatter))
         gathered = magnitude(gather).sums()
-        mix, gather, gathered = _evened(mix, gather, gathered)
-        scatter, mix, mixed = _evened(scatter, mix, times(magnitude(mix), gathered))
+        mix = mix.where(np.asarray((gathered > 0).any(axis=1))[mix.indices])
+        mixed = times(magnitude(mix), gathered)
         return cls(gather, mix, scatter, gathered, mixed, times(magnitude(scatter), mixed))
 
 
-def _evened(left: SparseRows, right: SparseRows, reach: FloatArray) -> tuple[SparseRows, SparseRows, FloatArray]:
-    """L β⁻¹, β R and β reach, (columns, 3), which is 1 in the mean channel; columns that nothing reaches left out of L.
-
-    reach : what R gives at full drive.
-    """
-    mean = reach.mean(axis=1)
-    factors = np.divide(1.0, mean, out=np.zeros_like(mean), where=mean > 0)[:, None]
-    left = replace(left, weights=left.weights * mean[left.indices, None])
-    return left.inside(np.ones(left.shape[0], bool)), replace(right, weights=right.weights * factors[right.rows]), reach * factors
+def ascending(rows: SparseRows) -> SparseRows:
+    """The entries of each row in the order of their columns, as words need them."""
+    order = np.lexsort((rows.indices, rows.rows))
+    if (np.diff(order) == 1).all():
+        return rows
+    return replace(rows, indices=rows.indices[order], weights=rows.weights[order])
 
 
 def scaled_columns(rows: SparseRows, factors: FloatArray) -> SparseRows:
@@ -133,7 +141,7 @@ def _maps(
     share = (1 - NEAR) / 3
     joint, is_far = _side_by_side(near, far.scatter)
     both = fit(joint, np.concatenate([np.ones((near.columns, 3)), far.mixed]), (NEAR + share) * allowed)
-    seen = _small(maps.transport, near, both, ~is_far, trust)
+    seen = _small(maps.transport, near, both, ~is_far)
     scatter = _small(chain.scatter, far.scatter, both, is_far, trust)
     slack = share * float((allowed / np.maximum(far.light, allowed)).min())
     mixes = fit(far.mix, far.gathered, np.maximum(slack * far.mixed, LEAST))

@@ -134,24 +134,20 @@ def _code_bits(codes: NDArray[np.int32]) -> IntArray:
     return np.asarray((codes < 0).astype(np.int64) << 15 | exponent << FRACTION_BITS | fraction)
 
 
-def in_words(small: SmallMap, runs: IntArray, starts: IntArray, *, trust: bool) -> Words:
-    """The entries of each run in words.
+def in_words(small: SmallMap, starts: IntArray) -> Words:
+    """Each row as a run of words; those of a trust between 0 and 1 begin with it.
 
-    runs : (rows + 1,) or more, where runs of entries begin, ends included.  starts : (runs,), the source pixel that
-    the first distance counts from.
-    trust : let the runs, one a row, begin with the row's trust where it is below 1.
+    starts : (rows,), the source pixel that the first distance counts from.
     """
-    count, lengths = runs.size - 1, np.diff(runs)
-    run = np.repeat(np.arange(count), lengths)
-    before = np.concatenate([[0], small.indices[:-1]]) if small.count else small.indices
-    first = runs[:-1][lengths > 0]
-    before[first] = starts[lengths > 0]
-    distance = small.indices.astype(np.int64) - before
+    count, run, used = small.indptr.size - 1, small.rows, np.diff(small.indptr) > 0
+    before = np.concatenate([[0], small.indices[:-1]])[: small.count].astype(np.int64)
+    before[small.indptr[:-1][used]] = starts[used]
+    distance = small.indices - before
     red, green, blue = _code_bits(small.codes).T
     kind = _kinds(small.codes)
     jumps, wide = distance > FARTHEST_STEP, kind == THREE
     doubted = np.zeros(count, bool)
-    if trust and small.trust is not None:
+    if small.trust is not None:
         doubted = (small.trust > 0) & (small.trust < FULL_TRUST)
     taken = 1 + jumps.astype(np.int64) + wide
     ends = np.cumsum(taken) + np.cumsum(doubted)[run]
@@ -168,9 +164,9 @@ def in_words(small: SmallMap, runs: IntArray, starts: IntArray, *, trust: bool) 
     return Words(words, offsets)
 
 
-def word_count(small: SmallMap) -> int:
-    """Words of the entries, but for jumps, which are few."""
-    return small.count + int((_kinds(small.codes) == THREE).sum())
+def words_of_entries(small: SmallMap) -> IntArray:
+    """(entries,): 1 or 2; jumps, which are few, not counted."""
+    return 1 + (_kinds(small.codes) == THREE).astype(np.int64)
 
 
 def _kinds(codes: NDArray[np.int32]) -> IntArray:

@@ -142,6 +142,8 @@ class _Twin(_Held):
 
 
 class _Maps(_Held):
+    weighs = False
+
     def __init__(self, room: Room, path: str) -> None:
         self.room, self.report = room, PathReport(path, LONG_BYTES)
         self._stored: dict[int, _Map] = {}

@@ -30,12 +30,14 @@ T = TypeVar("T")
 class PathReport:
     """How a renderer multiplies with the room's maps.
 
-    name : "fragment", "compute" or "cpu".  entry_bytes : of an entry of the correction map.
+    name : "fragment", "compute" or "cpu".  entry_bytes : of an entry of the correction map.  light_bytes : of an entry
+    of T and Tᵀ, mean, where they are in small words; None where an entry has 16.
     fragment_ms, compute_ms : of a frame's products, measured at the start; None if that was not asked for.
     """
 
     name: str
     entry_bytes: int
+    light_bytes: float | None = None
     fragment_ms: float | None = None
     compute_ms: float | None = None
 
@@ -48,7 +50,8 @@ class PathReport:
         measured = ""
         if self.fragment_ms is not None and self.compute_ms is not None:
             measured = f"; fragment {self.fragment_ms:.2f} ms, compute {self.compute_ms:.2f} ms"
-        return f"{self.name}, {self.entry_bytes} bytes an entry{measured}"
+        light = "" if self.light_bytes is None else f", {self.light_bytes:.1f} of T"
+        return f"{self.name}, {self.entry_bytes} bytes an entry{light}{measured}"
 
 
 class Owner:
@@ -101,17 +104,22 @@ class StoredMap(Protocol):
     def product(self, combine: str = "") -> Operation:
         """run(source, base) -> Σ weights · source, combined with the base, which may be left out.
 
-        combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE" or "CLAMP".
+        combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE" or "CLAMP"; where maps weigh, T's last
+        part has "WEIGHED_RESIDUAL" as well, which makes the source of Tᵀ.
         """
 
     def release(self) -> None: ...
 
 
 class StoredMaps(Protocol):
-    """A room's maps, each stored when first asked for."""
+    """A room's maps, each stored when first asked for.
+
+    weighs : the maps of TᵀW take a residual that is weighed, w C ∘ (b − T p) (counterlight.maps.small_map).
+    """
 
     room: Room
     report: PathReport
+    weighs: bool
 
     def of(self, packed: RowMap) -> StoredMap: ...
 
