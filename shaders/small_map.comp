@@ -5,7 +5,7 @@
 // Inputs: `Rows`, `Groups` and `Words` as player/maps/sliced_words.py lays them out; `source`, the picture that is
 //   multiplied; `scale`, of the codes.
 // Defines: GROUP, LANES, SOURCE_WIDTH; COLOURED; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product,
-//   WEIGHED_RESIDUAL the latter times trust and colour, which is the source of the transpose.
+//   WEIGHED_RESIDUAL the latter times trust and colour, which is the source of the transpose; CLAMP limits it to 0..1.
 // Output: `target`, output size, one value a row and channel.
 // CPU twin: SmallMap.unpacked in player/maps/small_map.py.
 layout(local_size_x = GROUP) in;
@@ -64,6 +64,8 @@ void main() {
     sum = texelFetch(base, at, 0).rgb - sum;
 #elif defined(WEIGHED_RESIDUAL)
     sum = run.trust * colour * (texelFetch(base, at, 0).rgb - sum);
+#elif defined(CLAMP)
+    sum = clamp(sum, 0.0, 1.0);
 #endif
     imageStore(target, at, vec4(sum, 1.0));
 }

@@ -4,7 +4,7 @@
 // Inputs: `rows`, output size and a line more, the row's first word and, if COLOURED, its colour; `words`, WORDS_ACROSS a
 //   line; `source`, the picture that is multiplied; `scale`, of the codes.
 // Defines: SOURCE_WIDTH, WORDS_ACROSS; COLOURED; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product,
-//   WEIGHED_RESIDUAL the latter times trust and colour, which is the source of the transpose.
+//   WEIGHED_RESIDUAL the latter times trust and colour, which is the source of the transpose; CLAMP limits it to 0..1.
 // Output: one value a row and channel, output size.
 // CPU twin: SmallMap.unpacked in player/maps/small_map.py.
 uniform usampler2D rows, words;
@@ -38,6 +38,8 @@ void main() {
     sum = texelFetch(base, at, 0).rgb - sum;
 #elif defined(WEIGHED_RESIDUAL)
     sum = run.trust * colour * (texelFetch(base, at, 0).rgb - sum);
+#elif defined(CLAMP)
+    sum = clamp(sum, 0.0, 1.0);
 #endif
     result = vec4(sum, 1.0);
 }

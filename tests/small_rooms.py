@@ -26,7 +26,7 @@ def random_small(
     codes = np.repeat(coded(LARGEST_CODE * rng.uniform(-1, 1, indices.size) ** 3)[:, None], 3, axis=1)
     codes[::3] = coded(LARGEST_CODE * rng.uniform(-1, 1, (len(codes[::3]), 3)) ** 3)
     codes[::5] *= np.eye(3, dtype=np.int32)[rng.integers(0, 3, len(codes[::5]))]
-    colours = (rng.integers(0, 3, rows) << 30 | rng.integers(60, 64, rows) << 24 | rng.integers(1 << 20, 1 << 24, rows))
+    colours = rng.integers(0, 3, rows) << 30 | rng.integers(60, 64, rows) << 24 | rng.integers(1 << 20, 1 << 24, rows)
     trust = rng.choice([0, 400, FULL_TRUST], rows).astype(np.int16) if trusted else None
     indptr = np.concatenate([[0], np.cumsum(lengths)])
     scale = 2.0 ** -np.ceil(np.log2(LARGEST_CODE))

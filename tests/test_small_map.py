@@ -9,6 +9,7 @@ from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import SparseRows, pack, unpack
 from counterlight.maps.sliced_map import GROUP, NO_PIXEL
 from counterlight.maps.sliced_words import word_parts
+from counterlight.maps.small_correction import small_correction
 from counterlight.maps.small_fit import Fit, fit
 from counterlight.maps.small_light import small_light
 from counterlight.maps.small_map import (
@@ -21,6 +22,7 @@ from counterlight.maps.small_map import (
     words_of_entries,
 )
 from tests.refined_rooms import physical_room
+from tests.rooms import CAMERA, random_room
 from tests.small_rooms import random_small, with_bound
 
 EXACT = 1e-12  # of float64 sums
@@ -101,7 +103,7 @@ def test_workgroups_read_every_entry_once(rng: np.random.Generator, lanes: int, 
 
 
 def worst_change(rows: SparseRows, found: Fit, reach: np.ndarray) -> np.ndarray:
-    """Of every row, by trying the two sources that could be worst: all of what is too much, all of what is too little."""
+    """Of every row, by the two sources that could be worst: all of what is too much, all of what is too little."""
     colours = colours_of(found.colours)[rows.rows].astype(float)
     change = (found.scale * found.codes * colours - rows.weights) * reach[rows.indices]
     sums = [replace(rows, weights=np.maximum(sign * change, 0)).sums() for sign in (1.0, -1.0)]
@@ -189,3 +191,37 @@ def test_a_word_an_entry_where_a_row_has_one_colour(rng: np.random.Generator) ->
     assert small is not None
     for found in small.maps.values():
         np.testing.assert_array_equal(words_of_entries(found), 1)
+
+
+@pytest.mark.parametrize(("max_error_codes", "certified"), [(0.11, False), (1.0, True)])
+def test_the_correction_is_certified_while_both_bounds_fit(
+    rng: np.random.Generator, max_error_codes: float, certified: bool
+) -> None:
+    maps = thin_room(rng, max_error_codes, left_out=0.1 / 255)
+    ambient = np.zeros((*CAMERA, 3), np.float32)
+    words = small_correction(maps, maps.white, ambient)
+    assert words is not None
+    rows, kept = unpack(maps.correction), words.map.unpacked()
+    lost = (written_out(rows) - written_out(kept)) * maps.white
+    assert words.change == pytest.approx(0.1 / 255 + np.abs(lost).sum(axis=1).max(), rel=1e-6)
+    assert words.certified == certified
+    brighter = small_correction(maps, 10 * maps.white, ambient)
+    assert brighter is None or brighter.change > 1 / 255
+    assert small_correction(maps, 20 * maps.white, ambient) is None  # what was left out is already more
+
+
+def test_a_map_without_a_bound_keeps_its_entries(rng: np.random.Generator) -> None:
+    maps = random_room(rng, far=False).maps
+    assert small_correction(maps, 1.0, np.zeros((*CAMERA, 3), np.float32)) is None
+
+
+def thin_room(rng: np.random.Generator, max_error_codes: float, left_out: float) -> RoomMaps:
+    details = {"options": {"max_error_codes": max_error_codes}, "certified": {"truncation_drive": left_out}}
+    return replace(random_room(rng, far=False).maps, details=details)
+
+
+def written_out(rows: SparseRows) -> np.ndarray:
+    """(rows, columns, channels); entries of one place add up."""
+    dense = np.zeros((*rows.shape, 3))
+    np.add.at(dense, (rows.rows, rows.indices), rows.weights)
+    return dense

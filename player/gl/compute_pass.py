@@ -23,20 +23,17 @@ def supports_compute(context: moderngl.Context) -> bool:
 
 
 class MapBuffers:
-    """The buffers of one row map; several passes may read them.
+    """The buffers of one row map; several passes may read them."""
 
-    scale : makes entries of 8 bytes, halves multiplied by it (player/maps/short_map.py).
-    """
-
-    def __init__(self, context: moderngl.Context, packed: RowMap, scale: np.float32 | None = None) -> None:
+    def __init__(self, context: moderngl.Context, packed: RowMap) -> None:
         self._context, self._owner = context, Owner()
         self.output_shape, self.source_shape = packed.output_shape, packed.source_shape
-        self.lanes, self.scale = lanes_of(packed), scale
+        self.lanes = lanes_of(packed)
         most = min(PART_ENTRIES, context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"] // LONG_BYTES)
         try:
             self.parts = [
                 self._owner.own(PartBuffers(context, _bound(part), len(part.rows) * self.lanes // GROUP))
-                for part in parts(packed, self.lanes, most, scale)
+                for part in parts(packed, self.lanes, most)
             ]
         except BaseException:
             self.release()
@@ -46,9 +43,7 @@ class MapBuffers:
         defines: dict[str, int | None] = {"GROUP": GROUP, "LANES": self.lanes}
         if combine:
             defines[combine] = None
-        if self.scale is None:
-            return ComputePass(self._context, self, "row_map.comp", defines)
-        return ComputePass(self._context, self, "row_map.comp", defines | {"SHORT": None}, scale=float(self.scale))
+        return ComputePass(self._context, self, "row_map.comp", defines)
 
     def release(self) -> None:
         self._owner.release()

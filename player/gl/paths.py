@@ -5,7 +5,7 @@ fragment : shaders/row_map.frag, everywhere.  compute : shaders/row_map.comp, Op
 
 import time
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import moderngl
 import numpy as np
@@ -15,11 +15,12 @@ from counterlight.gl.compute_pass import MapBuffers, supports_compute
 from counterlight.gl.passes import float_texture
 from counterlight.gl.row_map_pass import MapTextures
 from counterlight.gl.small_map_pass import SmallBuffers, SmallTextures
+from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import RowMap
-from counterlight.maps.short_map import rounding_of
-from counterlight.maps.sliced_map import spans_fit
+from counterlight.maps.small_correction import small_correction
 from counterlight.maps.small_light import SmallLight, small_light
-from counterlight.pipeline.device import LONG_BYTES, SHORT_BYTES, Operation, Owner, PathReport, StoredMap
+from counterlight.maps.small_map import SmallMap, entry_bytes
+from counterlight.pipeline.device import LONG_BYTES, Operation, Owner, PathReport, StoredMap
 from counterlight.pipeline.room import Room
 
 WARM_UP, FRAMES = 1, 5
@@ -28,24 +29,14 @@ WARM_UP, FRAMES = 1, 5
 class GlMaps:
     """Puts a room's maps on the GPU for one of the paths, each when first asked for, and holds them.
 
-    scale : of 16-bit weights for the correction map, None for 32-bit ones (player/maps/short_map.py).
-    small : what takes the place of T's and Tᵀ's maps (player/maps/small_light.py).
+    words : what takes the place of maps whose bound allows it.
     """
 
-    def __init__(
-        self,
-        context: moderngl.Context,
-        room: Room,
-        path: str,
-        scale: np.float32 | None = None,
-        small: SmallLight | None = None,
-    ) -> None:
-        self._context, self._path, self._owner = context, path, Owner()
-        self._short = {} if scale is None else {id(room.maps.correction): scale}
-        self._small, self.weighs = small, small is not None
+    def __init__(self, context: moderngl.Context, room: Room, path: str, words: "RoomWords") -> None:
+        self._context, self._path, self._words, self._owner = context, path, words, Owner()
         self._stored: dict[int, StoredMap] = {}
-        light = None if small is None else small.entry_bytes
-        self.room, self.report = room, PathReport(path, LONG_BYTES if scale is None else SHORT_BYTES, light)
+        self.room, self.report = room, PathReport(path, words.correction_bytes, words.light_bytes)
+        self.weighs = words.light is not None
 
     def of(self, packed: RowMap) -> StoredMap:
         if id(packed) not in self._stored:
@@ -56,12 +47,42 @@ class GlMaps:
         self._owner.release()
 
     def _store(self, packed: RowMap) -> StoredMap:
-        small = None if self._small is None else self._small.of(packed)
+        small = self._words.of(packed)
         if small is not None:
             return (SmallBuffers if self._path == "compute" else SmallTextures)(self._context, small)
-        if self._path == "compute":
-            return MapBuffers(self._context, packed, self._short.get(id(packed)))
-        return MapTextures(self._context, packed)
+        return (MapBuffers if self._path == "compute" else MapTextures)(self._context, packed)
+
+
+@dataclass(frozen=True)
+class RoomWords:
+    """A room's maps in small words, those that are certified (player/maps/small_correction.py, small_light.py)."""
+
+    maps: RoomMaps
+    correction: SmallMap | None = None
+    light: SmallLight | None = None
+
+    @classmethod
+    def of_room(cls, room: Room) -> "RoomWords":
+        correction = small_correction(room.maps, room.white, room.ambient)
+        light = small_light(room.maps, room.white)
+        return cls(
+            room.maps,
+            correction.map if correction is not None and correction.certified else None,
+            light if light is not None and light.certified else None,
+        )
+
+    def of(self, packed: RowMap) -> SmallMap | None:
+        if packed is self.maps.correction:
+            return self.correction
+        return None if self.light is None else self.light.of(packed)
+
+    @property
+    def correction_bytes(self) -> float:
+        return LONG_BYTES if self.correction is None else entry_bytes([self.correction])
+
+    @property
+    def light_bytes(self) -> float | None:
+        return None if self.light is None else self.light.entry_bytes
 
 
 def store_maps(context: moderngl.Context, room: Room, path: str) -> GlMaps:
@@ -69,28 +90,14 @@ def store_maps(context: moderngl.Context, room: Room, path: str) -> GlMaps:
 
     Raises InputError if "compute" is asked for and this OpenGL has none; "auto" then takes fragments.
     """
-    if path == "fragment" or (path == "auto" and not supports_compute(context)):
-        return GlMaps(context, room, "fragment", small=certified_light(room))
-    if not supports_compute(context):
+    if path == "compute" and not supports_compute(context):
         raise InputError(
             f"--path compute: needs OpenGL 4.3, found {context.info['GL_VERSION']}; use --path fragment or auto"
         )
-    small = certified_light(room)
-    compute = GlMaps(context, room, "compute", short_scale(room), small)
-    return _faster(context, compute, GlMaps(context, room, "fragment", small=small)) if path == "auto" else compute
-
-
-def certified_light(room: Room) -> SmallLight | None:
-    """T and Tᵀ in small words; None where they would change the camera's picture by too much."""
-    small = small_light(room.maps, room.white)
-    return small if small is not None and small.certified else None
-
-
-def short_scale(room: Room) -> np.float32 | None:
-    """For entries of 8 bytes; None if the correction map's bound or its rows' extent do not allow them."""
-    rounding = rounding_of(room.maps, room.white, room.ambient)
-    certified = rounding is not None and rounding.certified and spans_fit(room.maps.correction)
-    return rounding.scale if rounding is not None and certified else None
+    words = RoomWords.of_room(room)
+    if path == "auto" and supports_compute(context):
+        return _faster(context, GlMaps(context, room, "compute", words), GlMaps(context, room, "fragment", words))
+    return GlMaps(context, room, "compute" if path == "compute" else "fragment", words)
 
 
 def _faster(context: moderngl.Context, compute: GlMaps, fragment: GlMaps) -> GlMaps:

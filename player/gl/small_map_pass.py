@@ -9,7 +9,7 @@ from counterlight.gl.passes import Pass, float_texture, integer_texture
 from counterlight.maps.row_map import MAX_TEXTURE_WIDTH
 from counterlight.maps.sliced_map import GROUP
 from counterlight.maps.sliced_words import WordPart, lanes_of_words, word_parts
-from counterlight.maps.small_map import WORD_BYTES, SmallMap, Words, in_words
+from counterlight.maps.small_map import WORD_BYTES, SmallMap, in_words
 from counterlight.pipeline.device import Owner
 
 GROUPS = 2  # binding of the workgroups' buffer
@@ -53,9 +53,9 @@ class SmallTextures:
 
 
 class SmallPass:
-    """target = Σ weights · source, or base ± that, or w C ∘ (base − that).
+    """target = Σ weights · source, or base ± that, or w C ∘ (base − that), or that clamped to 0..1.
 
-    combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE" or "WEIGHED_RESIDUAL".
+    combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "WEIGHED_RESIDUAL" or "CLAMP".
     """
 
     def __init__(self, context: moderngl.Context, textures: SmallTextures, combine: str = "") -> None:
@@ -106,4 +106,3 @@ def defines_of(small: SmallMap, combine: str) -> dict[str, int | None]:
     if small.colours is not None:
         defines["COLOURED"] = None
     return defines | ({combine: None} if combine else {})
-

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.maps.row_map import RowMap, UintArray
-from counterlight.maps.short_map import to_half
 
 GROUP = 64  # invocations of a workgroup
 BINS = 8  # to a doubling of the length
@@ -21,7 +20,6 @@ TILE = 8
 ENOUGH = 1 << 16  # invocations that keep a GPU busy
 MOST_GROUPS = 65535  # of a dispatch, what OpenGL promises
 NO_PIXEL = 0xFFFFFFFF
-SHORT_SPAN = 256  # source pixels that an 8-bit offset reaches
 
 IntArray = NDArray[np.int64]
 
@@ -30,10 +28,9 @@ IntArray = NDArray[np.int64]
 class Part:
     """What one dispatch reads.
 
-    rows : (rows, 4) uint32: output pixel x | y << 16 (NO_PIXEL in place of a missing one), corner x | y << 16, length,
-    first entry. A row's k-th entry is entry `first + k // lanes · GROUP + k % lanes`.
-    entries : (entries, 4) uint32: bits of three float32 weights, source x | y << 16; or (entries, 2), short: halves
-    R | G << 16, half B and the offset from the row's corner, x << 16 | y << 24.
+    rows : (rows, 4) uint32: output pixel x | y << 16 (NO_PIXEL in place of a missing one), 0, length, first
+    entry. A row's k-th entry is entry `first + k // lanes · GROUP + k % lanes`.
+    entries : (entries, 4) uint32: bits of three float32 weights, source x | y << 16.
     """
 
     rows: UintArray
@@ -53,24 +50,8 @@ def lanes_for(rows: int, entries: int) -> int:
     return lanes
 
 
-def spans_fit(packed: RowMap) -> bool:
-    """Whether every row's entries lie within SHORT_SPAN source pixels across and down."""
-    _, starts, lengths = _rows(packed)
-    used = np.flatnonzero(lengths)
-    if not used.size:
-        return True
-    first, texels = _runs(starts[used], lengths[used])
-    return all(
-        bool((np.maximum.reduceat(at, first) - np.minimum.reduceat(at, first) < SHORT_SPAN).all())
-        for at in _source(packed, texels)
-    )
-
-
-def parts(packed: RowMap, lanes: int, most_entries: int, scale: np.float32 | None = None) -> Iterator[Part]:
-    """The map in pieces of at most `most_entries`, padding included; one workgroup is always whole.
-
-    scale : makes short entries of 16-bit weights, multiplied by it; `spans_fit` must hold.
-    """
+def parts(packed: RowMap, lanes: int, most_entries: int) -> Iterator[Part]:
+    """The map in pieces of at most `most_entries`, padding included; one workgroup is always whole."""
     shape, starts, lengths = _rows(packed)
     order = row_order(lengths, shape)
     a_group = GROUP // lanes
@@ -78,7 +59,7 @@ def parts(packed: RowMap, lanes: int, most_entries: int, scale: np.float32 | Non
     longest = np.where(padded >= 0, lengths[padded], 0).max(axis=1)
     sizes = -(-longest // lanes) * GROUP
     for groups in cut(sizes, max(most_entries, int(sizes.max()))):
-        yield _part(packed, padded[groups], sizes[groups], lanes, scale, (shape[1], starts, lengths))
+        yield _part(packed, padded[groups], sizes[groups], lanes, (shape[1], starts, lengths))
 
 
 def row_order(lengths: IntArray, shape: tuple[int, int]) -> IntArray:
@@ -106,7 +87,6 @@ def _part(
     groups: IntArray,
     sizes: IntArray,
     lanes: int,
-    scale: np.float32 | None,
     places: tuple[int, IntArray, IntArray],
 ) -> Part:
     width, starts, lengths = places
@@ -119,19 +99,10 @@ def _part(
     to = np.repeat(first, here) + k // lanes * GROUP + k % lanes
     x, y = _source(packed, texels)
     weights = packed.entries.reshape(-1, 4)[texels, :3]
-    corner = np.zeros(pixels.size, np.int64)
-    if scale is None:
-        entries = np.zeros((int(sizes.sum()), 4), np.uint32)
-        entries[to, :3], entries[to, 3] = weights.view(np.uint32), x | y << 16
-    else:
-        entries = np.zeros((int(sizes.sum()), 2), np.uint32)
-        left, top = _corners(x, run, here), _corners(y, run, here)
-        corner = left | top << 16
-        offset = x - np.repeat(left, here) << 16 | y - np.repeat(top, here) << 24
-        red, green, blue = to_half(weights, scale).view(np.uint16).astype(np.int64).T
-        entries[to, 0], entries[to, 1] = red | green << 16, blue | offset
+    entries = np.zeros((int(sizes.sum()), 4), np.uint32)
+    entries[to, :3], entries[to, 3] = weights.view(np.uint32), x | y << 16
     at = np.where(pixels >= 0, pixels % width | pixels // width << 16, NO_PIXEL)
-    return Part(np.stack([at, corner, here, first], axis=1).astype(np.uint32), entries)
+    return Part(np.stack([at, np.zeros_like(at), here, first], axis=1).astype(np.uint32), entries)
 
 
 def _rows(packed: RowMap) -> tuple[tuple[int, int], IntArray, IntArray]:
@@ -151,11 +122,3 @@ def _source(packed: RowMap, texels: IntArray) -> tuple[IntArray, IntArray]:
     index = packed.entries[..., 3] if packed.index is None else packed.index
     y, x = np.divmod(index.ravel()[texels].astype(np.int64), packed.source_shape[1])
     return x, y
-
-
-def _corners(at: IntArray, run: IntArray, lengths: IntArray) -> IntArray:
-    """The smallest of each row's coordinates, 0 of an empty row's."""
-    result, used = np.zeros(run.size, np.int64), lengths > 0
-    if used.any():
-        result[used] = np.minimum.reduceat(at, run[used])
-    return result

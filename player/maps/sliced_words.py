@@ -74,7 +74,6 @@ def _lanes(small: SmallMap, pixels: IntArray, lanes: int) -> SmallMap:
     indptr = np.concatenate([[0], np.cumsum(np.bincount(run, minlength=pixels.size * lanes))])
     trust = None
     if small.trust is not None:
-        trust = np.full((pixels.size, lanes), FULL_TRUST, np.int16)
-        trust[:, 0] = np.where(pixels >= 0, small.trust[pixels], FULL_TRUST)
-        trust = trust.ravel()
+        trust = np.full(pixels.size * lanes, FULL_TRUST, np.int16)
+        trust[::lanes] = np.where(pixels >= 0, small.trust[pixels], FULL_TRUST)
     return replace(small, indptr=indptr, indices=small.indices[entries], codes=small.codes[entries], trust=trust)

@@ -170,4 +170,4 @@ def _colour_bits(colour: FloatArray, weights: FloatArray, owner: IntArray) -> ND
     np.maximum.at(needed, owner, (np.abs(weights) / plain[owner]).max(axis=1))
     with np.errstate(divide="ignore"):
         exponent = np.where(needed > 0, np.ceil(np.log2(needed / LARGEST_CODE)), 0.0)
-    return (bits | np.clip(exponent + HIGHEST, 0, HIGHEST).astype(np.int64) << 24).astype(np.uint32)
+    return np.asarray(bits | np.clip(exponent + HIGHEST, 0, HIGHEST).astype(np.int64) << 24, np.uint32)

@@ -1,8 +1,8 @@
 """A room's light T = S + U M D and its transpose in small words, certified (small_map.py, docs/gpu.md).
 
-S and U share one picture of colours, so that a residual times w C is the source of Sᵀ and Uᵀ alike. No drive within
-0..1 changes the camera's picture by more than `Small.allowed`: half a code value of white, or of a pixel's own full light
-where that is less. Of that S may take NEAR where there is far light, and U, M and D a third of the rest each:
+S and U share one picture of colours, so that a residual times w C is the source of Sᵀ and Uᵀ alike. With no drive within
+0..1 is the camera's picture off by more than `allowed`: half a code value of white, or of a pixel's own full light where
+that is less. Of that S may take NEAR where there is far light, and U, M and D a third of the rest each:
 
     Û M̂ D̂ − U M D = (Û − U) M D + Û (M̂ − M) D + Û M̂ (D̂ − D).
 """
@@ -16,7 +16,7 @@ from counterlight.arrays import FloatArray
 from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, unpack
 from counterlight.maps.small_fit import Fit, fit
-from counterlight.maps.small_map import FARTHEST_JUMP, FULL_TRUST, WORD_BYTES, SmallMap, without_nothing, words_of_entries
+from counterlight.maps.small_map import FARTHEST_JUMP, FULL_TRUST, SmallMap, ascending, entry_bytes, without_nothing
 
 CODES = 255
 MOST_CODES = 0.5  # of white in the camera's picture; less where the map was built with a smaller --max-error
@@ -43,8 +43,7 @@ class SmallLight:
     @property
     def entry_bytes(self) -> float:
         """Mean, of all maps."""
-        words = sum(int(words_of_entries(small).sum()) for small in self.maps.values())
-        return WORD_BYTES * words / max(sum(small.count for small in self.maps.values()), 1)
+        return entry_bytes(list(self.maps.values()))
 
     def of(self, packed: RowMap) -> SmallMap | None:
         return self.maps.get(id(packed))
@@ -102,14 +101,6 @@ class _Far:
         return cls(gather, mix, scatter, gathered, mixed, times(magnitude(scatter), mixed))
 
 
-def ascending(rows: SparseRows) -> SparseRows:
-    """The entries of each row in the order of their columns, as words need them."""
-    order = np.lexsort((rows.indices, rows.rows))
-    if (np.diff(order) == 1).all():
-        return rows
-    return replace(rows, indices=rows.indices[order], weights=rows.weights[order])
-
-
 def scaled_columns(rows: SparseRows, factors: FloatArray) -> SparseRows:
     """factors : (columns, 3)."""
     return replace(rows, weights=rows.weights * factors[rows.indices])
@@ -135,9 +126,9 @@ def _maps(
     """Every map of T and Tᵀ, and the change of each camera pixel, (camera pixels, 3)."""
     chain, dual = maps.far, refinement.far_dual
     if far is None or chain is None or dual is None:
-        found = fit(near, np.ones((near.columns, 3)), allowed)
-        seen = _small(maps.transport, near, found, trust=trust)
-        return {id(maps.transport): seen, id(refinement.dual): seen.transposed(trust > 0, None)}, found.change
+        alone = fit(near, np.ones((near.columns, 3)), allowed)
+        seen = _small(maps.transport, near, alone, trust=trust)
+        return {id(maps.transport): seen, id(refinement.dual): seen.transposed(trust > 0, None)}, alone.change
     share = (1 - NEAR) / 3
     joint, is_far = _side_by_side(near, far.scatter)
     both = fit(joint, np.concatenate([np.ones((near.columns, 3)), far.mixed]), (NEAR + share) * allowed)

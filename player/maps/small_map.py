@@ -7,10 +7,12 @@ to the last bit, and neither the colours nor the codes are held twice. Which col
 
 A row is a run of words, the bits from the lowest: 3 say what the word is, 13 the distance from the source pixel before,
 16 the code, a small float: fraction (12), exponent (3), sign, so that small weights are as exact as large ones: whole
-numbers below 2¹², then (2¹² + fraction) 2^(exponent − 1). Words of another kind: JUMP, 29 bits of distance; THREE, whose code is red and whose next word is green | blue << 16; TRUST, whose
-16 bits are the row's weight in refinement. shaders/small_map.frag and .comp read them.
+numbers below 2¹², then (2¹² + fraction) 2^(exponent − 1). Words of another kind: JUMP, 29 bits of distance; THREE, whose
+code is red and whose next word is green | blue << 16; TRUST, whose 16 bits are the row's weight in refinement.
+shaders/small_words.glsl reads them.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,7 +36,7 @@ Uint32 = NDArray[np.uint32]
 class SmallMap:
     """out_i = scale · C(i) ∘ Σ_j code[i,j] ∘ source_j.
 
-    indptr : (rows + 1,).  indices : (entries,), ascending in each row.  codes : (entries, 3) int32, as `coded` makes them.
+    indptr : (rows + 1,).  indices : (entries,), ascending in each row.  codes : (entries, 3) int32, of `coded`.
     colours : (rows,) uint32, C as `colours_of` reads it; None for 1.
     trust : (rows,), w of a product that is weighed, w C ∘ (base − out), in parts of FULL_TRUST.
     """
@@ -51,6 +53,12 @@ class SmallMap:
     @property
     def count(self) -> int:
         return self.indices.size
+
+    @property
+    def nbytes(self) -> int:
+        """What a product reads: words, and of each row where they are, its first source pixel and its colour."""
+        of_row = 2 if self.colours is None else 3
+        return WORD_BYTES * (int(words_of_entries(self).sum()) + of_row * (self.indptr.size - 1))
 
     @property
     def rows(self) -> IntArray:
@@ -166,7 +174,20 @@ def in_words(small: SmallMap, starts: IntArray) -> Words:
 
 def words_of_entries(small: SmallMap) -> IntArray:
     """(entries,): 1 or 2; jumps, which are few, not counted."""
-    return 1 + (_kinds(small.codes) == THREE).astype(np.int64)
+    return np.asarray(1 + (_kinds(small.codes) == THREE), np.int64)
+
+
+def entry_bytes(maps: Sequence[SmallMap]) -> float:
+    """Mean of all entries."""
+    return WORD_BYTES * sum(int(words_of_entries(small).sum()) for small in maps) / max(sum(s.count for s in maps), 1)
+
+
+def ascending(rows: SparseRows) -> SparseRows:
+    """The entries of each row in the order of their columns, as words need them."""
+    order = np.lexsort((rows.indices, rows.rows))
+    if (np.diff(order) == 1).all():
+        return rows
+    return replace(rows, indices=rows.indices[order], weights=rows.weights[order])
 
 
 def _kinds(codes: NDArray[np.int32]) -> IntArray:

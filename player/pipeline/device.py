@@ -20,7 +20,7 @@ from counterlight.pipeline.room import Room
 from counterlight.response import Response
 
 PATHS = ("auto", "fragment", "compute")
-LONG_BYTES, SHORT_BYTES = 16, 8  # an entry: weights of 32 bits and an index, or of 16 bits and an offset
+LONG_BYTES = 16  # an entry: three weights of 32 bits and an index
 Light: TypeAlias = Any  # a picture as its device holds it: a texture or an array
 NearLight: TypeAlias = Callable[[Light], Light]  # b -> b without the far light of the compensated picture
 T = TypeVar("T")
@@ -30,13 +30,13 @@ T = TypeVar("T")
 class PathReport:
     """How a renderer multiplies with the room's maps.
 
-    name : "fragment", "compute" or "cpu".  entry_bytes : of an entry of the correction map.  light_bytes : of an entry
-    of T and Tᵀ, mean, where they are in small words; None where an entry has 16.
+    name : "fragment", "compute" or "cpu".  entry_bytes : mean of an entry of the correction map.  light_bytes : of one of
+    T and Tᵀ where they are in small words; None where an entry has 16.
     fragment_ms, compute_ms : of a frame's products, measured at the start; None if that was not asked for.
     """
 
     name: str
-    entry_bytes: int
+    entry_bytes: float
     light_bytes: float | None = None
     fragment_ms: float | None = None
     compute_ms: float | None = None
@@ -50,8 +50,8 @@ class PathReport:
         measured = ""
         if self.fragment_ms is not None and self.compute_ms is not None:
             measured = f"; fragment {self.fragment_ms:.2f} ms, compute {self.compute_ms:.2f} ms"
-        light = "" if self.light_bytes is None else f", {self.light_bytes:.1f} of T"
-        return f"{self.name}, {self.entry_bytes} bytes an entry{light}{measured}"
+        light = "" if self.light_bytes is None else f", {self.light_bytes:.3g} of T"
+        return f"{self.name}, {self.entry_bytes:.3g} bytes an entry of T⁺{light}{measured}"
 
 
 class Owner:

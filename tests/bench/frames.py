@@ -18,9 +18,10 @@ from counterlight.gl.context import headless_context
 from counterlight.gl.passes import picture_texture
 from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.row_map_pass import MapTextures
+from counterlight.gl.small_map_pass import SmallBuffers, SmallTextures
 from counterlight.maps.room_maps import RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack, unpack
-from counterlight.maps.short_map import half_scale
+from counterlight.maps.small_correction import in_small
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.cpu_renderer import CpuRenderer
@@ -128,9 +129,12 @@ def gl_products(context: moderngl.Context, packed: RowMap, picture: np.ndarray) 
         ("fragment", lambda: MapTextures(context, packed), 16 * packed.count + 12 * pixels)
     ]
     if supports_compute(context):
-        for size, scale in ((16, None), (8, half_scale(packed))):
-            made = lambda scale=scale: MapBuffers(context, packed, scale)  # noqa: E731
-            ways.append((f"compute, {size} bytes an entry", made, size * packed.count + 16 * pixels))
+        ways.append(("compute", lambda: MapBuffers(context, packed), 16 * packed.count + 16 * pixels))
+    words, _ = in_small(packed, np.ones((picture.shape[0] * picture.shape[1], 3)), 1 / 255)
+    word_bytes = words.nbytes
+    ways.append(("fragment, words", lambda: SmallTextures(context, words), word_bytes))
+    if supports_compute(context):
+        ways.append(("compute, words", lambda: SmallBuffers(context, words), word_bytes))
     for name, store, map_bytes in ways:
         yield Contender(name, product_ms(context, store(), picture), (map_bytes + pictures) / MB)
 

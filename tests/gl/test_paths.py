@@ -14,17 +14,16 @@ from counterlight.files import exr
 from counterlight.gl import compute_pass, paths
 from counterlight.gl.compute_pass import MapBuffers, supports_compute
 from counterlight.gl.passes import picture_texture
-from counterlight.gl.paths import short_scale, store_maps
+from counterlight.gl.paths import store_maps
 from counterlight.gl.row_map_pass import MapTextures
 from counterlight.maps.row_map import RowMap, SparseRows, pack
-from counterlight.maps.short_map import half_scale, in_half, rounding_of
+from counterlight.maps.small_correction import small_correction
 from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.device import Owner, StoredMap
 from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.refinement import STARTS
 from counterlight.pipeline.room import Room
 from counterlight.tools import build_correction_map
-from counterlight.tools.inverse.inverse import InverseOptions
 from tests.refined_rooms import physical_room
 from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, random_map, random_room, write_one_to_one_room, yuv_frame
@@ -106,24 +105,6 @@ def test_a_map_without_entries_gives_black(gl_context: moderngl.Context, path: s
     assert not multiply(gl_context, stored, np.ones((4, 5, 3), np.float32)).any()
 
 
-@pytest.mark.parametrize("combine", COMBINES)
-@pytest.mark.parametrize("longest", [20, 300])
-def test_entries_of_8_bytes_stay_within_their_bound(
-    gl_context: moderngl.Context, rng: np.random.Generator, combine: str, longest: int
-) -> None:
-    """Against the map as it was, the certified change; against the rounded map, float32 alone."""
-    packed, ambient = random_map(rng, PROJECTOR, CAMERA, longest, 3.0), np.zeros((CAMERA[0] * CAMERA[1], 3), np.float32)
-    rounded, bound = in_half(packed, np.maximum(1.0, ambient))
-    picture = rng.uniform(-1, 1, (*CAMERA, 3)).astype(np.float32)
-    base = rng.uniform(-1, 1, (*PROJECTOR, 3)).astype(np.float32)
-    stored = MapBuffers(gl_context, packed, half_scale(packed))
-    result = multiply(gl_context, stored, picture, base if "BASE" in combine else None, combine)
-    expected = combined(PreparedRows(packed).apply(picture), base, combine)
-    assert 10 * ATOL < np.abs(result - expected).max() <= bound
-    expected = combined(PreparedRows(rounded).apply(picture), base, combine)
-    np.testing.assert_allclose(result, expected, rtol=1e-5, atol=2e-4 if longest > 20 else 2e-5)  # weights up to 12
-
-
 def test_a_map_in_several_buffers_is_one_map(
     gl_context: moderngl.Context, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -185,42 +166,26 @@ def certified_room(rng: np.random.Generator, max_error_codes: float) -> Room:
     return replace(room, maps=replace(room.maps, details=details))
 
 
-@pytest.mark.parametrize(("max_error_codes", "entry_bytes"), [(4.0, 8), (0.01, 16)])
-def test_weights_have_16_bits_where_the_bound_allows_it(
-    gl_context: moderngl.Context, rng: np.random.Generator, max_error_codes: float, entry_bytes: int
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize(("max_error_codes", "in_words"), [(4.0, True), (0.11, False)])
+def test_the_correction_is_in_words_where_the_bound_allows_it(
+    gl_context: moderngl.Context, rng: np.random.Generator, path: str, max_error_codes: float, in_words: bool
 ) -> None:
     room = certified_room(rng, max_error_codes)
     desired = rng.uniform(0, 0.6, (*CAMERA, 3)).astype(np.float32)
-    with both(gl_context, room, radiance_frame(desired), "compute") as (gl, cpu):
+    with both(gl_context, room, radiance_frame(desired), path) as (gl, cpu):
         for renderer in (gl, cpu):
             renderer.render("projector", compensate=True)
         difference = np.abs(gl.linear() - cpu.linear()).max()
-        assert gl.path.entry_bytes == entry_bytes
-    rounding = rounding_of(room.maps, room.white, room.calibration.ambient)
-    assert rounding is not None
-    assert rounding.certified == (entry_bytes == 8)
-    if entry_bytes == 8:
-        assert ATOL < difference <= rounding.change <= max_error_codes / 255
+        assert (gl.path.entry_bytes < 16) == in_words
+    words = small_correction(room.maps, room.white, room.calibration.ambient)
+    assert words is not None
+    assert words.certified == in_words
+    assert words.allowed == max_error_codes / 255
+    if in_words:
+        assert ATOL < difference <= words.change <= words.allowed
     else:
         assert difference <= ATOL
-
-
-def test_rows_that_reach_too_far_keep_16_bytes(rng: np.random.Generator) -> None:
-    room = certified_room(rng, 4.0)
-    assert short_scale(room) is not None
-    wide = pack(SparseRows(np.array([0, 2]), np.array([0, 256]), np.ones((2, 3), np.float32), 257), (1, 1), (1, 257))
-    ambient = np.zeros((1, 257, 3), np.float32)
-    far_apart = replace(
-        room,
-        maps=replace(room.maps, correction=wide),
-        calibration=replace(
-            room.calibration,
-            ambient=ambient,
-            camera=replace(room.calibration.camera, height=1, width=257),
-            mask=np.ones((1, 257), bool),
-        ),
-    )
-    assert short_scale(far_apart) is None
 
 
 @pytest.mark.parametrize(("slower", "kept"), [("fragment", "compute"), ("compute", "fragment")])
@@ -277,7 +242,7 @@ def test_without_opengl_4_3_there_are_fragments(gl_context: moderngl.Context, rn
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A room whose every row has one entry: nothing is left out of its map, so that halves fit --max-error."""
+    """A room whose every row has one entry, of one colour: nothing is left out, and a word holds an entry."""
     folder = tmp_path_factory.mktemp("paths") / "wall"
     write_one_to_one_room(folder, PROJECTOR)
     assert build_correction_map.main([str(folder), "--regularize", "none"]) in (None, 0)
@@ -293,12 +258,11 @@ def test_files_are_rendered_on_the_path_asked_for(built: Path, tmp_path: Path, r
         files = str(built), str(tmp_path / "c.exr"), "--output", str(out), "--stats", str(stats), "--no-config"
         assert app.main([*files, "--refine", "0", *words]) in (None, 0)
         drives[words[1:]], chosen[words[1:]] = exr.read_rgb(out), json.loads(stats.read_text())["gpu_path"]
-    assert chosen[()] == chosen["fragment",] == {"name": "fragment", "entry_bytes": 16}
-    assert chosen["compute",] == {"name": "compute", "entry_bytes": 8}
+    assert chosen[()] == chosen["fragment",] == {"name": "fragment", "entry_bytes": 4}
+    assert chosen["compute",] == {"name": "compute", "entry_bytes": 4}
     assert chosen["auto",].keys() == {"name", "entry_bytes", "fragment_ms", "compute_ms"}
     np.testing.assert_array_equal(drives[()], drives["fragment",])
-    difference = np.abs(drives["compute",] - drives[()]).max()
-    assert 0 < difference <= InverseOptions().max_error / 255
+    np.testing.assert_allclose(drives["compute",], drives[()], atol=ATOL)
 
 
 def test_a_path_without_a_gpu_is_refused(built: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

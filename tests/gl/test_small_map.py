@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from counterlight.gl.passes import picture_texture
-from counterlight.gl.paths import certified_light, store_maps
+from counterlight.gl.paths import RoomWords, store_maps
 from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.small_map_pass import SmallBuffers, SmallTextures
 from counterlight.maps.small_map import SmallMap
@@ -23,7 +23,7 @@ from tests.small_rooms import as_long, random_small, with_bound
 
 ATOL = 1e-5  # float32 sums of at most 300 terms below 1, as in test_paths
 STORES = {"fragment": SmallTextures, "compute": SmallBuffers}
-COMBINES = ("", "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "WEIGHED_RESIDUAL")
+COMBINES = ("", "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "WEIGHED_RESIDUAL", "CLAMP")
 
 
 def multiply(
@@ -32,7 +32,10 @@ def multiply(
     owner = Owner()
     stored = owner.own(STORES[path](context, small))
     product = owner.own(stored.product(combine))
-    inputs = [owner.own(picture_texture(context, each)) for each in ((picture, base) if combine else (picture,))]
+    inputs = [
+        owner.own(picture_texture(context, each))
+        for each in ((picture,) if combine in ("", "CLAMP") else (picture, base))
+    ]
     result = read(product.run(*inputs)).copy()
     owner.release()
     return result
@@ -41,7 +44,12 @@ def multiply(
 def combined(small: SmallMap, picture: np.ndarray, base: np.ndarray, combine: str) -> np.ndarray:
     product = small.unpacked().apply(picture.reshape(-1, 3)).reshape(base.shape)
     residual = base - product
-    results = {"": product, "ADD_TO_BASE": base + product, "SUBTRACT_FROM_BASE": residual}
+    results = {
+        "": product,
+        "ADD_TO_BASE": base + product,
+        "SUBTRACT_FROM_BASE": residual,
+        "CLAMP": np.clip(product, 0, 1),
+    }
     return np.asarray(results.get(combine, small.gain * residual))
 
 
@@ -85,7 +93,7 @@ def test_no_row_reads_another_pixel(gl_context: moderngl.Context, rng: np.random
 
 def rendered(context: moderngl.Context, room: Room, path: str, steps: int) -> Iterator[Renderer]:
     """The room by words, and its twin with the same numbers in entries of 16 bytes; both after `steps`."""
-    small = certified_light(room)
+    small = RoomWords.of_room(room).light
     assert small is not None
     twin = Room(room.calibration, as_long(room.maps, small), room.white, start=room.start)
     frame = radiance_frame(np.random.default_rng(5).choice([0.02, 0.3, 0.9], (*CAMERA, 3)).astype(np.float32))
@@ -129,7 +137,7 @@ def test_the_camera_s_view_is_within_the_bound(
         renderer.render("camera", compensate=False)
         seen.append(renderer.linear().copy())
         renderer.release()
-    small = certified_light(room)
+    small = RoomWords.of_room(room).light
     assert small is not None
     difference = np.abs(seen[0] - seen[1]).max()
     assert ATOL < difference <= small.change * room.white / 255 + ATOL
