@@ -32,6 +32,8 @@ from counterlight.tools.transport.transport import CHANNELS, Csr, channels, lumi
 
 GOLDEN_RATIO = (np.sqrt(5) - 1) / 2
 
+TRUNCATED = 0.6  # of --max-error; the rest is for T⁺'s weights in words of 4 bytes (player/maps/small_correction.py)
+
 
 @dataclass(frozen=True)
 class InverseOptions:
@@ -137,8 +139,8 @@ def invert_near_light(
     choice = _choose_damping(matrices, sigmas, light, whole, white * roots.reshape(mask.shape), mask, options)
     lambdas = choice.damping * sigmas
     priors = None if prior is None or choice.damping == 0 else prior_matrices(prior, clusters.projector)
-    truncation = Truncation(reach, options.max_error / 255)
-    tolerance = max(truncation.budget, FINEST_TOLERANCE)
+    truncation = Truncation(reach, TRUNCATED * options.max_error / 255)
+    tolerance = max(options.max_error / 255, FINEST_TOLERANCE)
     jobs = [clustered_jobs(matrices, clusters, ~method.windowed, lambdas, options.noise, truncation, priors)]
     if method.windowed.any():
         member = np.isin(clusters.projector, np.flatnonzero(method.windowed)).reshape(projector_shape)
