@@ -1,8 +1,8 @@
 """A room's light T = S + U M D and its transpose in small words, certified (small_map.py, docs/gpu.md).
 
-S and U share one picture of colours, so that a residual times w C is the source of Sᵀ and Uᵀ alike. With no drive within
-0..1 is the camera's picture off by more than `allowed`: half a code value of white, or of a pixel's own full light where
-that is less. Of that S may take NEAR where there is far light, and U, M and D a third of the rest each:
+S and U share one picture of colours, so that a residual times w C is the source of Sᵀ and Uᵀ alike. For no drive of
+0..1 is the camera's picture off by more than `allowed`: half a code value of white, or of a pixel's own full light
+where that is less. Of that S may take NEAR where there is far light, and U, M and D a third of the rest each:
 
     Û M̂ D̂ − U M D = (Û − U) M D + Û (M̂ − M) D + Û M̂ (D̂ − D).
 """

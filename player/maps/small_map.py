@@ -7,8 +7,8 @@ to the last bit, and neither the colours nor the codes are held twice. Which col
 
 A row is a run of words, the bits from the lowest: 3 say what the word is, 13 the distance from the source pixel before,
 16 the code, a small float: fraction (12), exponent (3), sign, so that small weights are as exact as large ones: whole
-numbers below 2¹², then (2¹² + fraction) 2^(exponent − 1). Words of another kind: JUMP, 29 bits of distance; THREE, whose
-code is red and whose next word is green | blue << 16; TRUST, whose 16 bits are the row's weight in refinement.
+numbers below 2¹², then (2¹² + fraction) 2^(exponent − 1). Words of another kind: JUMP, 29 bits of distance; THREE,
+whose code is red and whose next word is green | blue << 16; TRUST, whose 16 bits are the row's weight in refinement.
 shaders/small_words.glsl reads them.
 """
 

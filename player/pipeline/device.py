@@ -30,8 +30,8 @@ T = TypeVar("T")
 class PathReport:
     """How a renderer multiplies with the room's maps.
 
-    name : "fragment", "compute" or "cpu".  entry_bytes : mean of an entry of the correction map.  light_bytes : of one of
-    T and Tᵀ where they are in small words; None where an entry has 16.
+    name : "fragment", "compute" or "cpu".  entry_bytes : mean of an entry of the correction map.  light_bytes : of one
+    of T and Tᵀ where they are in small words; None where an entry has 16.
     fragment_ms, compute_ms : of a frame's products, measured at the start; None if that was not asked for.
     """
 
