@@ -24,6 +24,7 @@ from counterlight.pipeline.device import LONG_BYTES, Operation, Owner, PathRepor
 from counterlight.pipeline.room import Room
 
 WARM_UP, FRAMES = 1, 5
+SOFTWARE = ("llvmpipe", "softpipe", "swrast")
 
 
 class GlMaps:
@@ -94,10 +95,15 @@ def store_maps(context: moderngl.Context, room: Room, path: str) -> GlMaps:
         raise InputError(
             f"--path compute: needs OpenGL 4.3, found {context.info['GL_VERSION']}; use --path fragment or auto"
         )
-    words = RoomWords.of_room(room)
+    words = RoomWords(room.maps) if in_software(context) else RoomWords.of_room(room)
     if path == "auto" and supports_compute(context):
         return _faster(context, GlMaps(context, room, "compute", words), GlMaps(context, room, "fragment", words))
     return GlMaps(context, room, "compute" if path == "compute" else "fragment", words)
+
+
+def in_software(context: moderngl.Context) -> bool:
+    """Whether OpenGL runs on the CPU, where a fetch costs the same whatever its bytes, and words take longer."""
+    return any(name in context.info["GL_RENDERER"].lower() for name in SOFTWARE)
 
 
 def _faster(context: moderngl.Context, compute: GlMaps, fragment: GlMaps) -> GlMaps:

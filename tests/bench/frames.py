@@ -16,6 +16,7 @@ from counterlight.calibration import Calibration, Device
 from counterlight.gl.compute_pass import MapBuffers, supports_compute
 from counterlight.gl.context import headless_context
 from counterlight.gl.passes import picture_texture
+from counterlight.gl.paths import in_software
 from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.row_map_pass import MapTextures
 from counterlight.gl.small_map_pass import SmallBuffers, SmallTextures
@@ -36,7 +37,6 @@ PROJECTOR, CAMERA = (384, 512), (480, 640)
 FULL_HD = (1080, 1920)
 REFINED_ENTRIES, STEPS = 25, 8
 FRAME_TIMEOUT_S = 60.0
-SOFTWARE = ("llvmpipe", "softpipe", "swrast")
 COPY_BYTES = 1 << 28
 MB = 1e6
 
@@ -60,7 +60,7 @@ def shader() -> Iterator[str]:
     """The row-map product on every path beside scipy's and Numba's; bytes moved, and the share of a copy's speed."""
     rng = np.random.default_rng(1)
     with headless_context() as context:
-        software, host = is_software(context), host_copy_bandwidth()
+        software, host = in_software(context), host_copy_bandwidth()
         device = host if software else device_copy_bandwidth(context)
         yield f"{context.info['GL_RENDERER']}; a copy reads and writes {host / 1e9:.1f} GB/s on all cores" + (
             "" if software else f", {device / 1e9:.0f} GB/s on the GPU"
@@ -79,7 +79,7 @@ def refined() -> Iterator[str]:
     with headless_context() as context:
         yield context.info["GL_RENDERER"]
         yield refined_line(context, PROJECTOR, CAMERA, rng)
-        if is_software(context):
+        if in_software(context):
             yield "1920x1080: left out, no GPU here (OpenGL runs on the CPU)"
         else:
             yield refined_line(context, FULL_HD, FULL_HD, rng)
@@ -228,13 +228,9 @@ def fps(milliseconds: float) -> str:
     return f" ({1000 / milliseconds:.0f} fps)"
 
 
-def is_software(context: moderngl.Context) -> bool:
-    return any(name in context.info["GL_RENDERER"].lower() for name in SOFTWARE)
-
-
 def clock_of(context: moderngl.Context) -> Callable[[], float]:
     """Seconds that other work on the machine changes least: of processor time, all cores together, on the CPU."""
-    return time.process_time if is_software(context) else time.perf_counter
+    return time.process_time if in_software(context) else time.perf_counter
 
 
 def bench_room(maps: RoomMaps, projector: tuple[int, int], camera: tuple[int, int]) -> Room:

@@ -166,6 +166,7 @@ def certified_room(rng: np.random.Generator, max_error_codes: float) -> Room:
     return replace(room, maps=replace(room.maps, details=details))
 
 
+@pytest.mark.usefixtures("words_anywhere")
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize(("max_error_codes", "in_words"), [(4.0, True), (0.11, False)])
 def test_the_correction_is_in_words_where_the_bound_allows_it(
@@ -249,6 +250,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.usefixtures("words_anywhere")
 def test_files_are_rendered_on_the_path_asked_for(built: Path, tmp_path: Path, rng: np.random.Generator) -> None:
     """And on fragments if none is: their results repeat."""
     exr.write_rgb(tmp_path / "c.exr", rng.uniform(0, 0.5, (*PROJECTOR, 3)).astype(np.float32))

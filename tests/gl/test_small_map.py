@@ -6,6 +6,7 @@ import moderngl
 import numpy as np
 import pytest
 
+from counterlight.gl import paths
 from counterlight.gl.passes import picture_texture
 from counterlight.gl.paths import RoomWords, store_maps
 from counterlight.gl.renderer import GlRenderer
@@ -22,6 +23,7 @@ from tests.rooms import CAMERA
 from tests.small_rooms import as_long, random_small, with_bound
 
 ATOL = 1e-5  # float32 sums of at most 300 terms below 1, as in test_paths
+pytestmark = pytest.mark.usefixtures("words_anywhere")
 STORES = {"fragment": SmallTextures, "compute": SmallBuffers}
 COMBINES = ("", "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "WEIGHED_RESIDUAL", "CLAMP")
 
@@ -141,6 +143,15 @@ def test_the_camera_s_view_is_within_the_bound(
     assert small is not None
     difference = np.abs(seen[0] - seen[1]).max()
     assert ATOL < difference <= small.change * room.white / 255 + ATOL
+
+
+def test_opengl_on_the_cpu_keeps_16_bytes(
+    gl_context: moderngl.Context, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    room = with_bound(physical_room(rng).room)
+    for names, weighs in (((), True), ((gl_context.info["GL_RENDERER"].lower(),), False)):
+        monkeypatch.setattr(paths, "SOFTWARE", names)
+        assert store_maps(gl_context, room, "fragment").weighs == weighs
 
 
 @pytest.mark.parametrize("path", STORES)
