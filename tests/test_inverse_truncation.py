@@ -110,9 +110,7 @@ def test_the_worst_picture_comes_near_the_bound(near: tuple[Csr, ...], reach: Fl
             assert change <= found.truncation[i, colour] + ROUNDING
             assert change >= found.truncation[i, colour] / 2
             used.append(found.truncation[i].max())
-    assert (
-        np.median(used) >= 0.6 * TRUNCATED * max_error / 255
-    )  # used, though channels share one pattern
+    assert np.median(used) >= 0.6 * TRUNCATED * max_error / 255  # used, though channels share one pattern
 
 
 def test_the_bound_in_camera_radiance_is_reached(rng: np.random.Generator) -> None:
