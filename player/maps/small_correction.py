@@ -1,7 +1,7 @@
 """T⁺ in small words, certified: the share of `--max-error` that the build leaves is theirs (docs/gpu.md).
 
 A weight of T⁺ has 13 bits in words, 11 in halves: its weights cancel, so that rounding halves alone changes a drive by
-0.3 to 0.7 code values in the shipped rooms, words by 0.2.
+0.3 to 0.7 code values in shipped rooms. Words change it by a quarter of that, and are not certified in every room.
 """
 
 from dataclasses import dataclass, replace
