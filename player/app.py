@@ -22,7 +22,15 @@ from counterlight.pipeline.room import Room, read_room
 from counterlight.show.control import ControlServer
 from counterlight.show.headless import headless_renderer, render_to_file
 from counterlight.show.media import Media
-from counterlight.show.options import adjustments_of, image_display_duration, monitors_of, one_medium, read_options
+from counterlight.show.options import (
+    adjustments_of,
+    check_of,
+    ignored,
+    image_display_duration,
+    monitors_of,
+    one_medium,
+    read_options,
+)
 from counterlight.show.output import check_output
 from counterlight.show.playlist import Playlist, files_of
 from counterlight.show.room_in_use import RoomInUse
@@ -30,6 +38,7 @@ from counterlight.show.session import Session, Steps
 from counterlight.show.show import Show
 from counterlight.show.stats import Stats
 from counterlight.unattended.heartbeat import Heartbeat, Notifier
+from counterlight.unattended.room_checks import RoomChecks
 from counterlight.unattended.supervisor import supervise
 from counterlight.writing.outputs import check_apart, check_file, check_log
 
@@ -59,6 +68,7 @@ def _show(options: argparse.Namespace) -> None:
     if options.calibration is None or not options.media:
         raise InputError("counterlight play: needs a CALIBRATION and MEDIA; see counterlight play --help")
     check_order(options.calibration, [medium.name for medium in options.media])
+    check_of(options)
     _check_outputs(options)
     adjustments = replace(adjustments_of(options), corners=read_placement(options.calibration))
     if options.output:
@@ -109,7 +119,9 @@ def _attached(options: argparse.Namespace) -> Iterator[tuple[list[ControlServer]
 
 def room_of(options: argparse.Namespace) -> Room:
     white = None if options.white == "auto" else options.white
-    return read_room(options.calibration, white, options.dither, options.refine, options.refine_from)
+    path = options.path or ("auto" if options.output is None else "fragment")
+    words = path in ("auto", "words", "compute-words")
+    return read_room(options.calibration, white, options.dither, options.refine, options.refine_from, words=words)
 
 
 def _steps(options: argparse.Namespace, room: Room) -> Steps:
@@ -141,11 +153,14 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
         raise InputError("--loop with --output never ends; add --frames N")
     if reader.info.live and options.frames is None:
         raise InputError(f"{reader.info.path}: a live source never ends; add --frames N to --output")
+    for line in ignored(options, reader.info):
+        tell(line)
     if options.refine == "auto":
         raise InputError("--refine auto is for a window: a file has no time to keep; give a number of steps")
     if options.backend == "cpu" and options.path is not None:
         raise InputError(f"--path {options.path}: --backend cpu has no GPU to take it on; leave one of them out")
-    with headless_renderer(options.backend, room, options.path or "fragment") as renderer:
+    backend = "gl" if options.path is not None and options.backend == "auto" else options.backend
+    with headless_renderer(backend, room, options.path or "fragment") as renderer:
         renderer.open(reader.info.format)
         renderer.adjust(adjustments)
         stats = render_to_file(
@@ -164,6 +179,16 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
     quality = stats.facts.get("camera_psnr_db")
     print(f"{options.output}: {stats.frames} frames" + (f", camera PSNR {quality:.1f} dB" if quality else ""))
     return stats
+
+
+def _checks(options: argparse.Namespace) -> RoomChecks | None:
+    """Of the room, by counterlight verify."""
+    told = check_of(options)
+    if told is None:
+        return None
+    words, every_s = told
+    verify = sys.executable, "-P", "-m", "counterlight", "verify", str(options.calibration), *words
+    return RoomChecks(verify, every_s)
 
 
 def play_in_window(
@@ -232,6 +257,7 @@ def play_in_window(
             image_display_duration=image_display_duration(options),
             blackout=options.blackout,
             osd=options.osd,
+            unattended=options.supervised,
             screenshots=options.screenshot_directory,
             audio=audio,
             silence=silence,
@@ -243,7 +269,8 @@ def play_in_window(
             return session.renderer.encoded_texture
 
         window.attach(shown, lambda: session.rendered_view == "projector")
-        show = Show(session, bindings=options.keys, remotes=remotes, heartbeat=heartbeat)
+        checks = _checks(options)
+        show = Show(session, bindings=options.keys, remotes=remotes, heartbeat=heartbeat, checks=checks)
         return show.run(options.frames)
 
 

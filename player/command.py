@@ -5,10 +5,11 @@ import errno
 import io
 import os
 import select
+import shutil
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn, TextIO, TypeVar
@@ -18,6 +19,9 @@ from counterlight.errors import InputError, nearest, printable
 DONE, FAULT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 SCRIPTS = {"play": "play-corrected", "build": "build-correction-map"}  # verbs that have one
 LOG_INTERVAL_S = 10.0
+BAR = "{desc}: {percentage:3.0f} %|{bar:20}| {n_fmt} of {total_fmt}, {elapsed}, {remaining} left{postfix}"
+ROOM_BESIDE_LABEL = 70  # columns
+CLEARED = b"\r\x1b[K"  # to the beginning of the line, of which nothing is left
 LAST_WORDS_S = 1.0  # how long the reader of a command's last line is waited for
 
 T = TypeVar("T")
@@ -106,9 +110,21 @@ def tell(line: str, stream: TextIO | None = None, *, patience_s: float = 0.0) ->
     except (OSError, ValueError):  # not a file of the system's, in a test
         print(line, file=stream)
         return
+    start = CLEARED if stream.isatty() else b""
+    _write(descriptor, start + printable(line).encode()[: select.PIPE_BUF - len(start) - 1] + b"\n", patience_s)
+
+
+def status(line: str) -> None:
+    """Show a line on the terminal (stderr) in place of the one before; `tell` writes over it. Nothing elsewhere."""
+    if sys.stderr.isatty():
+        columns = shutil.get_terminal_size().columns
+        _write(sys.stderr.fileno(), CLEARED + printable(line)[: columns - 1].encode(), 0.0)
+
+
+def _write(descriptor: int, data: bytes, patience_s: float) -> None:
     with suppress(OSError, ValueError):
         if select.select([], [descriptor], [], patience_s)[1]:  # a pipe then takes PIPE_BUF bytes
-            os.write(descriptor, printable(line).encode()[: select.PIPE_BUF - 1] + b"\n")
+            os.write(descriptor, data)
 
 
 def parse_size(text: str) -> tuple[int, int]:
@@ -119,12 +135,24 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(height), int(width)
 
 
+def progress_bar(label: str, total: int | None) -> Any:
+    """A tqdm bar on stderr that keeps its length however long its label is."""
+    from tqdm import tqdm  # counterlight doctor reports a tqdm that is missing by means of this module
+
+    columns, lines = shutil.get_terminal_size()  # 80x24 where a terminal does not say; tqdm would then draw nothing
+    room = max(columns - ROOM_BESIDE_LABEL, 10)
+    short = label if len(label) <= room else f"{label[: room - 1]}…"
+    shown = None if total is None else BAR
+    return tqdm(desc=short, total=total, leave=False, ncols=columns, nrows=lines, bar_format=shown)
+
+
 def track(items: Iterable[T], label: str, total: int | None = None) -> Iterator[T]:
     """Yield `items` with a progress bar on a terminal, otherwise with a log line now and then (stderr)."""
     if sys.stderr.isatty():
-        from tqdm import tqdm  # counterlight doctor reports a tqdm that is missing by means of this module
-
-        yield from tqdm(items, desc=label, total=total, leave=False)
+        with progress_bar(label, len(items) if total is None and isinstance(items, Sized) else total) as bar:
+            for item in items:
+                yield item
+                bar.update()
         return
     start = last = time.monotonic()
     for count, item in enumerate(items):

@@ -1,22 +1,27 @@
 #version 330 core
 // A drive for projectors whose pictures have moved since the calibration: each pixel shows what the place that it lights
-// now was meant to get, between four by four pixels (Catmull and Rom 1974), over what is left of its light.
+// now was meant to get, between six by six pixels (Keys 1981), over what is left of its light.
 //
 // Inputs: `drive`, linear RGB, 0..1; `projectors`, a row for each, five texels: the rows of N, (left, width, height) of
 // its region, its gain g. N takes a position of its pixels to one of the calibrated region, homogeneous, in pixels.
-// Output: drive, 0..1; as much of it as a pixel's share that falls on the calibrated raster: nobody knows what is beside.
+// Output: drive, 0..1. Beyond the calibrated raster it goes on as in a mirror and fades: nobody knows what is there.
 // CPU twin: moved in player/pipeline/drift.py.
 uniform sampler2D drive;
 uniform sampler2D projectors;
 
 out vec4 shown;
 
+const float FADE = 2.0; // pixels, as in the twin
+
 vec3 row_of(int projector, int column) { return texelFetch(projectors, ivec2(column, projector), 0).rgb; }
 
-vec4 catmull_rom(float t) {
-    return vec4(((2.0 - t) * t - 1.0) * t, (3.0 * t - 5.0) * t * t + 2.0, ((4.0 - 3.0 * t) * t + 1.0) * t,
-                (t - 1.0) * t * t) * 0.5;
+float keys(float x) {
+    x = abs(x);
+    if (x < 1.0) return (4.0 * x - 7.0) * x * x / 3.0 + 1.0;
+    return x < 2.0 ? ((36.0 - 7.0 * x) * x - 59.0) * x / 12.0 + 2.5 : ((x - 8.0) * x + 21.0) * x / 12.0 - 1.5;
 }
+
+int mirrored(int index, int last) { return clamp(last - abs(last - abs(index)), 0, last); }
 
 void main() {
     int last = textureSize(projectors, 0).y - 1, projector = 0;
@@ -27,17 +32,19 @@ void main() {
     float scale = dot(row_of(projector, 2), own);
     if (own.y > region.z || scale <= 0.0) return;
     vec2 at = vec2(dot(row_of(projector, 0), own), dot(row_of(projector, 1), own)) / scale - 0.5;
-    vec2 lands = clamp(min(at, region.yz - 1.0 - at) + 1.0, 0.0, 1.0);
+    vec2 lands = clamp(1.0 + (min(at, region.yz - 1.0 - at) + 0.5) / FADE, 0.0, 1.0);
     if (lands.x * lands.y <= 0.0) return;
     ivec2 first = ivec2(floor(at)), most = ivec2(region.yz) - 1;
-    vec4 across = catmull_rom(at.x - float(first.x)), down = catmull_rom(at.y - float(first.y));
+    vec2 between = at - vec2(first);
     vec3 sum = vec3(0.0);
-    for (int i = 0; i < 4; ++i) {
-        int y = clamp(first.y + i - 1, 0, most.y);
-        for (int j = 0; j < 4; ++j) {
-            int x = clamp(first.x + j - 1, 0, most.x) + int(region.x);
-            sum += down[i] * across[j] * texelFetch(drive, ivec2(x, y), 0).rgb;
+    for (int i = -2; i <= 3; ++i) {
+        int y = mirrored(first.y + i, most.y);
+        vec3 line = vec3(0.0);
+        for (int j = -2; j <= 3; ++j) {
+            int x = mirrored(first.x + j, most.x) + int(region.x);
+            line += keys(between.x - float(j)) * texelFetch(drive, ivec2(x, y), 0).rgb;
         }
+        sum += keys(between.y - float(i)) * line;
     }
     shown.rgb = clamp(lands.x * lands.y * sum / row_of(projector, 4), 0.0, 1.0);
 }

@@ -4,7 +4,8 @@
 // Inputs: `lookup`, output size, (x, y, length) of the row's first entry; `entries`, (w_R, w_G, w_B, index) with
 //   index = x + y·SOURCE_WIDTH; `source`, the picture that is multiplied.
 // Defines: SOURCE_WIDTH, compiled in because the division by a uniform took most of the time on llvmpipe;
-//   WIDE_INDEX reads the index from a texture of its own; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product;
+//   WIDE_INDEX reads the index from a texture of its own; TILED draws only rows whose entries are in `lines` lines of
+//   the entries texture from `first_line` on, which this one holds; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product;
 //   CLAMP limits the result to 0..1.
 // Output: one value a row and channel, output size.
 // CPU twin: PreparedRows in player/pipeline/reference.py.
@@ -13,6 +14,10 @@ uniform sampler2D entries;
 uniform sampler2D source;
 #ifdef WIDE_INDEX
 uniform usampler2D wide_index;
+#endif
+#ifdef TILED
+uniform int first_line;
+uniform int lines;
 #endif
 #if defined(ADD_TO_BASE) || defined(SUBTRACT_FROM_BASE)
 uniform sampler2D base;
@@ -24,6 +29,12 @@ void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
     uvec3 row = texelFetch(lookup, at, 0).rgb;
     ivec2 texel = ivec2(row.xy);
+#ifdef TILED
+    texel.y -= first_line;
+    if (row.z > 0u && (texel.y < 0 || texel.y >= lines)) {
+        discard;  // another tile's; rows without entries are in all of them
+    }
+#endif
     int end = texel.x + int(row.z);
     vec3 sum = vec3(0.0);
     for (; texel.x < end; ++texel.x) {

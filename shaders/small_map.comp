@@ -1,13 +1,13 @@
 #version 430 core
 // A sparse matrix in words of 4 bytes times a picture, LANES invocations an output pixel; small_map.frag is the same in
-// fragments, row_map.comp has entries of 16 and 8 bytes.
+// fragments, row_map.comp has entries of 16 bytes.
 //
 // Inputs: `Rows`, `Groups` and `Words` as player/maps/sliced_words.py lays them out; `source`, the picture that is
 //   multiplied; `scale`, of the codes.
 // Defines: GROUP, LANES, SOURCE_WIDTH; COLOURED; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product,
 //   WEIGHED_RESIDUAL the latter times trust and colour, which is the source of the transpose; CLAMP limits it to 0..1.
 // Output: `target`, output size, one value a row and channel.
-// CPU twin: SmallMap.unpacked in player/maps/small_map.py.
+// CPU twin: WordMap.unpacked in player/maps/word_map.py.
 layout(local_size_x = GROUP) in;
 
 layout(std430, binding = 0) readonly buffer Rows { uint rows[]; };
@@ -24,9 +24,9 @@ shared vec3 sums[GROUP];
 #endif
 
 #ifdef COLOURED
-const uint ROW = 3u;
-#else
 const uint ROW = 2u;
+#else
+const uint ROW = 1u;
 #endif
 const uint NO_PIXEL = 0xFFFFFFFFu;
 
@@ -38,7 +38,7 @@ void main() {
     uint own = gl_LocalInvocationID.x, lane = own % uint(LANES);
     uint row = gl_GlobalInvocationID.x / uint(LANES) * ROW;
     uvec2 group = groups[gl_WorkGroupID.x];
-    Run run = run_of(group.x + own, group.x + group.y * uint(GROUP), uint(GROUP), rows[row + 1u]);
+    Run run = run_of(group.x + own, group.x + group.y * uint(GROUP), uint(GROUP));
 #if LANES > 1
     sums[own] = run.sum;
     for (uint half_way = uint(LANES) / 2u; half_way > 0u; half_way /= 2u) {
@@ -55,7 +55,7 @@ void main() {
     ivec2 at = ivec2(rows[row] & 0xFFFFu, rows[row] >> 16);
     vec3 sum = scale * run.sum;
 #ifdef COLOURED
-    vec3 colour = colour_of(rows[row + 2u]);
+    vec3 colour = colour_of(rows[row + 1u]);
     sum *= colour;
 #endif
 #if defined(ADD_TO_BASE)

@@ -6,7 +6,7 @@
 // Defines: SOURCE_WIDTH, WORDS_ACROSS; COLOURED; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product,
 //   WEIGHED_RESIDUAL the latter times trust and colour, which is the source of the transpose; CLAMP limits it to 0..1.
 // Output: one value a row and channel, output size.
-// CPU twin: SmallMap.unpacked in player/maps/small_map.py.
+// CPU twin: WordMap.unpacked in player/maps/word_map.py.
 uniform usampler2D rows, words;
 uniform sampler2D source;
 uniform float scale;
@@ -26,7 +26,7 @@ void main() {
         next = ivec2(0, at.y + 1);
     }
     uvec2 row = texelFetch(rows, at, 0).rg;
-    Run run = run_of(row.x, texelFetch(rows, next, 0).r, 1u, 0u);
+    Run run = run_of(row.x, texelFetch(rows, next, 0).r, 1u);
     vec3 sum = scale * run.sum;
 #ifdef COLOURED
     vec3 colour = colour_of(row.y);

@@ -21,8 +21,9 @@ vec3 colour_of(uint bits) {
     return shares * uintBitsToFloat(((bits >> 24 & 63u) + 64u) << 23);
 }
 
-Run run_of(uint k, uint end, uint stride, uint pixel) {
+Run run_of(uint k, uint end, uint stride) {
     Run run = Run(vec3(0.0), 1.0);
+    uint pixel = 0u;
     for (; k < end; k += stride) {
         uint word = word_at(k), kind = word & 7u;
         if (kind == JUMP) {

@@ -30,7 +30,7 @@ def expected_picture(room: Path, medium: Path, tmp_path: Path, *options: str) ->
     """The same view rendered headless, RGB, with the steps that a window takes for a still picture, too."""
     if "--refine" not in options:
         options = *options, "--refine", str(read_room(room, None).default_steps)
-    succeed("play", room, medium, "--output", tmp_path / "expected.png", *options)
+    succeed("play", room, medium, "--backend", "gl", "--output", tmp_path / "expected.png", *options)
     return cv2.imread(str(tmp_path / "expected.png"))[..., ::-1].astype(int)
 
 
@@ -67,6 +67,22 @@ def press(display: str, key: str, *held: str) -> None:
         xtest.fake_input(connection, X.KeyRelease, released)
     connection.sync()
     connection.close()
+
+
+def mouse(display: str, *events: tuple[str, int, int]) -> None:
+    """Real moves ("move", x, y), and presses and releases of a button ("press", number, 0) through the X server."""
+    connection = Display(display)
+    for action, first, second in events:
+        if action == "move":
+            xtest.fake_input(connection, X.MotionNotify, x=first, y=second)
+        else:
+            xtest.fake_input(connection, X.ButtonPress if action == "press" else X.ButtonRelease, first)
+        connection.sync()
+    connection.close()
+
+
+def click(display: str, button: int, count: int = 1) -> None:
+    mouse(display, ("move", 12, 9), *[("press", button, 0), ("release", button, 0)] * count)
 
 
 def xrandr(display: str, *arguments: str) -> None:

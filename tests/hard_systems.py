@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
+import counterlight as cl
 from counterlight.pipeline.content import reachable_white
 from counterlight.tools.inverse.damping import largest_singular_value
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
@@ -170,13 +171,18 @@ def defocus(condition: float) -> float:
 
 
 def _factors(sigma: float) -> tuple[FloatArray, FloatArray]:
-    y, x = (_blur(m, n, sigma) for m, n in zip(WALL_CAMERA, WALL_PROJECTOR, strict=True))
+    y, x = (_blur(*sizes, sigma) for sizes in _sides())
     return y, x
 
 
-def _blur(camera: int, projector: int, sigma: float) -> FloatArray:
-    """(camera, projector) along one axis, rows of sum 1."""
-    x, u = (np.arange(camera) + 0.5) * projector / camera, np.arange(projector) + 0.5
+def _sides() -> Iterator[tuple[int, int]]:
+    """Camera and projector pixels down, and across."""
+    return zip(WALL_CAMERA, WALL_PROJECTOR, strict=True)
+
+
+def _blur(camera: int, projector: int, sigma: float, moved: float = 0.0) -> FloatArray:
+    """(camera, projector) along one axis, rows of sum 1.  moved : by so many projector pixels."""
+    x, u = (np.arange(camera) + 0.5) * projector / camera, np.arange(projector) + 0.5 + moved
     B = np.exp(-((x[:, None] - u) ** 2) / (2 * sigma**2))
     return np.asarray(B / B.sum(axis=1, keepdims=True))
 
@@ -203,6 +209,33 @@ def capture_noise(share: float, seed: int = 0) -> HardCase:
     measured = wall.T.copy()
     measured.data *= np.maximum(1 + share * rng(100 + seed).normal(size=measured.data.size), 0)
     return replace(wall, name=f"capture noise {share:.0%}", T=measured, truth=wall.T)
+
+
+def misaligned(pixels: float) -> HardCase:
+    """The wall has moved across by so many projector pixels since T was measured."""
+    wall = defocused_wall(1e4)
+    sigma = defocus(1e4)
+    moved = np.kron(*(_blur(*sizes, sigma, by) for sizes, by in zip(_sides(), (0.0, pixels), strict=True)))
+    return replace(wall, name=f"misaligned by {pixels:g} pixels", truth=Csr(moved))
+
+
+def far_light(share: float) -> HardCase:
+    """A wall a little out of focus whose camera pixels all see the whole room's light, so many times as bright."""
+    wall = defocused_wall(1e2)
+    around = rng(13).uniform(0.8, 1.2, wall.T.shape[0])[:, None] * rng(14).uniform(0.8, 1.2, wall.T.shape[1])
+    T = Csr(wall.dense + share * around / wall.T.shape[1])
+    target = (1 + share) * wall.target
+    return replace(wall, name=f"far light, {share:g} times the near", T=T, target=target)
+
+
+def two_projectors(apart: float) -> HardCase:
+    """Two projectors light one wall a fraction of a pixel apart: what one adds the other can take away."""
+    wall, sigma = defocused_wall(1e2), defocus(1e2)
+    other = np.kron(*(_blur(*sizes, sigma, by) for sizes, by in zip(_sides(), (0.0, apart), strict=True)))
+    pictures = [dense.reshape(-1, *WALL_PROJECTOR) for dense in (wall.dense, other)]
+    T = Csr(0.5 * np.concatenate(pictures, axis=2).reshape(wall.T.shape[0], -1))
+    projector = WALL_PROJECTOR[0], 2 * WALL_PROJECTOR[1]
+    return replace(wall, name=f"two projectors, {apart:g} pixels apart", T=T, projector=projector)
 
 
 def targets() -> list[HardCase]:
@@ -246,6 +279,9 @@ def all_cases() -> Iterator[HardCase]:
     yield denormal_weights()
     yield noise_floor()
     yield from (capture_noise(share) for share in (0.01, 0.05))
+    yield from (misaligned(pixels) for pixels in (0.25, 1.0))
+    yield from (far_light(share) for share in (1.0, 10.0))
+    yield two_projectors(0.1)
     yield from targets()
     wall = defocused_wall(1e4)
     yield from (rescaled(wall, factor) for factor in (1e-6, 1e6))
@@ -274,6 +310,28 @@ def inverse_of(case: HardCase, options: InverseOptions) -> Inverse:
     return invert_near_light(stacked((case.T,) * 3), mask, case.projector, reach, white, options)
 
 
+def refining(case: HardCase) -> Callable[[int], Apply]:
+    """What the player shows of a room of that T, built as it is by default, after so many steps from the map."""
+    dark = max(0.0, -float(case.target.min()))  # ambient light: a camera's picture is not negative
+    grey, mask = (case.T,) * 3, np.ones(case.camera, bool)
+    room = cl.Room.from_matrices(
+        *grey, camera=case.camera, projector=case.projector, ambient=dark, mask=mask, response="linear"
+    )
+    maps = cl.build_maps(room)
+
+    def refined(steps: int, b: FloatArray) -> FloatArray:
+        picture = np.repeat(np.maximum(b + dark, 0).reshape(*case.camera, 1), 3, axis=2) / maps.white
+        with cl.Renderer(room, maps, backend="cpu") as renderer:
+            return np.asarray(renderer.render(picture, refine=steps)[..., 1], np.float64).ravel()
+
+    return lambda steps: partial(refined, steps)
+
+
+def by_refinement(steps: int, case: HardCase) -> Apply:
+    return refining(case)(steps)
+
+
+REFINED: dict[str, Callable[[HardCase], Apply]] = {f"refined {n}": partial(by_refinement, n) for n in (4, 64)}
 METHODS: dict[str, Callable[[HardCase], Apply]] = {
     **{name: partial(by_solver, name) for name in SOLVERS},
     "map none": partial(by_map, 0.0, None),

@@ -1,4 +1,4 @@
-"""A room's renderers side by side, on the GPU and its CPU twin, and what their shaders leave in a texture."""
+"""A room's renderers side by side, on the GPU and its twin in numpy, and what their shaders leave in a texture."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,16 +8,16 @@ import numpy as np
 
 from counterlight.gl.renderer import GlRenderer
 from counterlight.media.video import Frame
-from counterlight.pipeline.cpu_renderer import CpuRenderer
+from counterlight.pipeline.reference_renderer import ReferenceRenderer
 from counterlight.pipeline.room import Room
 
 
 @contextmanager
 def both(
     context: moderngl.Context, room: Room, frame: Frame, path: str = "fragment"
-) -> Iterator[tuple[GlRenderer, CpuRenderer]]:
+) -> Iterator[tuple[GlRenderer, ReferenceRenderer]]:
     """Both with `frame` uploaded; released at the end."""
-    renderers = GlRenderer(context, room, path), CpuRenderer(room)
+    renderers = GlRenderer(context, room, path), ReferenceRenderer(room)
     try:
         for renderer in renderers:
             renderer.open(frame.format)

@@ -6,9 +6,9 @@ import numpy as np
 
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack
-from counterlight.maps.small_light import SmallLight
 from counterlight.maps.small_map import FULL_TRUST, LARGEST_CODE, SmallMap, coded
 from counterlight.pipeline.room import Room
+from counterlight.tools.inverse.words import words_of
 
 
 def random_small(
@@ -33,24 +33,25 @@ def random_small(
     return SmallMap(indptr, indices, codes, output, source, colours.astype(np.uint32), trust, scale)
 
 
-def with_bound(room: Room, max_error_codes: float = 0.5) -> Room:
-    """The room with maps that say what they were built for."""
-    return replace(room, maps=replace(room.maps, details={"options": {"max_error_codes": max_error_codes}}))
+def with_words(room: Room, max_error: float = 0.5) -> Room:
+    """The room with what it has in words, as a build leaves it."""
+    return replace(room, maps=replace(room.maps, words=words_of(room.maps, max_error)))
 
 
-def as_long(maps: RoomMaps, small: SmallLight) -> RoomMaps:
-    """The numbers of the small maps in maps of 16 bytes an entry, for the CPU twin."""
-    maps = replace(maps, details={})
+def as_long(maps: RoomMaps) -> RoomMaps:
+    """The numbers of the words in maps of 16 bytes an entry, for the CPU twin."""
     assert maps.refinement is not None
+    assert maps.words is not None
+    small = {name: made.unpacked() for name, made in maps.words.maps.items()}
     far, refinement = maps.far, maps.refinement
-    seen = small.maps[id(maps.transport)]
+    seen = small["transport"]
     if far is None or refinement.far_dual is None:
-        dual = _undone(small.maps[id(refinement.dual)], seen.gain)
+        dual = _undone(small["dual"], seen.gain)
         return replace(maps, transport=_packed(seen), refinement=replace(refinement, dual=dual))
-    parts = {name: small.maps[id(part)] for name, part in vars(far).items()}
-    duals = {name: small.maps[id(part)] for name, part in vars(refinement.far_dual).items()}
+    parts = {name: small[f"far_{name}"] for name in vars(far)}
+    duals = {name: small[f"dual_{name}"] for name in vars(refinement.far_dual)}
     gain = parts["scatter"].gain
-    dual = _undone(small.maps[id(refinement.dual)], gain)
+    dual = _undone(small["dual"], gain)
     far_dual = replace(
         refinement.far_dual,
         gather=_undone(duals["gather"], gain),

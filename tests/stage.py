@@ -11,6 +11,7 @@ import numpy as np
 from counterlight.errors import InputError
 from counterlight.media.medium import Border, Medium
 from counterlight.overlay.osd import Page
+from counterlight.overlay.pointer import Pointer
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.device import PathReport
 from counterlight.pipeline.placement import Corners
@@ -106,6 +107,7 @@ class Screen:
     closed: bool = False
     fullscreen: bool = False
     monitor: str = "A"
+    size: tuple[int, int] = (720, 1280)
     title: str = ""
     uploaded: list[int] = field(default_factory=list)
     shown: list[tuple[str, bool, bool]] = field(default_factory=list)
@@ -145,6 +147,9 @@ class Screen:
     def poll(self, timeout_s: float) -> list[str]:
         return []
 
+    def pointers(self) -> list[Pointer]:
+        return []
+
     def notices(self) -> list[str]:
         fresh, self.news = self.news, []
         return fresh
@@ -180,9 +185,9 @@ class Stage:
         self.clock, self.screen = Clock(), Screen()
         self.saved: list[Corners | None] = []
         self.fresh: list[Any] = []
-        self.refinable = True
+        self.refinable, self.drifts = True, False
         self.drifted: dict[str, Any] | None = None
-        told = {name: options.pop(name) for name in ("bindings", "remotes", "heartbeat") if name in options}
+        told = {name: options.pop(name) for name in ("bindings", "remotes", "heartbeat", "checks") if name in options}
         self.session = Session(
             Playlist(list(self.readers), loop=loop_list),
             self,
@@ -235,6 +240,9 @@ class Stage:
 
     def on_projector(self, points: Any) -> Any:
         return points / 2
+
+    def on_camera(self, points: Any) -> Any:
+        return points * 2
 
     def advance(self, seconds: float, step: float = 0.01) -> None:
         end = self.clock.now + seconds

@@ -24,6 +24,7 @@ from counterlight.errors import InputError
 from counterlight.maps.room_maps import read_maps
 from counterlight.pipeline.content import camera_psnr, reachable_white
 from counterlight.pipeline.operators import compensation
+from counterlight.response import parse_response
 from counterlight.tools import acquire_transport, build_correction_map
 from counterlight.tools.acquisition import store
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
@@ -39,6 +40,9 @@ from counterlight.tools.acquisition.schemes.baselines import GrayCodeScheme
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.acquisition.store import CaptureStore
+from counterlight.tools.hdr.camera_response import exposure_table
+from counterlight.tools.hdr.estimators import make_estimator
+from counterlight.tools.hdr.sums import CpuSums
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport
@@ -376,7 +380,8 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
     scene = small_scene(tmp_path, "wall")
     succeed("simulate", scene, "-o", tmp_path / "true")
     printed = succeed("acquire", "--camera", f"simulated:{scene}", "--scheme", scheme, "-o", tmp_path / "acquired")
-    for pattern in (r"\d+ pictures, \d+ exposures", r"coverage: \d", r"clusters: \d+", r"check: .* predicted to \d"):
+    said = r"\d+ pictures, \d+ exposures", r"coverage: \d", r"clusters: \d+", r"check: .* predicted to \d"
+    for pattern in (*said, r"light outside: [\d.]+ % of the projector's light"):
         assert re.search(pattern, printed)
     for name in ("true", "acquired"):
         assert build_correction_map.main([str(tmp_path / name)]) == 0
@@ -438,3 +443,19 @@ def test_the_reference_tells_light_from_black() -> None:
     noise = measure_noise([black, black], [white, white])
     room = Reference(black, white, noise, np.zeros((2, 3), bool))
     np.testing.assert_array_equal(room.light, np.full((6, 3), 0.75))
+
+
+@pytest.mark.parametrize("response", ["linear", "srgb"])
+@pytest.mark.parametrize(("dtype", "colours"), [(np.uint8, 1), (np.uint16, 1), (np.uint16, 3)])
+def test_one_shot_has_the_radiance_that_the_sums_of_a_bracket_give(
+    rng: np.random.Generator, response: str, dtype: type, colours: int
+) -> None:
+    """It is looked up instead: every code that there is, grey and in colour, bit for bit."""
+    codes = np.arange(np.iinfo(dtype).max + 1).astype(dtype).reshape(-1, 16)
+    shot = codes if colours == 1 else rng.permuted(np.repeat(codes[..., None], 3, axis=2), axis=0)
+    exposures = Exposures((0.37,), parse_response(response))
+    levels = int(np.iinfo(dtype).max) + 1
+    estimator = make_estimator("average", exposure_table(exposures.response, levels, 3), np.ones(levels))
+    sums = CpuSums(estimator, (*shot.shape[:2], 3))
+    sums.add(shot if colours == 3 else np.repeat(shot[..., None], 3, axis=2), estimator.coefficients(0.37), 0.37)
+    np.testing.assert_array_equal(exposures.radiance([shot]), np.abs(sums.estimate()))

@@ -1,11 +1,13 @@
 """The registry of commands and properties: what is taken, what is refused in one line, how keys use it."""
 
+import re
 from types import SimpleNamespace
 
 import pytest
 
+from counterlight.errors import InputError
 from counterlight.pipeline.kinds import Choice, Flag, Number
-from counterlight.show.keys import KEYS, PLACING, Keys, check_bindings
+from counterlight.show.keys import KEYS, MEANINGS, PLACING, Keys, check_bindings
 from counterlight.show.registry import Command, CommandError, Commands, Property
 
 
@@ -112,9 +114,9 @@ def test_keys_run_commands_and_say_what_they_changed(commands: Commands, state: 
 def test_every_key_is_on_the_help_page(commands: Commands) -> None:
     keys = Keys(commands)
     for placing, table in ((False, KEYS), (True, PLACING)):
-        cells = [cell for line in keys.help_lines(placing=placing) for cell in line.split("\t")]
-        assert {key for cell in cells[::2] for key in cell.split()} == table.keys()
-        assert set(filter(None, cells[1::2])) == set(table.values())
+        cells = [cell.split("\t") for cell in keys.help_cells(placing=placing)]
+        assert {key for names, _ in cells for key in names.split()} == table.keys()
+        assert {meaning for _, meaning in cells} == {MEANINGS[command] for command in table.values()}
 
 
 def test_bindings_that_are_no_commands_are_refused() -> None:
@@ -122,3 +124,19 @@ def test_bindings_that_are_no_commands_are_refused() -> None:
         check_bindings({"x": 3})
     with pytest.raises(CommandError, match="key 'y': No closing quotation"):
         check_bindings({"y": 'show-text "a'})
+    for key in ("spcae", "ctrl+", "shift+a", "ctrl+shift+a", "f13", ""):
+        with pytest.raises(CommandError, match=f"no key {re.escape(repr(key))}"):
+            check_bindings({key: "quit"})
+    assert check_bindings({"ctrl++": "", "shift+left": "a", "+": "b", "wheel-up": "c"})
+
+
+def test_bindings_that_can_never_do_anything_are_refused_at_the_start(commands: Commands) -> None:
+    for line, why in {
+        "nte x": "no command 'nte'; did you mean 'note'",
+        "note": "note: expected",
+        "set gian 3": "no property 'gian'; did you mean 'gain'",
+        "set gain much": "gain: expected",
+    }.items():
+        with pytest.raises(InputError, match=f"settings, key 'n': {why}"):
+            Keys(commands, {"n": line})
+    Keys(commands, {"n": "  ", "m": "set gain 3"})

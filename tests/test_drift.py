@@ -11,7 +11,7 @@ from counterlight import calibration
 from counterlight.calibration import Region, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.pipeline.cpu_renderer import CpuRenderer
-from counterlight.pipeline.drift import FILE, FOLDER, Drift, Moved, moved, read_drift, resampled, write_drift
+from counterlight.pipeline.drift import FILE, FOLDER, Drift, Moved, moved, read_drift, resampled, sampled, write_drift
 from counterlight.pipeline.room import read_room
 from counterlight.tools import build_correction_map
 from tests.drifted_rooms import moved_by
@@ -88,13 +88,25 @@ def test_a_whole_pixel_is_moved_exactly_and_each_projector_within_its_own_pictur
     shown = moved(drive, Drift((moved_by(2, -1), Moved.nothing())).table(REGIONS))
     expected = np.zeros_like(drive)
     expected[1:, :11] = drive[:-1, 2:13]
+    expected[1:, 11], expected[1:, 12] = 0.75 * drive[:-1, 11], 0.25 * drive[:-1, 10]  # beyond, a mirror that fades
+    expected[0, :13] = 0.75 * np.array([1] * 11 + [0.75, 0.25])[:, None] * drive[1, [*range(2, 13), 11, 10]]
     expected[:5, 13:] = drive[:5, 13:]  # below the lower projector nothing is shown
     np.testing.assert_allclose(shown, expected, atol=1e-6)  # the table is float32
 
 
-def test_at_the_border_a_pixel_gives_as_much_as_its_share_on_the_raster() -> None:
-    shown = moved(np.ones((7, 24, 3)), Drift((moved_by(0.25, 0), moved_by(0, 0))).table(REGIONS))
-    np.testing.assert_allclose(shown[3, 10:13, 0], [1, 1, 0.75], atol=1e-6)
+def test_beyond_the_border_it_fades_over_two_pixels_and_what_lands_there_is_lost() -> None:
+    shown = moved(np.ones((7, 24, 3)), Drift((moved_by(2.75, 0), moved_by(0, 0))).table(REGIONS))
+    np.testing.assert_allclose(shown[3, 9:13, 0], [1, 0.875, 0.375, 0], atol=1e-6)
+    np.testing.assert_allclose(resampled(np.ones((7, 13, 3)), moved_by(0.25, 0).to_raster)[3, 11:, 0], [1, 0.75])
+
+
+def test_between_pixels_cubics_are_exact_and_beyond_the_border_is_a_mirror() -> None:
+    x = np.arange(9.0)
+    cubic = np.repeat((x**3 - 9 * x**2 + x)[None, :, None], 3, axis=0)
+    at = np.array([[2.9, 1.2], [4.0, 1.5], [5.75, 1.0]])
+    middle = at[:, 0] - 0.5
+    np.testing.assert_allclose(sampled(cubic, at)[:, 0], middle**3 - 9 * middle**2 + middle, rtol=1e-12)
+    np.testing.assert_allclose(sampled(cubic, np.array([[-0.5, 1.5]]))[0, 0], cubic[0, 1, 0], rtol=1e-12)
 
 
 def test_light_that_clips_is_full_drive_and_a_dimmed_lamp_is_asked_for_more() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from counterlight import memory
 from counterlight.errors import InputError
-from counterlight.files import exr
+from counterlight.files import exr, exr_lines
 from counterlight.media.decoding.media import open_source
 from counterlight.media.medium import Medium
 from tests.hostile import little_memory
@@ -56,6 +56,62 @@ def test_tiles_and_parts_are_read(tmp_path: Path, rng: np.random.Generator, comp
     for name in ("tiled.exr", "parts.exr"):
         found = exr.read_rgb(tmp_path / name)
         np.testing.assert_array_equal(found, np.stack([rgb[channel] for channel in "RGB"], axis=-1))
+
+
+@pytest.mark.parametrize("piece", [1, 100, 1 << 20])
+def test_plain_files_are_exact_for_us_and_for_the_library(
+    tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, piece: int
+) -> None:
+    """In pieces of a line, of two lines and of all. The names are not in the order in which a file has them."""
+    monkeypatch.setattr(exr_lines, "PIECE_BYTES", piece)
+    picture = rng.normal(size=(7, 5, 4)).astype(np.float32)
+    picture[0, 0] = [np.float32(1e-45), -0.0, np.inf, 3.4e38]
+    strided = {name: picture[..., i] for i, name in enumerate("RGBA")}
+    exr.write_plain(tmp_path / "p.exr", strided)
+    seen: list[np.ndarray] = []
+    found = exr.read_beside(tmp_path / "p.exr", ("R", "G", "B", "A"), look=lambda rows: seen.append(rows.copy()))
+    assert found.tobytes() == picture.tobytes() == np.concatenate(seen).tobytes()
+    assert len(seen) == {1: 7, 100: 7, 1 << 20: 1}[piece]
+    with OpenEXR.File(str(tmp_path / "p.exr"), separate_channels=True) as file:
+        for name, channel in strided.items():
+            assert file.channels()[name].pixels.tobytes() == channel.tobytes()
+    counts = rng.integers(0, 1 << 32, (3, 4), dtype=np.uint32)
+    exr.write_plain(tmp_path / "n.exr", {"N": counts})
+    np.testing.assert_array_equal(exr.read_beside(tmp_path / "n.exr", ("N",))[..., 0], counts)
+
+
+def test_plain_files_that_others_wrote_are_read_the_same(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Uncompressed by the library: in our layout, from the bottom, in half precision, and mixed."""
+    rgb = {name: rng.normal(size=(5, 4)).astype(np.float32) for name in "RGB"}
+    halves = {name: values.astype(np.float16) for name, values in rgb.items()}
+    header = {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage}
+    upwards = header | {"lineOrder": OpenEXR.DECREASING_Y}
+    kinds = [(header, rgb), (upwards, rgb), (header, halves), (header, rgb | {"G": halves["G"]})]
+    for attributes, given in kinds:
+        with OpenEXR.File(dict(attributes), dict(given)) as file:
+            file.write(str(tmp_path / "p.exr"))
+        found = exr.read_rgb(tmp_path / "p.exr")
+        np.testing.assert_array_equal(found, np.stack([given[name] for name in "RGB"], axis=-1))
+
+
+def test_damaged_plain_files_are_refused_in_one_line(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Without a checksum: ends that are missing, lines that say they are others, and a table that leads elsewhere."""
+    exr.write_plain(tmp_path / "p.exr", {"Y": rng.normal(size=(9, 6)).astype(np.float32)})
+    content = (tmp_path / "p.exr").read_bytes()
+    line = 8 + 6 * 4
+    first = len(content) - 9 * line
+    for missing in (1, line, 9 * line, 9 * line + 1):
+        (tmp_path / "p.exr").write_bytes(content[:-missing])
+        with pytest.raises(InputError, match=r"^\S+p\.exr: [^\n]+; export it again$"):
+            exr.read_rgb(tmp_path / "p.exr")
+    for at in (first, first + 4, first + 8 * line):  # y and bytes of the first line, y of the last one
+        (tmp_path / "p.exr").write_bytes(content[:at] + b"\x63" + content[at + 1 :])
+        with pytest.raises(InputError, match=r"^\S+p\.exr: not a readable .*lines from 0 on are not in their places"):
+            exr.read_rgb(tmp_path / "p.exr")
+    (tmp_path / "p.exr").write_bytes(content[: first - 8] + b"\xff" * 8 + content[first:])
+    found = exr.read_rgb(tmp_path / "p.exr")  # left to the library, which finds the lines without a table
+    (tmp_path / "p.exr").write_bytes(content)
+    np.testing.assert_array_equal(found, exr.read_rgb(tmp_path / "p.exr"))
 
 
 def text(name: str) -> bytes:

@@ -22,7 +22,9 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 LARGEST_FILE = 8 << 20
 TIMEOUT_S = 120.0  # a command's imports on a busy machine
 
-HEAVY = {"scipy", "moderngl", "glcontext", "glfw"}
+# Whose modules import Numba, which imports scipy: nothing else does before it multiplies.
+COMPILED = tuple(f"counterlight.{name}" for name in ("maps.products", "pipeline.compiled", "pipeline.cpu_renderer"))
+HEAVY = {"scipy", "numba", "moderngl", "glcontext", "glfw"}
 LOADED = "print(*(name for name in sys.modules if name.split('.')[0] in HEAVY or name.startswith(FOREIGN)))"
 FOLDERS = {"player": "counterlight", "tools": "counterlight.tools"}  # of modules, and what they are imported as
 
@@ -74,8 +76,13 @@ def loaded_by(*names: str) -> list[str]:
 
 
 def test_the_player_without_opengl_imports_no_tool_no_scipy_no_window() -> None:
-    numba = "counterlight.maps.products"  # which imports scipy
-    assert loaded_by(*(name for name in modules("player") if not name.startswith(("counterlight.gl", numba)))) == []
+    assert loaded_by(*(name for name in modules("player") if not name.startswith(("counterlight.gl", *COMPILED)))) == []
+
+
+def test_the_player_with_opengl_imports_no_numba() -> None:
+    names = (name for name in modules("player") if not name.startswith(COMPILED))
+    code = f"import sys, {', '.join(names)}\nprint('moderngl' in sys.modules, 'numba' in sys.modules)"
+    assert python("-c", code).split() == ["True", "False"]
 
 
 @pytest.mark.parametrize("module", ["maps.row_map", "pipeline.reference", "calibration", "media.video", "app"])
@@ -119,7 +126,7 @@ ROOMS = {  # of the player, and which others each may know
     "files": "errors memory writing",
     "response": "errors files",
     "calibration": "errors files response writing",
-    "maps": "arrays calibration errors files writing",
+    "maps": "arrays calibration errors files memory writing",
     "media": "errors files writing",
     "pipeline": "arrays calibration errors files maps media response writing",
     "overlay": "maps pipeline",

@@ -101,7 +101,7 @@ def test_an_inverse_that_cannot_fit_is_refused_before_the_work(tmp_path: Path) -
     ("kib", "options", "complaint"),
     [
         (16, InverseOptions(0.1, 0.5), "inverting clusters of up to 192 projector pixels whole"),
-        (16, InverseOptions(0.1, 0.5, method="windowed"), "through windows needs .* or --max-cluster"),
+        (16, InverseOptions(0.1, 0.5, method="windowed"), "through windows needs .* --inverse cut"),
         (100 << 10, InverseOptions(None, 0.0), None),
     ],
 )

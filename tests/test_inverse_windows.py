@@ -7,6 +7,7 @@ from scipy import sparse
 from counterlight.errors import InputError
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.inverse import method as method_module
+from counterlight.tools.inverse.banded import columns_of_inverse, last_columns_of_inverse
 from counterlight.tools.inverse.clustered import damped_inverse
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.method import choose_method
@@ -15,7 +16,6 @@ from counterlight.tools.inverse.windowed import (
     HALOS,
     WindowedChannel,
     Windows,
-    last_columns_of_inverse,
     plan_windows,
     windowed_jobs,
 )
@@ -44,6 +44,17 @@ def test_last_columns_of_inverse(rng: np.random.Generator) -> None:
     for count in (1, 11, 30):
         found = last_columns_of_inverse(np.asfortranarray(N.copy()), count)
         np.testing.assert_allclose(found, np.linalg.inv(N)[:, 30 - count :], atol=1e-12)  # float64, condition 200
+
+
+@pytest.mark.parametrize("reach", [1, 7, 29])  # a band, a wide one, and none that is worth it
+def test_columns_of_inverse_of_a_band(rng: np.random.Generator, reach: int) -> None:
+    A = np.triu(np.tril(rng.normal(size=(30, 30)), reach), -reach)
+    N = A @ A.T + np.eye(30)
+    wanted = np.array([2, 3, 11, 28])
+    found = columns_of_inverse(sparse.csr_array(N), wanted)
+    np.testing.assert_allclose(found, np.linalg.inv(N)[:, wanted], atol=1e-12)  # float64, condition 200
+    with pytest.raises(np.linalg.LinAlgError):
+        columns_of_inverse(sparse.csr_array(N - 10 * np.trace(N) * np.eye(30)), wanted)
 
 
 def test_the_residual_says_exactly_what_a_window_misses(rng: np.random.Generator, blur: Csr) -> None:
@@ -105,7 +116,7 @@ def test_each_block_grows_its_own_halo(rng: np.random.Generator) -> None:
     assert np.median(halos[on_the_right]) > np.median(halos[~on_the_right])
     assert max(piece.residual.max() for piece in pieces) <= tolerance
     assert halos.max() < HALOS[-1]  # met, not given up
-    assert plan_windows(channel, EVERYWHERE, tolerance).halo in halos
+    assert plan_windows(channel, EVERYWHERE, tolerance).windows.halo in halos
 
 
 def test_a_channel_that_needs_more_gets_more(rng: np.random.Generator, blur: Csr) -> None:
@@ -160,8 +171,10 @@ def test_a_residual_that_is_not_met_is_reported(rng: np.random.Generator) -> Non
             (channel,) * 3, Windows(EVERYWHERE, HALOS[0], 4), Truncation(np.full((T.shape[0], 3), 0.5), 0), 1e-3
         )
     )()
-    assert found.halo == HALOS[-1]
+    assert found.halo == HALOS[1]  # two say that the widest would not do, either
     assert found.residual.max() > 1e-3
+    widest = channel.solve(found.rows, np.arange(T.shape[1])[EVERYWHERE.ravel()][: -PROJECTOR[1] * 2])
+    assert widest.residual.max() > 1e-3
 
 
 def test_options_name_the_method() -> None:

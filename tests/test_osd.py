@@ -1,9 +1,13 @@
 """What is written over the picture: where ink may be, how bars grow, how a message fades."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from counterlight.overlay.osd import GROUND_ALPHA, Histogram, Message, Page, draw, plain
+from counterlight.overlay import letters
+from counterlight.overlay.letters import plain
+from counterlight.overlay.osd import GROUND_ALPHA, Histogram, Legend, Message, Page, draw, pages
 
 WINDOW = (720, 1280)
 
@@ -60,9 +64,47 @@ def test_bars_are_as_high_as_their_counts() -> None:
     np.testing.assert_allclose(heights, np.array(counts) / 20 * 72, atol=2)  # an empty bar is a line
 
 
-def test_letters_that_the_font_lacks_are_replaced() -> None:
-    assert plain("Gänsefüßchen\tñ") == "Gansefu?chen\tn"
-    assert plain("映画.mp4") == "??.mp4"
+def test_letters_of_many_scripts_are_drawn_and_none_stands_for_another() -> None:
+    words = "Größe", "Ωμέγα", "Кириллица", "עברית", "a→b ½", "naı̈f"
+    pictures = [draw(Page((word,)), WINDOW)[..., 0] for word in words]
+    boxes = draw(Page(("\U0010ffff" * 5,)), WINDOW)[..., 0]
+    assert all(picture.any() for picture in [*pictures, boxes])
+    assert len({picture.tobytes() for picture in [*pictures, boxes]}) == len(words) + 1
+    assert plain("a\x1b[2Jb\tc") == "a?[2Jb\tc"
+
+
+def test_letters_that_only_the_system_has_are_asked_of_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    script = tmp_path / "fc-match"
+    script.write_text(f"#!/bin/sh\necho $2 >> {tmp_path}/asked\nprintf %s /no/such.ttf\n")
+    script.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
+    letters._font_of.cache_clear()
+    letters._system_font.cache_clear()
+    draw(Page(("Grüße 映画",)), WINDOW)
+    assert (tmp_path / "asked").read_text().splitlines() == [":charset=6640", ":charset=7540"]
+    letters._font_of.cache_clear()
+    letters._system_font.cache_clear()
+
+
+@pytest.mark.parametrize("window", [(720, 1280), (1080, 1920), (384, 512), (216, 384), (150, 200)])
+def test_every_key_is_read_on_some_page_of_any_window(window: tuple[int, int]) -> None:
+    names = "abcdefghijklmnopqrstuvwxyz0123456789"
+    cells = [f"{key}\twhat the key {key} does, in a line of some length" for key in names]
+    found = pages(cells, window)
+    said = [cell for page in found for line in page.lines for cell in line.split("\t")]
+    assert sorted(name for name in said if len(name) == 1) == sorted(names)
+    assert " ".join(" ".join(said).split()).count("what the key") == len(cells)
+    for page in found:
+        pixels = draw(page, window)
+        assert np.all(np.array(inked(pixels)) < np.array(pixels.shape[:2]) - 2)  # nothing is cut off
+
+
+def test_a_legend_shows_its_colours_beside_their_meaning() -> None:
+    legends = tuple(Legend(colour, "a word") for colour in ((59, 76, 192), (180, 4, 38)))
+    pixels = draw(Page((), legends=legends), WINDOW)
+    rows = [np.flatnonzero((pixels[..., :3] == legend.colour).all(axis=-1).any(axis=1)) for legend in legends]
+    assert rows[0].max() < rows[1].min()
+    assert draw(Page((), legends=legends[:1]), WINDOW).shape[0] < pixels.shape[0]
 
 
 def test_a_message_stays_a_second_and_is_gone_after_its_fading() -> None:

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import av
 import cv2
+import moderngl
 import numpy as np
 import pytest
 from scipy import sparse
 
 from counterlight import app, calibration
 from counterlight.files import exr
+from counterlight.gl.context import in_software
 from counterlight.maps import room_maps as maps
 from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.renderer import Renderer
@@ -125,6 +127,35 @@ def test_gl_and_cpu_render_the_same_codes(room: Path, tmp_path: Path) -> None:
         pictures = [cv2.imread(str(tmp_path / f"{view}-{backend}.png")).astype(int) for backend in ("gl", "cpu")]
         assert np.abs(pictures[0] - pictures[1]).max() <= 1  # one code value: a rounding may tip
         assert pictures[0].std() > 5
+
+
+def test_a_file_is_rendered_on_the_processor_where_no_gpu_runs_opengl(
+    room: Path, tmp_path: Path, gl_context: moderngl.Context
+) -> None:
+    """Whatever machine this runs on; an explicit choice, of a path too, is kept and not commented."""
+    software = in_software(gl_context.info["GL_RENDERER"])
+    for number, (options, used) in enumerate(
+        (([], "cpu" if software else "fragment"), (["--backend", "gl"], "fragment"), (["--path", "compute"], "compute"))
+    ):
+        out, stats = tmp_path / f"{number}.png", tmp_path / "stats.json"
+        said = succeed("play", room, CLIP, "--output", out, "--stats", stats, *options)
+        assert json.loads(stats.read_text())["gpu_path"]["name"] == used
+        assert said.count("backend: ") == (not options)
+
+
+@pytest.mark.parametrize(
+    ("name", "software"),
+    [
+        ("llvmpipe (LLVM 15.0.7, 256 bits)", True),
+        ("Google SwiftShader", True),
+        ("GDI Generic", True),
+        ("NVIDIA H200/PCIe/SSE2", False),
+        ("Mesa Intel(R) UHD Graphics 620 (KBL GT2)", False),
+        ("AMD Radeon RX 6800 (radeonsi, navi21, LLVM 15.0.7)", False),
+    ],
+)
+def test_software_is_told_by_the_renderers_name(name: str, software: bool) -> None:
+    assert in_software(name) == software
 
 
 def test_sequences_are_numbered_and_lossless(room: Path, tmp_path: Path) -> None:
@@ -258,9 +289,13 @@ def test_no_screen_and_no_egl(room: Path, tmp_path: Path) -> None:
     assert "no screen" in fail("play", "--list-monitors", **on(""))
     nothing = tmp_path / "empty"
     nothing.mkdir()
-    line = fail("play", room, CLIP, "--output", tmp_path / "o.png", __EGL_VENDOR_LIBRARY_DIRS=str(nothing))
+    into, without = ("play", room, CLIP, "--output", tmp_path / "o.png"), str(nothing)
+    line = fail(*into, "--backend", "gl", __EGL_VENDOR_LIBRARY_DIRS=without)
     assert "no OpenGL through EGL" in line
     assert "--backend cpu" in line
+    assert not (tmp_path / "o.png").exists()
+    assert "backend: cpu, there is no OpenGL" in succeed(*into, __EGL_VENDOR_LIBRARY_DIRS=without)
+    assert (tmp_path / "o.png").exists()
 
 
 def test_a_clip_that_ends_early_leaves_no_output(room: Path, tmp_path: Path) -> None:

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from counterlight import memory
 from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.files.tables import Table
-from counterlight.maps import row_map
+from counterlight.maps import row_map, shelves
 from counterlight.maps.row_map import MAX_FLOAT_INDEX, RowMap, SparseRows, pack, unpack
 
 
@@ -39,6 +40,40 @@ def test_unpack_is_the_inverse_of_pack(lengths: list[int], seed: int) -> None:
     height = len(lengths) // 6
     rows = random_rows(rng, np.array(lengths[: height * 6]), 35)
     assert_same(unpack(pack(rows, (height, 6), (5, 7), max_texture_width=64)), rows)
+
+
+def test_blocks_leave_no_trace(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Entries are put into their places a block at a time; one row may be longer than a block, and many be empty."""
+    lengths = rng.integers(0, 30, 600) * rng.integers(0, 2, 600)
+    rows = random_rows(rng, lengths, 35)
+    whole = pack(rows, (20, 30), (5, 7))
+    for most in (1, 17, 1000):
+        monkeypatch.setattr(row_map, "BLOCK", most)
+        packed = pack(rows, (20, 30), (5, 7))
+        assert packed.entries.tobytes() == whole.entries.tobytes()
+        assert_same(unpack(packed), rows)
+
+
+def test_a_map_higher_than_any_texture(tmp_path: Path, rng: np.random.Generator) -> None:
+    """A narrow one stands for 16384 texels a line: the file and the twin have no limit, OpenGL takes it in tiles."""
+    rows = random_rows(rng, np.full(20000, 3), 35)
+    packed = pack(rows, (100, 200), (5, 7), max_texture_width=3)
+    assert packed.entries.shape[:2] == (20000, 3)
+    loaded = row_map.read(tmp_path, promised(row_map.write(packed, tmp_path)))
+    assert_same(unpack(loaded), rows)
+
+
+def test_more_entries_than_a_map_or_memory_holds_are_refused(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = random_rows(rng, np.full(600, 3), 35)
+    monkeypatch.setattr(memory, "available_bytes", lambda: 1800 * 16 - 1)
+    with pytest.raises(InputError, match=r"packing 1800 entries needs about .* GiB of memory.*--max-cluster"):
+        pack(rows, (20, 30), (5, 7))
+    monkeypatch.undo()
+    monkeypatch.setattr(shelves, "MOST_TEXELS", 1799)
+    with pytest.raises(InputError, match=r"row map: 1800 entries, a map holds at most 1799; .*--max-cluster"):
+        pack(rows, (20, 30), (5, 7))
 
 
 def test_no_row_breaks_and_none_overlaps(rng: np.random.Generator) -> None:
@@ -136,7 +171,7 @@ def test_files_of_other_sizes_or_types_are_refused(tmp_path: Path, rng: np.rando
     sizes = row_map.write(packed, tmp_path)
     with pytest.raises(InputError, match="promises 4x3"):
         row_map.read(tmp_path, promised(sizes | {"output": [4, 3]}))
-    with pytest.raises(InputError, match="at most 268435456 pixels"):
+    with pytest.raises(InputError, match="at most 1073741824 pixels"):
         row_map.read(tmp_path, promised(sizes | {"texture": [1 << 20, 1 << 20]}))
     exr.write_channels(tmp_path / "lookup.exr", {c: packed.lookup[..., 0].astype(np.float32) for c in "XY"})
     with pytest.raises(InputError, match="promises"):

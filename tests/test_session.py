@@ -67,7 +67,7 @@ def test_pause_holds_and_resumes_where_it_was(stage: Stage) -> None:
 def test_seeking_goes_from_the_current_position() -> None:
     stage = Stage(Reader(count=1000))
     stage.advance(0.4)
-    assert stage.press("right") == "0:00:05 / 0:00:40"
+    assert stage.press("right") == "0:00:05 / 0:00:40 (13 %)"
     stage.advance(0.02)
     assert stage.screen.uploaded[-1] == pytest.approx(25 * 5.4, abs=2)  # where it was, to a frame or two
     stage.press("left", "left")
@@ -114,6 +114,24 @@ def test_speed_changes_the_rate_and_not_the_place() -> None:
     assert stage.screen.uploaded[-1] == pytest.approx(87, abs=1)
 
 
+def test_frames_that_come_too_late_are_said_once_with_what_to_change() -> None:
+    stage = Stage(Reader(count=1000), Reader("other", count=1000), refine=16)
+    stage.session.stats.add("decode", 0.002)
+    for _ in range(500):  # more than the stage, which draws nothing, adds
+        stage.session.stats.add("gpu", 0.12)
+    stage.advance(4.9, step=0.12)  # three frames for one that is shown
+    assert stage.session.stats.notices == []
+    stage.advance(10, step=0.12)
+    (line,) = stage.session.stats.notices
+    assert "frames came too late: drawing takes" in line
+    assert "a frame lasts 40; take fewer steps of refinement than 16" in line
+    stage.press(">")
+    stage.advance(4.9, step=0.04)
+    assert len(stage.session.stats.notices) == 1
+    stage.advance(20, step=0.04)  # in time again: another medium is not accused of what the first one dropped
+    assert len(stage.session.stats.notices) == 1
+
+
 def test_the_a_b_loop_goes_back_at_b_until_it_is_cleared() -> None:
     stage = Stage(Reader(count=1000))
     stage.advance(1.0)
@@ -134,6 +152,21 @@ def test_the_a_b_loop_goes_back_at_b_until_it_is_cleared() -> None:
     stage.advance(1.0)
     assert not stage.session.done
     assert 975 <= stage.screen.uploaded[-1] < 1000
+
+
+def test_the_a_b_loop_runs_between_its_points_whichever_was_set_first() -> None:
+    stage = Stage(Reader(count=1000))
+    stage.advance(2.0)
+    stage.press("l")
+    stage.commands.run("seek", 1.0, "absolute")
+    stage.advance(0.2)
+    said = stage.press("l")
+    b, a = (round(25 * stage.commands.get(f"ab-loop-{point}")) for point in "ab")
+    assert a < b
+    assert said == f"A-B loop {a / 25:.2f} to {b / 25:.2f} s"
+    begun = len(stage.screen.uploaded)
+    stage.advance(3.0)
+    assert set(stage.screen.uploaded[begun:]) == set(range(a, b))
 
 
 @pytest.mark.parametrize("seamless", [False, True])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from counterlight.errors import InputError
+from counterlight.overlay.pointer import Pointer
 from counterlight.show.registry import CommandError, Commands
 from tests.stage import SQUARE, Reader, Screen, Stage
 
@@ -64,7 +65,7 @@ def test_what_a_key_changed_fades_after_a_second(stage: Stage) -> None:
 
 def test_without_osd_nothing_is_written(stage: Stage) -> None:
     stage.advance(0.05)
-    stage.commands.set("osd", False)
+    stage.commands.set("osd", "off")
     stage.press("c")
     assert stage.screen.pages[-1] is None
     stage.press("?")
@@ -137,6 +138,95 @@ def test_placing_moves_scales_undoes_and_is_saved(stage: Stage) -> None:
     with pytest.raises(CommandError, match="corners"):
         stage.commands.run("place-move", 9, 0)
     assert stage.screen.adjusted[-1].corners is None
+
+
+def test_the_mouse_pulls_a_corner_or_the_whole_picture(stage: Stage) -> None:
+    stage.advance(0.05)
+    stage.commands.set("view", "camera")
+
+    def drag(*points: tuple[float, float]) -> np.ndarray:
+        for action, (x, y) in zip(("press", *["move"] * (len(points) - 2), "release"), points, strict=True):
+            stage.show.point(Pointer(action, x, y))  # type: ignore[arg-type]
+        stage.show.step()
+        return np.array(stage.session.placing.corners if stage.session.placing else SQUARE)
+
+    np.testing.assert_array_equal(drag((0, 0), (0.2, 0.1), (0.2, 0.1)), SQUARE)  # it is not being placed
+    stage.press("k")
+    expected = np.array(SQUARE, float)
+    expected[0] = 0.19, 0.12
+    np.testing.assert_allclose(drag((0.01, -0.02), (0.1, 0), (0.2, 0.1), (0.2, 0.1)), expected)
+    assert stage.session.placing is not None
+    assert stage.session.placing.selected == "upper left corner"
+    np.testing.assert_allclose(drag((0.19, 0.12), (5.0, 5.0), (0.19, 0.12)), expected)  # no such quadrilateral
+    drag((0.5, 0.5), (0.5, 0.5))
+    np.testing.assert_allclose(drag((0.5, 0.5), (0.6, 0.5), (0.6, 0.5)), expected + np.array((0.1, 0)))
+    assert stage.session.placing.selected == "whole picture"
+    stage.press("u")
+    np.testing.assert_allclose(stage.session.placing.corners, expected)  # a drag is taken back as one
+    stage.press("u")
+    np.testing.assert_allclose(stage.session.placing.corners, SQUARE)
+    assert stage.press("u") == "nothing to take back"
+    stage.commands.set("view", "projector")  # whose points the stage's room doubles into the camera's view
+    drag((0.5, 0.5), (0.45, 0.45), (0.45, 0.45))
+    np.testing.assert_allclose(stage.session.placing.corners[2], (0.9, 0.9))
+
+
+def test_what_goes_wrong_is_written_only_where_somebody_works_on_the_show() -> None:
+    for fullscreen, options, told in (
+        (False, {}, True),
+        (True, {}, False),
+        (False, {"unattended": True}, False),
+        (True, {"unattended": True, "osd": "notices"}, True),
+        (False, {"osd": "off"}, False),
+    ):
+        stage = Stage(**options)
+        stage.screen.fullscreen = fullscreen
+        stage.advance(0.05)
+        stage.press("space")
+        stage.advance(2.0)
+        stage.session.notice("the decoder stumbled")
+        stage.advance(0.1)
+        assert (stage.screen.pages[-1] is not None) is told
+        assert stage.session.stats.to_dict()["notices"] == ["the decoder stumbled"]
+
+
+def test_views_that_are_maps_say_what_their_colours_mean(stage: Stage) -> None:
+    stage.advance(0.05)
+    stage.press("space")
+    stage.advance(2.0)
+    for view, count in (("projector", 0), ("camera", 0), ("error", 4), ("impossible", 4)):
+        stage.commands.set("view", view)
+        stage.advance(0.05)
+        page = stage.screen.pages[-1]
+        assert (len(page.legends) if page else 0) == count
+    stage.commands.set("view", "projector")
+    stage.commands.set("clipping", True)
+    stage.advance(0.05)
+    assert stage.screen.pages[-1].legends[0].text == "asked for beyond full light"
+    for name, value in (("osd", "off"), ("blackout", True), ("compensation", False)):
+        before = stage.commands.get(name)
+        stage.commands.set(name, value)
+        stage.advance(0.05)
+        assert stage.screen.pages[-1] is None
+        stage.commands.set(name, before)
+
+
+def test_the_keys_are_listed_page_by_page(stage: Stage) -> None:
+    stage.advance(0.05)
+    stage.press("space")
+    stage.advance(2.0)
+    stage.press("?")
+    assert "next medium" in "".join(stage.screen.pages[-1].lines)
+    stage.press("?")
+    assert stage.screen.pages[-1] is None
+    stage.screen.size = 216, 384
+    shown = []
+    while stage.commands.get("help") or not shown:
+        stage.press("?")
+        shown.append(stage.screen.pages[-1])
+    assert shown.pop() is None
+    assert len(shown) > 2
+    assert {page.lines[-1] for page in shown} == {f"{n} of {len(shown)}; ? goes on" for n in range(1, len(shown) + 1)}
 
 
 def test_reload_takes_the_new_renderer_with_its_first_frame_or_keeps_the_old(stage: Stage) -> None:

@@ -9,28 +9,26 @@ from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import SparseRows, pack, unpack
 from counterlight.maps.sliced_map import GROUP, NO_PIXEL
 from counterlight.maps.sliced_words import word_parts
-from counterlight.maps.small_correction import small_correction
-from counterlight.maps.small_fit import Fit, fit
-from counterlight.maps.small_light import small_light
 from counterlight.maps.small_map import (
     FULL_TRUST,
     LARGEST_CODE,
-    SmallMap,
     coded,
     colours_of,
     in_words,
-    words_of_entries,
+    unpacked_words,
 )
+from counterlight.maps.word_map import WordMap
+from counterlight.tools.inverse.words import words_of
+from counterlight.tools.inverse.words_fit import Fit, fit
 from tests.refined_rooms import physical_room
-from tests.rooms import CAMERA, random_room
-from tests.small_rooms import random_small, with_bound
+from tests.small_rooms import as_long, random_small, with_words
 
 EXACT = 1e-12  # of float64 sums
 
 
-def read_words(words: np.ndarray, pixel: int) -> tuple[list[int], list[tuple[int, ...]], float]:
+def read_words(words: np.ndarray) -> tuple[list[int], list[tuple[int, ...]], float]:
     """Indices, codes and trust of one run, by the format's text alone."""
-    indices, codes, trust, k = [], [], 1.0, 0
+    pixel, indices, codes, trust, k = 0, [], [], 1.0, 0
     while k < len(words):
         word = int(words[k])
         kind, code = word & 7, word >> 16
@@ -68,13 +66,13 @@ def test_a_code_is_the_nearest_of_13_bits() -> None:
 def test_words_say_every_entry_and_trust(rng: np.random.Generator) -> None:
     """Entries of one, three and one channel's codes, negative ones, far jumps, empty rows."""
     small = random_small(rng, (7, 9), (300, 400), trusted=True)
-    made = in_words(small, np.zeros(63, np.int64))
+    made = in_words(small)
     kinds = set((made.words & 7).tolist())
     assert {0, 3, 5, 7} <= kinds
     assert kinds & {1, 2, 4}
     assert small.trust is not None
     for row in range(63):
-        indices, codes, trust = read_words(made.words[made.starts[row] : made.starts[row + 1]], 0)
+        indices, codes, trust = read_words(made.words[made.starts[row] : made.starts[row + 1]])
         own = slice(small.indptr[row], small.indptr[row + 1])
         np.testing.assert_array_equal(indices, small.indices[own])
         np.testing.assert_array_equal(np.reshape(codes, (-1, 3)), small.codes[own])
@@ -86,13 +84,13 @@ def test_words_say_every_entry_and_trust(rng: np.random.Generator) -> None:
 def test_workgroups_read_every_entry_once(rng: np.random.Generator, lanes: int, most: int) -> None:
     small = random_small(rng, (11, 23), (40, 50))
     rows = unpack(pack(small.unpacked(), (11, 23), (40, 50)))
-    found, parts = np.zeros((rows.shape[0], 2000, 3)), list(word_parts(small, lanes, most))
+    found, parts = np.zeros((rows.shape[0], 2000, 3)), list(word_parts(WordMap.of(small), lanes, most))
     assert (len(parts) > 1) == (most == 1)
     for part in parts:
         for run in range(part.rows.shape[0] * lanes):
-            at, first, colour = part.rows[run // lanes]
+            at, colour = part.rows[run // lanes]
             base, length = part.groups[run // GROUP]
-            indices, codes, _ = read_words(part.words[base + run % GROUP :: GROUP][:length], int(first))
+            indices, codes, _ = read_words(part.words[base + run % GROUP :: GROUP][:length])
             if at == NO_PIXEL:
                 assert not indices
             for index, code in zip(indices, codes, strict=True):
@@ -149,79 +147,59 @@ def test_the_transpose_has_the_same_numbers(rng: np.random.Generator) -> None:
     np.testing.assert_allclose((small.unpacked().apply(u) * v).sum(axis=0), (u * back).sum(axis=0), rtol=EXACT)
 
 
+def test_words_are_read_as_they_were_made(rng: np.random.Generator) -> None:
+    """Greens and blues that look like words of any kind among them."""
+    small = random_small(rng, (40, 50), (300, 400), trusted=True)
+    indptr, indices, codes, trust = unpacked_words(in_words(small))
+    np.testing.assert_array_equal(indptr, small.indptr)
+    np.testing.assert_array_equal(indices, small.indices)
+    np.testing.assert_array_equal(codes, small.codes)
+    assert small.trust is not None
+    np.testing.assert_array_equal(trust, np.where(small.trust == 0, FULL_TRUST, small.trust))
+
+
 @pytest.mark.parametrize("far", [False, True])
 def test_a_room_s_light_is_certified(rng: np.random.Generator, far: bool) -> None:
-    room = with_bound(physical_room(rng, far=far).room)
-    small = small_light(room.maps, room.white)
-    assert small is not None
-    assert 0 < small.change <= small.allowed == 0.5
-    assert len(small.maps) == (8 if far else 2)
-    assert small.entry_bytes < 8
+    room = with_words(physical_room(rng, far=far).room)
+    words = room.maps.words
+    assert words is not None
+    assert 0 < words.used <= 0.8
+    assert len(words.maps) == (8 if far else 2)
+    long = as_long(room.maps)
     for _ in range(20):
         drive = (rng.uniform(size=(room.calibration.projector.pixels, 3)) < rng.uniform()).astype(float)
-        change = np.abs(observed(room.maps, small.maps, drive) - observed(room.maps, {}, drive)).max()
-        assert 0 < 255 * change / room.white <= small.change
+        change = np.abs(observed(long, drive) - observed(room.maps, drive)).max()
+        assert 0 < 255 * change / room.maps.white <= 0.5 * words.used
 
 
-def observed(maps: RoomMaps, small: dict[int, SmallMap], drive: np.ndarray) -> np.ndarray:
-    """T p, by small maps where there are any."""
-    rows = {id(packed): unpack(packed) for packed in maps.named().values()}
-    rows |= {key: found.unpacked() for key, found in small.items()}
-    seen = rows[id(maps.transport)].apply(drive)
+def observed(maps: RoomMaps, drive: np.ndarray) -> np.ndarray:
+    """T p."""
+    seen = unpack(maps.transport).apply(drive)
     if maps.far is not None:
-        cells = rows[id(maps.far.mix)].apply(rows[id(maps.far.gather)].apply(drive))
-        seen += rows[id(maps.far.scatter)].apply(cells)
+        for part in (maps.far.gather, maps.far.mix, maps.far.scatter):
+            drive = unpack(part).apply(drive)
+        seen += drive
     return np.asarray(seen)
 
 
 def test_a_room_that_asks_for_more_keeps_its_entries(rng: np.random.Generator) -> None:
-    room = physical_room(rng).room
-    assert small_light(room.maps, room.white) is None  # says no bound
-    fine = small_light(with_bound(room, 1e-4).maps, room.white)
-    assert fine is not None
-    assert not fine.certified
-    assert small_light(with_bound(room, 0.0).maps, room.white) is None
-    assert small_light(replace(with_bound(room).maps, refinement=None), room.white) is None
-    assert small_light(with_bound(room, 8.0).maps, room.white).allowed == 0.5  # type: ignore[union-attr]
+    maps = physical_room(rng).room.maps
+    for max_error in (1e-4, 0.0):
+        assert words_of(maps, max_error) is None
+    assert words_of(replace(maps, refinement=None), 0.5) is None
+
+
+def test_words_are_judged_beside_the_white_that_is_shown(rng: np.random.Generator) -> None:
+    maps = with_words(physical_room(rng).room).maps
+    assert maps.words is not None
+    darkest = maps.words.used * maps.white
+    assert len(maps.in_words(maps.white)) == len(maps.in_words(1.01 * darkest)) == 8
+    assert maps.in_words(0.99 * darkest) == {}
 
 
 def test_a_word_an_entry_where_a_row_has_one_colour(rng: np.random.Generator) -> None:
-    room = with_bound(physical_room(rng, far=False).room)
-    small = small_light(room.maps, room.white)
-    assert small is not None
-    for found in small.maps.values():
-        np.testing.assert_array_equal(words_of_entries(found), 1)
-
-
-@pytest.mark.parametrize(("max_error_codes", "certified"), [(0.11, False), (1.0, True)])
-def test_the_correction_is_certified_while_both_bounds_fit(
-    rng: np.random.Generator, max_error_codes: float, certified: bool
-) -> None:
-    maps = thin_room(rng, max_error_codes, left_out=0.1 / 255)
-    ambient = np.zeros((*CAMERA, 3), np.float32)
-    words = small_correction(maps, maps.white, ambient)
+    words = with_words(physical_room(rng, far=False).room).maps.words
     assert words is not None
-    rows, kept = unpack(maps.correction), words.map.unpacked()
-    lost = (written_out(rows) - written_out(kept)) * maps.white
-    assert words.change == pytest.approx(0.1 / 255 + np.abs(lost).sum(axis=1).max(), rel=1e-6)
-    assert words.certified == certified
-    brighter = small_correction(maps, 10 * maps.white, ambient)
-    assert brighter is None or brighter.change > 1 / 255
-    assert small_correction(maps, 20 * maps.white, ambient) is None  # what was left out is already more
-
-
-def test_a_map_without_a_bound_keeps_its_entries(rng: np.random.Generator) -> None:
-    maps = random_room(rng, far=False).maps
-    assert small_correction(maps, 1.0, np.zeros((*CAMERA, 3), np.float32)) is None
-
-
-def thin_room(rng: np.random.Generator, max_error_codes: float, left_out: float) -> RoomMaps:
-    details = {"options": {"max_error_codes": max_error_codes}, "certified": {"truncation_drive": left_out}}
-    return replace(random_room(rng, far=False).maps, details=details)
-
-
-def written_out(rows: SparseRows) -> np.ndarray:
-    """(rows, columns, channels); entries of one place add up."""
-    dense = np.zeros((*rows.shape, 3))
-    np.add.at(dense, (rows.rows, rows.indices), rows.weights)
-    return dense
+    for made in words.maps.values():
+        small = made.unpacked()
+        assert (np.ptp(small.codes, axis=1) == 0).all()

@@ -240,6 +240,8 @@ def test_command_compares_all_solvers(room: tuple[StoredCalibration, Path], tmp_
     assert all(row[6] >= -1e-3 for row in table.values())
     assert table["box"][4] == table["box"][6] == 0
     assert table["none"][1] < table["direct"][1] < table["map"][1]
+    assert table["none"][7] == 100
+    assert table["box"][7] < 100  # of what nobody sees, less is lit than without compensation
     drive = exr.read_rgb(tmp_path / "p-box.exr")
     assert drive.shape == (*PROJECTOR, 3)
     assert 0 <= drive.min() < drive.max() <= 1

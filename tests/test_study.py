@@ -146,6 +146,7 @@ def test_a_method_says_the_commands_that_give_it() -> None:
         "counterlight build --max-error 2 --regularize none --max-cluster 50; "
         "counterlight play --refine 8 --refine-from direct"
     )
+    assert Map("f", "", None).command == "counterlight build --inverse whole; counterlight play --refine 0"
     assert Solver("box", "f").command == "counterlight compensate --solver box"
 
 
@@ -267,7 +268,7 @@ def test_a_preset_is_its_options_and_those_given_beside_it_prevail(name: str, tm
     options = tomllib.loads((tmp_path / "room" / "correction" / "manifest.toml").read_text())["options"]
     assert options["max_error_codes"] == 3.0
     assert options["regularize"] == 0.2
-    assert options.get("max_cluster") == PRESETS[name].max_cluster
+    assert options["inverse"] == PRESETS[name].inverse
 
 
 def test_an_unknown_preset_is_one_line_that_names_the_known(tmp_path: Path) -> None:

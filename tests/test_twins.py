@@ -1,4 +1,4 @@
-"""Every shader names its CPU twin; the twin is there, and the CPU's renderer runs it."""
+"""Every shader names its CPU twin; the twin is there, and the reference renderer runs it."""
 
 import re
 from collections.abc import Callable
@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from counterlight.media.frames import radiance_frame
-from counterlight.pipeline import adaptation, cpu_renderer, reference
+from counterlight.pipeline import adaptation, reference, reference_renderer
 from counterlight.pipeline.adjustments import Adjustments
-from counterlight.pipeline.cpu_renderer import CpuRenderer
+from counterlight.pipeline.reference_renderer import ReferenceRenderer
 from counterlight.pipeline.views import VIEWS
 from tests.coloured_rooms import with_mixing
 from tests.refined_rooms import physical_room
@@ -52,16 +52,16 @@ def test_the_renderer_without_opengl_runs_every_twin(rng: np.random.Generator, m
     for name in twins.keys() - {"PreparedRows"}:
         original = getattr(twins[name], name)
         monkeypatch.setattr(twins[name], name, watched(name, original))
-        for shader, drawn in cpu_renderer.TWINS.items():
+        for shader, drawn in reference_renderer.TWINS.items():
             if drawn is original:
-                monkeypatch.setitem(cpu_renderer.TWINS, shader, watched(name, original))
-    monkeypatch.setattr(cpu_renderer, "PreparedRows", watched("PreparedRows", reference.PreparedRows))
+                monkeypatch.setitem(reference_renderer.TWINS, shader, watched(name, original))
+    monkeypatch.setattr(reference_renderer, "PreparedRows", watched("PreparedRows", reference.PreparedRows))
     frame, radiance = yuv_frame(rng, (9, 15)), radiance_frame(rng.uniform(size=(*CAMERA, 3)).astype(np.float32))
-    mixing = CpuRenderer(with_mixing(physical_room(rng).room, rng))
+    mixing = ReferenceRenderer(with_mixing(physical_room(rng).room, rng))
     mixing.open(radiance.format)
     mixing.upload(radiance)
     mixing.render("camera", compensate=True)
-    renderer = CpuRenderer(physical_room(rng).room)
+    renderer = ReferenceRenderer(physical_room(rng).room)
     renderer.open(frame.format)
     for adjustments in (Adjustments(), Adjustments(adapt=3, flicker=0.5, clipping=True, corners=PINNED)):
         renderer.adjust(adjustments)

@@ -21,7 +21,7 @@ from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError, nearest
 from counterlight.maps import room_maps as correction
 from counterlight.maps.room_maps import RoomMaps
-from counterlight.pipeline.refinement import Certificate, default_start
+from counterlight.pipeline.refinement import Certificate
 from counterlight.response import Response, parse_response
 from counterlight.tools.acquisition.matrices_room import keep_light
 from counterlight.tools.acquisition.room_options import ASSUMED
@@ -222,7 +222,7 @@ def build_maps(
 ) -> RoomMaps:
     """The maps that the player multiplies with, as `counterlight build` makes them.
 
-    preset : fast, balanced or best.  options : damping, max_error, max_cluster, noise, method, which prevail
+    preset : fast, balanced or best.  options : damping, max_error, max_cluster, noise, method, inverse, which prevail
     (counterlight.tools.inverse.inverse.InverseOptions).  refine : with what only refinement needs.
     colour : instead of the room's.
     """
@@ -232,6 +232,8 @@ def build_maps(
 
     if preset is not None and preset not in PRESETS:
         raise InputError(f"preset {preset!r}: expected one of {', '.join(PRESETS)}{nearest(preset, PRESETS)}")
+    if options.get("max_cluster") is not None:
+        options = {"inverse": "cut"} | options
     wanted = replace(InverseOptions() if preset is None else presets.PRESETS[preset], **options)
     return build(_coloured(room, colour).tier, wanted, refine=refine).maps
 
@@ -239,15 +241,17 @@ def build_maps(
 class Renderer:
     """The player's renderer without a window, for pictures of the camera's size; a context manager.
 
-    backend : "gl", OpenGL through EGL, or "cpu".  white : radiance of a white picture; None takes the maps'.
+    backend : "gl", OpenGL through EGL, "cpu", or "auto": "gl" where there is a GPU.  white : radiance of a white
+    picture; None takes the maps'.
     """
 
     def __init__(self, room: Room, maps: RoomMaps, *, backend: str = "gl", white: float | None = None) -> None:
         from counterlight.pipeline.room import Room as Rendered
+        from counterlight.pipeline.room import start_of
         from counterlight.show.headless import headless_renderer
 
         self._white = maps.white if white is None else white
-        self._room = Rendered(room.calibration, maps, self._white, start=default_start(maps.correction_in_steps))
+        self._room = Rendered(room.calibration, maps, self._white, start=start_of(maps))
         self._stack = ExitStack()
         self._renderer = self._stack.enter_context(headless_renderer(backend, self._room))
         self._steps: int | None = None

@@ -1,13 +1,14 @@
 """counterlight build: invert a calibration's light transport and pack it for the player."""
 
 import argparse
+import shlex
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
 from counterlight.command import Parser, run
-from counterlight.tools.choices import INVERSE_METHODS, PRESETS
+from counterlight.tools.choices import INVERSE_METHODS, INVERSES, PRESETS
 from counterlight.tools.colour.option import add_colour
 from counterlight.tools.objective_options import add_objective_options
 from counterlight.writing.outputs import check_folder
@@ -29,11 +30,12 @@ def _main(argv: Sequence[str] | None) -> None:
 
     if options.preset is not None:  # what is given beside it prevails
         preset = presets.PRESETS[options.preset]
-        parser.set_defaults(regularize=preset.damping, max_error=preset.max_error, max_cluster=preset.max_cluster)
+        inverse = preset.inverse if options.max_cluster is None else "cut"
+        parser.set_defaults(regularize=preset.damping, max_error=preset.max_error, inverse=inverse)
         options = parser.parse_args(argv)
     start = time.monotonic()
     inverse_options = InverseOptions(
-        options.regularize, options.max_error, options.max_cluster, options.noise, options.method
+        options.regularize, options.max_error, options.max_cluster, options.noise, options.method, options.inverse
     )
     if options.report is not None:
         check_folder(options.report, inputs=[options.calibration])
@@ -42,9 +44,11 @@ def _main(argv: Sequence[str] | None) -> None:
     stored = calibration.read(options.calibration)
     built = build_room_maps(stored, inverse_options, aims, refine=not options.no_refine, colour=options.colour)
     print(built.tier)
-    print(f"{built.summary}, {time.monotonic() - start:.1f} s")
+    print(built.summary)
     if options.report is not None:
         print(f"report: {write_report(built, options.report)}")
+    took = time.monotonic() - start
+    print(f"{took:.1f} s: {built.conclusion}; next: counterlight play {shlex.quote(str(options.calibration))} MEDIA")
 
 
 def _damping(text: str) -> float | None:
@@ -65,6 +69,14 @@ def _parser() -> argparse.ArgumentParser:
         help="settings found by counterlight study, for small maps or good pictures; options given beside it prevail",
     )
     parser.add_argument(
+        "--inverse",
+        choices=INVERSES,
+        default="auto",
+        help="T⁺ of the whole transport, of one that is cut into clusters as the thesis does, or none: direct mapping, "
+        "which refinement starts from (default auto: whole where a sample says that it takes at most a minute, fits "
+        "the memory and keeps its tolerance; else cut; the last line says which, and why)",
+    )
+    parser.add_argument(
         "--regularize",
         type=_damping,
         default=None,
@@ -83,8 +95,8 @@ def _parser() -> argparse.ArgumentParser:
         "--max-cluster",
         type=int,
         metavar="PIXELS",
-        help="cut the transport into clusters of at most this many projector pixels, as the thesis does: a smaller, "
-        "less accurate map, above all out of focus (default: nothing is cut)",
+        help="--inverse cut, into clusters of at most this many projector pixels: a smaller, less accurate map, above "
+        "all out of focus (default 1000)",
     )
     parser.add_argument(
         "--method",

@@ -6,9 +6,11 @@ and GLFW run in children (counterlight.gl.probe): a driver that crashes is a lin
 
 import dataclasses
 import importlib
+import importlib.util
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -69,6 +71,9 @@ def examine() -> list[Finding]:
         check_ffmpeg,
         check_openexr,
         check_cameras,
+        check_sound,
+        check_plots,
+        check_letters,
         check_size,
     )
     return [finding for check in checks for finding in check()]
@@ -244,6 +249,38 @@ def check_camera(device: Path) -> Finding:
     return Finding("camera", "note", f"{found}, not accessible", "sudo usermod -aG video $USER, then log in again")
 
 
+def check_sound() -> list[Finding]:
+    """What plays sound; asked in a child, since PortAudio writes to the terminal what it does not find."""
+    if importlib.util.find_spec("sounddevice") is None:
+        return [Finding("sound", "note", "not installed: films are silent", _extra("audio"))]
+    question = "import sounddevice; print(sounddevice.query_devices(kind='output')['name'])"
+    try:
+        command = [sys.executable, "-c", question]
+        child = subprocess.run(command, capture_output=True, text=True, timeout=PROBE_S, check=False)
+    except subprocess.TimeoutExpired:
+        return [Finding("sound", "note", f"the sound system did not answer within {PROBE_S:.0f} s", "see its log")]
+    if child.returncode == 0:
+        return [Finding("sound", "ok", child.stdout.strip())]
+    why = (child.stderr.strip().splitlines() or ["no answer"])[-1]
+    if "PortAudio library not found" in why:
+        return [Finding("sound", "note", why, apt_line(["libportaudio2"]))]
+    return [Finding("sound", "note", why, "plug an output in, or play with --no-audio")]
+
+
+def check_plots() -> list[Finding]:
+    if importlib.util.find_spec("matplotlib") is None:
+        return [Finding("plots of studies", "note", "matplotlib is not installed", _extra("study"))]
+    return [Finding("plots of studies", "ok", f"matplotlib {metadata.version('matplotlib')}")]
+
+
+def check_letters() -> list[Finding]:
+    """Who names a font for letters that the player's own lacks."""
+    if shutil.which("fc-match"):
+        return [Finding("letters", "ok", "DejaVu Sans, and the system's fonts for what it lacks")]
+    found = "DejaVu Sans alone: Chinese, Japanese or Korean titles show boxes"
+    return [Finding("letters", "note", found, apt_line(["fontconfig", "fonts-noto-cjk"]))]
+
+
 def check_size() -> list[Finding]:
     cores = len(os.sched_getaffinity(0))
     return [Finding("cores", "ok", str(cores)), Finding("free memory", "ok", free_memory())]
@@ -261,6 +298,10 @@ def _numbers(version: str) -> tuple[int, ...]:
     """`1.17.1rc1` -> (1, 17, 1): what a floor is compared with."""
     leading = re.match(r"\d+(\.\d+)*", version)
     return tuple(int(part) for part in leading[0].split(".")) if leading else ()
+
+
+def _extra(name: str) -> str:
+    return f"{sys.executable} -m pip install 'counterlight[{name}]'"
 
 
 def _reinstall(package: str) -> str:

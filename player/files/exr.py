@@ -1,13 +1,14 @@
 """OpenEXR files as named channels: the only importer of OpenEXR.
 
+What is stored as it is, such as maps, is written and read in pieces without the library (exr_lines.py).
 The library opens truncated files without a word, so the header is checked against limits before pixels are decoded
 (exr_header.py), and callers that need the pixels to be right compare a checksum first (reading.py).
 """
 
 import errno
 import io
-from collections.abc import Callable, Mapping
-from contextlib import redirect_stdout
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from io import BufferedReader
 from math import prod
@@ -20,7 +21,8 @@ from numpy.typing import NDArray
 
 from counterlight import memory
 from counterlight.errors import InputError, one_line, shown
-from counterlight.files.exr_header import Part, read_parts
+from counterlight.files import exr_lines
+from counterlight.files.exr_header import MAX_PIXELS, Part, read_parts
 from counterlight.files.reading import DescribedFiles, Source, opened
 from counterlight.files.silence import silence
 
@@ -42,6 +44,7 @@ class Header:
 
 
 Acceptance: TypeAlias = Callable[[Header, str], None]  # raises InputError, naming the file, for what is not wanted
+Look: TypeAlias = Callable[[NDArray[Any]], None]  # likewise, at rows (rows, columns, channels)
 
 
 def write_channels(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
@@ -58,7 +61,35 @@ def write_channels(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
 
 def write_rgb(path: Path, linear_rgb: NDArray[np.float32]) -> None:
     """Write a picture (rows, columns, 3)."""
-    write_channels(path, {name: linear_rgb[..., i].astype(np.float32) for i, name in enumerate("RGB")})
+    write_channels(path, rgb(linear_rgb.astype(np.float32)))
+
+
+def rgb(picture: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """A picture (rows, columns, 3) as channels."""
+    return {name: picture[..., i] for i, name in enumerate("RGB")}
+
+
+def write_plain(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
+    """Write channels of equal shape and type, float32 or uint32, uncompressed and a piece at a time."""
+    exr_lines.write(path, channels)
+
+
+def read_beside(
+    source: Source,
+    names: tuple[str, ...],
+    accept: Acceptance = lambda header, name: None,
+    look: Look = lambda rows: None,
+    most: int = MAX_PIXELS,
+) -> NDArray[Any]:
+    """Decode some channels into one array (rows, columns, names), of the first one's type.
+
+    look : is shown some rows at a time, as soon as they are read, to refuse what they hold.
+    most : pixels that are read.
+    """
+    with opened(source, FIX) as file:
+        parts = _parts(file, most)
+        accept(_header(parts[0]), file.name)
+        return _beside(file, parts, names, look)
 
 
 def read_channels(source: Source, accept: Acceptance = lambda header, name: None) -> dict[str, NDArray[Any]]:
@@ -82,8 +113,7 @@ def read_rgb(source: Source, accept: Acceptance = lambda header, name: None) -> 
             expected = "expected R, G and B (or Y); export it as RGB"
             raise InputError(f"{file.name}: channels {shown(names)}, {expected}")
         accept(_header(parts[0]), file.name)
-        channels = _decoded(file, parts, wanted)
-        return np.stack([channels[name].astype(np.float32) for name in wanted], axis=-1)
+        return _beside(file, parts, wanted).astype(np.float32, copy=False)
 
 
 def read_described(files: DescribedFiles, name: str, shape: tuple[int, int], whose: str) -> NDArray[np.float32]:
@@ -102,15 +132,46 @@ def sized(shape: tuple[int, int], whose: str, fix: str) -> Acceptance:
     return accept
 
 
-def _parts(file: BufferedReader) -> list[Part]:
+def _parts(file: BufferedReader, most: int = MAX_PIXELS) -> list[Part]:
+    with _unreadable(file):
+        return read_parts(file, most)
+
+
+@contextmanager
+def _unreadable(file: BufferedReader) -> Iterator[None]:
+    """A ValueError is said of the file."""
     try:
-        return read_parts(file)
+        yield
     except ValueError as error:
         raise InputError(f"{file.name}: not a readable OpenEXR file ({error}); {FIX}") from None
 
 
 def _header(part: Part) -> Header:
     return Header(*part.shape, part.channels)
+
+
+def _beside(
+    file: BufferedReader, parts: list[Part], names: tuple[str, ...], look: Look = lambda rows: None
+) -> NDArray[Any]:
+    """Channels in one array; straight from the file where that is possible."""
+    with _unreadable(file):
+        lines = exr_lines.lines_of(file, parts[0]) if len(parts) == 1 else None
+    if lines is None:
+        channels = _decoded(file, parts, names)
+        together = np.empty((*parts[0].shape, len(names)), np.result_type(*channels.values()))
+        for i, name in enumerate(names):
+            together[..., i] = channels[name]
+        look(together)
+        return together
+    places = [parts[0].channels.index(name) for name in names]
+    memory.check(len(names) * 4 * prod(parts[0].shape), f"{file.name}: reading it", "scale it down")
+    together = np.empty((*parts[0].shape, len(names)), lines.dtype)
+    with _unreadable(file):
+        for rows, values in lines.read(file):
+            for i, place in enumerate(places):
+                together[rows, :, i] = values[:, place]
+            look(together[rows])
+    return together
 
 
 def _decoded(file: BufferedReader, parts: list[Part], wanted: tuple[str, ...]) -> dict[str, NDArray[Any]]:

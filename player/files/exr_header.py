@@ -11,6 +11,7 @@ from math import ceil
 from typing import BinaryIO
 
 MAX_PIXELS = 1 << 28  # 16384², the largest 2D texture of common GPUs
+MOST_PIXELS = 1 << 30  # of what is known to be ours, and is read in pieces (exr_lines.py)
 MAGIC, TILED, DEEP, MULTIPART = 20000630, 0x200, 0x800, 0x1000
 LONGEST_NAME, MOST_PARTS, MOST_ATTRIBUTES, MOST_CHANNELS = 255, 64, 1024, 1024
 MAX_ATTRIBUTE_BYTES = 64 << 20  # of all: previews and lists of what is in the picture are long
@@ -19,6 +20,8 @@ FARTHEST = 1 << 24  # pixels that a window may lie off the origin
 LINES = {0: 1, 1: 1, 2: 1, 3: 16, 4: 32, 5: 16, 6: 32, 7: 32, 8: 32}  # of a chunk, by compression; of others at most:
 MOST_LINES = 256
 BYTES = {0: 4, 1: 2, 2: 4}  # of a channel's value: UINT, HALF, FLOAT
+UINT, FLOAT = 0, 2
+PLAIN = b"\0"  # of compression and line order: none, and from the top
 
 Window = tuple[int, int, int, int]
 
@@ -28,13 +31,15 @@ class Part:
     """One picture of a file.
 
     display, data : windows (x0, y0, x1, y1), both ends inside.  channels : names, sorted.  pixel_bytes : of one pixel
-    in all channels.
+    in all channels.  plain : its lines are stored as they are, from the top, all of `kind` (UINT or FLOAT) and nothing
+    around them; None if not.
     """
 
     display: Window
     data: Window
     channels: tuple[str, ...]
     pixel_bytes: int
+    plain: int | None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -48,8 +53,11 @@ class Part:
         return height * width * self.pixel_bytes
 
 
-def read_parts(file: BinaryIO) -> list[Part]:
-    """The parts of a file that is open at its beginning; ValueError for what is no picture, or claims too much."""
+def read_parts(file: BinaryIO, most: int = MAX_PIXELS) -> list[Part]:
+    """The parts of a file that is open at its beginning; ValueError for what is no picture, or claims too much.
+
+    most : pixels of a window. The file of a single part is left open where its header ends.
+    """
     size = os.fstat(file.fileno()).st_size
     magic, version = struct.unpack("<II", _take(file, 8))
     if magic != MAGIC or version & 0xFF != 2:
@@ -60,7 +68,7 @@ def read_parts(file: BinaryIO) -> list[Part]:
     left = MAX_ATTRIBUTE_BYTES
     while attributes := _attributes(file, min(left, size)):
         left -= sum(map(len, attributes.values()))
-        parts.append(_part(attributes, tiled=bool(version & TILED), size=size))
+        parts.append(_part(attributes, tiled=bool(version & TILED), size=size, most=most))
         if not version & MULTIPART:
             return parts
         if len(parts) > MOST_PARTS:
@@ -83,18 +91,21 @@ def _attributes(file: BinaryIO, most: int) -> dict[str, bytes]:
     return found
 
 
-def _part(attributes: dict[str, bytes], *, tiled: bool, size: int) -> Part:
+def _part(attributes: dict[str, bytes], *, tiled: bool, size: int, most: int) -> Part:
     kind = attributes.get("type", b"tiledimage" if tiled else b"scanlineimage")
     if kind not in (b"scanlineimage", b"tiledimage"):
         raise ValueError("it holds deep or unknown pixels; flatten them")
     try:
-        display, data = (_window(attributes[name]) for name in ("displayWindow", "dataWindow"))
+        display, data = (_window(attributes[name], most) for name in ("displayWindow", "dataWindow"))
         channels = _channels(attributes["channels"])
         compression = attributes["compression"][0]
         chunk = _tile(attributes["tiles"]) if kind == b"tiledimage" else None
     except (KeyError, IndexError, struct.error):
         raise ValueError("its header lacks windows, channels, compression or tiles") from None
-    part = Part(display, data, tuple(sorted(channels)), sum(channels.values()))
+    order = attributes.get("lineOrder", b"")
+    is_plain = chunk is None and (bytes([compression]), order) == (PLAIN, PLAIN) and display == data
+    plain = next(iter(channels.values())) if is_plain and _are_alike(channels) else None
+    part = Part(display, data, tuple(sorted(channels)), sum(BYTES[kind] for kind in channels.values()), plain)
     height, width = _shape(data)
     rows, columns = chunk or (min(LINES.get(compression, MOST_LINES), height), width)
     if rows * columns * part.pixel_bytes > MAX_CHUNK_BYTES:
@@ -104,18 +115,18 @@ def _part(attributes: dict[str, bytes], *, tiled: bool, size: int) -> Part:
     return part
 
 
-def _window(value: bytes) -> Window:
+def _window(value: bytes, most: int) -> Window:
     x0, y0, x1, y1 = struct.unpack("<4i", value)
     height, width = _shape((x0, y0, x1, y1))
-    if min(height, width) < 1 or height * width > MAX_PIXELS:
-        raise ValueError(f"claims {width}x{height} pixels, at most {MAX_PIXELS} are read")
+    if min(height, width) < 1 or height * width > most:
+        raise ValueError(f"claims {width}x{height} pixels, at most {most} are read")
     if max(map(abs, (x0, y0, x1, y1))) > FARTHEST:
         raise ValueError(f"a window from ({x0}, {y0}) to ({x1}, {y1}), too far off")
     return x0, y0, x1, y1
 
 
 def _channels(value: bytes) -> dict[str, int]:
-    """Name -> bytes of a value."""
+    """Name -> kind of its values."""
     found: dict[str, int] = {}
     at = 0
     while value[at] != 0:
@@ -128,11 +139,16 @@ def _channels(value: bytes) -> dict[str, int]:
             raise ValueError("its channels are subsampled; export it with full-size channels")
         if kind not in BYTES or name in found:
             raise ValueError("its channels are damaged")
-        found[name] = BYTES[kind]
+        found[name] = kind
         at = end + 17
     if not found:
         raise ValueError("it has no channels")
     return found
+
+
+def _are_alike(channels: dict[str, int]) -> bool:
+    """Whether all are of one kind that numpy has and that we write, in the order in which lines hold them."""
+    return list(channels) == sorted(channels) and set(channels.values()) in ({UINT}, {FLOAT})
 
 
 def _tile(value: bytes) -> tuple[int, int]:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from counterlight import memory
 from counterlight.errors import InputError
+from counterlight.files.png import PNG_SIGNATURE
 from counterlight.files.reading import Source, opened, read_bytes
 from counterlight.files.silence import silence
 
@@ -25,7 +26,7 @@ MAX_SIDE = 16384
 MAX_BYTES, EXTRA_BYTES = 1 << 30, 64 << 20  # of a file: at most, and beside its pixels
 PIXEL_BYTES = 8  # four values of 16 bits
 FIX = "copy it from the camera again, or save it as PNG"
-PNG_SIGNATURE, JPEG_START = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
+JPEG_START = b"\xff\xd8"
 PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # by colour type
 MOST_CHUNKS, MOST_SEGMENTS, MOST_SCANS = 1 << 18, 10000, 64  # a decoder goes through the whole picture for each scan
 DEFLATE_RATIO = 1032  # no stream of zlib's unpacks to more

@@ -22,7 +22,7 @@ from counterlight.errors import InputError, one_line, shown
 Source: TypeAlias = Path | BufferedReader  # a path, or a file that is open already
 
 CHUNK = 1 << 20
-MAX_BYTES = 16 << 30  # of any file that is checked: to be hashed takes seconds
+MAX_BYTES = 17 << 30  # of any file that is checked, the largest map among them: to be hashed takes seconds
 MAX_TOML_BYTES = 1 << 20  # a calibration of 8 projectors with measured responses has 0.2 MB
 MOST_PARTS = 32  # of a dotted key: tomllib takes their square, times the lines below a [header] of them
 LONG_INTEGER = "an integer of more than 64 bits"

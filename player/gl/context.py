@@ -8,6 +8,8 @@ import moderngl
 
 from counterlight.errors import InputError
 
+SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software", "gdi generic", "basic render")
+
 
 @contextmanager
 def headless_context() -> Iterator[moderngl.Context]:
@@ -30,3 +32,8 @@ def headless_context() -> Iterator[moderngl.Context]:
         yield context
     finally:
         context.release()
+
+
+def in_software(name: str) -> bool:
+    """Whether OpenGL runs on the processor.  name : of its renderer, as OpenGL tells it."""
+    return any(word in name.lower() for word in SOFTWARE)

@@ -27,7 +27,7 @@ class GlDevice:
         self._context = context
 
     def picture(self, picture: NDArray[np.floating]) -> moderngl.Texture:
-        return picture_texture(self._context, picture.astype(np.float32))
+        return picture_texture(self._context, picture.astype(np.float32, copy=False))
 
     def write(self, light: moderngl.Texture, picture: NDArray[np.floating]) -> None:
         light.write(np.concatenate([picture, np.ones((*picture.shape[:2], 1))], axis=2).astype(np.float32))

@@ -14,6 +14,7 @@ from counterlight.errors import InputError
 from counterlight.gl.monitors import Monitor, find_monitor, list_monitors
 from counterlight.gl.window import REDRAW, Window, wait_for_events
 from counterlight.overlay.osd import Page
+from counterlight.overlay.pointer import Pointer
 
 
 class Displays:
@@ -44,6 +45,10 @@ class Displays:
         return self._first.fullscreen
 
     @property
+    def size(self) -> tuple[int, int]:
+        return self._first.size
+
+    @property
     def monitor(self) -> str:
         """Names of the windows' monitors, commas between them."""
         return ", ".join(window.monitor for window in self._windows)
@@ -52,6 +57,9 @@ class Displays:
         wait_for_events(timeout_s)
         keys = [key for window in self._windows for key in window.take_keys()]
         return [key for key in keys if key != REDRAW] + [REDRAW] * (REDRAW in keys)
+
+    def pointers(self) -> list[Pointer]:
+        return [pointer for window in self._windows for pointer in window.pointers()]
 
     def notices(self) -> list[str]:
         return [text for window in self._windows for text in window.notices()]
@@ -69,7 +77,7 @@ class Displays:
             window.make_current()
             shown = picture if first or drive else None
             part = region if drive or picture is None else Region(0, 0, *picture.size)
-            if window.visible and window.draw(shown, part, page if first else _without_text(page)):
+            if window.visible and window.draw(shown, part, page if first else _without_text(page), grows=not drive):
                 window.context.finish()
                 drawn.append(window)
         for window in drawn:

@@ -11,6 +11,7 @@ from counterlight.errors import InputError
 from counterlight.gl.shaders import build_program
 
 Uniform: TypeAlias = float | int | tuple[float, ...] | tuple[int, ...]
+STRIP_TEXELS = 1 << 16  # that are made RGBA at a time: a whole picture's would take as long to allocate as to copy
 FLOAT_COMPONENTS = 4  # three-component float textures need not be renderable
 
 
@@ -23,8 +24,14 @@ def float_texture(
 
 def picture_texture(context: moderngl.Context, picture: NDArray[np.float32]) -> moderngl.Texture:
     """A picture (height, width, 3) as a float texture."""
-    rgba = np.concatenate([picture, np.ones((*picture.shape[:2], 1), np.float32)], axis=2)
-    return float_texture(context, picture.shape[:2], rgba)
+    height, width = picture.shape[:2]
+    texture = float_texture(context, (height, width))
+    strip = np.ones((min(max(1, STRIP_TEXELS // width), height), width, FLOAT_COMPONENTS), np.float32)
+    for top in range(0, height, len(strip)):
+        rows = strip[: height - top]
+        rows[..., :3] = picture[top : top + len(strip)]
+        texture.write(rows, (0, top, width, len(rows)))
+    return texture
 
 
 def table_texture(context: moderngl.Context, table: NDArray[np.float32]) -> moderngl.Texture:

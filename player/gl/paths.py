@@ -1,11 +1,12 @@
-"""The two ways to multiply with a room's maps on the GPU, and which of them is the faster here.
+"""The ways to multiply with a room's maps on the GPU, and which of them is the fastest here.
 
-fragment : shaders/row_map.frag, everywhere.  compute : shaders/row_map.comp, OpenGL 4.3.
+fragment : shaders/row_map.frag, everywhere.  compute : shaders/row_map.comp, OpenGL 4.3.  words, compute-words : the
+same with T and Tᵀ in words of 4 bytes, shaders/small_map.frag and small_map.comp.
 """
 
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import moderngl
 import numpy as np
@@ -15,29 +16,25 @@ from counterlight.gl.compute_pass import MapBuffers, supports_compute
 from counterlight.gl.passes import float_texture
 from counterlight.gl.row_map_pass import MapTextures
 from counterlight.gl.small_map_pass import SmallBuffers, SmallTextures
-from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import RowMap
-from counterlight.maps.small_correction import small_correction
-from counterlight.maps.small_light import SmallLight, small_light
-from counterlight.maps.small_map import SmallMap, entry_bytes
+from counterlight.maps.small_map import WORD_BYTES
 from counterlight.pipeline.device import LONG_BYTES, Operation, Owner, PathReport, StoredMap
 from counterlight.pipeline.room import Room
 
 WARM_UP, FRAMES = 1, 5
-SOFTWARE = ("llvmpipe", "softpipe", "swrast")
+COMPUTE, WORDS = ("compute", "compute-words"), ("words", "compute-words")
 
 
 class GlMaps:
-    """Puts a room's maps on the GPU for one of the paths, each when first asked for, and holds them.
+    """Puts a room's maps on the GPU for one of the paths, each when first asked for, and holds them."""
 
-    words : what takes the place of maps whose bound allows it.
-    """
-
-    def __init__(self, context: moderngl.Context, room: Room, path: str, words: "RoomWords") -> None:
-        self._context, self._path, self._words, self._owner = context, path, words, Owner()
+    def __init__(self, context: moderngl.Context, room: Room, path: str) -> None:
+        self._context, self._owner = context, Owner()
+        self._words = room.maps.in_words(room.white) if path in WORDS else {}
         self._stored: dict[int, StoredMap] = {}
-        self.room, self.report = room, PathReport(path, words.correction_bytes, words.light_bytes)
-        self.weighs = words.light is not None
+        self.weighs = id(room.maps.transport) in self._words
+        self.room = room
+        self.report = PathReport(path, LONG_BYTES, self._light_bytes() if self.weighs else None)
 
     def of(self, packed: RowMap) -> StoredMap:
         if id(packed) not in self._stored:
@@ -48,79 +45,61 @@ class GlMaps:
         self._owner.release()
 
     def _store(self, packed: RowMap) -> StoredMap:
-        small = self._words.of(packed)
+        compute, small = self.report.name in COMPUTE, self._words.get(id(packed))
         if small is not None:
-            return (SmallBuffers if self._path == "compute" else SmallTextures)(self._context, small)
-        return (MapBuffers if self._path == "compute" else MapTextures)(self._context, packed)
+            return (SmallBuffers if compute else SmallTextures)(self._context, small)
+        return (MapBuffers if compute else MapTextures)(self._context, packed)
 
-
-@dataclass(frozen=True)
-class RoomWords:
-    """A room's maps in small words, those that are certified (player/maps/small_correction.py, small_light.py)."""
-
-    maps: RoomMaps
-    correction: SmallMap | None = None
-    light: SmallLight | None = None
-
-    @classmethod
-    def of_room(cls, room: Room) -> "RoomWords":
-        correction = small_correction(room.maps, room.white, room.ambient)
-        light = small_light(room.maps, room.white)
-        return cls(
-            room.maps,
-            correction.map if correction is not None and correction.certified else None,
-            light if light is not None and light.certified else None,
-        )
-
-    def of(self, packed: RowMap) -> SmallMap | None:
-        if packed is self.maps.correction:
-            return self.correction
-        return None if self.light is None else self.light.of(packed)
-
-    @property
-    def correction_bytes(self) -> float:
-        return LONG_BYTES if self.correction is None else entry_bytes([self.correction])
-
-    @property
-    def light_bytes(self) -> float | None:
-        return None if self.light is None else self.light.entry_bytes
+    def _light_bytes(self) -> float:
+        """Mean of an entry of T."""
+        transport = self.room.maps.transport
+        return WORD_BYTES * self._words[id(transport)].runs.words.size / max(transport.count, 1)
 
 
 def store_maps(context: moderngl.Context, room: Room, path: str) -> GlMaps:
-    """A room's maps on the path asked for; "auto" measures both and keeps the faster.
+    """A room's maps on the path asked for; "auto" measures fragments, compute shaders and, on the faster, words.
 
-    Raises InputError if "compute" is asked for and this OpenGL has none; "auto" then takes fragments.
+    Raises InputError if compute shaders are asked for and this OpenGL has none, or words and the room has none; "auto"
+    then takes what there is.
     """
-    if path == "compute" and not supports_compute(context):
+    if path in COMPUTE and not supports_compute(context):
         raise InputError(
-            f"--path compute: needs OpenGL 4.3, found {context.info['GL_VERSION']}; use --path fragment or auto"
+            f"--path {path}: needs OpenGL 4.3, found {context.info['GL_VERSION']}; use --path fragment or auto"
         )
-    words = RoomWords(room.maps) if in_software(context) else RoomWords.of_room(room)
-    if path == "auto" and supports_compute(context):
-        return _faster(context, GlMaps(context, room, "compute", words), GlMaps(context, room, "fragment", words))
-    return GlMaps(context, room, "compute" if path == "compute" else "fragment", words)
+    in_words = bool(room.maps.in_words(room.white))
+    if path in WORDS and not in_words:
+        raise InputError(
+            f"--path {path}: the room has no words that keep its bounds; build it anew, or use --path fragment or auto"
+        )
+    if path != "auto":
+        return GlMaps(context, room, path)
+    fastest = GlMaps(context, room, "fragment")
+    if supports_compute(context):
+        fastest = _faster(context, fastest, GlMaps(context, room, "compute"))
+    if in_words:
+        other = "compute-words" if fastest.report.name == "compute" else "words"
+        fastest = _faster(context, fastest, GlMaps(context, room, other))
+    return fastest
 
 
-def in_software(context: moderngl.Context) -> bool:
-    """Whether OpenGL runs on the CPU, where a fetch costs the same whatever its bytes, and words take longer."""
-    return any(name in context.info["GL_RENDERER"].lower() for name in SOFTWARE)
+def _faster(context: moderngl.Context, one: GlMaps, other: GlMaps) -> GlMaps:
+    """Whichever takes less time for a frame's products; the other is released.
 
-
-def _faster(context: moderngl.Context, compute: GlMaps, fragment: GlMaps) -> GlMaps:
-    """Whichever takes less time for a frame's products; the other is released."""
+    Either's measurements are kept, and those of what was measured before.
+    """
     try:
-        fragment_ms = products_ms(context, fragment)
+        known = dict(one.report.measured) or {one.report.name: products_ms(context, one)}
         try:
-            compute_ms = products_ms(context, compute)
+            known = known | {other.report.name: products_ms(context, other)}
         except InputError:  # no memory for both
-            compute_ms = float("inf")
+            known = known | {other.report.name: float("inf")}
     except BaseException:
-        fragment.release()
-        compute.release()
+        one.release()
+        other.release()
         raise
-    kept, other = (compute, fragment) if compute_ms < fragment_ms else (fragment, compute)
-    other.release()
-    kept.report = replace(kept.report, fragment_ms=fragment_ms, compute_ms=compute_ms)
+    kept, left = (other, one) if known[other.report.name] < known[one.report.name] else (one, other)
+    left.release()
+    kept.report = replace(kept.report, measured=known)
     return kept
 
 

@@ -1,5 +1,6 @@
 """The last pass: the finished picture, or a part of it, in a window, with a page of text over it."""
 
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import moderngl
@@ -14,6 +15,22 @@ from counterlight.overlay.outline import Points, draw_outline
 Box: TypeAlias = tuple[int, int, int, int]  # left, top, width, height
 
 
+@dataclass(frozen=True)
+class Shown:
+    """What of a picture (width, height) stands where in a window."""
+
+    region: Region
+    place: Box
+    size: tuple[int, int]
+
+    def share(self, x: float, y: float) -> tuple[float, float]:
+        """A point of the window, pixels, in shares of the picture."""
+        left, top, width, height = self.place
+        across = self.region.left + (x - left) * self.region.width / width
+        down = self.region.top + (y - top) * self.region.height / height
+        return across / self.size[0], down / self.size[1]
+
+
 class Presenter:
     """The present pass and its overlay texture, made anew when a page has another size."""
 
@@ -24,14 +41,24 @@ class Presenter:
         self._pass = ScreenPass(context, "present.frag")
         self._drawn: tuple[Page, tuple[int, int], tuple[int, int] | None, Region, Box] | None = None
 
-    def run(self, picture: moderngl.Texture | None, region: Region, size: tuple[int, int], page: Page | None) -> None:
+    def run(
+        self,
+        picture: moderngl.Texture | None,
+        region: Region,
+        size: tuple[int, int],
+        page: Page | None,
+        *,
+        grows: bool = False,
+    ) -> Shown | None:
+        """Draw; returns what stands where, None without a picture."""
         shown, part = (self._none, Region(0, 0, 1, 1)) if picture is None else (picture, region)
-        place = _centred((region.height, region.width), size)
+        place = _centred((region.height, region.width), size, grows=grows)
         extent = None if picture is None else picture.size
         if page is not None and (page, size, extent, part, place) != self._drawn:
             self._drawn = page, size, extent, part, place
             self._write(overlay_of(page, size, extent, part, place))
         self._draw(self._pass, shown, self._none if page is None else self._overlay, part, place, size)
+        return None if picture is None else Shown(region, place, picture.size)
 
     def reload(self) -> None:
         """Compile the shader again and draw with it once, unseen; an error, which is raised, leaves the old one."""
@@ -77,7 +104,7 @@ def overlay_of(
     size, picture : (width, height); no picture, no outline.  region : of the picture, which stands at `place`.
     """
     window = size[1], size[0]
-    text = draw(page, window) if page.lines else np.zeros((1, 1, 4), np.uint8)
+    text = draw(page, window) if page.lines or page.legends else np.zeros((1, 1, 4), np.uint8)
     if page.outline is None or picture is None:
         return text
     left, top, width, height = place
@@ -92,9 +119,10 @@ def overlay_of(
     return canvas
 
 
-def _centred(shape: tuple[int, int], window: tuple[int, int]) -> Box:
-    """(left, top, width, height): pixel for pixel and centred if the window is large enough, else shrunk to fit."""
+def _centred(shape: tuple[int, int], window: tuple[int, int], *, grows: bool) -> Box:
+    """(left, top, width, height), centred: pixel for pixel where there is room, unless it grows, else shrunk to fit."""
     height, width = shape
-    scale = min(1.0, window[0] / width, window[1] / height)
+    scale = min(window[0] / width, window[1] / height)
+    scale = scale if grows else min(1.0, scale)
     shown = max(1, round(width * scale)), max(1, round(height * scale))
     return (window[0] - shown[0]) // 2, (window[1] - shown[1]) // 2, *shown

@@ -1,22 +1,43 @@
 """Row maps in textures, and the fragment pass that multiplies with them (shaders/row_map.frag)."""
 
+from dataclasses import dataclass
+
 import moderngl
 
 from counterlight.gl.passes import Pass, float_texture, integer_texture
 from counterlight.maps.row_map import RowMap
+from counterlight.pipeline.device import Owner
+
+TILE_TEXELS = 1 << 25  # of a texture, 512 MiB of entries: llvmpipe ends at 1 GiB, and no driver promises more
+
+
+@dataclass(frozen=True)
+class Tile:
+    """Consecutive lines of the entries texture, as a texture of its own.
+
+    first, lines : which.  inputs : name -> texture.
+    """
+
+    first: int
+    lines: int
+    inputs: dict[str, moderngl.Texture]
 
 
 class MapTextures:
-    """The textures of one row map; several passes may read them."""
+    """The textures of one row map; several passes may read them.
 
-    def __init__(self, context: moderngl.Context, packed: RowMap) -> None:
-        self._context = context
+    tile_texels : of a texture at most; a taller map is cut between its lines.
+    """
+
+    def __init__(self, context: moderngl.Context, packed: RowMap, tile_texels: int = TILE_TEXELS) -> None:
+        self._context, self._owner = context, Owner()
         self.output_shape, self.source_shape = packed.output_shape, packed.source_shape
-        self.inputs = {"lookup": integer_texture(context, packed.lookup)}
+        self.is_wide = packed.index is not None
+        height, width = packed.entries.shape[:2]
+        lines = min(max(1, tile_texels // width), context.info["GL_MAX_TEXTURE_SIZE"])
         try:
-            self.inputs["entries"] = float_texture(context, packed.entries.shape[:2], packed.entries)
-            if packed.index is not None:
-                self.inputs["wide_index"] = integer_texture(context, packed.index)
+            self.lookup = self._owner.own(integer_texture(context, packed.lookup))
+            self.tiles = [self._tile(packed, first, min(lines, height - first)) for first in range(0, height, lines)]
         except BaseException:
             self.release()
             raise
@@ -25,20 +46,28 @@ class MapTextures:
         return RowMapPass(self._context, self, combine)
 
     def release(self) -> None:
-        for texture in self.inputs.values():
-            texture.release()
+        self._owner.release()
+
+    def _tile(self, packed: RowMap, first: int, lines: int) -> Tile:
+        own, entries = self._owner.own, packed.entries[first : first + lines]
+        inputs = {"entries": own(float_texture(self._context, entries.shape[:2], entries))}
+        if packed.index is not None:
+            inputs["wide_index"] = own(integer_texture(self._context, packed.index[first : first + lines]))
+        return Tile(first, lines, inputs)
 
 
 class RowMapPass:
-    """target = Σ weights · source, or base ± that, or that clamped to 0..1.
+    """target = Σ weights · source, or base ± that, or that clamped to 0..1; a draw for each tile.
 
     combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE" or "CLAMP".
     """
 
     def __init__(self, context: moderngl.Context, textures: MapTextures, combine: str = "") -> None:
         defines: dict[str, int | None] = {"SOURCE_WIDTH": textures.source_shape[1]}
-        if "wide_index" in textures.inputs:
+        if textures.is_wide:
             defines["WIDE_INDEX"] = None
+        if len(textures.tiles) > 1:
+            defines["TILED"] = None
         if combine:
             defines[combine] = None
         self._textures = textures
@@ -46,7 +75,12 @@ class RowMapPass:
 
     def run(self, source: moderngl.Texture, base: moderngl.Texture | None = None) -> moderngl.Texture:
         optional = {} if base is None else {"base": base}
-        return self._pass.run(source=source, **optional, **self._textures.inputs)
+        lookup, tiles = self._textures.lookup, self._textures.tiles
+        for tile in tiles:
+            if len(tiles) > 1:
+                self._pass.set(first_line=tile.first, lines=tile.lines)
+            self._pass.run(source=source, lookup=lookup, **optional, **tile.inputs)
+        return self._pass.target
 
     def release(self) -> None:
         self._pass.release()

@@ -1,45 +1,29 @@
-"""Small maps in textures and in buffers, and the passes that multiply with them (shaders/small_map.frag and .comp)."""
+"""Maps in words, in textures and in buffers, and the passes that multiply with them (small_map.frag and .comp)."""
 
 import moderngl
-import numpy as np
-from numpy.typing import NDArray
 
 from counterlight.gl.compute_pass import ENTRIES, PART_ENTRIES, ROWS, ComputePass, PartBuffers
 from counterlight.gl.passes import Pass, float_texture, integer_texture
-from counterlight.maps.row_map import MAX_TEXTURE_WIDTH
+from counterlight.maps.row_map import UintArray
 from counterlight.maps.sliced_map import GROUP
 from counterlight.maps.sliced_words import WordPart, lanes_of_words, word_parts
-from counterlight.maps.small_map import WORD_BYTES, SmallMap, in_words
+from counterlight.maps.small_map import WORD_BYTES
+from counterlight.maps.word_map import WordMap
 from counterlight.pipeline.device import Owner
 
 GROUPS = 2  # binding of the workgroups' buffer
 
 
-def word_textures(small: SmallMap, across: int) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-    """`rows` and `words` as small_map.frag reads them: (height + 1, width) or that of two channels, (lines, across)."""
-    made = in_words(small, np.zeros(small.indptr.size - 1, np.int64))
-    height, width = small.output_shape
-    starts = np.full((height + 1) * width, made.starts[-1], np.uint32)
-    starts[: made.starts.size] = made.starts
-    words = np.zeros((max(-(-made.words.size // across), 1), across), np.uint32)
-    words.ravel()[: made.words.size] = made.words
-    if small.colours is None:
-        return starts.reshape(height + 1, width), words
-    colours = np.concatenate([small.colours, np.zeros(width, np.uint32)])
-    return np.stack([starts, colours], axis=-1).reshape(height + 1, width, 2), words
-
-
 class SmallTextures:
-    """A small map in textures; several passes may read them."""
+    """A map in words, in textures; several passes may read them."""
 
-    def __init__(self, context: moderngl.Context, small: SmallMap) -> None:
+    def __init__(self, context: moderngl.Context, small: WordMap) -> None:
         self._context, self._owner = context, Owner()
         self.small, self.output_shape, self.source_shape = small, small.output_shape, small.source_shape
-        rows, words = word_textures(small, MAX_TEXTURE_WIDTH)
         try:
             self.inputs = {
-                "rows": self._owner.own(integer_texture(context, rows)),
-                "words": self._owner.own(integer_texture(context, words)),
+                "rows": self._owner.own(integer_texture(context, small.rows)),
+                "words": self._owner.own(integer_texture(context, small.words)),
             }
         except BaseException:
             self.release()
@@ -60,7 +44,7 @@ class SmallPass:
 
     def __init__(self, context: moderngl.Context, textures: SmallTextures, combine: str = "") -> None:
         small = textures.small
-        defines = defines_of(small, combine) | {"WORDS_ACROSS": MAX_TEXTURE_WIDTH}
+        defines = defines_of(small, combine) | {"WORDS_ACROSS": small.words.shape[1]}
         self._textures, target = textures, float_texture(context, small.output_shape)
         self._pass = Pass(context, "small_map.frag", target, defines, scale=small.scale)
 
@@ -73,9 +57,9 @@ class SmallPass:
 
 
 class SmallBuffers:
-    """A small map in buffers; several passes may read them."""
+    """A map in words, in buffers; several passes may read them."""
 
-    def __init__(self, context: moderngl.Context, small: SmallMap) -> None:
+    def __init__(self, context: moderngl.Context, small: WordMap) -> None:
         self._context, self._owner = context, Owner()
         self.small, self.output_shape, self.source_shape = small, small.output_shape, small.source_shape
         self.lanes = lanes_of_words(small)
@@ -97,11 +81,11 @@ class SmallBuffers:
         self._owner.release()
 
 
-def _bound(part: WordPart) -> dict[int, NDArray[np.uint32]]:
+def _bound(part: WordPart) -> dict[int, UintArray]:
     return {ROWS: part.rows, ENTRIES: part.words, GROUPS: part.groups}
 
 
-def defines_of(small: SmallMap, combine: str) -> dict[str, int | None]:
+def defines_of(small: WordMap, combine: str) -> dict[str, int | None]:
     defines: dict[str, int | None] = {"SOURCE_WIDTH": small.source_shape[1]}
     if small.colours is not None:
         defines["COLOURED"] = None

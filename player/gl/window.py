@@ -19,8 +19,10 @@ from counterlight.gl.monitors import (
     raising,
     start_glfw,
 )
+from counterlight.gl.mouse import Mouse
 from counterlight.gl.presenter import Presenter
 from counterlight.overlay.osd import Page
+from counterlight.overlay.pointer import Pointer
 
 REDRAW = "redraw"  # not a key: the window was resized or uncovered
 CURSOR_S = 1.0  # how long a cursor that rests is seen in a window; full screen it never is
@@ -89,6 +91,7 @@ class Window:
         glfw.set_key_callback(self._handle, self._on_key)
         glfw.set_char_callback(self._handle, self._on_character)
         glfw.set_cursor_pos_callback(self._handle, self._on_cursor)
+        self._mouse = Mouse(self._handle, lambda key: self._keys.append(key))
         glfw.set_framebuffer_size_callback(self._handle, self._on_change)
         glfw.set_window_refresh_callback(self._handle, self._on_change)
         glfw.set_monitor_callback(self.on_monitor)
@@ -105,9 +108,9 @@ class Window:
     def attach(self, picture: Callable[[], moderngl.Texture], drive: Callable[[], bool] = lambda: True) -> None:
         """Say where the rendered view is found; the renderer is made after the window, in its context.
 
-        drive : whether that is what the projector shows; a lone window shows every view alike.
+        drive : whether that is what the projector shows, pixel by pixel; other views grow with the window.
         """
-        self._picture = picture
+        self._picture, self._drive = picture, drive
 
     @property
     def closed(self) -> bool:
@@ -130,6 +133,12 @@ class Window:
     @property
     def fullscreen(self) -> bool:
         return bool(glfw.get_window_monitor(self._handle))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) in pixels."""
+        width, height = glfw.get_framebuffer_size(self._handle)
+        return int(height), int(width)
 
     @property
     def monitor(self) -> str:
@@ -169,11 +178,17 @@ class Window:
         picture = None if black else self._picture()
         height, width = self._shape
         region = Region(0, 0, width, height) if picture is None else Region(0, 0, *picture.size)
-        if self.draw(picture, region, page):
+        if self.draw(picture, region, page, grows=not self._drive()):
             self.swap()
 
-    def draw(self, picture: moderngl.Texture | None, region: Region, page: Page | None) -> bool:
+    def pointers(self) -> list[Pointer]:
+        """What the left mouse button has done since the last call."""
+        return self._mouse.taken()
+
+    def draw(self, picture: moderngl.Texture | None, region: Region, page: Page | None, *, grows: bool = False) -> bool:
         """Draw a part of a picture, None for black of its size; False if there is no window to draw on (iconified).
+
+        grows : whether to fill a larger window.
 
         The window is current; `swap` then shows what was drawn.
         """
@@ -181,7 +196,7 @@ class Window:
         if 0 in size:
             return False
         self.context.screen.viewport = (0, 0, *size)
-        self._present.run(picture, region, size, page)
+        self._mouse.shown = self._present.run(picture, region, size, page, grows=grows)
         return True
 
     def reload(self) -> None:
@@ -296,6 +311,7 @@ class Window:
     def _on_cursor(self, *_: object) -> None:
         self._cursor_moved_at = time.monotonic()
         self._show_cursor(True)
+        self._mouse.moved()
 
     def _on_character(self, _window: object, codepoint: int) -> None:
         if codepoint != ord(" "):  # a named key

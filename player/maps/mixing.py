@@ -131,7 +131,7 @@ def write(mixing: Mixing, stage: Path) -> None:
     """The rows of B as three pictures, if there is one."""
     if mixing.pixel is not None:
         for row, name in enumerate(FILES):
-            exr.write_rgb(stage / name, np.ascontiguousarray(mixing.pixel[..., row, :]))
+            exr.write_plain(stage / name, exr.rgb(mixing.pixel[..., row, :]))
 
 
 def read(manifest: Table, files: DescribedFiles, camera: tuple[int, int]) -> Mixing:

@@ -54,7 +54,7 @@ class Prior:
 
     def write(self, folder: Path) -> None:
         for name in NAMES:
-            exr.write_rgb(folder / file_of(name), getattr(self, name))
+            exr.write_plain(folder / file_of(name), exr.rgb(getattr(self, name)))
 
 
 NAMES = tuple(field.name for field in fields(Prior))

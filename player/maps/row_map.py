@@ -3,29 +3,34 @@
 A row of the matrix makes one pixel of the output picture: out[i] = Σ_k weight[k] · source[index[k]], per channel.
 The *lookup texture* (output resolution) says where a row starts and how long it is; the *entries texture* holds
 (w_R, w_G, w_B, index) with index = x + y·width of the source picture. Rows are sorted by length and never break across
-texture rows. The format is written and read here; shaders/row_map.frag applies it, pipeline/reference.py is its twin.
+texture rows. A texture is at most 16384 texels wide and as high as it needs to be; it is handled in blocks, so that
+memory holds it once. The format is written and read here; shaders/row_map.frag applies it, pipeline/reference.py is its
+twin.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from io import BufferedReader
+from math import prod
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight import memory
 from counterlight.errors import InputError
 from counterlight.files import exr, reading
 from counterlight.files.exr_header import MAX_PIXELS
 from counterlight.files.tables import Table
+from counterlight.maps.shelves import MOST_TEXELS, SHORTEN, place_rows
 
 MAX_TEXTURE_WIDTH = 16384  # OpenGL implementations of the last fifteen years, llvmpipe included
-SHORTEN = "shorten the rows with --max-cluster, or a larger --max-error or --regularize"
 MAX_FLOAT_INDEX = 1 << 24  # every integer below is exact in a float32, so an index fits the alpha channel
-GOOD_FILL = 0.99
+TEXEL_BYTES = 16
+BLOCK = 1 << 22  # entries that are put into their places at a time
 LOOKUP_CHANNELS, ENTRIES_CHANNELS = ("X", "Y", "LENGTH"), ("R", "G", "B", "A")
 
 UintArray = NDArray[np.uint32]
@@ -152,8 +157,8 @@ def pack(
     """Pack a matrix: its rows are the output's pixels, its columns the source's, both row by row from the top.
 
     Entries whose three weights are all zero are left out.
-    Raises InputError for weights that are not finite, if a row is longer than the widest texture, and if the texture
-    would be too high.
+    Raises InputError for weights that are not finite, if a row is longer than the widest texture, and for more entries
+    than a map or memory holds.
     """
     with np.errstate(over="ignore"):  # beyond float32 becomes infinity, which is refused
         rows = replace(rows, weights=rows.weights.astype(np.float32, copy=False))
@@ -169,42 +174,65 @@ def pack(
             f"row map: the row of output pixel ({longest % width}, {longest // width}) has {lengths[longest]} entries, "
             f"the widest texture holds {max_texture_width}; {SHORTEN}"
         )
-    x, y, texture_shape = _place_rows(lengths, max_texture_width)
+    memory.check(TEXEL_BYTES * rows.indices.size, f"row map: packing {rows.indices.size} entries", SHORTEN)
+    x, y, texture_shape = place_rows(lengths, max_texture_width)
     lookup = np.stack([x, y, lengths], axis=-1).astype(np.uint32).reshape(height, width, 3)
-    texel = np.repeat(y * texture_shape[1] + x - rows.indptr[:-1], lengths) + np.arange(rows.indices.size)
-    entries = np.zeros((texture_shape[0] * texture_shape[1], 4), np.float32)
-    entries[texel, :3] = rows.weights
-    index: UintArray | None = None
-    if source_shape[0] * source_shape[1] <= MAX_FLOAT_INDEX:
-        entries[texel, 3] = rows.indices
-    else:
-        index = np.zeros(texture_shape, np.uint32)
-        index.ravel()[texel] = rows.indices
-    return RowMap(lookup, entries.reshape(*texture_shape, 4), source_shape, index)
+    entries = np.zeros((*texture_shape, 4), np.float32)
+    wide = source_shape[0] * source_shape[1] > MAX_FLOAT_INDEX
+    packed = RowMap(lookup, entries, source_shape, np.zeros(texture_shape, np.uint32) if wide else None)
+    indices = entries[..., 3] if packed.index is None else packed.index
+    for some, _, texels in _places(packed):
+        entries.reshape(-1, 4)[texels, :3] = rows.weights[some]
+        indices[np.divmod(texels, texture_shape[1])] = rows.indices[some]
+    return packed
 
 
 def unpack(packed: RowMap) -> SparseRows:
     """The matrix that `pack` was given, its zero entries left out."""
-    x, y, lengths = (packed.lookup[..., i].ravel().astype(np.int64) for i in range(3))
-    indptr = np.concatenate([[0], np.cumsum(lengths)])
-    texel = np.repeat(y * packed.entries.shape[1] + x - indptr[:-1], lengths) + np.arange(indptr[-1])
-    entries = packed.entries.reshape(-1, 4)[texel]
-    indices = entries[:, 3] if packed.index is None else packed.index.ravel()[texel]
-    height, width = packed.source_shape
-    return SparseRows(indptr, indices.astype(np.int32), np.ascontiguousarray(entries[:, :3]), height * width)
+    indptr, (height, width) = _indptr(packed), packed.source_shape
+    rows = SparseRows(indptr, np.empty(indptr[-1], np.int32), np.empty((indptr[-1], 3), np.float32), height * width)
+    for some, block in in_blocks(packed):
+        rows.indices[some], rows.weights[some] = block.indices, block.weights
+    return rows
+
+
+def in_blocks(packed: RowMap) -> Iterator[tuple[slice, SparseRows]]:
+    """The matrix, some of its rows at a time: which of all entries these are, and the rows."""
+    columns = packed.source_shape[0] * packed.source_shape[1]
+    for some, indptr, texels in _places(packed):
+        entries = packed.entries.reshape(-1, 4)[texels]
+        indices = entries[:, 3] if packed.index is None else packed.index.ravel()[texels]
+        yield some, SparseRows(indptr, indices.astype(np.int32), np.ascontiguousarray(entries[:, :3]), columns)
+
+
+def _places(packed: RowMap) -> Iterator[tuple[slice, NDArray[np.int64], NDArray[np.int64]]]:
+    """Some rows at a time: which of all entries are theirs, where each row begins among these, and their texels."""
+    indptr, width = _indptr(packed), packed.entries.shape[1]
+    lookup, first = packed.lookup.reshape(-1, 3), 0
+    while first < len(lookup):
+        last = max(first + 1, int(np.searchsorted(indptr, indptr[first] + BLOCK, side="right")) - 1)
+        x, y, lengths = lookup[first:last].astype(np.int64).T
+        starts = indptr[first : last + 1] - indptr[first]
+        texels = np.repeat(y * width + x - starts[:-1], lengths) + np.arange(starts[-1])
+        yield slice(int(indptr[first]), int(indptr[last])), starts, texels
+        first = last
+
+
+def _indptr(packed: RowMap) -> NDArray[np.int64]:
+    return np.concatenate([[0], np.cumsum(packed.lookup[..., 2].ravel(), dtype=np.int64)])
 
 
 def write(packed: RowMap, folder: Path) -> dict[str, Any]:
     """Write lookup.exr and entries.exr (and index.exr) into `folder`; returns the sizes for the manifest."""
     folder.mkdir(parents=True, exist_ok=True)
-    exr.write_channels(folder / "lookup.exr", {c: packed.lookup[..., i] for i, c in enumerate(LOOKUP_CHANNELS)})
-    exr.write_channels(folder / "entries.exr", {c: packed.entries[..., i] for i, c in enumerate(ENTRIES_CHANNELS)})
+    exr.write_plain(folder / "lookup.exr", {c: packed.lookup[..., i] for i, c in enumerate(LOOKUP_CHANNELS)})
+    exr.write_plain(folder / "entries.exr", {c: packed.entries[..., i] for i, c in enumerate(ENTRIES_CHANNELS)})
     if packed.index is not None:
-        exr.write_channels(folder / "index.exr", {"INDEX": packed.index})
+        exr.write_plain(folder / "index.exr", {"INDEX": packed.index})
     return {
-        "output": _size(packed.output_shape),
-        "source": _size(packed.source_shape),
-        "texture": _size((packed.entries.shape[0], packed.entries.shape[1])),
+        "output": size_of(packed.output_shape),
+        "source": size_of(packed.source_shape),
+        "texture": size_of((packed.entries.shape[0], packed.entries.shape[1])),
         "entries": packed.count,
         "wide_index": packed.index is not None,
     }
@@ -218,43 +246,56 @@ def read(folder: Path, sizes: Table, opened: OpenFile | None = None) -> RowMap:
     """
     output, source, texture = shapes(sizes)
     opened = opened or partial(reading.opened, fix=sizes.fix)
-
-    def channels(name: str, names: tuple[str, ...], shape: tuple[int, int], dtype: type) -> NDArray[Any]:
-        with opened(folder / name) as file:
-            return _read(file, names, shape, dtype, sizes.fix)
-
-    lookup = channels("lookup.exr", LOOKUP_CHANNELS, output, np.uint32)
-    entries = channels("entries.exr", ENTRIES_CHANNELS, texture, np.float32)
     wide = sizes.truth("wide_index", False)
-    index = channels("index.exr", ("INDEX",), texture, np.uint32)[..., 0] if wide else None
-    packed = RowMap(lookup, entries, source, index)
-    _check(packed, folder, sizes.fix)
-    return packed
+    if not wide and prod(source) > MAX_FLOAT_INDEX:
+        raise sizes.refusal(f": {prod(source)} source pixels need the wide index texture")
+
+    def channels(
+        name: str, names: tuple[str, ...], shape: tuple[int, int], dtype: type, look: exr.Look
+    ) -> NDArray[Any]:
+        with opened(folder / name) as file:
+            return read_texture(file, names, shape, dtype, look, sizes.fix)
+
+    def entries_are_sound(rows: NDArray[Any]) -> None:
+        if not np.isfinite(rows).all():
+            raise InputError(f"{folder}: the entries hold NaN or infinity; {sizes.fix}")
+        if not wide:
+            indices_are_sound(rows[..., 3])
+
+    def indices_are_sound(index: NDArray[Any]) -> None:
+        if index.min() < 0 or index.max() >= prod(source) or np.any(index != np.floor(index)):
+            raise InputError(f"{folder}: an index lies outside the {prod(source)} source pixels; {sizes.fix}")
+
+    lookup = channels("lookup.exr", LOOKUP_CHANNELS, output, np.uint32, _LookupCheck(texture, folder, sizes.fix))
+    entries = channels("entries.exr", ENTRIES_CHANNELS, texture, np.float32, entries_are_sound)
+    if not wide:
+        return RowMap(lookup, entries, source)
+    index = channels("index.exr", ("INDEX",), texture, np.uint32, indices_are_sound)
+    return RowMap(lookup, entries, source, index[..., 0])
 
 
 def shapes(sizes: Table) -> tuple[tuple[int, int], tuple[int, int], tuple[int, int]]:
     """(height, width) of a map's output, source and entries texture, as its manifest promises them."""
-    output, source, texture = (sizes.size(key, MAX_PIXELS) for key in ("output", "source", "texture"))
-    return output, source, texture
+    output, source = (sizes.size(key, MAX_PIXELS) for key in ("output", "source"))
+    return output, source, sizes.size("texture", MOST_TEXELS)
 
 
-def _check(packed: RowMap, where: Path, fix: str) -> None:
-    """Every row inside the entries texture, every weight finite, every index inside the source picture."""
-    height, width = packed.entries.shape[:2]
-    x, y, length = (packed.lookup[..., i].astype(np.int64) for i in range(3))
-    used = length > 0
-    if np.any(used & ((x + length > width) | (y >= height))):
-        raise InputError(f"{where}: a lookup entry points outside the {width}x{height} entries texture; {fix}")
-    if packed.count > height * width:
-        raise InputError(f"{where}: rows of {packed.count} entries in {width}x{height} texels, so they overlap; {fix}")
-    if not np.isfinite(packed.entries).all():
-        raise InputError(f"{where}: the entries hold NaN or infinity; {fix}")
-    source_pixels = packed.source_shape[0] * packed.source_shape[1]
-    if packed.index is None and source_pixels > MAX_FLOAT_INDEX:
-        raise InputError(f"{where}: {source_pixels} source pixels need the wide index texture; {fix}")
-    index = packed.entries[..., 3] if packed.index is None else packed.index
-    if index.min() < 0 or index.max() >= source_pixels or np.any(index != np.floor(index)):
-        raise InputError(f"{where}: an index lies outside the {source_pixels} source pixels; {fix}")
+class _LookupCheck:
+    """Looks at rows of a lookup texture: InputError for one outside the entries texture, or more than it holds."""
+
+    def __init__(self, texture: tuple[int, int], where: Path, fix: str) -> None:
+        self._height, self._width = texture
+        self._where, self._fix, self._count = where, fix, 0
+
+    def __call__(self, rows: UintArray) -> None:
+        x, y, length = (rows[..., i].astype(np.int64) for i in range(3))
+        size = f"{self._width}x{self._height}"
+        if np.any((length > 0) & ((x + length > self._width) | (y >= self._height))):
+            raise InputError(f"{self._where}: a lookup entry points outside the {size} entries texture; {self._fix}")
+        self._count += int(length.sum())
+        if self._count > self._height * self._width:
+            found = f"rows of {self._count} entries in {size} texels"
+            raise InputError(f"{self._where}: {found}, so they overlap; {self._fix}")
 
 
 def _refuse_not_finite(rows: SparseRows, width: int) -> None:
@@ -267,90 +308,9 @@ def _refuse_not_finite(rows: SparseRows, width: int) -> None:
         )
 
 
-def _place_rows(
-    lengths: NDArray[np.int64], max_width: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], tuple[int, int]]:
-    """Give each row its (x, y) in the smallest of a few textures, longest rows first; returns x, y, (height, width)."""
-    total, longest = int(lengths.sum()), int(lengths.max(initial=0))
-    if total == 0:
-        zeros = np.zeros(lengths.size, np.int64)
-        return zeros, zeros, (1, 1)
-    counts = np.bincount(lengths)
-    counts[0] = 0
-    best: tuple[int, int, list[_Shelf]] | None = None
-    for width in _candidate_widths(total, longest, int(counts.argmax()), max_width):
-        shelves = _fill_shelves(counts, width)
-        height = sum(shelf.repeats for shelf in shelves)
-        if height <= MAX_TEXTURE_WIDTH and (best is None or width * height < best[0] * best[1]):
-            best = width, height, shelves
-        if best is not None and total >= GOOD_FILL * best[0] * best[1]:
-            break
-    if best is None:
-        raise InputError(f"row map: {total} entries do not fit a texture of {max_width}x{MAX_TEXTURE_WIDTH}; {SHORTEN}")
-    width, height, shelves = best
-    x, y = _coordinates(lengths, shelves)
-    return x, y, (height, width)
-
-
-def _candidate_widths(total: int, longest: int, commonest: int, max_width: int) -> list[int]:
-    """Texture widths to try, near square first: multiples of the commonest and the longest row waste least."""
-    square = max(longest, int(np.ceil(np.sqrt(total))), -(-total // MAX_TEXTURE_WIDTH))
-    widths = []
-    for scale in (1.0, 1.5, 2.0, 3.0, 4.0, 8.0, 16.0):
-        for unit in (commonest, longest, 1):
-            width = -(-int(square * scale) // unit) * unit
-            widths.append(min(max(width, longest), max_width))
-    return list(dict.fromkeys(widths))
-
-
-@dataclass(frozen=True)
-class _Shelf:
-    """Texture rows filled alike: `repeats` rows, each holding `parts` = ((row length, how many), …) from x = 0."""
-
-    repeats: int
-    parts: tuple[tuple[int, int], ...]
-
-
-def _fill_shelves(counts: NDArray[np.int64], width: int) -> list[_Shelf]:
-    """Fill texture rows greedily with the longest row that still fits; equal texture rows are found only once."""
-    left = counts.copy()
-    shelves: list[_Shelf] = []
-    while True:
-        parts: list[tuple[int, int]] = []
-        room = width
-        for length in np.flatnonzero(left)[::-1]:
-            if length <= room:
-                many = int(min(left[length], room // length))
-                parts.append((int(length), many))
-                room -= many * int(length)
-        if not parts:
-            return shelves
-        repeats = min(int(left[length]) // many for length, many in parts)
-        for length, many in parts:
-            left[length] -= many * repeats
-        shelves.append(_Shelf(repeats, tuple(parts)))
-
-
-def _coordinates(lengths: NDArray[np.int64], shelves: list[_Shelf]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Hand the shelves' places to the rows: rows of one length take theirs in order, so neighbours stay neighbours."""
-    order = np.argsort(lengths, kind="stable")
-    next_of_length = np.searchsorted(lengths[order], np.arange(int(lengths.max()) + 1))
-    x, y = np.zeros(lengths.size, np.int64), np.zeros(lengths.size, np.int64)
-    top = 0
-    for shelf in shelves:
-        left = 0
-        for length, many in shelf.parts:
-            first = next_of_length[length]
-            taken = order[first : first + many * shelf.repeats]
-            next_of_length[length] += taken.size
-            x[taken] = left + length * np.tile(np.arange(many), shelf.repeats)
-            y[taken] = top + np.repeat(np.arange(shelf.repeats), many)
-            left += length * many
-        top += shelf.repeats
-    return x, y
-
-
-def _read(file: BufferedReader, names: tuple[str, ...], shape: tuple[int, int], dtype: type, fix: str) -> NDArray[Any]:
+def read_texture(
+    file: BufferedReader, names: tuple[str, ...], shape: tuple[int, int], dtype: type, look: exr.Look, fix: str
+) -> NDArray[Any]:
     def accept(header: exr.Header, name: str) -> None:
         if (header.height, header.width) != shape or set(header.channels) != set(names):
             raise InputError(
@@ -358,11 +318,13 @@ def _read(file: BufferedReader, names: tuple[str, ...], shape: tuple[int, int], 
                 f"the manifest promises {shape[1]}x{shape[0]} of {'/'.join(names)}; {fix}"
             )
 
-    channels = exr.read_channels(file, accept)
-    if any(channels[name].dtype != dtype for name in names):
-        raise InputError(f"{file.name}: its channels are not {np.dtype(dtype).name}; {fix}")
-    return np.stack([channels[name] for name in names], axis=-1)
+    def of_the_type(rows: NDArray[Any]) -> None:
+        if rows.dtype != dtype:
+            raise InputError(f"{file.name}: its channels are not {np.dtype(dtype).name}; {fix}")
+        look(rows)
+
+    return exr.read_beside(file, names, accept, of_the_type, MOST_TEXELS)
 
 
-def _size(shape: tuple[int, int]) -> list[int]:
+def size_of(shape: tuple[int, int]) -> list[int]:
     return [shape[1], shape[0]]

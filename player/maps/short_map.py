@@ -1,12 +1,11 @@
 """Row maps with weights of 16 bits, and what the rounding changes at most."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.maps.row_map import FloatArray, RowMap, unpack
+from counterlight.maps.row_map import FloatArray, RowMap, in_blocks
 
 LARGEST_HALF = float(np.finfo(np.float16).max)  # as a float16, quotients and logarithms with it would be rounded, too
 SMALLEST_HALF = float(np.finfo(np.float16).smallest_normal)  # a GPU may take smaller ones for 0
@@ -14,7 +13,8 @@ SMALLEST_HALF = float(np.finfo(np.float16).smallest_normal)  # a GPU may take sm
 
 def half_scale(packed: RowMap) -> np.float32:
     """The largest power of two that keeps the weights, multiplied by it, within the range of halves."""
-    largest = max(float(np.abs(packed.entries[..., :3]).max()), 1e-30)
+    weights = packed.entries[..., :3]
+    largest = max(float(weights.max()), -float(weights.min()), 1e-30)
     return np.float32(2.0 ** np.floor(np.log2(LARGEST_HALF / largest)))
 
 
@@ -31,17 +31,17 @@ def in_half(packed: RowMap, brightest: NDArray[np.floating]) -> tuple[RowMap, fl
     δ_i = Σ_j |T⁺_ij − half(T⁺_ij)| u_j is the largest change of a desired light within u.
     brightest : u, (source pixels, 3).
     """
-    weights, scale = packed.entries[..., :3], half_scale(packed)
-    entries = packed.entries.copy()
-    entries[..., :3] = to_half(weights, scale).astype(np.float32) / scale
-    lost = replace(packed, entries=np.concatenate([np.abs(entries[..., :3] - weights), entries[..., 3:]], -1))
-    return replace(packed, entries=entries), max(_row_sums(lost, brightest), default=0.0)
+    scale, entries = half_scale(packed), packed.entries.copy()
+    entries[..., :3] = to_half(entries[..., :3], scale).astype(np.float32) / scale
+    return replace(packed, entries=entries), _change(packed, scale, brightest)
 
 
-def _row_sums(packed: RowMap, brightest: NDArray[np.floating]) -> Iterator[float]:
-    """The largest Σ_j |w_ij| u_j of each channel."""
-    rows = unpack(packed)
-    if rows.indices.size:
-        owner = np.repeat(np.arange(rows.lengths.size), rows.lengths)
-        for i in range(3):
-            yield float(np.bincount(owner, rows.weights[:, i] * brightest[rows.indices, i]).max())
+def _change(packed: RowMap, scale: np.float32, brightest: NDArray[np.floating]) -> float:
+    """The largest δ_i of `in_half`, found block by block."""
+    largest = 0.0
+    for _, rows in in_blocks(packed):
+        lost = np.abs(to_half(rows.weights, scale).astype(np.float32) / scale - rows.weights)
+        if lost.size:
+            sums = replace(rows, weights=lost * brightest[rows.indices]).sums()
+            largest = max(largest, float(sums.max()))
+    return largest

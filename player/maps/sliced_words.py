@@ -11,15 +11,16 @@ import numpy as np
 
 from counterlight.maps.row_map import UintArray
 from counterlight.maps.sliced_map import GROUP, NO_PIXEL, IntArray, cut, lanes_for, row_order
-from counterlight.maps.small_map import FULL_TRUST, SmallMap, in_words, words_of_entries
+from counterlight.maps.small_map import FULL_TRUST, SmallMap, Words, in_words
+from counterlight.maps.word_map import WordMap
 
 
 @dataclass(frozen=True)
 class WordPart:
     """What one dispatch reads.
 
-    rows : (rows, 2 or 3) uint32: output pixel x | y << 16 (NO_PIXEL in place of a missing one), the source pixel that
-    distances count from, the colour if the map has any.  groups : (workgroups, 2) uint32: first word, words of a run.
+    rows : (rows, 1 or 2) uint32: output pixel x | y << 16 (NO_PIXEL in place of a missing one), the colour if there
+    is any.  groups : (workgroups, 2) uint32: first word, words of a run.
     words : run r's k-th word is `first + k · GROUP + r % GROUP`.
     """
 
@@ -28,39 +29,44 @@ class WordPart:
     words: UintArray
 
 
-def lanes_of_words(small: SmallMap) -> int:
-    return lanes_for(small.indptr.size - 1, small.count)
+def lanes_of_words(small: WordMap) -> int:
+    return lanes_for(small.output_shape[0] * small.output_shape[1], small.runs.words.size)
 
 
-def word_parts(small: SmallMap, lanes: int, most_words: int) -> Iterator[WordPart]:
+def word_parts(small: WordMap, lanes: int, most_words: int) -> Iterator[WordPart]:
     """The map in pieces of at most `most_words`, filling included; one workgroup is always whole."""
-    sizes = np.bincount(small.rows, words_of_entries(small), small.indptr.size - 1).astype(np.int64)
-    order = row_order(sizes, small.output_shape)
+    runs = small.runs
+    order = row_order(np.diff(runs.starts), small.output_shape)
     pixels = np.concatenate([order, np.full(-order.size % (GROUP // lanes), -1)])
     there = pixels >= 0
-    first = np.zeros(pixels.size, np.int64)
-    filled = there & (np.diff(small.indptr)[pixels] > 0)
-    first[filled] = small.indices[small.indptr[pixels[filled]]]
-    made = in_words(_lanes(small, pixels, lanes), np.repeat(first, lanes))
+    made = _chosen(runs, pixels) if lanes == 1 else in_words(_lanes(small.unpacked(), pixels, lanes))
     lengths = np.diff(made.starts).reshape(-1, GROUP)
     longest = lengths.max(axis=1)
     width = small.output_shape[1]
     at = np.where(there, pixels % width | pixels // width << 16, NO_PIXEL)
-    columns = [at, first] if small.colours is None else [at, first, np.where(there, small.colours[pixels], 0)]
+    columns = [at] if small.colours is None else [at, np.where(there, small.colours[pixels], 0)]
     rows = np.stack(columns, axis=1).astype(np.uint32)
     for groups in cut(longest * GROUP, max(most_words, int(longest.max()) * GROUP)):
         first_row, last_row = groups.start * GROUP // lanes, groups.stop * GROUP // lanes
-        runs = slice(groups.start * GROUP, groups.stop * GROUP)
+        first_run, last_run = groups.start * GROUP, groups.stop * GROUP
         bases = (np.cumsum(longest[groups]) - longest[groups]) * GROUP
         words = np.zeros(int(longest[groups].sum()) * GROUP, np.uint32)
         own = lengths[groups].ravel()
         k = np.arange(own.sum()) - np.repeat(np.cumsum(own) - own, own)
         lane = np.repeat(np.arange(own.size), own)
         words[bases[lane // GROUP] + k * GROUP + lane % GROUP] = made.words[
-            made.starts[runs.start] : made.starts[runs.stop]
+            made.starts[first_run] : made.starts[last_run]
         ]
         described = np.stack([bases, longest[groups]], axis=1).astype(np.uint32)
         yield WordPart(rows[first_row:last_row], described, words)
+
+
+def _chosen(runs: Words, pixels: IntArray) -> Words:
+    """The runs of some rows, none for -1."""
+    lengths = np.where(pixels >= 0, np.diff(runs.starts)[pixels], 0)
+    starts = np.concatenate([[0], np.cumsum(lengths)])
+    at = np.repeat(runs.starts[pixels] - starts[:-1], lengths) + np.arange(starts[-1])
+    return Words(runs.words[at], starts)
 
 
 def _lanes(small: SmallMap, pixels: IntArray, lanes: int) -> SmallMap:

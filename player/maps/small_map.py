@@ -12,7 +12,6 @@ whose code is red and whose next word is green | blue << 16; TRUST, whose 16 bit
 shaders/small_words.glsl reads them.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from counterlight.maps.row_map import SparseRows
 
 JUMP, THREE, TRUST, ALL = 0, 3, 5, 7  # and 1, 2, 4 of red, green, blue alone
+OTHERS = -1  # green and blue of THREE
 FRACTION_BITS, MOST_SHIFT = 12, 6
 LARGEST_CODE = ((2 << FRACTION_BITS) - 1) << MOST_SHIFT
 FULL_TRUST = 32767
@@ -55,10 +55,9 @@ class SmallMap:
         return self.indices.size
 
     @property
-    def nbytes(self) -> int:
-        """What a product reads: words, and of each row where they are, its first source pixel and its colour."""
-        of_row = 2 if self.colours is None else 3
-        return WORD_BYTES * (int(words_of_entries(self).sum()) + of_row * (self.indptr.size - 1))
+    def most_words(self) -> int:
+        """More than it takes: three an entry, if it is far from the one before, and one of each row."""
+        return 3 * self.count + self.indptr.size
 
     @property
     def rows(self) -> IntArray:
@@ -142,14 +141,11 @@ def _code_bits(codes: NDArray[np.int32]) -> IntArray:
     return np.asarray((codes < 0).astype(np.int64) << 15 | exponent << FRACTION_BITS | fraction)
 
 
-def in_words(small: SmallMap, starts: IntArray) -> Words:
-    """Each row as a run of words; those of a trust between 0 and 1 begin with it.
-
-    starts : (rows,), the source pixel that the first distance counts from.
-    """
-    count, run, used = small.indptr.size - 1, small.rows, np.diff(small.indptr) > 0
+def in_words(small: SmallMap) -> Words:
+    """Each row as a run of words, its first distance from source pixel 0; a trust between 0 and 1 comes first."""
+    count, run = small.indptr.size - 1, small.rows
     before = np.concatenate([[0], small.indices[:-1]])[: small.count].astype(np.int64)
-    before[small.indptr[:-1][used]] = starts[used]
+    before[small.indptr[:-1][np.diff(small.indptr) > 0]] = 0
     distance = small.indices - before
     red, green, blue = _code_bits(small.codes).T
     kind = _kinds(small.codes)
@@ -172,16 +168,6 @@ def in_words(small: SmallMap, starts: IntArray) -> Words:
     return Words(words, offsets)
 
 
-def words_of_entries(small: SmallMap) -> IntArray:
-    """(entries,): 1 or 2; jumps, which are few, not counted."""
-    return np.asarray(1 + (_kinds(small.codes) == THREE), np.int64)
-
-
-def entry_bytes(maps: Sequence[SmallMap]) -> float:
-    """Mean of all entries."""
-    return WORD_BYTES * sum(int(words_of_entries(small).sum()) for small in maps) / max(sum(s.count for s in maps), 1)
-
-
 def ascending(rows: SparseRows) -> SparseRows:
     """The entries of each row in the order of their columns, as words need them."""
     order = np.lexsort((rows.indices, rows.rows))
@@ -202,3 +188,45 @@ def without_nothing(small: SmallMap) -> SmallMap:
     keep = small.codes.any(axis=1)
     kept_before = np.concatenate([[0], np.cumsum(keep)])
     return replace(small, indptr=kept_before[small.indptr], indices=small.indices[keep], codes=small.codes[keep])
+
+
+def unpacked_words(made: Words) -> tuple[IntArray, NDArray[np.int32], NDArray[np.int32], NDArray[np.int16]]:
+    """indptr, indices, codes and trust of every run, as SmallMap has them; the reverse of `in_words`."""
+    kinds, step = parsed(made.words)
+    entry = np.flatnonzero((kinds != OTHERS) & (kinds != JUMP) & (kinds != TRUST))
+    passed = np.concatenate([[0], np.cumsum(step)])
+    kind, bits = kinds[entry], made.words[entry].astype(np.int64)
+    indptr = np.searchsorted(entry, made.starts)
+    run = np.repeat(np.arange(indptr.size - 1), np.diff(indptr))
+    indices = (passed[entry + 1] - passed[made.starts[run]]).astype(np.int32)
+    codes = _number(bits >> 16)[:, None] * (kind[:, None] >> np.arange(3) & 1)
+    wide = np.flatnonzero(kind == THREE)
+    others = made.words[entry[wide] + 1].astype(np.int64)
+    codes[wide] = np.stack([_number(bits[wide] >> 16), _number(others & 0xFFFF), _number(others >> 16)], axis=1)
+    trust = np.full(indptr.size - 1, FULL_TRUST, np.int16)
+    doubted = np.flatnonzero(kinds == TRUST)
+    trust[np.searchsorted(made.starts, doubted, side="right") - 1] = made.words[doubted] >> 16
+    return indptr, indices, codes.astype(np.int32), trust
+
+
+def parsed(words: Uint32) -> tuple[NDArray[np.int8], IntArray]:
+    """Of each word its kind, OTHERS of one that holds a THREE's green and blue, and by how many pixels it goes on.
+
+    What follows a THREE may look like one: of words in a row that do, every other one is.
+    """
+    kinds = (words & 7).astype(np.int8)
+    at = np.arange(words.size)
+    three = kinds == THREE
+    three &= (at - np.maximum.accumulate(np.where(three, -1, at))) % 2 == 1
+    after = np.flatnonzero(three[:-1]) + 1
+    kinds[after] = OTHERS
+    step = np.where(kinds == JUMP, words >> 3, words >> 3 & FARTHEST_STEP).astype(np.int64)
+    step[(kinds == OTHERS) | (kinds == TRUST)] = 0
+    return kinds, step
+
+
+def _number(bits: IntArray) -> IntArray:
+    """The reverse of `_code_bits`."""
+    exponent, fraction = bits >> FRACTION_BITS & 7, bits & (1 << FRACTION_BITS) - 1
+    size = np.where(exponent == 0, fraction, (fraction | 1 << FRACTION_BITS) << np.maximum(exponent - 1, 0))
+    return np.asarray(np.where(bits >> 15 & 1, -size, size))

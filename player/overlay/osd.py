@@ -1,23 +1,24 @@
-"""What is written over the picture: a message that fades, the stats page with its histogram, the help page.
+"""What is written over the picture: a message that fades, the stats page with its histogram, the help pages, legends.
 
 Pages are data; `draw` makes pixels of them, which the window shows at its upper left.
 """
 
-import unicodedata
-from collections.abc import Callable
+import textwrap
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
+from counterlight.overlay.letters import plain, width, write
 from counterlight.overlay.outline import Outline
 
 SHOWN_S, FADING_S = 1.0, 0.3
 MOST_LETTERS = 1000  # of a message: drawing them takes 5 ms
+FEWEST_LETTERS = 12  # of a meaning in a line, however narrow the window
 MESSAGE_SIZE = 1.6
-TEXT_HEIGHT, LINE_HEIGHT, MARGIN, TAB_GAP = 18, 24, 12, 18  # pixels in a window of REFERENCE_HEIGHT
+LINE_HEIGHT, BASELINE, MARGIN, TAB_GAP, SWATCH = 24, 16, 12, 18, 14  # pixels in a window of REFERENCE_HEIGHT
 REFERENCE_HEIGHT, SMALLEST_SCALE, LARGEST_SCALE = 720, 0.6, 4.0
 BAR_WIDTH, BARS_HEIGHT = 52, 72
 GROUND_ALPHA = 0.7
@@ -32,8 +33,16 @@ class Histogram:
 
 
 @dataclass(frozen=True)
+class Legend:
+    """What a colour of the view stands for.  colour : 8-bit sRGB."""
+
+    colour: tuple[int, int, int]
+    text: str
+
+
+@dataclass(frozen=True)
 class Page:
-    """Lines of text, a tab apart in columns, and a histogram below them.
+    """Lines of text, a tab apart in columns, and below them a histogram or a legend.
 
     opacity : 0..1 of all of it.  size : of the letters, 1 for a page that is read, more for a word in passing.
     outline : drawn over the picture, below the text.
@@ -44,6 +53,7 @@ class Page:
     opacity: float = 1.0
     size: float = 1.0
     outline: Outline | None = None
+    legends: tuple[Legend, ...] = ()
 
 
 class Message:
@@ -77,41 +87,82 @@ def draw(page: Page, window: tuple[int, int]) -> NDArray[np.uint8]:
     A page that is too large for the window is drawn smaller, down to SMALLEST_SCALE, and then cut off.
     """
     scale = page.size * scale_for(window)
-    height, width = _extent(page, scale)
-    fitting = min(1.0, window[0] / height, window[1] / width)
+    high, wide = _extent(page, scale)
+    fitting = min(1.0, window[0] / high, window[1] / wide)
     if fitting < 1:
         scale = max(scale * fitting, SMALLEST_SCALE)
-        height, width = _extent(page, scale)
-    height, width = max(1, min(height, window[0])), max(1, min(width, window[1]))
-    ink = Image.new("L", (width, height))
+        high, wide = _extent(page, scale)
+    high, wide = max(1, min(high, window[0])), max(1, min(wide, window[1]))
+    ink = Image.new("L", (wide, high))
     brush = ImageDraw.Draw(ink)
     columns = _columns(page.lines, scale)
     for row, line in enumerate(page.lines):
-        top = MARGIN + LINE_HEIGHT * row
         for left, cell in zip(columns, plain(line).split("\t"), strict=False):
-            brush.text((left, top * scale), cell, fill=255, font=_font(scale))
+            write(brush, (left, scale * _baseline(row)), cell, scale, 255)
     if page.histogram is not None:
         _draw_bars(brush, page.histogram, scale, scale * (MARGIN + LINE_HEIGHT * len(page.lines)))
+    for row, legend in enumerate(page.legends, len(page.lines)):
+        write(brush, (scale * (MARGIN + LINE_HEIGHT), scale * _baseline(row)), plain(legend.text), scale, 255)
     written = np.asarray(ink)
     alpha = page.opacity * np.maximum(written / 255, GROUND_ALPHA) * 255
-    return np.dstack([written, written, written, alpha.round().astype(np.uint8)])
+    pixels = np.dstack([written, written, written, alpha.round().astype(np.uint8)])
+    for row, legend in enumerate(page.legends, len(page.lines)):
+        top, left = (round(scale * at) for at in (_baseline(row) - SWATCH + 1, MARGIN))
+        pixels[top : top + round(scale * SWATCH), left : left + round(scale * SWATCH)] = (*legend.colour, 255)
+    return pixels
 
 
-def plain(text: str) -> str:
-    """Text in the letters that the font has: accents are taken off, other scripts become question marks."""
-    bare = "".join(letter for letter in unicodedata.normalize("NFKD", text) if not unicodedata.combining(letter))
-    return "".join(letter if letter == "\t" or " " <= letter <= "~" else "?" for letter in bare)
+def pages(cells: Sequence[str], window: tuple[int, int]) -> list[Page]:
+    """Cells, each a name and its meaning a tab apart, on as few pages as hold them in letters that can be read.
+
+    Side by side in as many columns as let them fit, up to three; where even one is too wide, meanings are broken.
+    """
+    extents = {count: _extent(Page(_beside(cells, count)), SMALLEST_SCALE) for count in (1, 2, 3)}
+    narrow = [count for count, (_, wide) in extents.items() if wide <= window[1]]
+    whole = [count for count in narrow if extents[count][0] <= window[0]]
+    if whole:
+        largest = max(whole, key=lambda count: min(window[0] / extents[count][0], window[1] / extents[count][1]))
+        return [Page(_beside(cells, largest))]
+    lines = _beside(cells, narrow[-1]) if narrow else _broken(cells, window[1])
+    rows = max(int((window[0] / SMALLEST_SCALE - 2 * MARGIN) // LINE_HEIGHT) - 1, 1)
+    parts = [lines[first : first + rows] for first in range(0, len(lines), rows)]
+    return [Page((*part, f"{number} of {len(parts)}; ? goes on")) for number, part in enumerate(parts, 1)]
+
+
+def _beside(cells: Sequence[str], columns: int) -> tuple[str, ...]:
+    """Cells in columns, read downwards."""
+    rows = max(-(-len(cells) // columns), 1)
+    return tuple("\t".join(cells[row::rows]) for row in range(rows))
+
+
+def _broken(cells: Sequence[str], most: int) -> tuple[str, ...]:
+    """Cells whose meanings go on below where they are wider than `most` pixels leave."""
+    names = max(width(cell.partition("\t")[0], SMALLEST_SCALE) for cell in cells)
+    room = most - names - SMALLEST_SCALE * (2 * MARGIN + TAB_GAP)
+    letters = max(int(room / width("n", SMALLEST_SCALE)), FEWEST_LETTERS)
+    lines = []
+    for cell in cells:
+        name, _, meaning = cell.partition("\t")
+        first, *rest = textwrap.wrap(meaning, letters) or [""]
+        lines += [f"{name}\t{first}", *(f"\t{part}" for part in rest)]
+    return tuple(lines)
+
+
+def _baseline(row: int) -> int:
+    return MARGIN + LINE_HEIGHT * row + BASELINE
 
 
 def _extent(page: Page, scale: float) -> tuple[int, int]:
     """(height, width) of a page."""
     columns = _columns(page.lines, scale)
-    width = max((_right(line, columns, scale) for line in page.lines), default=0.0)
-    height = LINE_HEIGHT * len(page.lines) + 2 * MARGIN
+    right = max((_right(line, columns, scale) for line in page.lines), default=0.0)
+    high = LINE_HEIGHT * (len(page.lines) + len(page.legends)) + 2 * MARGIN
     if page.histogram is not None:
-        height += BARS_HEIGHT + 2 * LINE_HEIGHT
-        width = max(width, scale * (MARGIN + BAR_WIDTH * len(page.histogram.counts)))
-    return round(height * scale), round(width + MARGIN * scale)
+        high += BARS_HEIGHT + 2 * LINE_HEIGHT
+        right = max(right, scale * (MARGIN + BAR_WIDTH * len(page.histogram.counts)))
+    for legend in page.legends:
+        right = max(right, scale * (MARGIN + LINE_HEIGHT) + width(plain(legend.text), scale))
+    return round(high * scale), round(right + MARGIN * scale)
 
 
 def _columns(lines: tuple[str, ...], scale: float) -> list[float]:
@@ -119,33 +170,25 @@ def _columns(lines: tuple[str, ...], scale: float) -> list[float]:
     rows = [cells for line in lines if len(cells := plain(line).split("\t")) > 1]
     columns = [MARGIN * scale]
     for index in range(max(map(len, rows), default=1) - 1):
-        widest = max(_font(scale).getlength(cells[index]) for cells in rows if len(cells) > index)
+        widest = max(width(cells[index], scale) for cells in rows if len(cells) > index)
         columns.append(columns[-1] + widest + TAB_GAP * scale)
     return columns
 
 
 def _right(line: str, columns: list[float], scale: float) -> float:
     cells = plain(line).split("\t")
-    return columns[len(cells) - 1] + float(_font(scale).getlength(cells[-1]))
+    return columns[len(cells) - 1] + width(cells[-1], scale)
 
 
 def _draw_bars(brush: ImageDraw.ImageDraw, histogram: Histogram, scale: float, top: float) -> None:
     """Bars from a common ground, the count above and the label below each."""
     most = max(*histogram.counts, 1)
     ground = top + scale * (LINE_HEIGHT + BARS_HEIGHT)
-    small = _font(0.75 * scale)
     for index, (count, label) in enumerate(zip(histogram.counts, histogram.labels, strict=True)):
         left = scale * (MARGIN + BAR_WIDTH * index)
         right = left + scale * (BAR_WIDTH - 6)
         brush.rectangle((left, ground - scale * max(BARS_HEIGHT * count / most, 1), right, ground), fill=200)
         middle = (left + right) / 2
         above = ground - scale * BARS_HEIGHT * count / most - 2
-        brush.text((middle, above), str(count), fill=255, font=small, anchor="mb")
-        brush.text((middle, ground + 4), plain(label), fill=255, font=small, anchor="mt")
-
-
-@lru_cache(maxsize=16)
-def _font(scale: float) -> ImageFont.FreeTypeFont:
-    font = ImageFont.load_default(TEXT_HEIGHT * scale)
-    assert isinstance(font, ImageFont.FreeTypeFont)
-    return font
+        write(brush, (middle, above), str(count), 0.75 * scale, 255, anchor="mb")
+        write(brush, (middle, ground + 4), plain(label), 0.75 * scale, 255, anchor="mt")

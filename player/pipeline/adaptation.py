@@ -1,5 +1,6 @@
 """The CPU twins of the passes that adapt a picture to the room (content.py says what is sought), in numpy."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 from counterlight.pipeline.content import OFFSETS, SCALES, tile_grid
 
 FloatArray = NDArray[np.floating]
+SumsOf = Callable[..., FloatArray]
 
 
 @dataclass(frozen=True)
@@ -32,10 +34,9 @@ def clip_sums(
     u : in shares of white.  near : u − F u.  budget : share of A.  offset : o, of which the scales are tried; None
     tries the offsets at s = 1 − o, and counts only what is too dark. Returns (16,).
     """
-    tile, step = tile_grid(u.shape[:2])
-    at = np.ix_(*(_samples(u.shape[axis], tile[axis], step[axis]) for axis in (0, 1)))
+    at = np.ix_(*samples(u.shape[:2]))
     ambient, most = limits.ambient[at], limits.most[at]
-    offsets, shares = (OFFSETS, np.ones(16)) if offset is None else (np.full(16, offset), SCALES)
+    offsets, shares = tried(offset)
     allowed = budget * np.maximum(white * u[at], ambient)
     sums = np.empty(16)
     for i, (o, share) in enumerate(zip(offsets, shares, strict=True)):
@@ -47,7 +48,17 @@ def clip_sums(
     return sums
 
 
-def _samples(length: int, tile: int, step: int) -> NDArray[np.int64]:
+def tried(offset: float | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """o and s / (1 − o) of each, (16,)."""
+    return (OFFSETS, np.ones(16)) if offset is None else (np.full(16, offset), SCALES)
+
+
+def samples(shape: tuple[int, int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The rows and columns of a picture (height, width) that are summed."""
+    return tuple(map(_along, shape, *tile_grid(shape)))  # type: ignore[return-value]
+
+
+def _along(length: int, tile: int, step: int) -> NDArray[np.int64]:
     starts = range(0, length, tile)
     return np.concatenate([np.arange(start, min(start + tile, length), step) for start in starts])
 
@@ -67,9 +78,12 @@ def choose(candidates: FloatArray, sums: FloatArray, otherwise: int) -> float:
     return float(candidates[i - 1] + share * (candidates[i] - candidates[i - 1]))
 
 
-def tone_of(u: FloatArray, near: FloatArray, limits: Limits, white: float, budget: float) -> NDArray[np.float64]:
-    """(s, o) for one picture."""
-    sums = clip_sums(u, near, limits, white, budget / 2, None)
+def tone_of(
+    u: FloatArray, near: FloatArray, limits: Limits, white: float, budget: float, sums_of: SumsOf | None = None
+) -> NDArray[np.float64]:
+    """(s, o) for one picture.  sums_of : clip_sums, or what stands for it."""
+    sums_of = sums_of or clip_sums
+    sums = sums_of(u, near, limits, white, budget / 2, None)
     offset = choose(OFFSETS, sums, len(OFFSETS) - 1)
-    sums = clip_sums(u, near, limits, white, budget, offset)
+    sums = sums_of(u, near, limits, white, budget, offset)
     return np.array([(1 - offset) * choose(SCALES, sums, int(np.argmin(sums))), offset])

@@ -1,62 +1,34 @@
-"""The reference backend: the pipeline of renderer.py over the twins of the shaders, in numpy (`--backend cpu`)."""
+"""The backend without OpenGL (`--backend cpu`): compiled passes for what every frame needs, numpy's for what is rare.
 
-from collections.abc import Callable, Mapping, Sequence
+Pictures are arrays (height, width, channels), contiguous float32.
+"""
+
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.maps.prior import Prior
-from counterlight.maps.row_map import RowMap
+from counterlight.maps.row_map import RowMap, unpack
 from counterlight.media.frames import PixelFormat
-from counterlight.pipeline import adaptation, reference
-from counterlight.pipeline.adaptation import Limits
-from counterlight.pipeline.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
-from counterlight.pipeline.colour import decoding_of
-from counterlight.pipeline.content import Succession, approach
-from counterlight.pipeline.device import LONG_BYTES, NearLight, PathReport
-from counterlight.pipeline.drift import moved
-from counterlight.pipeline.reference import PreparedRows
+from counterlight.pipeline import compiled, reference
+from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
+from counterlight.pipeline.compiled_passes import NOTHING, PASSES, Drawn, Picture, Whole, clip_sums, flat
+from counterlight.pipeline.device import LONG_BYTES, NearLight, Operation, Pass, PathReport, Planes, StoredMaps
+from counterlight.pipeline.placement import shown_shape
+from counterlight.pipeline.reference_renderer import FLAGS, Adapter, Function, Held, ReferenceDevice, signal
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
-from counterlight.response import Response, transfer_table
+from counterlight.response import Response
 
-FloatArray = NDArray[np.floating]
-NO_TONE = np.array([1.0, 0.0])
-PERCENT = 0.01
-# With what shaders are told as uniforms and textures; colours and thresholds the twins take from views.py themselves.
-TWINS: dict[str, Callable[..., FloatArray]] = {
-    "blend.frag": reference.blend,
-    "clipping.frag": lambda view, asked, white, most=None, **_: reference.clipping(
-        view, asked, 1.0 if most is None else most[..., :3], white
-    ),
-    "combine.frag": reference.combine,
-    "desired.frag": reference.desired_light,
-    "error_map.frag": lambda seen, b, ambient, reach, white, **_: reference.error_map(seen, ambient, b, reach, white),
-    "gap.frag": reference.gap_terms,
-    "impossible.frag": lambda reach, white, **_: reference.impossible(reach, white),
-    "mix.frag": reference.mix,
-    "moved.frag": moved,
-    "pinned.frag": lambda source, to_source, target: reference.pinned(source, target, np.reshape(to_source, (3, 3)).T),
-    "reach.frag": lambda unlimited=None, **inputs: reference.reach_of(**inputs),
-    "recolour.frag": reference.recolour,
-    "refinement_step.frag": reference.against_gradient,  # with SLOPE; steps are the stepper's
-    "resample.frag": lambda source, axis, origin, extent, target: reference.resample_axis(
-        source, 1 - axis, target[1 - axis], origin, extent
-    ),
-    "split.frag": reference.split,
-    "weighted.frag": reference.weighted,
+COMBINE = {
+    "": compiled.REPLACE,
+    "ADD_TO_BASE": compiled.ADD,
+    "SUBTRACT_FROM_BASE": compiled.SUBTRACT,
+    "CLAMP": compiled.CLAMP,
 }
-# Of twins that are told by a word what shaders are by a define.
-FLAGS = {"ABOVE": "above", "CLAMP": "clamp", "SQUARED": "squared"}
-PLACING = "pinned.frag", "resample.frag"  # which need to know the shape of what they draw
-COMBINE: dict[str, Callable[[Any, Any], FloatArray]] = {
-    "": lambda base, product: product,
-    "ADD_TO_BASE": lambda base, product: base + product,
-    "SUBTRACT_FROM_BASE": lambda base, product: base - product,
-    "CLAMP": lambda base, product: np.clip(product, 0, 1),
-}
+DITHERS = {"none": compiled.NO_DITHER, "ordered": compiled.ORDERED, "noise": compiled.NOISE}
 
 
 class CpuRenderer(Renderer):
@@ -64,84 +36,59 @@ class CpuRenderer(Renderer):
         super().__init__(CpuDevice(), room, "cpu")
 
 
-class CpuDevice:
-    """Numpy as a device of the pipeline: pictures are arrays (height, width, channels)."""
+class CpuDevice(ReferenceDevice):
+    """Numba as a device of the pipeline."""
 
-    def picture(self, picture: FloatArray) -> FloatArray:
-        return picture
-
-    def write(self, light: FloatArray, picture: FloatArray) -> None:
-        light[...] = picture
-
-    def mask(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        return mask
+    def picture(self, picture: NDArray[Any]) -> Picture:
+        return np.array(picture, np.float32, order="C")
 
     def make_pass(
         self, shader: str, shape: tuple[int, int], defines: Mapping[str, int | None] | None = None, **uniforms: Any
-    ) -> "_Twin":
-        uniforms |= {FLAGS[define]: True for define in defines or {} if define in FLAGS}
-        if shader in PLACING:
-            uniforms["target"] = shape
-        return _Twin(TWINS[shader], shape, uniforms)
+    ) -> Pass:
+        if shader not in PASSES:
+            return _Rare(super().make_pass(shader, shape, defines, **uniforms))
+        flags = {FLAGS[name]: True for name in defines or {} if name in FLAGS}
+        return Drawn(PASSES[shader], shape, uniforms | flags)
 
-    def store(self, room: Room, path: str) -> "_Maps":
+    def store(self, room: Room, path: str) -> StoredMaps:
         return _Maps(room, path)
 
-    def planes(self, pixels: PixelFormat) -> "_Planes":
+    def planes(self, pixels: PixelFormat) -> Planes:
         return _Planes(pixels)
 
-    def adapter(self, near_light: NearLight, ambient: FloatArray, most: FloatArray, white: float) -> "_Adapter":
-        return _Adapter(near_light, ambient.astype(np.float64), most, white)
+    def adapter(self, near_light: NearLight, ambient: Picture, most: Picture, white: float) -> Adapter:
+        """Near light is asked for in this device's pictures, and kept while the next is drawn."""
+        return Adapter(lambda light: near_light(self.picture(light)).copy(), ambient, most, white, clip_sums)
 
-    def encoder(self, shape: tuple[int, int], response: Response, scale: float, dither: str) -> "_Function":
-        table = response.inverse_table()
-        return _Function(lambda light, frame: reference.encode(light, table, scale, dither, frame))
+    def encoder(self, shape: tuple[int, int], response: Response, scale: float, dither: str) -> Operation:
+        return _Encoder(shape, response, scale, dither)
 
     def stepper(
-        self, shape: tuple[int, int], step_size: FloatArray, prior: Mapping[str, NDArray[np.float32]]
-    ) -> "_Function":
-        step, drawn = reference.refinement_step, Prior(**prior)
-        return _Function(lambda k, descent, y, p: step(descent, y, p, step_size, drawn, momentum(k), OVER_RELAXATION))
+        self, shape: tuple[int, int], step_size: NDArray[np.floating], prior: Mapping[str, Picture]
+    ) -> Operation:
+        return _Stepper(self.picture(step_size), prior)
 
-    def total(self, shape: tuple[int, int]) -> "_Function":
-        return _Function(lambda picture: reference.block_sum(picture, max(shape))[0, 0])
-
-    def read(self, light: NDArray[Any], dtype: type) -> NDArray[Any]:
-        return light.astype(dtype)
-
-    def finish(self) -> None:
-        """Nothing runs in the background."""
+    def total(self, shape: tuple[int, int]) -> Function:
+        return Function(lambda picture: picture.sum(axis=(0, 1), dtype=np.float64))
 
 
-class _Held:
-    def release(self) -> None:
-        """Nothing to give back."""
+class _Rare(Held):
+    """A twin in numpy, its picture brought into this device's format."""
 
+    def __init__(self, twin: Pass) -> None:
+        self._twin = twin
+        self.set, self.clear = twin.set, twin.clear
 
-class _Function(_Held):
-    def __init__(self, run: Callable[..., Any]) -> None:
-        self.run = run
+    @property
+    def target(self) -> Picture:
+        return np.ascontiguousarray(self._twin.target, np.float32)
 
-
-class _Twin(_Held):
-    """A shader's twin and what it has drawn last."""
-
-    def __init__(self, twin: Callable[..., FloatArray], shape: tuple[int, int], uniforms: dict[str, Any]) -> None:
-        self._twin, self._shape, self._uniforms = twin, shape, uniforms
-        self.target: FloatArray = np.zeros((*shape, 3))
-
-    def set(self, **uniforms: Any) -> None:
-        self._uniforms |= uniforms
-
-    def run(self, **inputs: Any) -> FloatArray:
-        self.target = self._twin(**inputs, **self._uniforms)
+    def run(self, **pictures: Any) -> Picture:
+        self._twin.run(**pictures)
         return self.target
 
-    def clear(self) -> None:
-        self.target = np.zeros((*self._shape, 3))
 
-
-class _Maps(_Held):
+class _Maps(Held):
     weighs = False
 
     def __init__(self, room: Room, path: str) -> None:
@@ -154,61 +101,119 @@ class _Maps(_Held):
         return self._stored[id(packed)]
 
 
-class _Map(_Held):
+class _Map(Held):
+    """Unsigned indices, so that nothing asks whether they count from the end."""
+
     def __init__(self, packed: RowMap) -> None:
+        rows = unpack(packed)
         self.output_shape, self.source_shape = packed.output_shape, packed.source_shape
-        self._rows = PreparedRows(packed)
+        self.rows = rows.indptr.view(np.uint64), rows.indices.view(np.uint32), rows.weights
 
-    def product(self, combine: str = "") -> _Function:
-        with_base = COMBINE[combine]
-        return _Function(lambda source, base=None: with_base(base, self._rows.apply(source)))
+    def product(self, combine: str = "") -> "_Product":
+        return _Product(self, COMBINE[combine])
 
 
-class _Planes(_Held):
+class _Product(Held):
+    def __init__(self, stored: _Map, combine: int) -> None:
+        self._map, self._combine = stored, combine
+        self._target = np.zeros((*stored.output_shape, 3), np.float32)
+
+    def run(self, source: Picture, base: Picture | None = None) -> Picture:
+        shape, expected = source.shape, (*self._map.source_shape, 3)
+        if shape != expected or (base is not None and base.shape != self._target.shape):
+            raise ValueError(f"source of shape {shape}, the row map reads {expected} and adds {self._target.shape}")
+        pixels, beside, target = (_pixels(NOTHING if each is None else each) for each in (source, base, self._target))
+        compiled.product(*self._map.rows, pixels, beside, self._combine, target)
+        return self._target
+
+
+def _pixels(picture: Picture) -> Picture:
+    return picture.reshape(-1, 3)
+
+
+class _Planes(Held):
+    """Codes are decoded by compiled.decode; radiance is taken as it is."""
+
     def __init__(self, pixels: PixelFormat) -> None:
-        self._pixels, self._adjustments = pixels, NEUTRAL
-        self._upright: FloatArray | None = None
+        self._pixels, self._drawn = pixels, False
+        self._planes = [np.zeros((plane.height, plane.stride_samples), pixels.dtype) for plane in pixels.planes]
+        self._upright = np.zeros((*shown_shape(pixels), 3), np.float32)
+        self._stored = np.rot90(self._upright, -(pixels.rotation // 90))
+        self.adjust(NEUTRAL)
 
     def adjust(self, adjustments: Adjustments) -> None:
-        self._adjustments, self._upright = adjustments, None
+        self._drawn = False
+        if self._pixels.layout == "radiance":
+            return
+        decoding, lift, transfer = signal(self._pixels, adjustments)
+        luma, chroma = self._pixels.planes[:2]
+        (across, down), (left, above) = decoding.subsampling, decoding.chroma_offset
+        matrix = decoding.to_rgb / decoding.span
+        self._told = (
+            *_samples(luma.height, chroma.height, down, above),
+            *_samples(luma.width, chroma.width, across, left),
+            matrix.astype(np.float32),
+            (lift - matrix @ decoding.black).astype(np.float32),
+            transfer,
+        )
 
     def upload(self, planes: Sequence[NDArray[Any]]) -> None:
-        self._planes, self._upright = [plane.copy() for plane in planes], None
+        self._drawn = False
+        for kept, plane in zip(self._planes, planes, strict=True):
+            np.copyto(kept, plane)
 
-    def run(self) -> FloatArray:
-        if self._upright is None:
-            self._upright = self._decode()
+    def run(self) -> Picture:
+        if not self._drawn:
+            self._draw()
+            self._drawn = True
         return self._upright
 
-    def _decode(self) -> FloatArray:
-        pixels, decoding, lift = self._pixels, None, 0.0
-        transfer = transfer_table("linear" if pixels.layout == "radiance" else pixels.transfer)
-        if pixels.layout != "radiance":
-            decoding, lift = adjusted_decoding(decoding_of(pixels), pixels, self._adjustments)
-            transfer = adjusted_transfer(transfer, self._adjustments)
-        luma, chroma = ((plane.height, plane.width) for plane in pixels.planes[:2])
-        return reference.planes_to_linear(self._planes, luma, chroma, decoding, transfer, pixels.rotation, lift)
+    def _draw(self) -> None:
+        if self._pixels.layout != "radiance":
+            compiled.decode(*self._planes, *self._told, *_walk(self._upright, self._stored), _pixels(self._upright))
+            return
+        for i, plane in enumerate(self._planes):
+            self._stored[..., i] = plane[: self._pixels.height, : self._pixels.width]
 
 
-class _Adapter(_Held):
-    def __init__(self, near_light: NearLight, ambient: FloatArray, most: FloatArray, white: float) -> None:
-        self._near_light, self._white, self._succession = near_light, white, Succession(lasting=True)
-        self._limits = Limits(near_light(np.ones_like(ambient)), near_light(ambient), ambient, most)
-        self._before: FloatArray = NO_TONE
-        self._now: FloatArray = NO_TONE
+def _walk(upright: Picture, stored: Picture) -> tuple[int, int, int]:
+    """Where the first pixel of a view stands among the upright picture's, and the steps to its right and below it."""
+    address = [each.__array_interface__["data"][0] for each in (upright, stored)]
+    pixel = upright.strides[1]
+    return (address[1] - address[0]) // pixel, stored.strides[1] // pixel, stored.strides[0] // pixel
 
-    def set(self, adapt: float, unit: float, black_level: float) -> None:
-        self._budget, self._unit, self._black_level = adapt * PERCENT, unit, black_level
-        self._succession.restart()
 
-    def advance(self, *, cut: bool, duration_s: float) -> None:
-        if self._succession.advance(cut=cut, duration_s=duration_s):
-            self._before = self._now
+def _samples(length: int, count: int, every: int, offset: float) -> tuple[Whole, Picture]:
+    """The chroma samples on either side of each of `length` pixels, (2, length), and the second's share, (length,)."""
+    position = np.arange(length) / every + offset
+    low = np.floor(position)
+    return np.clip([low, low + 1], 0, count - 1).astype(np.int32), (position - low).astype(np.float32)
 
-    def run(self, placed: FloatArray) -> FloatArray:
-        u = reference.desired_light(placed, 0.0, 1.0, NO_TONE, self._unit, self._black_level)
-        found = adaptation.tone_of(u, self._near_light(u), self._limits, self._white, self._budget)
-        weight = 0.0 if self._succession.fresh else 1 - approach(self._succession.elapsed_s)
-        self._now = reference.blend(found, self._before, weight)
-        self._succession.draw()
-        return self._now
+
+class _Encoder(Held):
+    def __init__(self, shape: tuple[int, int], response: Response, scale: float, dither: str) -> None:
+        self._codes = np.ascontiguousarray(response.inverse_table().T)
+        self._scale, self._dither = np.float32(scale), DITHERS[dither]
+        self._thresholds = reference.bayer(8, 8)[..., 0].astype(np.float32)
+        self._target = np.zeros((*shape, 3), np.uint8)
+
+    def run(self, light: Picture, frame: int) -> NDArray[np.uint8]:
+        dithered = self._dither, np.uint32(frame & 0xFFFFFFFF), self._thresholds
+        compiled.encode(light, self._codes, self._scale, *dithered, self._target)
+        return self._target
+
+
+class _Stepper(Held):
+    """By turns into two pairs of targets."""
+
+    def __init__(self, step_size: Picture, prior: Mapping[str, Picture]) -> None:
+        self._told = [flat(picture) for picture in (step_size, *(prior[name] for name in ("damping", "right", "down")))]
+        self._draws = any(picture.any() for picture in prior.values())
+        self._targets = [[np.zeros_like(step_size) for _ in range(2)] for _ in range(2)]
+
+    def run(self, step: int, descent: Picture, y: Picture, p: Picture) -> tuple[Picture, Picture]:
+        next_p, next_y = self._targets[step % 2]
+        pace = np.float32(momentum(step)), np.float32(OVER_RELAXATION)
+        pictures = flat(descent), flat(y), flat(p), *self._told
+        compiled.step(*pictures, self._draws, *pace, flat(next_p), flat(next_y))
+        return next_p, next_y

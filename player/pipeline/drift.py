@@ -27,6 +27,9 @@ from counterlight.writing.replacing import replacing_folder
 FOLDER, FILE, AMBIENT, FORMAT = "drift", "drift.toml", "ambient.exr", 1
 FARTHEST = 0.5  # of a projector's longer side: how far a corner may have moved
 GAIN = 0.05, 20.0
+TAPS = 6  # pixels a side of which a moved one is made
+FADE = 2.0  # pixels beside the calibrated raster over which a moved picture fades: what deblurs its rim needs them
+MARGIN = int(FADE) + TAPS // 2  # pixels of the mirror
 Light: TypeAlias = NDArray[np.floating]
 
 
@@ -145,15 +148,20 @@ def moved(drive: Light, projectors: Light) -> FloatArray:
     for rows in np.asarray(projectors, np.float64):
         left, width, height = (int(value) for value in rows[3])
         part = slice(height), slice(left, left + width)
-        shown[part] = np.clip(resampled(drive[part], rows[:3]) / rows[4], 0, 1)
+        shown[part] = np.clip(resampled(drive[part], rows[:3], FADE) / rows[4], 0, 1)
     return shown
 
 
-def resampled(picture: Light, N: FloatArray) -> FloatArray:
-    """p(N x) of every pixel x, as much of it as its share that falls on the picture: (height, width, channels)."""
+def resampled(picture: Light, N: FloatArray, fade: float = 0.0) -> FloatArray:
+    """p(N x) of every pixel x, (height, width, channels), as much of it as its share that falls on the picture.
+
+    fade : where not 0, pixels whose centres fall on the picture count whole, those beside it the less the further, up
+    to so many pixels away.
+    """
     height, width = picture.shape[:2]
     at, ahead = positions(N, (height, width))
-    lands = ahead * np.clip(np.minimum(at, (width, height) - at) + 0.5, 0, 1).prod(axis=2)
+    depth = np.minimum(at, (width, height) - at)
+    lands = ahead * np.clip(1 + depth / fade if fade else depth + 0.5, 0, 1).prod(axis=2)
     return np.asarray(lands[..., None] * sampled(picture, at.reshape(-1, 2)).reshape(picture.shape))
 
 
@@ -167,23 +175,42 @@ def positions(N: FloatArray, shape: tuple[int, int]) -> tuple[FloatArray, NDArra
 
 
 def sampled(picture: Light, at: FloatArray) -> FloatArray:
-    """Between pixels (Catmull and Rom 1974), the border's going on outside: (n, 2) positions -> (n, channels)."""
+    """Between six by six pixels (Keys 1981), a mirror beyond the border: (n, 2) positions -> (n, channels)."""
     height, width = picture.shape[:2]
-    first = np.floor(at - 0.5).astype(np.int64)
-    across, down = np.moveaxis(_catmull_rom(at - 0.5 - first), 1, 0)
-    result = np.zeros((len(at), picture.shape[2]))
-    for i in range(4):
-        row = np.clip(first[:, 1] + i - 1, 0, height - 1)
-        for j in range(4):
-            column = np.clip(first[:, 0] + j - 1, 0, width - 1)
-            result += (down[:, i] * across[:, j])[:, None] * picture[row, column]
+    mirrored = picture[_mirrored(height)][:, _mirrored(width)]
+    flat, stride = mirrored.reshape(-1, picture.shape[2]), width + 2 * MARGIN
+    first = np.floor(at - 0.5)
+    across, down = (_keys(t)[..., None] for t in (at - 0.5 - first).T)
+    # Farther out than the margin is dark in what is shown, and of no weight in what is looked for.
+    x, y = np.clip(first + MARGIN - 2, 0, (stride - TAPS, height + 2 * MARGIN - TAPS)).astype(np.int64).T
+    corner, result = y * stride + x, np.zeros((len(at), picture.shape[2]))
+    for i in range(TAPS):
+        line = across[0] * flat[corner + i * stride]
+        for j in range(1, TAPS):
+            line += across[j] * flat[corner + i * stride + j]
+        result += down[i] * line
     return result
 
 
-def _catmull_rom(t: FloatArray) -> FloatArray:
-    """Weights of the four pixels around a share t of the way between the inner two: (…, 4)."""
-    weights = ((2 - t) * t - 1) * t, (3 * t - 5) * t * t + 2, ((4 - 3 * t) * t + 1) * t, (t - 1) * t * t
-    return np.stack(weights, axis=-1) / 2
+def _keys(t: FloatArray) -> FloatArray:
+    """Weights of the six pixels around a share t of the way between the inner two: (6, …).  Exact for cubics."""
+
+    def near(x: FloatArray) -> FloatArray:
+        return (4 * x - 7) * x * x / 3 + 1
+
+    def middle(x: FloatArray) -> FloatArray:
+        return ((36 - 7 * x) * x - 59) * x / 12 + 2.5
+
+    def far(x: FloatArray) -> FloatArray:
+        return ((x - 8) * x + 21) * x / 12 - 1.5
+
+    return np.stack([far(2 + t), middle(1 + t), near(t), near(1 - t), middle(2 - t), far(3 - t)])
+
+
+def _mirrored(count: int) -> NDArray[np.int64]:
+    """Pixels of a line with its margins, around the outermost ones, which stay alone."""
+    last = count - 1
+    return np.asarray(np.clip(last - np.abs(last - np.abs(np.arange(-MARGIN, count + MARGIN))), 0, last))
 
 
 def _read(stored: StoredCalibration, path: Path) -> Drift:

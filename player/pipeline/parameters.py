@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from counterlight.pipeline.kinds import Choice, Flag, Kind, Number
-from counterlight.pipeline.refinement import DEFAULT_STEPS, MOST_STEPS, STEPS_WITHOUT_MAP
+from counterlight.pipeline.refinement import MOST_STEPS
 from counterlight.pipeline.test_cards import CARDS
 from counterlight.pipeline.views import VIEWS
 
@@ -28,6 +28,7 @@ class Parameter:
 
 
 LISTED_IMAGE_S = 5.0  # how long a picture in a list is shown if nobody says
+OSD = ("off", "on", "notices")
 FLAG, CONTROL = Flag(), Number(-100, 100, whole=True)
 STEPS = Number(0, MOST_STEPS, whole=True, words=("auto",), noun="a number of steps")
 PARAMETERS = {
@@ -58,8 +59,12 @@ PARAMETERS = {
         STEPS,
         value="N|auto",
         unit="steps",
-        unsaid=f"{DEFAULT_STEPS}, from direct mapping {STEPS_WITHOUT_MAP}; 0: the correction map alone",
+        unsaid="what the maps say, 4 to 16; 0: the correction map alone",
     ),
-    "osd": Parameter("whether the screen says what keys change", FLAG, True),
+    "osd": Parameter(
+        "on: what keys change, and in a window what went wrong; notices: that always; off: neither",
+        Choice(OSD),
+        "on",
+    ),
     "fullscreen": Parameter("whether the monitor is filled", FLAG, False),
 }

@@ -1,4 +1,4 @@
-"""The CPU twin of every shader pass, in numpy: what the GPU is checked against, and `--backend cpu`.
+"""The CPU twin of every shader pass, in numpy: what the GPU and the compiled passes are checked against.
 
 Each function names its shader. Pictures are (row, column, channel), linear, row 0 at the top; sums are in float64 where
 it costs little, so that the twin is the more exact of the two.
@@ -264,7 +264,7 @@ def encode(
     height, width = light.shape[:2]
     threshold: float | NDArray[np.float64] = 0.5
     if dither != "none":
-        threshold = _bayer(height, width) if dither == "ordered" else _noise(height, width, frame)
+        threshold = bayer(height, width) if dither == "ordered" else _noise(height, width, frame)
     return np.asarray(np.floor(np.minimum(codes * 255 + threshold, 255)), np.uint8)
 
 
@@ -347,7 +347,8 @@ def _upsample(plane: FloatArray, size: tuple[int, int], decoding: Decoding) -> N
     return result
 
 
-def _bayer(height: int, width: int) -> NDArray[np.float64]:
+def bayer(height: int, width: int) -> NDArray[np.float64]:
+    """Thresholds of ordered dither, repeated every 8 pixels: (height, width, 1)."""
     y, x = np.mgrid[:height, :width]
     x ^= y
     rank = np.zeros((height, width), np.int64)

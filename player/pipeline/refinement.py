@@ -14,10 +14,14 @@ fixed schedule, so that no step waits for a sum over the picture. From a frame t
 p starts from what the steps before changed, y as far from p as it was; after a cut everything begins anew.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from counterlight.files.tables import Table
 
 STARTS = ("previous", "previous-direct", "map", "direct", "grey")
 DEFAULT_STEPS, STEPS_WITHOUT_MAP = 4, 8
@@ -39,6 +43,22 @@ def default_start(map_in_steps: float) -> str:
 def default_steps(start: str) -> int:
     """Steps a frame; more where no T⁺ b is waited for."""
     return DEFAULT_STEPS if start in ("previous", "map") else STEPS_WITHOUT_MAP
+
+
+@dataclass(frozen=True)
+class Advice:
+    """How a room's maps say that they are best played: one of STARTS, and steps a frame from there."""
+
+    start: str
+    steps: int
+
+
+def advice_of(details: Mapping[str, Any], where: str, fix: str) -> Advice | None:
+    """What a manifest of maps says, None if nothing.  InputError for what is neither a start nor steps."""
+    if "play" not in details:
+        return None
+    table = Table(details, where, fix).table("play")
+    return Advice(table.choice("start", STARTS), table.integer("steps", None, 0, MOST_STEPS))
 
 
 def momentum(step: int) -> float:

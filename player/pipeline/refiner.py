@@ -1,7 +1,7 @@
 """Refinement: two gathers a step, T and Tᵀ, and the step itself; see player/pipeline/refinement.py."""
 
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ class Refiner:
             self._slope = own(_Slope(stored, maps))
             prior = {name: own(device.picture(picture)) for name, picture in vars(maps.prior).items()}
             self._step = own(device.stepper(projector, maps.step_size, prior))
-            self._certifier = own(_Certifier(device, maps, prior, mask))
+            self._make_certifier = partial(_Certifier, device, maps, prior, mask)
         except BaseException:
             self.release()
             raise
@@ -50,6 +50,11 @@ class Refiner:
         """Measure a drive within 0..1; waits for the GPU.  plain : the drive without compensation."""
         residual, descent = self._slope.measured(p, b)
         return self._certifier.run(residual, descent, p, plain)
+
+    @cached_property
+    def _certifier(self) -> "_Certifier":
+        """Made when first asked: seven pictures, which a show that shows no figures has no use for."""
+        return self._owner.own(self._make_certifier())
 
     def release(self) -> None:
         self._owner.release()

@@ -6,6 +6,8 @@ Which view is shown, what drives the projector and how far from the best one tha
 (a view, an adjustment of the picture); a frame allocates nothing.
 """
 
+from functools import cached_property, partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +18,7 @@ from counterlight.media.frames import Frame, PixelFormat
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.content import SceneCuts
 from counterlight.pipeline.damper import Damper
-from counterlight.pipeline.device import Device, FarPass, Light, Operation, Owner, StoredMap, StoredMaps
+from counterlight.pipeline.device import Device, FarPass, Light, Operation, Owner, Pass, StoredMaps
 from counterlight.pipeline.drift import Drift
 from counterlight.pipeline.map_views import MapViews, Observer
 from counterlight.pipeline.mixer import Mixer
@@ -54,23 +56,32 @@ class Renderer:
         ambient = own(device.picture(room.ambient))
         stored = own(device.store(room, path))
         self.path = stored.report
-        self._correction = stored.of(maps.correction)
-        self._correct = own(self._correction.product("CLAMP"))
         undo = None if maps.undo is None else own(FarPass(stored, maps.undo, "SUBTRACT_FROM_BASE"))
         self._near_light = _NearLight(undo)
-        self._unclamped = own(_Unclamped(self._correction, self._near_light))
+        self._correct = own(_Corrected(stored, self._near_light, "CLAMP"))
+        self._unclamped = own(_Corrected(stored, self._near_light))
         self._refiner = None
         if maps.refinement is not None:
             self._refiner = own(Refiner(device, stored, maps.refinement, calibration.mask))
             self._start = own(self._make_start(stored, maps.refinement))
         mixer = own(Mixer(device, room))
-        self._observers = [own(Observer(stored, ambient, mixer)) for _ in range(2)]
+        self._make_observer = partial(Observer, stored, ambient, mixer)
         self._maps = own(MapViews(device, stored, ambient, mixer))
         self._request = own(Request(device, room, ambient, self._maps, self._near_light, mixer))
-        self._split = own(device.make_pass("split.frag", camera, line=room.white))
         self._moved = None if room.drift is None or not room.drift.moves else own(_Moved(device, room, room.drift))
         self._projector_view = own(device.encoder(projector, calibration.projector.response, 1.0, room.dither))
         self._camera_view = own(device.encoder(camera, Response("srgb"), room.white, "none"))
+
+    @cached_property
+    def _observers(self) -> list[Observer]:
+        """Of the drive that is shown, and of another one beside it; made with the first view of the camera's."""
+        return [self._owner.own(self._make_observer()) for _ in range(2)]
+
+    @cached_property
+    def _split(self) -> Pass:
+        return self._owner.own(
+            self._device.make_pass("split.frag", self._room.calibration.camera.shape, line=self._room.white)
+        )
 
     def _make_start(self, stored: StoredMaps, maps: RefinementMaps) -> Start:
         device, projector = self._device, self._room.calibration.projector.shape
@@ -82,8 +93,7 @@ class Renderer:
         if start == "grey":
             return GreyStart(device, projector)
         if start == "map":
-            correct, near_light = self._correct, self._near_light
-            return MapStart(lambda b: correct.run(near_light(b)))
+            return MapStart(self._correct)
         return PreviousStart(device, projector, self._unclamped)
 
     def open(self, pixels: PixelFormat) -> None:
@@ -192,7 +202,7 @@ class Renderer:
 
     def _drive(self, b: Light, steps: int) -> Light:
         if self._refiner is None or not steps:
-            drive = self._correct.run(self._near_light(b))
+            drive = self._correct(b)
         else:
             last = self._refiner.run(self._start.run(b), b, steps)
             self._start.keep(last)
@@ -233,16 +243,19 @@ class _Moved:
         self._owner.release()
 
 
-class _Unclamped:
-    """b -> T⁺ b of the near light; built when first asked."""
+class _Corrected:
+    """b -> T⁺ b of the near light; built when first asked, for steps may start without T⁺.
 
-    def __init__(self, correction: StoredMap, near_light: _NearLight) -> None:
-        self._correction, self._near_light = correction, near_light
+    combine : "", or "CLAMP" to limit it to 0..1.
+    """
+
+    def __init__(self, stored: StoredMaps, near_light: _NearLight, combine: str = "") -> None:
+        self._stored, self._near_light, self._combine = stored, near_light, combine
         self._product: Operation | None = None
 
     def __call__(self, b: Light) -> Light:
         if self._product is None:
-            self._product = self._correction.product()
+            self._product = self._stored.of(self._stored.room.maps.correction).product(self._combine)
         return self._product.run(self._near_light(b))
 
     def release(self) -> None:

@@ -15,7 +15,7 @@ from counterlight.files.generation import read_steadily
 from counterlight.maps import room_maps as maps
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.pipeline.drift import Drift, read_drift
-from counterlight.pipeline.refinement import default_start, default_steps
+from counterlight.pipeline.refinement import Advice, advice_of, default_start, default_steps
 
 DITHERS = ("ordered", "noise", "none")
 
@@ -49,7 +49,10 @@ class Room:
     @property
     def default_steps(self) -> int:
         """Steps of refinement a frame if nobody says how many."""
-        return default_steps(self.start) if self.maps.refinement is not None else 0
+        if self.maps.refinement is None:
+            return 0
+        advice = _advice(self.maps)
+        return advice.steps if advice is not None and advice.start == self.start else default_steps(self.start)
 
 
 def read_room(
@@ -58,18 +61,21 @@ def read_room(
     dither: str = "ordered",
     refine: int | str | None = None,
     start: str | None = None,
+    *,
+    words: bool = False,
 ) -> Room:
     """Read a calibration with its correction map; `white` None takes the level that most of the room can reach.
 
     refine : steps of refinement; None for the usual number where the room has the maps for it.
     start : one of STARTS, where they begin; None for what suits the room's maps.
+    words : read the maps in words, too, if the room has any.
     """
     if refine == 0 and start is not None:
         raise InputError(
             f"--refine-from {start}: --refine 0 makes no step that could start there; leave one of them out"
         )
     calibration, room_maps, drift = read_steadily(
-        folder / calibrations.TOML, lambda: _read(folder, refinement=refine != 0)
+        folder / calibrations.TOML, lambda: _read(folder, refinement=refine != 0, words=words)
     )
     if (refine or start) and room_maps.refinement is None:
         raise InputError(
@@ -78,15 +84,26 @@ def read_room(
         )
     reachable = room_maps.white * (1.0 if drift is None else drift.dimming)
     level = reachable if white is None else white
-    start = start or default_start(room_maps.correction_in_steps)
-    return Room(calibration, room_maps, level, dither, start, drift)
+    return Room(calibration, room_maps, level, dither, start or start_of(room_maps, folder), drift)
 
 
-def _read(folder: Path, *, refinement: bool) -> tuple[Calibration, RoomMaps, Drift | None]:
+def start_of(room_maps: RoomMaps, folder: Path | None = None) -> str:
+    """Where refinement starts if nobody says: as the maps advise, or as their sizes do."""
+    advice = _advice(room_maps, folder)
+    return default_start(room_maps.correction_in_steps) if advice is None else advice.start
+
+
+def _advice(room_maps: RoomMaps, folder: Path | None = None) -> Advice | None:
+    where = "maps" if folder is None else f"{folder / maps.FOLDER / maps.MANIFEST}"
+    fix = "" if folder is None else f"rebuild it with: counterlight build {folder}"
+    return advice_of(room_maps.details, where, fix)
+
+
+def _read(folder: Path, *, refinement: bool, words: bool) -> tuple[Calibration, RoomMaps, Drift | None]:
     """The calibration's ambient light is that of now."""
     stored = calibrations.read(folder)
     drift = read_drift(stored)
     calibration = stored.calibration
     if drift is not None and drift.ambient is not None:
         calibration = replace(calibration, ambient=drift.ambient)
-    return calibration, maps.read_maps(stored, refinement=refinement), drift
+    return calibration, maps.read_maps(stored, refinement=refinement, words=words), drift

@@ -21,8 +21,24 @@ SLACK = 1e-6  # relative: T is float32
 
 # 8-bit sRGB.
 SERVED, UNLIT, BELOW_MID_GREY, BELOW_WHITE = (205, 205, 205), (40, 40, 40), (213, 60, 50), (240, 160, 60)
+TOO_MUCH, TOO_LITTLE = (213, 60, 50), (70, 130, 220)
 TOO_DARK, RIGHT, TOO_BRIGHT = (59, 76, 192), (221, 221, 221), (180, 4, 38)
 ERROR_SAMPLES = 513
+LEGENDS = {
+    "error": (
+        (TOO_DARK, f"too dark by {ERROR_SPAN:.0%} of white or more"),
+        (RIGHT, "as it was asked for"),
+        (TOO_BRIGHT, f"too bright by {ERROR_SPAN:.0%} of white or more"),
+        (UNLIT, "does not count"),
+    ),
+    "impossible": (
+        (SERVED, "can be as bright as white"),
+        (BELOW_WHITE, "cannot be white"),
+        (BELOW_MID_GREY, "cannot be mid grey"),
+        (UNLIT, "does not count"),
+    ),
+}
+CLIPPING_LEGEND = (TOO_MUCH, "asked for beyond full light"), (TOO_LITTLE, "asked for below none")
 
 
 def linear(colour: tuple[int, int, int]) -> NDArray[np.float64]:
@@ -32,7 +48,7 @@ def linear(colour: tuple[int, int, int]) -> NDArray[np.float64]:
 
 IMPOSSIBLE = np.stack([linear(colour) for colour in (SERVED, UNLIT, BELOW_MID_GREY, BELOW_WHITE)])
 UNCOUNTED = linear(UNLIT)
-OVER, UNDER = linear((213, 60, 50)), linear((70, 130, 220))
+OVER, UNDER = linear(TOO_MUCH), linear(TOO_LITTLE)
 
 
 def error_colours() -> NDArray[np.float64]:

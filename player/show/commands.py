@@ -42,6 +42,8 @@ def _commands(do: "_Actions") -> dict[str, Command]:
         "loadfile": Command("play a medium or a list, or put it at the end", do.load, "PATH [replace|append]"),
         "ab-loop": Command("set point A, then B, then clear both", do.ab_loop),
         "screenshot": Command("save the view as a PNG picture; its path is the result", do.screenshot),
+        "show-keys": Command("the page of keys, the next one if there are more, or none after the last", do.keys),
+        "show-progress": Command("write where the medium is over the picture", do.progress),
         "show-text": Command("write a line over the picture", do.show_text, "TEXT [MILLISECONDS]"),
         "identify": Command("write its name on every monitor", do.identify),
         "reload": Command("read the maps and compile the shaders again; what is damaged changes nothing", do.reload),
@@ -97,9 +99,10 @@ class _Actions:
         if playback.a_s is None:
             playback.a_s = playback.position_s
             return f"A-B loop from {playback.a_s:.2f} s"
-        if playback.b_s is None and playback.position_s > playback.a_s:
+        if playback.b_s is None and playback.position_s != playback.a_s:
             playback.b_s = playback.position_s
-            return f"A-B loop {playback.a_s:.2f} to {playback.b_s:.2f} s"
+            first, last = sorted((playback.a_s, playback.b_s))
+            return f"A-B loop {first:.2f} to {last:.2f} s"
         playback.a_s = playback.b_s = None
         return "A-B loop: off"
 
@@ -113,6 +116,14 @@ class _Actions:
             write_picture(temporary, session.renderer)
         tell(f"saved {path}", sys.stdout)
         return str(path)
+
+    def keys(self) -> None:
+        self._session.help_page += 1
+        self._session.changed()
+
+    def progress(self) -> None:
+        _playback(self._session)
+        self._session.say(position(self._session))
 
     def show_text(self, text: object, milliseconds: object = 1000) -> None:
         self._session.say(str(text), TIME.read(milliseconds) / 1000)
@@ -333,7 +344,7 @@ def _showing(session: Session) -> dict[str, Property]:
         **{name: _named(name, *attribute(name)) for name in ("view", "compensation", "blackout")},
         "refine": _named("refine", lambda: session.refine, refine),
         "stats": Property("the page of statistics", *attribute("show_stats"), FLAG),
-        "help": Property("the page of keys", *attribute("show_help"), FLAG),
+        "help": Property("the page of keys", lambda: session.help_page > 0, lambda on: put("help_page", int(on)), FLAG),
         "osd": _named("osd", *attribute("osd")),
         "message": Property("what the screen says, empty once it has faded", lambda: session.message.text),
         "placing": Property("whether the picture is being placed", lambda: session.placing is not None),

@@ -3,6 +3,7 @@
 from typing import Protocol
 
 from counterlight.overlay.osd import Page
+from counterlight.overlay.pointer import Pointer
 
 
 class Display(Protocol):
@@ -18,8 +19,15 @@ class Display(Protocol):
     def monitor(self) -> str:
         """Name of the monitor that the window is on."""
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) of what text may cover."""
+
     def poll(self, timeout_s: float) -> list[str]:
         """Names of the keys pressed since the last call, waiting at most `timeout_s` for one."""
+
+    def pointers(self) -> list[Pointer]:
+        """What the left mouse button has done since the last call."""
 
     def notices(self) -> list[str]:
         """What happened to the monitors since the last call."""

@@ -2,15 +2,22 @@
 
 A key's name is the character that it types, "space", "left", "right", "up", "down", "escape", "enter", "tab",
 "backspace", "pageup", "pagedown", "home", "end", or one of these after "ctrl+" or "shift+" (characters after "ctrl+"
-only: shift is in the character). While the picture is being placed, PLACING comes first.
+only: shift is in the character); "double-click" and "wheel-up", "-down", "-left", "-right" are the mouse's. While the
+picture is being placed, PLACING comes first.
 """
 
 import shlex
 from collections.abc import Mapping
 from itertools import groupby
 
-from counterlight.show.registry import CommandError, Commands
+from counterlight.errors import InputError, nearest
+from counterlight.show.registry import PROPERTY_COMMANDS, CommandError, Commands
 
+CTRL, SHIFT = "ctrl+", "shift+"
+NAMES = (
+    *("space", "left", "right", "up", "down", "escape", "enter", "tab", "backspace"),
+    *("pageup", "pagedown", "home", "end", "double-click", "wheel-up", "wheel-down", "wheel-left", "wheel-right"),
+)
 KEYS = {
     "space": "cycle pause",
     "p": "cycle pause",
@@ -26,9 +33,11 @@ KEYS = {
     "L": "cycle loop-file",
     "f": "cycle fullscreen",
     "escape": "set fullscreen no",
+    "double-click": "cycle fullscreen",
     "s": "screenshot",
+    "o": "show-progress",
     "i": "cycle stats",
-    "?": "cycle help",
+    "?": "show-keys",
     "1": "add contrast -1",
     "2": "add contrast 1",
     "3": "add brightness -1",
@@ -39,6 +48,10 @@ KEYS = {
     "8": "add saturation 1",
     "9": "add volume -2",
     "0": "add volume 2",
+    "wheel-down": "add volume -2",
+    "wheel-up": "add volume 2",
+    "wheel-left": "seek -5",
+    "wheel-right": "seek 5",
     "m": "cycle mute",
     "c": "cycle compensation",
     "v": "cycle view",
@@ -72,6 +85,62 @@ PLACING = {
     "enter": "place-save",
     "escape": "place-cancel",
 }
+MEANINGS = {
+    "cycle pause": "pause",
+    "seek -5": "5 s back",
+    "seek 5": "5 s forward",
+    "seek -60": "a minute back",
+    "seek 60": "a minute forward",
+    "frame-step": "next frame, then pause",
+    "frame-back-step": "frame before, then pause",
+    "playlist-prev": "medium before",
+    "playlist-next": "next medium",
+    "ab-loop": "A-B loop: set A, set B, clear",
+    "cycle loop-file": "begin the medium again at its end",
+    "cycle fullscreen": "fill the monitor",
+    "set fullscreen no": "back to a window",
+    "screenshot": "save the view, without what is written over it",
+    "show-progress": "where the medium is",
+    "cycle stats": "statistics, with a histogram of how late frames were",
+    "show-keys": "list the keys",
+    "add contrast -1": "contrast",
+    "add contrast 1": "contrast",
+    "add brightness -1": "brightness",
+    "add brightness 1": "brightness",
+    "add gamma -1": "gamma",
+    "add gamma 1": "gamma",
+    "add saturation -1": "saturation",
+    "add saturation 1": "saturation",
+    "add volume -2": "volume",
+    "add volume 2": "volume",
+    "cycle mute": "mute",
+    "cycle compensation": "with and without compensation",
+    "cycle view": "projector's picture, what the camera will see, split, …",
+    "cycle blackout": "black",
+    "cycle test-card": "test cards, sent as they are",
+    "identify": "number, name and size on every monitor",
+    "cycle clipping": "colour what clips",
+    "multiply refine 0.5": "half the steps of refinement",
+    "multiply refine 2": "twice the steps",
+    "place": "place the picture in the camera's view",
+    "reload": "read the maps and compile the shaders again",
+    "quit": "end",
+    "place-move -0.01 0": "move by a hundredth of the camera's view",
+    "place-move 0.01 0": "move by a hundredth of the camera's view",
+    "place-move 0 -0.01": "move by a hundredth of the camera's view",
+    "place-move 0 0.01": "move by a hundredth of the camera's view",
+    "place-move -0.001 0": "by a thousandth",
+    "place-move 0.001 0": "by a thousandth",
+    "place-move 0 -0.001": "by a thousandth",
+    "place-move 0 0.001": "by a thousandth",
+    "place-scale 1.02": "larger",
+    "place-scale 0.98": "smaller",
+    "place-corner": "select the next corner, or the whole picture",
+    "place-undo": "take the last change back",
+    "place-fit": "as large as fits",
+    "place-save": "keep it",
+    "place-cancel": "as it was",
+}
 ASIDE = ("stats", "help")  # what shows itself needs no word on the screen
 
 
@@ -79,9 +148,18 @@ class Keys:
     """Turns a pressed key into a command, and what it did into a line for the screen."""
 
     def __init__(self, commands: Commands, bindings: Mapping[str, str] | None = None) -> None:
-        """bindings : of the settings file, in place of ours; an empty command unbinds a key."""
+        """bindings : of the settings file, in place of ours; an empty command unbinds a key.
+
+        Raises InputError for a binding that can never do anything.
+        """
+        for key, line in (bindings or {}).items():
+            try:
+                if line.strip():
+                    commands.check(*shlex.split(line))
+            except CommandError as error:
+                raise InputError(f"settings, key {key!r}: {error}") from None
         self._commands = commands
-        self._bindings = {key: words for key, words in {**KEYS, **(bindings or {})}.items() if words}
+        self._bindings = {key: words for key, words in {**KEYS, **(bindings or {})}.items() if words.strip()}
 
     def press(self, key: str, *, placing: bool) -> str:
         """Run what the key is bound to; what the screen should say, or nothing. Unknown keys do nothing."""
@@ -91,26 +169,25 @@ class Keys:
         try:
             name, *words = shlex.split(line)
             result = self._commands.run(name, *words)
-            if name in ("set", "cycle", "add", "multiply"):
+            if name in PROPERTY_COMMANDS:
                 return "" if words[0] in ASIDE else self._commands.tell(words[0])
             return result if isinstance(result, str) else ""
         except (CommandError, ValueError) as error:
             return str(error)
 
-    def help_lines(self, *, placing: bool) -> list[str]:
-        """Keys and their command, a tab apart, in two columns; keys that follow each other and do the same share it."""
+    def help_cells(self, *, placing: bool) -> list[str]:
+        """Keys and what they do, a tab apart; keys that follow each other and do the same share a cell."""
         table = PLACING if placing else self._bindings
-        cells = [
-            f"{'  '.join(key for key, _ in pairs)}\t{words}"
-            for words, pairs in groupby(table.items(), key=lambda pair: pair[1])
-        ]
-        half = (len(cells) + 1) // 2
-        return ["\t".join(pair) for pair in zip(cells[:half], [*cells[half:], ""], strict=False)]
+        meaning = groupby(table.items(), key=lambda pair: MEANINGS.get(pair[1], pair[1]))
+        return [f"{'  '.join(key for key, _ in pairs)}\t{words}" for words, pairs in meaning]
 
 
 def check_bindings(bindings: Mapping[str, object]) -> dict[str, str]:
-    """A settings file's table of keys; CommandError for what is no command line."""
+    """A settings file's table of keys; CommandError for what is no key, or no command line."""
     for key, words in bindings.items():
+        bare = key.removeprefix(CTRL if key.startswith(CTRL) else SHIFT)
+        if bare not in NAMES and (len(bare) != 1 or key.startswith(SHIFT)):
+            raise CommandError(f"no key {key!r}{nearest(bare, NAMES)}; a key is a character, {', '.join(NAMES)}")
         if not isinstance(words, str):
             raise CommandError(f"key {key!r}: expected a command as text, found {words!r}")
         try:

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import shlex
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 from counterlight.calibration import RADIANCE
 from counterlight.command import Parser
 from counterlight.errors import InputError
+from counterlight.media.frames import MediaInfo
 from counterlight.media.medium import Border, Medium
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.device import PATHS
@@ -18,16 +20,23 @@ from counterlight.pipeline.parameters import LISTED_IMAGE_S, PARAMETERS
 from counterlight.pipeline.refinement import STARTS
 from counterlight.pipeline.room import DITHERS
 from counterlight.pipeline.test_cards import CARDS
-from counterlight.show.keys import KEYS
+from counterlight.show.headless import BACKENDS
+from counterlight.show.keys import KEYS, MEANINGS
 from counterlight.show.playlist import expand
 from counterlight.show.settings import Several, apply_settings, default_path
 from counterlight.unattended.supervisor import SAFE
+
+WINDOW_ONLY = (
+    *("fullscreen", "monitor", "any_size", "vsync", "audio", "volume", "mute", "blackout", "osd"),
+    *("screenshot_directory", "speed", "image_display_duration", "control", "heartbeat", "playlist_start"),
+)
 
 
 def read_options(argv: Sequence[str] | None, description: str) -> argparse.Namespace:
     """Options over settings over defaults.
 
-    keys : the settings' key bindings.  media : media/medium.py, `lists` expanded.  border : what others may name.
+    given : names of those whose value is not the default.  keys : the settings' key bindings.
+    media : media/medium.py, `lists` expanded.  border : what others may name.
     lasting : whether nobody is there to start the show again.
     """
     parser = _parser(description)
@@ -38,6 +47,7 @@ def read_options(argv: Sequence[str] | None, description: str) -> argparse.Names
         if config.config is not None or path.exists():
             keys = apply_settings(parser, path)
     options = parser.parse_intermixed_args(argv)
+    options.given = {name for name, value in vars(options).items() if value != parser.get_default(name)}
     options.keys, options.lists = keys, [Medium(name) for name in options.media]
     roots = [options.media_root] if isinstance(options.media_root, Path) else options.media_root or []
     options.border = Border.around(options.lists, roots, live=options.allow_live)
@@ -56,6 +66,21 @@ def adjustments_of(options: argparse.Namespace) -> Adjustments:
 def monitors_of(options: argparse.Namespace) -> list[str]:
     """The monitors that are named, one for each projector; settings may name a single one without a list."""
     return [options.monitor] if isinstance(options.monitor, str) else options.monitor or []
+
+
+def check_of(options: argparse.Namespace) -> tuple[list[str], float] | None:
+    """What a check of the room is told beside its folder, and every how many seconds one is due; None for no checks."""
+    if options.check_every is None and options.check_with is None:
+        return None
+    if options.check_every is None or options.check_with is None:
+        raise InputError("--check-every MINUTES and --check-with '--camera CAMERA …' belong together; give both")
+    if options.output is not None:
+        raise InputError("--check-every is for a window; with --output leave it out")
+    try:
+        words = shlex.split(options.check_with)
+    except ValueError as error:
+        raise InputError(f"--check-with {options.check_with}: {error}; quote it as for a shell") from None
+    return words, 60 * options.check_every
 
 
 def image_display_duration(options: argparse.Namespace) -> float | None:
@@ -147,8 +172,8 @@ def _add_compensation(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--refine-from",
         choices=STARTS,
-        help="where they start (default: the correction map's picture,\n"
-        "or, if that map is large, direct mapping's, both changed\nas in the frame before)",
+        help="where they start (default: as the maps say, the correction map's\n"
+        "picture, or direct mapping's if that map is large, both changed\nas in the frame before)",
     )
     _offer(parser, "compensation", "view")
 
@@ -185,17 +210,28 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="render without a window into .png, .exr (linear), name%%05d.png,\n.mp4, .mov, .webm or .mkv (lossless)",
     )
-    add("--backend", choices=("gl", "cpu"), default="gl", help="cpu: the numpy reference (with --output)")
+    add(
+        "--backend",
+        choices=BACKENDS,
+        default="auto",
+        help="what renders a file: gl, OpenGL, or cpu, compiled for the processor\n"
+        "(default auto: gl where there is a GPU, or --path is given, else cpu)",
+    )
     add(
         "--path",
         choices=PATHS,
-        help="how the GPU multiplies: fragment or compute shaders (OpenGL 4.3);\n"
-        "auto measures both at the start and keeps the faster (default: auto\n"
-        "in a window; fragment with --output, so that its result repeats)",
+        help="how the GPU multiplies: fragment or compute shaders (OpenGL 4.3),\n"
+        "words or compute-words with T in words of 4 bytes; auto measures at\n"
+        "the start and keeps the fastest (default: auto in a window; fragment\n"
+        "with --output, so that its result repeats)",
     )
     add("--dither", choices=DITHERS, default="ordered", help="how 8-bit steps are hidden (default ordered)")
     add("--control", type=Path, metavar="SOCKET", help="take commands there, JSON lines as mpv's IPC")
     add("--heartbeat", metavar="FILE|-", help="add a JSON line a second: frames, drops, memory, position")
+    minutes = Number(1 / 60, 1e6, noun="minutes")
+    text = "look at the room again so often, between two media if there\nare several, and correct what has moved"
+    _number(parser, "check-every", minutes, "MINUTES", text)
+    add("--check-with", metavar="'OPTIONS'", help="of counterlight verify: --camera CAMERA and what belongs to it")
     _flag(parser, "supervise", False, "start the player again whenever it dies or hangs")
     add("--supervised", action="store_true", help=argparse.SUPPRESS)  # said by the supervisor
     add("--safe", choices=SAFE, default="black", help="what --supervise shows after too many crashes (default black)")
@@ -205,13 +241,26 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
 def _keys() -> str:
     """The keys in lines of a terminal's width."""
     lines = ["keys (? lists them over the picture):"]
-    for key, words in KEYS.items():
-        piece = f"{key} {words}"
+    for key, command in KEYS.items():
+        piece = f"{key} {MEANINGS[command]}"
         if len(lines[-1]) + len(piece) > 100 or len(lines) == 1:
             lines.append("  " + piece)
         else:
             lines[-1] += f",  {piece}"
     return "\n".join(lines).replace("%", "%%")
+
+
+def ignored(options: argparse.Namespace, info: MediaInfo) -> list[str]:
+    """A line for options of the command line that mean nothing to what is rendered into a file."""
+    lines = [f"--{name.replace('_', '-')}: is for a window, means nothing with --output" for name in WINDOW_ONLY]
+    unused = [line for name, line in zip(WINDOW_ONLY, lines, strict=True) if name in options.given]
+    if info.still:
+        unused += [
+            f"--{name}: {info.path} is a single picture" for name in ("frames", "start") if name in options.given
+        ]
+    if "fps" in options.given and not options.media[0].is_sequence:
+        unused.append(f"--fps: {info.path} is no numbered sequence and has a rate of its own")
+    return unused
 
 
 def one_medium(options: argparse.Namespace) -> Medium:

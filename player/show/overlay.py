@@ -2,8 +2,9 @@
 
 from dataclasses import replace
 
-from counterlight.overlay.osd import MESSAGE_SIZE, Page
+from counterlight.overlay.osd import MESSAGE_SIZE, Legend, Page, pages
 from counterlight.overlay.outline import Outline, moved, outline_of
+from counterlight.pipeline.views import CLIPPING_LEGEND, LEGENDS
 from counterlight.show.keys import Keys
 from counterlight.show.session import Session
 from counterlight.show.stats_page import stats_page
@@ -41,12 +42,31 @@ class Overlay:
         """What is written over the picture; the statistics' figures stand still for PAGE_INTERVAL_S."""
         session = self._session
         text, opacity = session.message.text, session.message.opacity
-        if session.show_help:
-            return Page(tuple(self._keys.help_lines(placing=session.placing is not None)))
+        if session.help_page:
+            help_pages = pages(self._keys.help_cells(placing=session.placing is not None), session.display.size)
+            if session.help_page <= len(help_pages):
+                return help_pages[session.help_page - 1]
+            session.help_page = 0
         if session.show_stats and session.playback is not None:
             if self._statistics is None or session.clock() - self._measured_at >= PAGE_INTERVAL_S:
                 self._statistics, self._measured_at = stats_page(session, text), session.clock()
             return self._statistics
+        legends = self._legends()
         if session.placing is not None:
-            return Page((f"placing the {session.placing.selected}; ? lists the keys", *([text] if text else [])))
-        return Page((text,), opacity=opacity, size=MESSAGE_SIZE) if text and session.osd else None
+            line = f"placing the {session.placing.selected}; ? lists the keys"
+            return Page((line, *([text] if text else [])), legends=legends)
+        if session.osd == "off":
+            return None
+        if legends:
+            return Page((text,) if text else (), legends=legends)
+        return Page((text,), opacity=opacity, size=MESSAGE_SIZE) if text else None
+
+    def _legends(self) -> tuple[Legend, ...]:
+        """What the colours of the view stand for."""
+        session = self._session
+        showing = session.adjustments.card is None and session.rendered and not session.blackout
+        if session.osd == "off" or not showing:
+            return ()
+        told = session.compensation or session.view != "projector"
+        clipping = CLIPPING_LEGEND if session.adjustments.clipping and told and session.view != "impossible" else ()
+        return tuple(Legend(*row) for row in (*LEGENDS.get(session.view, ()), *clipping))

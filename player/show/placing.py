@@ -2,8 +2,10 @@
 
 from dataclasses import dataclass, field
 
+from counterlight.errors import InputError
 from counterlight.pipeline.placement import Corners, check_corners
 
+REACH = 0.04  # how far from a corner, in views, the mouse takes hold of it
 CORNER_NAMES = ("upper left", "upper right", "lower right", "lower left")
 
 
@@ -15,13 +17,35 @@ class Placing:
     before: Corners | None
     corner: int | None = None
     _history: list[Corners] = field(default_factory=list)
+    _held: tuple[float, float] | None = None
 
     def move(self, dx: float, dy: float) -> None:
         """Move the selected corner, or the whole picture, by shares of the view."""
-        moved = [
-            (x + dx, y + dy) if self.corner in (None, index) else (x, y) for index, (x, y) in enumerate(self.corners)
-        ]
-        self._put(moved)
+        self._put(self._moved(dx, dy))
+
+    def grab(self, x: float, y: float) -> None:
+        """Take hold of the corner that is there, or else of the whole picture."""
+        away = [max(abs(x - corner_x), abs(y - corner_y)) for corner_x, corner_y in self.corners]
+        self.corner = away.index(min(away)) if min(away) <= REACH else None
+        self._held = x, y
+        self._history.append(self.corners)
+
+    def drag(self, x: float, y: float) -> bool:
+        """Pull what is held there; False if nothing is, or if the picture cannot stand so."""
+        if self._held is None:
+            return False
+        a, b, c, d = self._moved(x - self._held[0], y - self._held[1])
+        try:
+            check_corners((a, b, c, d))
+        except InputError:
+            return False
+        self.corners, self._held = (a, b, c, d), (x, y)
+        return True
+
+    def let_go(self) -> None:
+        if self._held is not None and self._history[-1] == self.corners:
+            self._history.pop()
+        self._held = None
 
     def scale(self, factor: float) -> None:
         """Scale the picture about its middle."""
@@ -46,6 +70,12 @@ class Placing:
     @property
     def selected(self) -> str:
         return "whole picture" if self.corner is None else f"{CORNER_NAMES[self.corner]} corner"
+
+    def _moved(self, dx: float, dy: float) -> list[tuple[float, float]]:
+        """The corners, of which the selected one, or all, are moved."""
+        return [
+            (x + dx, y + dy) if self.corner in (None, index) else (x, y) for index, (x, y) in enumerate(self.corners)
+        ]
 
     def _put(self, points: list[tuple[float, float]]) -> None:
         a, b, c, d = points

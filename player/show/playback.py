@@ -123,13 +123,20 @@ class Playback:
         if due is not None:
             self._leave(due)
         elif self._exhausted and self.finished and not self.reader.info.still and self.loops:
-            self.seek(self.a_s or 0.0)
+            self.seek(self._ab[0] if self._ab else self.a_s or 0.0)
         return due
 
     @property
     def loops(self) -> bool:
-        """Whether the end leads to a beginning: L is on, or there is a point A and the end comes before B."""
-        return self.loop or (self.a_s is not None and self.b_s is not None)
+        """Whether the end leads to a beginning: L is on, or there are points A and B, the end before the later."""
+        return self.loop or self._ab is not None
+
+    @property
+    def _ab(self) -> tuple[float, float] | None:
+        """Where the A-B loop begins and ends: as in mpv, whichever point was set first."""
+        if self.a_s is None or self.b_s is None:
+            return None
+        return min(self.a_s, self.b_s), max(self.a_s, self.b_s)
 
     def due_at(self, frame: Frame) -> float | None:
         """Clock time at which a frame should stand on the screen; None while paused."""
@@ -156,7 +163,7 @@ class Playback:
         self._drop_pending()
         self._skipped_to_s = self._lap_s = 0.0
         self._left_s = None
-        self._seconds = self._in_medium(max(0.0, time_s))
+        self._seconds = self._in_medium(min(max(0.0, time_s), self.reader.info.duration_s or float("inf")))
         self.reader.seek(self._seconds)
         if self._sound is not None:
             self._sound.seek(self._seconds, self._speed)
@@ -278,8 +285,8 @@ class Playback:
             return False
         here_s, there_s = self._in_medium(self._taken_s), self._in_medium(frame.time_s)
         again = there_s < here_s
-        if self.a_s is not None and self.b_s is not None and here_s <= self.b_s and (there_s >= self.b_s or again):
-            self.seek(self.a_s)
+        if self._ab is not None and here_s <= self._ab[1] and (there_s >= self._ab[1] or again):
+            self.seek(self._ab[0])
             return True
         if again and self._seamless and not self.loop:
             self._cut_off = True

@@ -13,6 +13,8 @@ from typing import Any
 from counterlight.errors import InputError, nearest
 from counterlight.pipeline.kinds import ANYTHING, Kind, Number, UnreadError
 
+PROPERTY_COMMANDS = ("set", "cycle", "add", "multiply")
+
 
 class CommandError(ValueError):
     """A command or a value that is refused: one line, for the screen or the socket."""
@@ -74,11 +76,21 @@ class Commands:
     def run(self, name: str, *arguments: object) -> object:
         """Run a command; its result, if any, is JSON-able."""
         command = _named(self._commands, name, "command")
-        least, most = _counts(command.usage)
-        if not least <= len(arguments) <= most:
-            raise CommandError(f"{name}: expected {command.usage or 'no arguments'}, found {_words(arguments)}")
+        _check_count(name, command, arguments)
         with _refusing(name):
             return command.run(*arguments)
+
+    def check(self, name: str, *arguments: object) -> None:
+        """CommandError for what `run` would refuse whatever the show does; nothing is run."""
+        command = _named(self._commands, name, "command")
+        _check_count(name, command, arguments)
+        if name in PROPERTY_COMMANDS:
+            described = _named(self._properties, arguments[0], "property")
+            if described.set is None:
+                raise CommandError(f"{arguments[0]} is read-only")
+            if name == "set":
+                with _refusing(str(arguments[0])):
+                    described.kind.read(arguments[1])
 
     def get(self, name: str) -> Any:
         return _named(self._properties, name, "property").get()
@@ -142,6 +154,12 @@ def _refusing(name: str) -> Iterator[None]:
         raise CommandError(f"{name}: {error}") from None
     except InputError as error:
         raise CommandError(str(error)) from None
+
+
+def _check_count(name: str, command: Command, arguments: Sequence[object]) -> None:
+    least, most = _counts(command.usage)
+    if not least <= len(arguments) <= most:
+        raise CommandError(f"{name}: expected {command.usage or 'no arguments'}, found {_words(arguments)}")
 
 
 def _counts(usage: str) -> tuple[int, int]:

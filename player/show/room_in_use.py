@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from counterlight import calibration
 from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.media.frames import PixelFormat
 from counterlight.overlay.outline import Points, lit_by
 from counterlight.pipeline.content import psnr
+from counterlight.pipeline.drift import read_drift
 from counterlight.pipeline.placement import Corners, corners_of, place, write_placement
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.renderer import Renderer
@@ -40,6 +42,12 @@ class RoomInUse:
         """For JSON, what the last check found; None if there was none."""
         return self._room.drifted
 
+    @property
+    def drifts(self) -> bool:
+        """Whether the last check has found, or no longer finds, anything to undo."""
+        found = read_drift(calibration.read(self._folder))
+        return any(each is not None and each.changes for each in (found, self._room.drift))
+
     def reload(self) -> Renderer:
         """Read the maps and make a renderer of them; InputError if they do not suit the windows that are open."""
         fresh, before = self._read(), self._room.calibration.regions
@@ -65,6 +73,10 @@ class RoomInUse:
         """10 log₁₀(white² / mean (T p − b)²) over the camera pixels that count and their channels."""
         values = 3 * np.count_nonzero(self._room.calibration.mask)
         return psnr(float(certificate.squared_error.sum()) / max(int(values), 1) / self._room.white**2)
+
+    def on_camera(self, points: Points) -> Points:
+        """Where the correction map has most of what points of the projector's picture show; NaN where it is empty."""
+        return lit_by(self._room.maps.correction, points)
 
     def on_projector(self, points: Points) -> Points:
         """Where the projector's picture lights points of the view most."""

@@ -20,6 +20,7 @@ from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.refinement import Certificate, StepBudget
 from counterlight.pipeline.renderer import Renderer
 from counterlight.show.display import Display
+from counterlight.show.lateness import Lateness
 from counterlight.show.media import Media
 from counterlight.show.memory import give_back
 from counterlight.show.placing import Placing
@@ -51,6 +52,7 @@ class Session:
 
     opener : finds and opens media.  clock : seconds, monotonic.  lasting : whether the show goes on whatever becomes of
     its media.  image_display_duration : seconds that a still is shown; None for ever.
+    unattended : whether nobody works on the show: what went wrong is then written over the picture only if `osd` asks.
     silence : why there is no audio output, told when a medium has sound; None: nobody wants any.
     """
 
@@ -72,7 +74,8 @@ class Session:
         start_s: float = 0.0,
         image_display_duration: float | None = None,
         blackout: bool = False,
-        osd: bool = True,
+        osd: str = "on",
+        unattended: bool = False,
         screenshots: Path = Path(),
         audio: AudioOutput | None = None,
         silence: str | None = None,
@@ -83,9 +86,10 @@ class Session:
         self.adjustments, self.osd, self.screenshots = adjustments, osd, screenshots
         self.image_display_duration, self.clock = image_display_duration, clock
         self.stats, self.message = Stats(), Message(clock)
-        self.show_stats = self.show_help = self.done = False
+        self.show_stats = self.done = False
+        self.help_page = 0  # from 1; 0 for none
         self.placing: Placing | None = None
-        self._silence, self._lasting = silence, lasting
+        self._silence, self._lasting, self._unattended = silence, lasting, unattended
         self._incoming: Renderer | None = None
         self._draws = self._steps_made = 0
         self.rendered_view = self.view
@@ -98,6 +102,7 @@ class Session:
         self._start: tuple[Medium, float] | None = playlist.current, start_s
         self._pixels: PixelFormat | None = None  # that the renderer is open for
         self._budget: StepBudget | None = None
+        self._lateness: Lateness | None = None
         self.programme = Programme(
             playlist,
             opener,
@@ -166,11 +171,15 @@ class Session:
         self.message.say(text, *([] if seconds is None else [seconds]))
 
     def notice(self, text: str) -> None:
-        """Something that went wrong without stopping the show: for the log, the statistics and the screen."""
+        """Something that went wrong without stopping the show: for the log, the statistics and who works on the show.
+
+        An audience that looks at a projector's picture is not told unless that was asked for.
+        """
         text = printable(text)
         tell(text)
         self.stats.notice(text)
-        self.say(text, 3.0)
+        if self.osd == "notices" or not (self._unattended or self.display.fullscreen):
+            self.say(text, 3.0)
 
     def changed(self) -> None:
         """Have the view drawn again."""
@@ -241,8 +250,10 @@ class Session:
         self.programme.plays()
         self.placing = None
         self._budget = self._new_budget()
+        rate = None if reader.info.still else reader.info.frames_per_second
+        self._lateness = None if rate is None else Lateness(self.stats, rate, self.clock())
         self.stats.interrupted()
-        self.display.set_title(printable(f"{medium} - Counterlight"))
+        self.display.set_title(printable(f"{Path(medium.name).name} - Counterlight"))
 
     def _open_renderer(self, pixels: PixelFormat) -> None:
         """Have frames of a format drawn from now on; what is on the screen stays until one comes."""
@@ -297,6 +308,9 @@ class Session:
         self.stats.add("upload", time.perf_counter() - start)
         self.stats.frames += 1
         self._uploaded = self._changed = True
+        advice = None if self._lateness is None else self._lateness.advice(self.clock(), self.steps)
+        if advice is not None:
+            self.notice(advice)
 
     def _took_over(self, incoming: Renderer, frame: Frame) -> bool:
         """Whether what reload brought can draw a frame: it then takes the place of the renderer, which else stays."""

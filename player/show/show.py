@@ -1,7 +1,14 @@
 """A show from loop to loop: what keys and remotes command, what the session shows, what is written over it and told."""
 
+import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
+import numpy as np
+
+from counterlight.command import status
+from counterlight.overlay.pointer import Pointer
+from counterlight.show.checked_room import CheckedRoom
 from counterlight.show.commands import commands_of
 from counterlight.show.control import ControlServer
 from counterlight.show.keys import Keys
@@ -9,14 +16,19 @@ from counterlight.show.memory import short_collections
 from counterlight.show.overlay import Overlay
 from counterlight.show.session import Session
 from counterlight.show.stats import Stats
-from counterlight.show.stats_page import facts
+from counterlight.show.stats_page import facts, status_line
 from counterlight.unattended.heartbeat import Heartbeat
+from counterlight.unattended.room_checks import RoomChecks
 
+STATUS_INTERVAL_S = 0.5
 REDRAW = "redraw"  # not a key: the window was resized or uncovered
 
 
 class Show:
-    """A session and all that it answers to.  bindings : of the settings file, see Keys."""
+    """A session and all that it answers to.
+
+    bindings : of the settings file, see Keys.  checks : of the room; None for none.
+    """
 
     def __init__(
         self,
@@ -25,11 +37,14 @@ class Show:
         bindings: Mapping[str, str] | None = None,
         remotes: Sequence[ControlServer] = (),
         heartbeat: Heartbeat | None = None,
+        checks: RoomChecks | None = None,
     ) -> None:
         self.session, self.commands = session, commands_of(session)
         self._keys = Keys(self.commands, bindings)
         self._overlay = Overlay(session, self._keys)
         self._remotes, self._heartbeat = remotes, heartbeat
+        self._told_at = float("-inf")
+        self._checked = None if checks is None else CheckedRoom(session, self.commands, checks)
 
     def run(self, limit: int | None = None) -> Stats:
         """Play until the list ends, the window closes, `q`, or `limit` frames have been shown; ends the session.
@@ -41,6 +56,9 @@ class Show:
                 self._run(limit)
             return self.session.outcome()
         finally:
+            status("")
+            if self._checked is not None:
+                self._checked.close()
             self.session.close()
 
     def _run(self, limit: int | None) -> None:
@@ -48,17 +66,46 @@ class Show:
         while not (session.done or session.display.closed):
             for key in session.display.poll(session.wait_s()):
                 self.press(key)
+            for pointer in session.display.pointers():
+                self.point(pointer)
             for remote in self._remotes:
                 remote.poll(self.commands)
             self.step()
             if self._heartbeat is not None and self._heartbeat.due:
                 self._heartbeat.beat(facts(session))
+            self._tell_terminal()
             if limit is not None and session.stats.frames >= limit:
                 return
+
+    def _tell_terminal(self) -> None:
+        session, now_s = self.session, time.monotonic()
+        if session.playback is not None and now_s - self._told_at >= STATUS_INTERVAL_S:
+            self._told_at = now_s
+            status(status_line(session))
 
     def step(self) -> None:
         """Show what is due, with what is written over it."""
         self.session.step(self._overlay.page)
+        if self._checked is not None:
+            self._checked.poll()
+
+    def point(self, pointer: Pointer) -> None:
+        """Pull the picture that is being placed; otherwise the mouse does nothing but click."""
+        session, placing = self.session, self.session.placing
+        if placing is None:
+            return
+        if pointer.action == "release":
+            placing.let_go()
+            return
+        at = np.array([[pointer.x, pointer.y]])
+        x, y = (session.room.on_camera(at) if session.view == "projector" else at)[0]
+        if not np.isfinite((x, y)).all():  # where the projector lights nothing that counts
+            return
+        if pointer.action == "press":
+            placing.grab(x, y)
+            session.changed()
+        elif placing.drag(x, y):
+            session.adjust(replace(session.adjustments, corners=placing.corners))
 
     def press(self, key: str) -> None:
         """Do what a key stands for and say on the screen what it changed; unknown keys do nothing."""

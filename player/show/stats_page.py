@@ -43,12 +43,21 @@ def _outside(certificate: Certificate | None) -> list[str]:
 
 
 def position(session: Session) -> str:
-    """`0:00:05 / 0:01:30`."""
+    """`0:00:05 / 0:01:30 (6 %)`."""
     playback = session.playback
     assert playback is not None
     duration_s = playback.reader.info.duration_s
-    total = f" / {_clock(duration_s)}" if duration_s else ""
+    total = f" / {_clock(duration_s)} ({100 * playback.position_s / duration_s:.0f} %)" if duration_s else ""
     return _clock(playback.position_s) + total + (" paused" if playback.paused else "")
+
+
+def status_line(session: Session) -> str:
+    """What a terminal says while a medium plays."""
+    stats = session.stats
+    listed = f"[{session.programme.on + 1}/{len(session.playlist.media)}] " if len(session.playlist.media) > 1 else ""
+    refined = f", {session.steps} steps" if session.compensation and session.steps else ""
+    dropped = f", {stats.dropped} dropped" if stats.dropped else ""
+    return f"{listed}{position(session)}, {stats.frames_per_second:.1f} fps{refined}{dropped}"
 
 
 def facts(session: Session) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import platform
 import time
 from collections.abc import Callable, Iterable
 
-from tests.bench import acquisition, frames, hdr, maps, show, solvers, words
+from tests.bench import acquisition, frames, hdr, maps, show, sizes, solvers, words
 
 ROWS: dict[str, Callable[[], Iterable[object]]] = {
     "shader": frames.shader,
@@ -22,6 +22,7 @@ ROWS: dict[str, Callable[[], Iterable[object]]] = {
     "nnls": solvers.non_negative,
     "decomposed": maps.map_decomposed,
     "windowed": maps.map_windowed,
+    "default": sizes.default_build,
     "hdr": hdr.radiance_maps,
     "schedule": acquisition.schedule,
     "acquisition": acquisition.whole,

@@ -14,27 +14,32 @@ from scipy import sparse
 
 from counterlight.calibration import Calibration, Device
 from counterlight.gl.compute_pass import MapBuffers, supports_compute
-from counterlight.gl.context import headless_context
+from counterlight.gl.context import headless_context, in_software
 from counterlight.gl.passes import picture_texture
-from counterlight.gl.paths import in_software
 from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.row_map_pass import MapTextures
 from counterlight.gl.small_map_pass import SmallBuffers, SmallTextures
+from counterlight.maps.prior import Prior
 from counterlight.maps.room_maps import RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack, unpack
-from counterlight.maps.small_correction import in_small
+from counterlight.maps.small_map import ascending
+from counterlight.maps.word_map import WordMap
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.device import StoredMap
 from counterlight.pipeline.reference import PreparedRows
+from counterlight.pipeline.reference_renderer import ReferenceRenderer
+from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.response import Response
+from counterlight.tools.inverse.words_fit import fit
+from counterlight.tools.inverse.words_light import small_map
 from counterlight.tools.shipped import CLIP
 from tests.bench.rows import REPEATS, WARM_UP, median_ms
 
 PROJECTOR, CAMERA = (384, 512), (480, 640)
-FULL_HD = (1080, 1920)
+HD, FULL_HD = (720, 1280), (1080, 1920)
 REFINED_ENTRIES, STEPS = 25, 8
 FRAME_TIMEOUT_S = 60.0
 COPY_BYTES = 1 << 28
@@ -74,7 +79,7 @@ def shader() -> Iterator[str]:
 
 
 def refined() -> Iterator[str]:
-    """Eight steps of refinement, maps of 25 entries a pixel, on both paths."""
+    """Eight steps of refinement, maps of 25 entries a pixel, on both of the GPU's paths and on the processor."""
     rng = np.random.default_rng(1)
     with headless_context() as context:
         yield context.info["GL_RENDERER"]
@@ -86,17 +91,25 @@ def refined() -> Iterator[str]:
 
 
 def frames() -> Iterator[str]:
-    """A real 720p clip through both backends."""
+    """A real 720p clip through both backends, and at the thesis' size through the numpy that they are held to."""
     rng = np.random.default_rng(1)
-    maps = RoomMaps(local_map(PROJECTOR, CAMERA, 4, rng), local_map(CAMERA, PROJECTOR, 2, rng), None, None, 0.5)
-    room = bench_room(maps, PROJECTOR, CAMERA)
     with headless_context() as context:
-        for name, renderer in (("gl", GlRenderer(context, room)), ("cpu", CpuRenderer(room))):
-            with MediaReader.open(CLIP, loop=True) as reader:
-                renderer.open(reader.info.format)
-                stages = frame_ms(renderer, reader)
-            renderer.release()
-            yield f"whole frame, 720p H.264, {name}: " + ", ".join(f"{stage} {ms:.1f}" for stage, ms in stages.items())
+        yield context.info["GL_RENDERER"]
+        for projector, camera in ((PROJECTOR, CAMERA), (HD, HD)):
+            maps = RoomMaps(local_map(projector, camera, 4, rng), local_map(camera, projector, 2, rng), None, None, 0.5)
+            room = bench_room(maps, projector, camera)
+            backends: list[Callable[[], Renderer]] = [lambda: GlRenderer(context, room), lambda: CpuRenderer(room)]  # noqa: B023
+            if projector == PROJECTOR:
+                backends.append(lambda: ReferenceRenderer(room))  # noqa: B023
+            for made in backends:
+                renderer = made()
+                with MediaReader.open(CLIP, loop=True) as reader:
+                    renderer.open(reader.info.format)
+                    stages = frame_ms(renderer, reader)
+                renderer.release()
+                yield f"720p H.264 to {projector[1]}x{projector[0]}, {renderer.path.name}: " + ", ".join(
+                    f"{stage} {ms:.1f}" for stage, ms in stages.items()
+                )
 
 
 def table(
@@ -130,13 +143,19 @@ def gl_products(context: moderngl.Context, packed: RowMap, picture: np.ndarray) 
     ]
     if supports_compute(context):
         ways.append(("compute", lambda: MapBuffers(context, packed), 16 * packed.count + 16 * pixels))
-    words, _ = in_small(packed, np.ones((picture.shape[0] * picture.shape[1], 3)), 1 / 255)
-    word_bytes = words.nbytes
-    ways.append(("fragment, words", lambda: SmallTextures(context, words), word_bytes))
+    words = words_of(packed)
+    ways.append(("fragment, words", lambda: SmallTextures(context, words), words.nbytes))
     if supports_compute(context):
-        ways.append(("compute, words", lambda: SmallBuffers(context, words), word_bytes))
+        ways.append(("compute, words", lambda: SmallBuffers(context, words), words.nbytes))
     for name, store, map_bytes in ways:
         yield Contender(name, product_ms(context, store(), picture), (map_bytes + pictures) / MB)
+
+
+def words_of(packed: RowMap) -> WordMap:
+    """To a code value of each row, whatever the source holds within 0..1."""
+    rows = ascending(unpack(packed))
+    found = fit(rows, np.ones((rows.columns, 3)), np.full((rows.shape[0], 3), 1 / 255))
+    return WordMap.of(small_map((packed.output_shape, packed.source_shape), rows, found))
 
 
 def product_ms(context: moderngl.Context, stored: StoredMap, picture: np.ndarray) -> float:
@@ -169,7 +188,7 @@ def scipy_product(packed: RowMap, picture: np.ndarray) -> Contender:
 def numba_product(packed: RowMap, picture: np.ndarray) -> Contender:
     rows, prepared = packed.output_shape[0] * packed.output_shape[1], PreparedRows(packed)
     moved = 16 * packed.count + 8 * rows + picture.nbytes + 24 * rows
-    return Contender("Numba, all cores (cpu)", median_ms(lambda: prepared.apply(picture)), moved / MB)
+    return Contender("Numba, all cores (tools)", median_ms(lambda: prepared.apply(picture)), moved / MB)
 
 
 def host_copy_bandwidth() -> float:
@@ -205,21 +224,26 @@ def refined_line(
     side = int(REFINED_ENTRIES**0.5)
     dual, transport = local_map(projector, camera, side, rng), local_map(camera, projector, side, rng)
     step_size = np.full((*projector, 3), 0.5, np.float32)
-    refinement = RefinementMaps(dual, None, local_map(projector, camera, 1, rng), step_size)
+    direct, prior = local_map(projector, camera, 1, rng), Prior.none(projector)
+    weights, seen = np.ones(camera, np.float32), np.ones(projector, np.float32)
+    refinement = RefinementMaps(dual, None, direct, step_size, prior, weights, seen)
     room = bench_room(RoomMaps(dual, transport, None, None, 0.5, refinement=refinement), projector, camera)
     frame = radiance_frame(rng.uniform(0, 0.5, (*camera, 3)).astype(np.float32))
     found = []
-    for path in ("fragment", "compute") if supports_compute(context) else ("fragment",):
-        renderer = GlRenderer(context, room, path)
+    backends: list[Callable[[], Renderer]] = [lambda: GlRenderer(context, room, "fragment")]
+    if supports_compute(context):
+        backends.append(lambda: GlRenderer(context, room, "compute"))
+    for made in (*backends, lambda: CpuRenderer(room)):
+        renderer = made()
         renderer.open(frame.format)
         renderer.upload(frame)
 
-        def work(renderer: GlRenderer = renderer) -> None:
+        def work(renderer: Renderer = renderer) -> None:
             renderer.render("projector", compensate=True, steps=STEPS)
             renderer.finish()
 
         milliseconds = median_ms(work)
-        found.append(f"{path} {milliseconds:.1f} ms{fps(milliseconds)}")
+        found.append(f"{renderer.path.name} {milliseconds:.1f} ms{fps(milliseconds)}")
         renderer.release()
     return f"{projector[1]}x{projector[0]}, camera {camera[1]}x{camera[0]}: {'; '.join(found)}"
 
@@ -252,7 +276,7 @@ def local_map(output: tuple[int, int], source: tuple[int, int], side: int, rng: 
     return pack(SparseRows(indptr, indices.ravel(), weights, source[0] * source[1]), output, source)
 
 
-def frame_ms(renderer: GlRenderer | CpuRenderer, reader: MediaReader) -> dict[str, float]:
+def frame_ms(renderer: Renderer, reader: MediaReader) -> dict[str, float]:
     """Medians of the stages of a whole frame: wait for the decoder, upload, correct, read back."""
     stages: dict[str, list[float]] = {name: [] for name in ("wait", "decode", "upload", "correct", "read back", "all")}
     for index in range(WARM_UP + REPEATS):

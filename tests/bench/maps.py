@@ -51,7 +51,7 @@ def map_decomposed() -> Iterator[object]:
 
 def map_windowed() -> Iterator[object]:
     """T as it is: one cluster, through windows."""
-    total = _from_t_to_files("windowed", InverseOptions(), 600)
+    total = _from_t_to_files("windowed", InverseOptions(inverse="whole"), 600)
     windows = Windows(np.ones(PROJECTOR, bool), HALOS[0], BLOCKS[0])
     corners = windows.blocks()
     block = _window(wall()[1].tocsc(), windows, corners[len(corners) // 2])

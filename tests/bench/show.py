@@ -112,7 +112,7 @@ def processor_s(pid: int) -> float:
 def stats_of(display: str, room: Path, clip: Path, *options: str) -> dict[str, Any]:
     """What `--stats` says of the clip played from beginning to end."""
     path = room.with_suffix(".json")
-    quiet = "--no-config", "--no-audio", "--no-osd"
+    quiet = "--no-config", "--no-audio", "--osd", "off"
     succeed("play", room, clip, *quiet, *options, "--stats", path, **on(display))
     return dict(json.loads(path.read_text()))
 

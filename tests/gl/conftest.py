@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 import pytest
 
-from counterlight.gl import paths
 from tests.joint_rooms import join, write_halves
 from tests.programs import succeed
 from tests.rooms import write_blurred_room
@@ -59,9 +58,3 @@ def folder(tmp_path: Path) -> Path:
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         container.mux(stream.encode(None))
     return tmp_path
-
-
-@pytest.fixture
-def words_anywhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Maps in words of 4 bytes on OpenGL in software as well, which the tests run on."""
-    monkeypatch.setattr(paths, "SOFTWARE", ())

@@ -39,7 +39,7 @@ def test_every_documented_command_and_property_by_the_socket(xvfb: str, small_ro
         found = {name: client.ask("get_property", name) for name in properties}
         assert {name for name in found if found[name]["error"] != "success"} == WITHOUT_SOUND
         assert all(found[name]["message"] == "no audio" for name in WITHOUT_SOUND)
-        wanted = {"view": "camera", "contrast": 2, "osd": False, "pause": True, "refine": 8, "placing": False}
+        wanted = {"view": "camera", "contrast": 2, "osd": "notices", "pause": True, "refine": 8, "placing": False}
         assert {name: found[name]["data"] for name in wanted} == wanted
         assert len(found["playlist"]["data"]) == 3
         for name, values in properties.items():

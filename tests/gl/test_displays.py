@@ -50,7 +50,7 @@ def test_each_window_shows_its_part_and_keys_act_on_both(xvfb: str, joint: Path,
     plain = parts(expected_picture(joint, picture, tmp_path, "--no-compensation"), [LEFT, RIGHT])
     assert raster.shape[:2] == (LEFT[0], LEFT[1] + RIGHT[1])
     assert all(np.abs(one - other).max() > 20 for one, other in zip(corrected, plain, strict=True))
-    with playing(xvfb, joint, picture, "--no-osd") as process:
+    with playing(xvfb, joint, picture, "--osd", "off") as process:
         for key, wanted in (("", corrected), ("c", plain), ("b", [0, 0]), ("b", plain), ("c", corrected)):
             if key:
                 press(xvfb, key)
@@ -76,7 +76,7 @@ def test_each_monitor_is_filled_with_its_own_picture(
     corrected = parts(expected_picture(monitors_room, picture, tmp_path), sizes)
     wanted = parts(expected_picture(monitors_room, picture, tmp_path, "--no-compensation"), sizes)
     boxes = tuple(MONITORS.values())
-    with playing(two_monitors, monitors_room, picture, "--fullscreen", "--no-osd", "--no-compensation") as process:
+    with playing(two_monitors, monitors_room, picture, "--fullscreen", "--osd", "off", "--no-compensation") as process:
         wait_until(shows(two_monitors, boxes, wanted), "both monitors filled", process)
         try:
             xrandr(two_monitors, "--output", "DUMMY1", "--off")
@@ -114,7 +114,7 @@ def test_windows_are_moved_by_the_names_of_their_monitors(
     settings = tmp_path / "player.toml"
     settings.write_text('[keys]\n"n" = "set monitor DUMMY1,DUMMY0"')
     there = "--monitor", "DUMMY0", "--monitor", "DUMMY1"
-    with playing(two_monitors, joint, picture, *there, "--no-osd", "--config", settings) as process:
+    with playing(two_monitors, joint, picture, *there, "--osd", "off", "--config", settings) as process:
         for key, lefts in (("", (0, 1280)), ("n", (1280, 0))):
             if key:
                 press(two_monitors, key)

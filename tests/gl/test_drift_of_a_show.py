@@ -29,7 +29,7 @@ def test_a_check_beside_a_show_is_taken_over(
     def told() -> Any:
         return json.loads(beats.read_text().splitlines()[-1])["drift"]
 
-    with show(xvfb, tmp_path, room, noise_picture, "--no-osd", "--heartbeat", beats) as (process, client):
+    with show(xvfb, tmp_path, room, noise_picture, "--osd", "off", "--heartbeat", beats) as (process, client):
         wait_until(lambda: np.array_equal(screen(xvfb, BOX), before), "the picture", process)
         assert told() is None
         camera = ["--camera", f"simulated:{tmp_path / 'now'}", "--control", str(tmp_path / "show.socket")]
@@ -43,3 +43,16 @@ def test_a_check_beside_a_show_is_taken_over(
     capsys.readouterr()
     assert verify_projection.main([str(room), *camera]) == 2
     assert "show.socket: no answer" in capsys.readouterr().err
+
+
+def test_a_show_looks_at_its_room_by_itself(xvfb: str, plain_room: Path, noise_picture: Path, tmp_path: Path) -> None:
+    room = shutil.copytree(plain_room, tmp_path / "room")
+    before = expected_picture(room, noise_picture, tmp_path)
+    write_changed(tmp_path / "now", calibration.read(room), shift=(0.8, -0.6))
+    told = "--check-every", "0.05", "--check-with", f"--camera 'simulated:{tmp_path / 'now'}'"
+    with show(xvfb, tmp_path, room, noise_picture, "--osd", "off", *told) as (process, client):
+        wait_until((room / "drift" / "drift.toml").exists, "a check", process)
+        after = expected_picture(room, noise_picture, tmp_path)
+        assert np.abs(after - before).max() > 20  # codes: noise that has moved
+        wait_until(lambda: np.array_equal(screen(xvfb, BOX), after), "the corrected picture", process)
+        wait_until(lambda: client.get("pause") is False, "the show to go on", process)

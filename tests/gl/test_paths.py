@@ -1,7 +1,6 @@
 """Both paths of the row-map product against the CPU twin: products, whole frames, the choice between them."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import moderngl
@@ -17,16 +16,15 @@ from counterlight.gl.passes import picture_texture
 from counterlight.gl.paths import store_maps
 from counterlight.gl.row_map_pass import MapTextures
 from counterlight.maps.row_map import RowMap, SparseRows, pack
-from counterlight.maps.small_correction import small_correction
 from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.device import Owner, StoredMap
 from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.refinement import STARTS
-from counterlight.pipeline.room import Room
 from counterlight.tools import build_correction_map
 from tests.refined_rooms import physical_room
 from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, random_map, random_room, write_one_to_one_room, yuv_frame
+from tests.small_rooms import with_words
 
 ATOL = 1e-5  # the issue's bound; float32 sums of at most 20 terms of size 3 are far below
 PATHS = ("fragment", "compute")
@@ -159,55 +157,37 @@ def test_every_view_by_compute_shaders_equals_its_twin(
         np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=tolerance)
 
 
-def certified_room(rng: np.random.Generator, max_error_codes: float) -> Room:
-    """Rows short enough for a bound of about half a code value, of which a tenth is taken."""
-    room = random_room(rng, far=True)
-    details = {"options": {"max_error_codes": max_error_codes}, "certified": {"truncation_drive": 0.1 / 255}}
-    return replace(room, maps=replace(room.maps, details=details))
-
-
-@pytest.mark.usefixtures("words_anywhere")
-@pytest.mark.parametrize("path", PATHS)
-@pytest.mark.parametrize(("max_error_codes", "in_words"), [(4.0, True), (0.11, False)])
-def test_the_correction_is_in_words_where_the_bound_allows_it(
-    gl_context: moderngl.Context, rng: np.random.Generator, path: str, max_error_codes: float, in_words: bool
-) -> None:
-    room = certified_room(rng, max_error_codes)
-    desired = rng.uniform(0, 0.6, (*CAMERA, 3)).astype(np.float32)
-    with both(gl_context, room, radiance_frame(desired), path) as (gl, cpu):
-        for renderer in (gl, cpu):
-            renderer.render("projector", compensate=True)
-        difference = np.abs(gl.linear() - cpu.linear()).max()
-        assert (gl.path.entry_bytes < 16) == in_words
-    words = small_correction(room.maps, room.white, room.calibration.ambient)
-    assert words is not None
-    assert words.certified == in_words
-    assert words.allowed == max_error_codes / 255
-    if in_words:
-        assert ATOL < difference <= words.change <= words.allowed
-    else:
-        assert difference <= ATOL
-
-
-@pytest.mark.parametrize(("slower", "kept"), [("fragment", "compute"), ("compute", "fragment")])
-def test_auto_keeps_the_faster(
+@pytest.mark.parametrize(
+    ("slow", "kept", "measured"),
+    [
+        ({"fragment": 1, "words": 2, "compute-words": 2}, "compute", {"fragment", "compute", "compute-words"}),
+        ({"compute": 1, "words": 2, "compute-words": 2}, "fragment", {"fragment", "compute", "words"}),
+        ({"compute": 2, "fragment": 1}, "words", {"fragment", "compute", "words"}),
+        ({"compute": 1, "fragment": 2}, "compute-words", {"fragment", "compute", "compute-words"}),
+    ],
+)
+def test_auto_keeps_the_fastest(
     gl_context: moderngl.Context,
     rng: np.random.Generator,
     monkeypatch: pytest.MonkeyPatch,
-    slower: str,
+    slow: dict[str, int],
     kept: str,
+    measured: set[str],
 ) -> None:
-    """The measurement decides: it is real, and for one path twice as long as any frame here could take."""
+    """Measurements decide: they are real, and of some paths much longer than any frame here could take.
+
+    Words are measured once, on the path that is the faster without.
+    """
     measure = paths.products_ms
     monkeypatch.setattr(
-        paths, "products_ms", lambda context, stored: measure(context, stored) + 1e6 * (stored.report.name == slower)
+        paths, "products_ms", lambda context, stored: measure(context, stored) + 1e6 * slow.get(stored.report.name, 0)
     )
-    stored = store_maps(gl_context, physical_room(rng).room, "auto")
+    stored = store_maps(gl_context, with_words(physical_room(rng).room), "auto")
     stored.release()
     assert stored.report.name == kept
-    report = stored.report.to_dict()
-    assert report[f"{slower}_ms"] > 1e6
-    assert 0 < report[f"{kept}_ms"] < 1e6
+    assert stored.weighs == ("words" in kept)
+    assert stored.report.measured.keys() == measured
+    assert min(stored.report.measured.values()) == stored.report.measured[kept] < 1e6
 
 
 def test_auto_measures_and_renders_the_same(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
@@ -217,9 +197,10 @@ def test_auto_measures_and_renders_the_same(gl_context: moderngl.Context, rng: n
         for renderer in (gl, cpu):
             renderer.render("camera", compensate=True, steps=3)
         np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=2 * ATOL)
-        measured = gl.path.fragment_ms, gl.path.compute_ms
-    assert all(ms is not None and ms > 0 for ms in measured)
-    assert gl.path.name == PATHS[int(np.argmin(np.array(measured, float)))]
+        measured = gl.path.measured
+    assert measured.keys() == {"fragment", "compute"}
+    assert gl.path.name == min(measured, key=lambda name: measured[name])
+    assert measured[gl.path.name] > 0
 
 
 class OldContext:
@@ -250,21 +231,22 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.usefixtures("words_anywhere")
 def test_files_are_rendered_on_the_path_asked_for(built: Path, tmp_path: Path, rng: np.random.Generator) -> None:
-    """And on fragments if none is: their results repeat."""
+    """And on fragments if OpenGL is asked for and no path: their results repeat."""
     exr.write_rgb(tmp_path / "c.exr", rng.uniform(0, 0.5, (*PROJECTOR, 3)).astype(np.float32))
     drives, chosen = {}, {}
-    for words in ((), ("--path", "fragment"), ("--path", "compute"), ("--path", "auto")):
+    asked = [("--backend", "gl"), *(("--path", path) for path in ("fragment", "compute", "words", "auto"))]
+    for words in asked:
         out, stats = tmp_path / "p.exr", tmp_path / "stats.json"
         files = str(built), str(tmp_path / "c.exr"), "--output", str(out), "--stats", str(stats), "--no-config"
         assert app.main([*files, "--refine", "0", *words]) in (None, 0)
         drives[words[1:]], chosen[words[1:]] = exr.read_rgb(out), json.loads(stats.read_text())["gpu_path"]
-    assert chosen[()] == chosen["fragment",] == {"name": "fragment", "entry_bytes": 4}
-    assert chosen["compute",] == {"name": "compute", "entry_bytes": 4}
-    assert chosen["auto",].keys() == {"name", "entry_bytes", "fragment_ms", "compute_ms"}
-    np.testing.assert_array_equal(drives[()], drives["fragment",])
-    np.testing.assert_allclose(drives["compute",], drives[()], atol=ATOL)
+    assert chosen["gl",] == chosen["fragment",] == {"name": "fragment", "entry_bytes": 16}
+    assert chosen["compute",] == {"name": "compute", "entry_bytes": 16}
+    assert chosen["words",] == {"name": "words", "entry_bytes": 16, "light_bytes": 4.0}
+    assert {"name", "entry_bytes", "fragment_ms", "compute_ms"} < chosen["auto",].keys()
+    np.testing.assert_array_equal(drives["gl",], drives["fragment",])
+    np.testing.assert_allclose(drives["compute",], drives["gl",], atol=ATOL)
 
 
 def test_a_path_without_a_gpu_is_refused(built: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterlight.show.keys import KEYS, PLACING
+from counterlight.show.keys import KEYS, MEANINGS, PLACING
 from counterlight.show.registry import Commands
-from tests.desktop import press
+from tests.desktop import click, press
 from tests.player_page import ARGUMENTS, table
 from tests.programs import PATIENCE_S, ROOT, on, running
 from tests.stage import Stage
@@ -44,6 +44,7 @@ SYMBOLS = {
     "ctrl": "Control_L",
     "shift": "Shift_L",
 }
+BUTTONS = {"double-click": (1, 2), "wheel-up": (4,), "wheel-down": (5,), "wheel-left": (6,), "wheel-right": (7,)}
 
 
 def walking(display: str, folder: Path, *arguments: object) -> AbstractContextManager[subprocess.Popen[str]]:
@@ -61,8 +62,12 @@ def documented(commands: Commands) -> None:
 
 def test_the_page_lists_what_there_is() -> None:
     documented(Stage().commands)
-    assert {row[0]: row[1] for row in table("Keys")} == KEYS
-    assert {row[0]: row[1] for row in table("Keys", 1)} == PLACING
+    for number, bindings in enumerate((KEYS, PLACING)):
+        rows = table("Keys", number)
+        assert {row[0]: row[1] for row in rows} == bindings
+        for row, above in zip(rows, [["", "", ""], *rows], strict=False):
+            meaning = row[2] or MEANINGS[above[1]]  # left out where it is that of the row above
+            assert meaning.startswith(MEANINGS[row[1]]), row
 
 
 def test_every_documented_key(xvfb: str, small_room: Path, folder: Path) -> None:
@@ -81,10 +86,17 @@ def test_every_documented_key(xvfb: str, small_room: Path, folder: Path) -> None
 
         def reach(key: str, arrived: Callable[[State, State], bool]) -> State:
             nonlocal latest
-            while not states.empty() or latest["message"] == "no audio":
+            said_before = (
+                "no audio",
+                latest["message"] if key == "wheel-right" else None,
+            )  # the end of a loop is its start
+            while not states.empty() or latest["message"] in said_before:
                 latest = states.get(timeout=PATIENCE_S)
             *held, plain = key.split("+") if len(key) > 1 else [key]
-            press(xvfb, SYMBOLS.get(plain, plain), *(SYMBOLS[name] for name in held))
+            if key in BUTTONS:
+                click(xvfb, *BUTTONS[key])
+            else:
+                press(xvfb, SYMBOLS.get(plain, plain), *(SYMBOLS[name] for name in held))
             while True:
                 try:
                     latest = states.get(timeout=PATIENCE_S)
@@ -116,6 +128,7 @@ def arrival(words: str) -> Callable[[State, State], bool]:
         return lambda before, after: bool(after[rest[0]] != before[rest[0]])
     told = {
         "seek": r"\d:\d\d:\d\d / ",
+        "show-progress": r"\d:\d\d:\d\d / ",
         "ab-loop": "A-B loop",
         "screenshot": r"\.png$",
         "identify": "this is screen",
@@ -126,6 +139,8 @@ def arrival(words: str) -> Callable[[State, State], bool]:
     }
     if name in told:
         return lambda before, after: re.search(told[name], after["message"]) is not None
+    if name == "show-keys":
+        return lambda before, after: bool(after["help"])
     if name.startswith("frame"):
         return lambda before, after: bool(after["pause"])
     if name == "place":

@@ -29,7 +29,7 @@ def installed(tmp_path: Path) -> Path:
 @pytest.fixture
 def playing_copy(xvfb: str, installed: Path, plain_room: Path, noise_picture: Path) -> Iterator[subprocess.Popen[str]]:
     """The copy's player in a window, with a socket called `show.socket` beside it."""
-    options = "--no-config", "--no-osd", "--path", "fragment", "--control", installed / "show.socket"
+    options = "--no-config", "--osd", "off", "--path", "fragment", "--control", installed / "show.socket"
     program = sys.executable, "-P", "-m", "counterlight.app"
     with running(*program, plain_room, noise_picture, *options, **on(xvfb), PYTHONPATH=str(installed)) as process:
         yield process

@@ -57,6 +57,37 @@ def test_a_row_map_equals_its_twin(
     np.testing.assert_allclose(result, expected, atol=FLOAT_ATOL)
 
 
+@pytest.mark.parametrize("combine", ["", "ADD_TO_BASE", "CLAMP"])
+@pytest.mark.parametrize("wide", [False, True])
+def test_a_map_in_tiles_is_the_map_in_one(
+    gl_context: moderngl.Context, rng: np.random.Generator, combine: str, wide: bool
+) -> None:
+    """Bit for bit: a row is summed by one draw, in the same order. Rows without entries are drawn wherever they are."""
+    packed = random_map(rng, (7, 13), (11, 17), 20)
+    empty = packed.lookup[..., 2] == 0
+    assert empty.any()
+    packed.lookup[empty] = 999, 999, 0
+    if wide:
+        index, entries = packed.entries[..., 3].astype(np.uint32), packed.entries * np.float32([1, 1, 1, 0])
+        packed = replace(packed, entries=entries, index=index)
+    inputs = [upload(gl_context, rng.uniform(-1, 1, (*shape, 3)).astype(np.float32)) for shape in ((11, 17), (7, 13))]
+    results = []
+    for texels in (1 << 20, 5 * packed.entries.shape[1], 1):
+        textures = MapTextures(gl_context, packed, texels)
+        step = RowMapPass(gl_context, textures, combine)
+        results.append(
+            (len(textures.tiles), read(step.run(inputs[0], inputs[1] if combine == "ADD_TO_BASE" else None)))
+        )
+        for resource in (step, textures):
+            resource.release()
+    for texture in inputs:
+        texture.release()
+    height = packed.entries.shape[0]
+    assert [count for count, _ in results] == [1, -(-height // 5), height]
+    for _, found in results[1:]:
+        np.testing.assert_array_equal(found, results[0][1])
+
+
 @pytest.mark.parametrize("wide", [False, True])
 def test_indices_are_exact_up_to_the_last_source_pixel(gl_context: moderngl.Context, wide: bool) -> None:
     """A source as large as the alpha channel can address (2²⁴ pixels), and one a row larger, read at its corners."""

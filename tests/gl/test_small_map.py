@@ -6,12 +6,13 @@ import moderngl
 import numpy as np
 import pytest
 
-from counterlight.gl import paths
+from counterlight.errors import InputError
 from counterlight.gl.passes import picture_texture
-from counterlight.gl.paths import RoomWords, store_maps
+from counterlight.gl.paths import store_maps
 from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.small_map_pass import SmallBuffers, SmallTextures
 from counterlight.maps.small_map import SmallMap
+from counterlight.maps.word_map import WordMap
 from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.device import Owner
@@ -20,11 +21,11 @@ from counterlight.pipeline.room import Room
 from tests.refined_rooms import physical_room
 from tests.renderers import read
 from tests.rooms import CAMERA
-from tests.small_rooms import as_long, random_small, with_bound
+from tests.small_rooms import as_long, random_small, with_words
 
 ATOL = 1e-5  # float32 sums of at most 300 terms below 1, as in test_paths
-pytestmark = pytest.mark.usefixtures("words_anywhere")
 STORES = {"fragment": SmallTextures, "compute": SmallBuffers}
+PATHS = {"fragment": "words", "compute": "compute-words"}
 COMBINES = ("", "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "WEIGHED_RESIDUAL", "CLAMP")
 
 
@@ -32,7 +33,7 @@ def multiply(
     context: moderngl.Context, small: SmallMap, path: str, picture: np.ndarray, base: np.ndarray, combine: str
 ) -> np.ndarray:
     owner = Owner()
-    stored = owner.own(STORES[path](context, small))
+    stored = owner.own(STORES[path](context, WordMap.of(small)))
     product = owner.own(stored.product(combine))
     inputs = [
         owner.own(picture_texture(context, each))
@@ -95,11 +96,9 @@ def test_no_row_reads_another_pixel(gl_context: moderngl.Context, rng: np.random
 
 def rendered(context: moderngl.Context, room: Room, path: str, steps: int) -> Iterator[Renderer]:
     """The room by words, and its twin with the same numbers in entries of 16 bytes; both after `steps`."""
-    small = RoomWords.of_room(room).light
-    assert small is not None
-    twin = Room(room.calibration, as_long(room.maps, small), room.white, start=room.start)
+    twin = Room(room.calibration, as_long(room.maps), room.white, start=room.start)
     frame = radiance_frame(np.random.default_rng(5).choice([0.02, 0.3, 0.9], (*CAMERA, 3)).astype(np.float32))
-    for renderer in (GlRenderer(context, room, path), CpuRenderer(twin)):
+    for renderer in (GlRenderer(context, room, PATHS[path]), CpuRenderer(twin)):
         renderer.open(frame.format)
         renderer.upload(frame)
         renderer.render("projector", compensate=True, steps=steps)
@@ -113,7 +112,7 @@ def rendered(context: moderngl.Context, room: Room, path: str, steps: int) -> It
 def test_refined_drives_equal_their_twin(
     gl_context: moderngl.Context, rng: np.random.Generator, path: str, far: bool, steps: int
 ) -> None:
-    room = with_bound(physical_room(rng, far=far, start="grey").room)
+    room = with_words(physical_room(rng, far=far, start="grey").room)
     found = [(each.linear(), each.certificate(), each.path) for each in rendered(gl_context, room, path, steps)]
     (drive, certificate, report), (expected, of_twin, _) = found
     np.testing.assert_allclose(drive, expected, atol=ATOL)
@@ -130,34 +129,24 @@ def test_the_camera_s_view_is_within_the_bound(
     gl_context: moderngl.Context, rng: np.random.Generator, path: str
 ) -> None:
     """Of the same drive, by words and by the room's own maps."""
-    room = with_bound(physical_room(rng).room)
+    room = with_words(physical_room(rng).room)
     frame = radiance_frame(rng.uniform(0, 1, (*CAMERA, 3)).astype(np.float32))
     seen = []
-    for renderer in (GlRenderer(gl_context, room, path), CpuRenderer(room)):
+    for renderer in (GlRenderer(gl_context, room, PATHS[path]), CpuRenderer(room)):
         renderer.open(frame.format)
         renderer.upload(frame)
         renderer.render("camera", compensate=False)
         seen.append(renderer.linear().copy())
         renderer.release()
-    small = RoomWords.of_room(room).light
-    assert small is not None
+    assert room.maps.words is not None
     difference = np.abs(seen[0] - seen[1]).max()
-    assert ATOL < difference <= small.change * room.white / 255 + ATOL
+    assert ATOL < difference <= 0.5 * room.maps.words.used * room.white / 255 + ATOL
 
 
-def test_opengl_on_the_cpu_keeps_16_bytes(
-    gl_context: moderngl.Context, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    room = with_bound(physical_room(rng).room)
-    for names, weighs in (((), True), ((gl_context.info["GL_RENDERER"].lower(),), False)):
-        monkeypatch.setattr(paths, "SOFTWARE", names)
-        assert store_maps(gl_context, room, "fragment").weighs == weighs
-
-
-@pytest.mark.parametrize("path", STORES)
-def test_light_that_words_cannot_hold_keeps_16_bytes(
-    gl_context: moderngl.Context, rng: np.random.Generator, path: str
-) -> None:
-    stored = store_maps(gl_context, with_bound(physical_room(rng).room, 1e-4), path)
+@pytest.mark.parametrize("path", PATHS.values())
+def test_a_room_without_words_says_so(gl_context: moderngl.Context, rng: np.random.Generator, path: str) -> None:
+    with pytest.raises(InputError, match=f"--path {path}: the room has no words"):
+        store_maps(gl_context, with_words(physical_room(rng).room, 1e-4), path)
+    stored = store_maps(gl_context, physical_room(rng).room, "auto")
+    stored.release()
     assert not stored.weighs
-    assert stored.report.to_dict() == {"name": path, "entry_bytes": 16}

@@ -65,7 +65,7 @@ class StudyRoom:
     def best_inverse(self, near: SparseRows) -> tuple[Inverse, list[float]]:
         """T⁺ with the λ of the highest mean quality, and its quality."""
         reach = np.maximum(self.white, self.ambient.reshape(-1, 3))
-        options = [InverseOptions(damping) for damping in DAMPINGS]
+        options = [InverseOptions(damping, inverse="whole") for damping in DAMPINGS]
         inverses = [invert_near_light(near, self.mask, self.projector, reach, self.white, each) for each in options]
         return max(((inverse, self.quality(inverse)) for inverse in inverses), key=lambda pair: sum(pair[1]))
 

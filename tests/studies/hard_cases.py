@@ -27,9 +27,22 @@ from counterlight.errors import InputError
 from counterlight.tools.clusters.components import Clusters, find_clusters
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.transport.transport import Csr, channel, stacked
-from tests.hard_systems import CONDITIONS, CUT, METHODS, NOISE, Apply, HardCase, all_cases, defocus, defocused_wall, rng
+from tests.hard_systems import (
+    CONDITIONS,
+    CUT,
+    METHODS,
+    NOISE,
+    REFINED,
+    Apply,
+    HardCase,
+    all_cases,
+    defocus,
+    defocused_wall,
+    rng,
+)
 
 FloatArray = NDArray[np.float64]
+TRIED = METHODS | REFINED
 CUT_CONDITIONS = (4.0, 1e2, 1e4, 1e8)
 
 
@@ -48,7 +61,7 @@ class Figures:
 def measure(case: HardCase, method: str) -> Figures:
     start = time.perf_counter()
     try:
-        apply = METHODS[method](case)
+        apply = TRIED[method](case)
         p = apply(case.target)
     except InputError as error:
         return Figures(case.name, method, np.nan, np.nan, time.perf_counter() - start, str(error))
@@ -77,9 +90,9 @@ def measure_all() -> list[Figures]:
     cases = [*all_cases(), *(defocused_wall(condition) for condition in CONDITIONS)]
     found: list[Figures] = []
     for case in track(cases, "hard cases", len(cases)):
-        found += [measure(case, method) for method in METHODS]
+        found += [measure(case, method) for method in TRIED]
     for title, cell in TABLES.items():
-        print(f"\n{title}\n{'':34}", *(f"{method:>12}" for method in METHODS))
+        print(f"\n{title}\n{'':34}", *(f"{method:>12}" for method in TRIED))
         for case in cases:
             row = [figures for figures in found if figures.case == case.name]
             print(f"{case.name:34}", *(f"{'refused' if f.refused else cell(f):>12}" for f in row))
@@ -181,6 +194,8 @@ STYLES = {
     "map 0.1": ("tab:blue", "-", "D"),
     "map auto": ("tab:green", "--", "P"),
     "map auto cut": ("tab:olive", ":", "h"),
+    "refined 4": ("tab:pink", "--", "<"),
+    "refined 64": ("tab:pink", "-", ">"),
     "box": ("black", "-", "*"),
 }
 

@@ -107,7 +107,7 @@ def _built(
     with writing(folder, Calibration(folder.name, "study", devices[:1], devices[1], ambient, mask)) as stage:
         write_transport(transport, stage)
     stored = calibration.read(folder)
-    build_room_maps(stored, InverseOptions())
+    build_room_maps(stored, InverseOptions(inverse="whole"))
     room_maps = maps.read_maps(stored)
     return StudyRoom(folder.name, Room(stored.calibration, room_maps, room_maps.white), read_transport(stored))
 

@@ -14,8 +14,8 @@ from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
+from counterlight.command import LOG_INTERVAL_S, progress_bar
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.acquisition.cameras.camera import Camera
@@ -35,7 +35,6 @@ from counterlight.tools.acquisition.plan import (
 from counterlight.tools.acquisition.ramps import ProjectorLight, light_level, measure_light
 from counterlight.tools.acquisition.store import CaptureStore
 
-LOG_INTERVAL_S = 10.0
 MOST_SATURATED = 0.02  # of the camera's pixels
 CLEARLY_LIT = 10  # times the noise of all captures together
 MOST_UNCLOSED = 0.02  # of the clearly lit camera pixels may miss so much of a floodlight, of blocks and of codes:
@@ -165,7 +164,7 @@ class _Recorder:
 
     def _told(self, level: Level, missing: Sequence[int]) -> Iterator[int]:
         """Yield `missing` with progress: a bar on a terminal, otherwise a line now and then."""
-        bar = tqdm(total=len(missing), desc=level.name, leave=False) if sys.stderr.isatty() else None
+        bar = progress_bar(level.name, len(missing)) if sys.stderr.isatty() else None
         said = time.monotonic()
         for done, number in enumerate(missing):
             left = self._remaining(level, len(missing) - done)

@@ -18,13 +18,19 @@ from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.ramps import ProjectorLight
 from counterlight.tools.acquisition.room_options import ASSUMED
 from counterlight.tools.acquisition.store import CaptureStore, Wanted, open_store
-from counterlight.tools.acquisition.summary import AcquisitionReport
+from counterlight.tools.acquisition.summary import AcquisitionReport, LightOutside
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.clusters.components import find_clusters
+from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.factoring.factoring import Factoring, factored
+from counterlight.tools.solve.box import CHECK_EVERY, Box
 from counterlight.tools.transport.mask import directly_lit
+from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport, luminance_matrix
+from counterlight.tools.transport.trust import seen
+
+MOST_TRIED = 1 << 17  # camera pixels up to which a white picture is tried; build tries it anyway
 
 
 @dataclass(frozen=True)
@@ -61,7 +67,7 @@ def acquire_room(
             calibration.write(room, stage)
             store.made(sha256_of(stage / calibration.TOML))
         store.finish()
-    return _report(done, room.mask.ravel(), transport, plan.response, factoring)
+    return _report(done, room, transport, plan.response, factoring)
 
 
 def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
@@ -109,7 +115,7 @@ def _response(given: Response | None, light: ProjectorLight | None) -> tuple[Res
 
 def _report(
     done: Acquisition,
-    mask: np.ndarray[Any, np.dtype[np.bool_]],
+    room: Calibration,
     transport: Transport,
     given: Response | None,
     factoring: Factoring,
@@ -119,9 +125,21 @@ def _report(
         acquisition=done,
         given=given,
         covered=float(np.unique(indices).size / transport.shape[1]),
-        lit=int(mask.sum()),
-        camera_pixels=mask.size,
+        lit=int(room.mask.sum()),
+        camera_pixels=room.mask.size,
         entries=int(indices.size),
         clusters=find_clusters(luminance_matrix(transport.near)),
         factoring=factoring,
+        outside=_light_outside(room, transport),
     )
+
+
+def _light_outside(room: Calibration, transport: Transport) -> LightOutside:
+    unseen = float(np.mean(np.maximum(1 - seen(transport.near, np.ones(transport.shape[0], np.bool_)), 0)))
+    if room.camera.pixels > MOST_TRIED:
+        return LightOutside(unseen, None)
+    tier = tier_of(room, transport)
+    objective = objective_of(tier.transport, room, DEFAULT_AIMS)
+    white = tier.asked(np.full(tier.ambient.shape, tier.white)).reshape(-1, 3)
+    drive, _ = Box(objective, most_steps=CHECK_EVERY).run(white)  # what nobody sees is dark after the first steps
+    return LightOutside(unseen, objective.light_outside(drive))

@@ -24,7 +24,7 @@ from counterlight.calibration import TOML
 from counterlight.errors import InputError, shown
 from counterlight.files.manifest import sha256_of, write_toml
 from counterlight.files.picture_files import read_picture
-from counterlight.files.png import encode_png
+from counterlight.files.png import encode_stored
 from counterlight.files.reading import read_toml
 from counterlight.files.tables import Table
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
@@ -89,7 +89,7 @@ class CaptureStore:
             raise InputError(f"capture {number}: {len(shots)} shots, expected {len(paths)}, one for each exposure")
         for path, shot in zip(paths, shots, strict=True):
             self._check_size(path, shot)
-            self._put(path, encode_png(shot))
+            self._put(path, encode_stored(shot))
 
     def shots(self, number: int) -> tuple[Shot, ...]:
         shots = tuple(read_picture(path) for path in self._paths(number))

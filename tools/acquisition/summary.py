@@ -17,12 +17,28 @@ MOST_OTHER = 0.02  # of white that a given response may differ from the measured
 
 
 @dataclass(frozen=True)
+class LightOutside:
+    """Light that the camera does not see.
+
+    unseen : share of the projector's pixels whose light it is.  white : of a white picture's drive, what is left there
+    of full drive; None where nothing is unseen, or nobody tried.
+    """
+
+    unseen: float
+    white: float | None
+
+    def __str__(self) -> str:
+        kept = "" if self.white is None else f"; a white picture keeps {100 * self.white:.1f} % of it lit"
+        return f"{100 * self.unseen:.1f} % of the projector's light falls where the camera does not see it{kept}"
+
+
+@dataclass(frozen=True)
 class AcquisitionReport:
     """What was acquired; its text is the command's output.
 
     given : the response that was not to be the measured one, if any.  covered : share of the projector's pixels that
     some camera pixel sees.  lit, camera_pixels : inside the mask, and in all.  entries : near light, of one channel.
-    factoring : what a dense T became.
+    factoring : what a dense T became.  outside : what a compensated picture leaves lit beside itself.
     """
 
     acquisition: Acquisition
@@ -33,6 +49,7 @@ class AcquisitionReport:
     entries: int
     clusters: Clusters
     factoring: Factoring
+    outside: LightOutside | None = None
 
     def __str__(self) -> str:
         done = self.acquisition
@@ -48,6 +65,7 @@ class AcquisitionReport:
             f"clusters: {self.clusters.count}, the largest of {sizes.max(initial=0)} projector pixels; {self.entries} "
             "near entries a channel",
             str(self.factoring),
+            *([f"light outside: {self.outside}"] if self.outside else []),
             *self._of_light(),
             f"check: a random pattern is predicted to {done.check}",
         ]

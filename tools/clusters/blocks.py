@@ -41,14 +41,16 @@ class ClusterBlocks:
 
     def batches(self, batch_values: int) -> Iterator[Batch]:
         """Every chosen cluster once; a batch's blocks hold about `batch_values` values at most, or one cluster."""
-        clusters = self._clusters
-        shapes = np.stack([clusters.camera_sizes, clusters.projector_sizes], axis=1)[self._chosen]
         labels = np.flatnonzero(self._chosen)
-        for m, n in np.unique(shapes, axis=0):
-            of_shape = labels[(shapes == (m, n)).all(axis=1)]
-            for batch in np.array_split(of_shape, max(1, -(-of_shape.size * int(m * n) // batch_values))):
+        shapes = self._clusters.camera_sizes[labels], self._clusters.projector_sizes[labels]
+        labels = labels[np.lexsort(shapes[::-1])]
+        sizes = np.stack([self._clusters.camera_sizes[labels], self._clusters.projector_sizes[labels]], axis=1)
+        changes = np.flatnonzero((np.diff(sizes, axis=0) != 0).any(axis=1)) + 1
+        for of_shape in np.split(labels, changes) if labels.size else ():
+            m, n = int(self._clusters.camera_sizes[of_shape[0]]), int(self._clusters.projector_sizes[of_shape[0]])
+            for batch in np.array_split(of_shape, max(1, -(-of_shape.size * m * n // batch_values))):
                 if batch.size:
-                    yield Batch(batch, self._camera.pixels(batch, int(m)), self._projector.pixels(batch, int(n)))
+                    yield Batch(batch, self._camera.pixels(batch, m), self._projector.pixels(batch, n))
 
     def entries(self, T: Csr) -> Entries:
         """T's entries in the chosen clusters, (camera pixels, projector pixels)."""

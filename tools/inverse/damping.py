@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray
 from counterlight.tools.inverse.bidiagonal import Products, bidiagonalise, largest_singular_value
 from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.inverse.squares import squares_of
 from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.transport import Csr
 
 CANDIDATES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.4)
 MOST_STEPS = 120  # 60 and 240 move the errors of rooms of 640x480 by at most 0.1 %
 ACCURACY = 0.1 / 255  # drive; more does not show in the errors
+SMALL = 1 << 17  # pixels of a picture that is looked at whole; of a larger one, squares are (squares.py)
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class DampingChoice:
 def choose_damping(
     T: Csr, white: float | FloatArray, mask: NDArray[np.bool_], judge: Csr | None = None, floor: float = 0.0
 ) -> DampingChoice:
-    """Try every candidate on the typical pictures and keep the best.
+    """Try every candidate on the typical pictures and keep the best; of large pictures, on a few squares.
 
     T : (camera pixels, projector pixels), what is inverted, rows outside the mask empty.
     judge : the transport that says what the camera sees, if T is a decomposed one.  mask : (camera height, width).
@@ -43,13 +45,24 @@ def choose_damping(
     targets = [np.where(inside, (white * picture).ravel(), 0.0) for picture in typical_pictures(mask.shape)]
     candidates = sorted({max(candidate, floor) for candidate in CANDIDATES})
     lambdas = largest_singular_value(T) * np.array(candidates)
+    if is_large(T):
+        squares = squares_of(mask, T if judge is None else judge)
+        columns = squares.columns(T if judge is None else judge)
+        targets, inside = [b[squares.rows] for b in targets], inside[squares.rows]
+        judge = None if judge is None else squares.compact(judge, columns).astype(np.float64)
+        T = squares.compact(T, columns)
     products = Products(T)
     judged = products.T if judge is None else judge
     jobs = [partial(_clamped_errors, products, judged, b, lambdas) for b in targets]
-    squares = np.sum(list(run_jobs(jobs, "choosing λ")), axis=0)
-    means = np.sqrt(squares / (len(targets) * int(inside.sum())))
+    squared = np.sum(list(run_jobs(jobs, "choosing λ")), axis=0)
+    means = np.sqrt(squared / (len(targets) * int(inside.sum())))
     errors = {candidate: float(error) for candidate, error in zip(candidates, means, strict=True)}
     return DampingChoice(min(errors, key=lambda damping: errors[damping]), errors)
+
+
+def is_large(T: Csr) -> bool:
+    """Whether only squares are looked at."""
+    return max(T.shape) > SMALL
 
 
 def _clamped_errors(products: Products, judge: Csr, b: FloatArray, lambdas: FloatArray) -> FloatArray:

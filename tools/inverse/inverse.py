@@ -13,7 +13,7 @@ from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import SparseRows
-from counterlight.tools.choices import INVERSE_METHODS
+from counterlight.tools.choices import INVERSE_METHODS, INVERSES
 from counterlight.tools.clusters.components import Clusters, find_clusters
 from counterlight.tools.clusters.decomposition import Parameters, Report
 from counterlight.tools.clusters.finite import refuse_not_finite
@@ -21,18 +21,20 @@ from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.bidiagonal import largest_singular_value
 from counterlight.tools.inverse.clustered import clustered_jobs
-from counterlight.tools.inverse.damping import DampingChoice, choose_damping
-from counterlight.tools.inverse.method import Method, choose_method
+from counterlight.tools.inverse.damping import DampingChoice, choose_damping, is_large
+from counterlight.tools.inverse.direct import direct_mapping
+from counterlight.tools.inverse.method import LEAST_DAMPING, Method, choose_method
 from counterlight.tools.inverse.noise import noise_of_matrix
 from counterlight.tools.inverse.pieces import Piece, Truncation, join
+from counterlight.tools.inverse.price import price_of_clusters, price_of_windows
 from counterlight.tools.inverse.priors import prior_matrices
 from counterlight.tools.inverse.windowed import FINEST_TOLERANCE, WindowedChannel, plan_windows, windowed_jobs
 from counterlight.tools.jobs import run_jobs
-from counterlight.tools.transport.transport import CHANNELS, Csr, channels, luminance_matrix
+from counterlight.tools.transport.objective import Objective
+from counterlight.tools.transport.transport import CHANNELS, Csr, Transport, channels, luminance_matrix
 
+MAX_CLUSTER = 1000  # of a cut, projector pixels (thesis 4.2.2); smaller ones are worth no more than direct mapping
 GOLDEN_RATIO = (np.sqrt(5) - 1) / 2
-
-TRUNCATED = 0.6  # of --max-error; the rest is for T⁺'s weights in words of 4 bytes (player/maps/small_correction.py)
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,10 @@ class InverseOptions:
 
     damping : λ as a fraction of each channel's largest singular value, 0 for the plain pseudo-inverse, None to choose.
     max_error : certified change of a pixel by truncation, in 8-bit code values of linear drive; 0 keeps everything.
-    max_cluster : decompose T into clusters of at most so many projector pixels (thesis 4.2.2); None leaves it whole.
+    inverse : of choices.INVERSES. `whole` inverts T as it is; `cut` decomposes it into clusters first (thesis 4.2.2);
+    `none` leaves direct mapping, one entry a row, in the place of T⁺; `auto` is whole where that pays (price.py), else
+    cut, else none.
+    max_cluster : of a cut, projector pixels of a cluster at most; None for 1000. A number asks for a cut.
     noise : of T's entries, relative, standard deviation (0.01 is 1 %); 0 if unknown: then float32 rounding counts.
     method : clusters inverted whole, through windows, or as their sizes allow (choices.INVERSE_METHODS).
     """
@@ -51,8 +56,13 @@ class InverseOptions:
     max_cluster: int | None = None
     noise: float = 0.0
     method: str = "auto"
+    inverse: str = "auto"
 
     def __post_init__(self) -> None:
+        if self.inverse not in INVERSES:
+            raise InputError(f"--inverse {self.inverse}: expected {', '.join(INVERSES)}")
+        if self.max_cluster is not None and self.inverse in ("whole", "none"):
+            raise InputError(f"--inverse {self.inverse}: cuts nothing; leave --max-cluster {self.max_cluster} out")
         if self.damping is not None and not 0 <= self.damping <= 1:
             raise InputError(f"--regularize {self.damping}: expected auto, none, or a number from 0 to 1")
         if not 0 <= self.max_error <= 255:
@@ -64,6 +74,16 @@ class InverseOptions:
         if self.method not in INVERSE_METHODS:
             raise InputError(f"--method {self.method}: expected {', '.join(INVERSE_METHODS)}")
 
+    @property
+    def asked(self) -> str:
+        """Which inverse, where the other options leave no choice."""
+        if self.inverse != "auto":
+            return self.inverse
+        if self.max_cluster is not None:
+            return "cut"
+        hardly_damped = self.damping is not None and self.damping < LEAST_DAMPING
+        return "whole" if self.method != "auto" or hardly_damped else "auto"
+
 
 @dataclass(frozen=True)
 class Inverse:
@@ -71,6 +91,7 @@ class Inverse:
 
     T_pinv : (projector pixels, camera pixels).
     truncation : (projector pixels, 3), certified change by what was left out and by rounding, drive.
+    chosen : whole, cut or none.  reason : why, in words, if that was not asked for.
     decomposition : the settings and outcome if T was decomposed.
     method : what was inverted whole and what through windows.
     damping : λ / σ₁; damping_errors : the candidates' errors if λ was chosen.
@@ -87,6 +108,8 @@ class Inverse:
     damping_errors: dict[float, float]
     residual: FloatArray
     window_tolerance: float
+    chosen: str = "whole"
+    reason: str = ""
     halos: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
 
     @property
@@ -119,48 +142,119 @@ def invert_near_light(
     weights : W's diagonal, (camera pixels,), 1 if nobody says; 0 outside the mask.
     prior : P; the plain inverse (λ = 0) knows none.
     """
-    roots = mask.ravel().astype(np.float64) if weights is None else np.sqrt(weights)
-    near, reach = near.scaled(roots), reach * roots[:, None]
-    refuse_not_finite(near, np.zeros((1, len(CHANNELS))))
-    whole = light = luminance_matrix(near)
-    if whole.nnz == 0:
+    weights = mask.ravel().astype(np.float64) if weights is None else weights
+    roots = np.sqrt(weights)
+    scaled = near.scaled(roots)
+    refuse_not_finite(scaled, np.zeros((1, len(CHANNELS))))
+    if luminance_matrix(scaled).nnz == 0:
         raise InputError("no camera pixel inside the mask sees the projector; check the mask and the transport")
     _check_max_cluster(options, near.columns)
-    decomposition = None
-    if options.max_cluster is not None:
-        parameters, cut = decompose_to(near, mask.shape, projector_shape, options.max_cluster)
-        near, decomposition = cut.near, (parameters, cut.report)
+    work = _Work(scaled, mask, projector_shape, reach * roots[:, None], white, options, regions, roots, prior)
+    chosen, reason, found = options.asked, "", None
+    if chosen in ("auto", "whole"):
+        found = work.inverted(scaled, None, must_pay=chosen == "auto")
+        chosen, reason = ("cut", found) if isinstance(found, str) else ("whole", "")
+    if chosen == "cut":
+        found = work.cut(must_pay=options.asked == "auto")
+        if isinstance(found, str):
+            chosen, reason = "none", f"{reason}; cut, {found}"
+    if not isinstance(found, Inverse):
+        found = _directly_mapped(near.inside(roots > 0), scaled, weights, prior)
+    return replace(found, chosen=chosen, reason=reason)
+
+
+def _directly_mapped(near: SparseRows, scaled: SparseRows, weights: FloatArray, prior: Prior | None) -> Inverse:
+    """Direct mapping of the near light in the place of T⁺."""
+    objective = Objective(Transport(near), weights, prior, np.ones(near.columns))
+    rows = direct_mapping(objective.dual.near, objective.T.composition(), objective.heard)
+    clusters = find_clusters(luminance_matrix(scaled))
+    method = Method(np.zeros(clusters.count, bool), "nothing is inverted")
+    nothing = np.zeros((near.columns, len(CHANNELS)))
+    return Inverse(rows, nothing, clusters, None, method, 0.0, {}, nothing[:, 0], 0.0)
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What is to be inverted and how; each row of T and reach is times the root of its weight.
+
+    Fields as of `invert_near_light`.
+    """
+
+    near: SparseRows
+    mask: NDArray[np.bool_]
+    projector_shape: tuple[int, int]
+    reach: FloatArray
+    white: float
+    options: InverseOptions
+    regions: Sequence[Region]
+    roots: FloatArray
+    prior: Prior | None
+
+    def cut(self, *, must_pay: bool) -> "Inverse | str":
+        """T⁺ of T cut into clusters; a reason against it if it has to pay."""
+        try:
+            size = min(self.options.max_cluster or MAX_CLUSTER, self.near.columns)
+            parameters, cut = decompose_to(self.near, self.mask.shape, self.projector_shape, size)
+        except InputError as error:
+            if must_pay:
+                return str(error)
+            raise
+        return self.inverted(cut.near, (parameters, cut.report), must_pay=must_pay)
+
+    def inverted(
+        self, near: SparseRows, decomposition: tuple[Parameters, Report] | None, *, must_pay: bool
+    ) -> "Inverse | str":
+        """T⁺ of these rows; a reason against it, before the work, if it has to pay."""
         light = luminance_matrix(near)
-    matrices = channels(near)
-    clusters = find_clusters(light)
-    method = choose_method(clusters, options.method, options.damping)
-    memory.check_whole(clusters, ~method.windowed)
-    sigmas = _largest_singular_values(matrices)
-    choice = _choose_damping(matrices, sigmas, light, whole, white * roots.reshape(mask.shape), mask, options)
-    lambdas = choice.damping * sigmas
-    priors = None if prior is None or choice.damping == 0 else prior_matrices(prior, clusters.projector)
-    truncation = Truncation(reach, TRUNCATED * options.max_error / 255)
-    tolerance = max(options.max_error / 255, FINEST_TOLERANCE)
-    jobs = [clustered_jobs(matrices, clusters, ~method.windowed, lambdas, options.noise, truncation, priors)]
-    if method.windowed.any():
-        member = np.isin(clusters.projector, np.flatnonzero(method.windowed)).reshape(projector_shape)
-        jobs.append(_windowed(matrices, lambdas, priors, member, truncation, tolerance, regions))
-    pieces = _run(list(chain(*jobs)), int(clusters.projector_sizes.sum()))
-    joined = join(pieces, near.shape[::-1])
-    rows = replace(joined.rows, weights=joined.rows.weights * roots[joined.rows.indices, None].astype(np.float32))
-    halos = np.array([piece.halo for piece in pieces if piece.halo], np.int64)
-    return Inverse(
-        rows,
-        joined.changed,
-        clusters,
-        decomposition,
-        method,
-        choice.damping,
-        choice.errors,
-        joined.residual,
-        tolerance,
-        halos,
-    )
+        clusters = find_clusters(light)
+        method = choose_method(clusters, self.options.method, self.options.damping)
+        price = price_of_clusters(clusters, ~method.windowed)
+        if must_pay and (objection := price.objection()):
+            return objection
+        memory.check_whole(clusters, ~method.windowed)
+        matrices = channels(near)
+        sigmas = _largest_singular_values(matrices)
+        choice = self._choose_damping(matrices, sigmas, light)
+        lambdas = choice.damping * sigmas
+        drawn = self.prior is not None and choice.damping > 0
+        priors = prior_matrices(self.prior, clusters.projector) if drawn and self.prior is not None else None
+        truncation = Truncation(self.reach, self.options.max_error / 255)
+        tolerance = max(truncation.budget, FINEST_TOLERANCE)
+        jobs = [clustered_jobs(matrices, clusters, ~method.windowed, lambdas, self.options.noise, truncation, priors)]
+        if method.windowed.any():
+            member = np.isin(clusters.projector, np.flatnonzero(method.windowed)).reshape(self.projector_shape)
+            if must_pay:
+                green = matrices[1], float(lambdas[1]), None if priors is None else priors[1]
+                price = price + price_of_windows(*green, member, truncation, tolerance, self.regions)
+                if objection := price.objection():
+                    return objection
+            jobs.append(_windowed(matrices, lambdas, priors, member, truncation, tolerance, self.regions))
+        pieces = _run(list(chain(*jobs)), int(clusters.projector_sizes.sum()))
+        joined = join(pieces, near.shape[::-1])
+        weights = joined.rows.weights * self.roots[joined.rows.indices, None].astype(np.float32)
+        return Inverse(
+            replace(joined.rows, weights=weights),
+            joined.changed,
+            clusters,
+            decomposition,
+            method,
+            choice.damping,
+            choice.errors,
+            joined.residual,
+            tolerance,
+            halos=np.array([piece.halo for piece in pieces if piece.halo], np.int64),
+        )
+
+    def _choose_damping(self, matrices: tuple[Csr, ...], sigmas: FloatArray, light: Csr) -> DampingChoice:
+        """λ / σ₁ as asked for, or chosen, not below the noise of any channel."""
+        if self.options.damping is not None:
+            return DampingChoice(self.options.damping, {})
+        if not is_large(light):
+            memory.check_choice(light.shape[1])
+        noise = [noise_of_matrix(T, self.options.noise) for T in matrices]
+        floor = max(float(n / sigma) for n, sigma in zip(noise, sigmas, strict=True))
+        white = self.white * self.roots.reshape(self.mask.shape)
+        return choose_damping(light, white, self.mask, luminance_matrix(self.near), floor)
 
 
 def _largest_singular_values(matrices: tuple[Csr, ...]) -> FloatArray:
@@ -180,24 +274,6 @@ def _check_max_cluster(options: InverseOptions, projector_pixels: int) -> None:
         )
 
 
-def _choose_damping(
-    matrices: tuple[Csr, ...],
-    sigmas: FloatArray,
-    light: Csr,
-    whole: Csr,
-    white: FloatArray,
-    mask: NDArray[np.bool_],
-    options: InverseOptions,
-) -> DampingChoice:
-    """λ / σ₁ as asked for, or chosen, not below the noise of any channel."""
-    if options.damping is not None:
-        return DampingChoice(options.damping, {})
-    memory.check_choice(light.shape[1])
-    noise = [noise_of_matrix(T, options.noise) for T in matrices]
-    floor = max(float(n / sigma) for n, sigma in zip(noise, sigmas, strict=True))
-    return choose_damping(light, white, mask, whole, floor)
-
-
 def _windowed(
     matrices: tuple[Csr, ...],
     lambdas: FloatArray,
@@ -211,7 +287,7 @@ def _windowed(
     drawn = priors or (None,) * len(matrices)
     parts = zip(matrices, lambdas, drawn, strict=True)
     channels = tuple(WindowedChannel(T, float(damp), each) for T, damp, each in parts)
-    windows = plan_windows(channels[1], member, tolerance, regions)
+    windows = plan_windows(channels[1], member, tolerance, regions).windows
     return windowed_jobs(channels, windows, truncation, tolerance)
 
 

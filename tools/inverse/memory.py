@@ -21,6 +21,7 @@ from counterlight.tools.transport.transport import Csr
 WORK_BYTES = 24 * 8  # of a block inverted whole, per entry: three channels, their inverses, what truncation sorts
 ENTRY_BYTES = 70  # of T⁺, per entry: pieces, joined rows, the packed texture (58 measured, far light apart)
 NORMAL_BYTES = 3 * 40  # of TᵀT, per entry: three channels, while they are added up
+ROOM_BYTES, PIXEL_BYTES = 250, 400  # of a room's maps while they are made, an entry of T, a pixel of both sides
 FORETELLING_SHARE = 0.02  # of the rows, after which the entries of all are foretold
 SAMPLE_COLUMNS = 64
 
@@ -41,14 +42,21 @@ def check_whole(clusters: Clusters, whole: NDArray[np.bool_]) -> None:
 
 
 def check_windows(T: Csr, projector_pixels: int) -> None:
-    """Before large clusters are inverted through windows: TᵀT of three channels, and the widest window on each core.
+    """Before large clusters are inverted through windows.  T : one channel.  projector_pixels : of the clusters."""
+    remedy = "use --inverse cut or none, or leave the option out"
+    check(bytes_of_windows(T, projector_pixels), "inverting large clusters through windows", remedy)
 
-    T : one channel.  projector_pixels : of the large clusters.
-    """
+
+def bytes_of_windows(T: Csr, projector_pixels: int) -> float:
+    """What windows need at work: TᵀT of three channels, and the widest window on each core."""
     window = min((BLOCKS[0] + 2 * HALOS[-1]) ** 2, projector_pixels)
-    needed = NORMAL_BYTES * normal_entries(T) + (os.cpu_count() or 1) * 2 * 8 * window**2
-    remedy = "use --preset fast, or --max-cluster, to cut the transport apart"
-    check(needed, "inverting large clusters through windows", remedy)
+    return NORMAL_BYTES * normal_entries(T) + (os.cpu_count() or 1) * 2 * 8 * window**2
+
+
+def check_room(entries: int, pixels: int) -> None:
+    """Before anything: what a room of so many entries a channel, camera and projector pixels needs at the least."""
+    needed = ROOM_BYTES * float(entries) + PIXEL_BYTES * float(pixels)
+    check(needed, f"a room of {entries / 1e6:.0f} million entries", "use --no-refine, or a smaller camera or projector")
 
 
 def normal_entries(T: Csr) -> float:

@@ -1,9 +1,9 @@
-"""Settings of the inverse by what is wished for, found by a study of the shipped scenes (docs/accuracy.md)."""
+"""Settings of the inverse by what is wished for, from a study of the shipped scenes (docs/accuracy.md)."""
 
 from counterlight.tools.inverse.inverse import InverseOptions
 
 PRESETS = {
-    "fast": InverseOptions(max_cluster=200),
+    "fast": InverseOptions(inverse="none"),
     "balanced": InverseOptions(max_error=2.0),
-    "best": InverseOptions(),
+    "best": InverseOptions(inverse="whole"),
 }

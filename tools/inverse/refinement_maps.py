@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from counterlight.arrays import FloatArray
 from counterlight.maps.prior import Prior
 from counterlight.maps.room_maps import FarMaps, RefinementMaps
-from counterlight.maps.row_map import RowMap, SparseRows, pack
-from counterlight.tools.transport.objective import FAINTEST, Objective
-from counterlight.tools.transport.transport import FarLight, dense_rows, luminance
+from counterlight.maps.row_map import RowMap, pack
+from counterlight.tools.inverse.direct import direct_mapping
+from counterlight.tools.transport.objective import Objective
+from counterlight.tools.transport.transport import FarLight, dense_rows
 
 
 def pack_far(far: FarLight, output: tuple[int, int], source: tuple[int, int], scatter: RowMap | None = None) -> FarMaps:
@@ -26,26 +26,9 @@ def refinement_maps(objective: Objective, camera: tuple[int, int], projector: tu
     return RefinementMaps(
         pack(dual.near, projector, camera),
         None if dual.far is None else pack_far(dual.far, projector, camera),
-        pack(_direct_mapping(dual.near, composition, objective.heard), projector, camera),
+        pack(direct_mapping(dual.near, composition, objective.heard), projector, camera),
         objective.step_size.astype(np.float32).reshape(*projector, 3),
         Prior.none(projector) if prior is None else prior,
         objective.weights.astype(np.float32).reshape(camera),
         objective.seen.astype(np.float32).reshape(projector),
     )
-
-
-def _direct_mapping(dual: SparseRows, composition: FloatArray, heard: FloatArray) -> SparseRows:
-    """p_j = b_i / (T·1)_i at the camera pixel i that projector pixel j lights most (thesis 6.1).
-
-    dual : near TᵀW, (projector pixels, camera pixels).  composition : T·1, (camera pixels, 3).  heard : (projector
-    pixels, 3), what is left of it beside the prior.
-    """
-    rows = dual.rows
-    order = np.lexsort((luminance(dual.weights), rows))
-    strongest = order[np.append(np.diff(rows[order]) != 0, True)[: order.size]]
-    chosen = dual.indices[strongest]
-    light = composition[chosen]
-    inverse = np.divide(1.0, light, out=np.zeros_like(light), where=light > FAINTEST * composition.max(initial=0.0))
-    inverse = inverse * heard[rows[strongest]]
-    starts = np.searchsorted(rows[strongest], np.arange(dual.indptr.size))
-    return SparseRows(starts, chosen, inverse.astype(np.float32), dual.columns)

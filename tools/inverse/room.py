@@ -1,6 +1,6 @@
 """From a room to its maps: invert, take the far light out, pack; and from a calibration folder to its correction/."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -8,19 +8,27 @@ import numpy as np
 from counterlight.calibration import Calibration, StoredCalibration
 from counterlight.maps import room_maps as maps
 from counterlight.maps.room_maps import FarMaps, RoomMaps
-from counterlight.maps.row_map import RowMap, pack
+from counterlight.maps.row_map import RowMap, pack, unpack
 from counterlight.tools.colour.tiers import Tier, tier_of
+from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
+from counterlight.tools.inverse.recommendation import Recommendation, recommended
 from counterlight.tools.inverse.refinement_maps import pack_far, refinement_maps
+from counterlight.tools.inverse.words import words_of
 from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
+
+CHOSEN = {"whole": "the whole T⁺", "cut": "T⁺ cut into clusters", "none": "no T⁺, direct mapping"}
+STARTED = {"previous": "it", "previous-direct": "direct mapping"}
 
 
 @dataclass(frozen=True)
 class BuiltRoom:
     """A room in its tier of colour, what was found and its maps; `summary` is one line.
+
+    recommendation : how it is best played; None without refinement.
 
     light_outside : of a white picture, drive of what the camera does not see, as a share of plain projection's.
     """
@@ -30,6 +38,7 @@ class BuiltRoom:
     maps: RoomMaps
     summary: str
     light_outside: float | None
+    recommendation: Recommendation | None = None
 
     @property
     def calibration(self) -> Calibration:
@@ -39,6 +48,21 @@ class BuiltRoom:
     def transport(self) -> Transport:
         """What was inverted."""
         return self.tier.transport
+
+    @property
+    def conclusion(self) -> str:
+        """Which inverse, why, what it weighs and what it gives, for the last line of a build."""
+        inverse, packed = self.inverse, self.maps
+        mib = sum(m.nbytes for m in packed.named().values()) / 2**20
+        reason = f" ({inverse.reason})" if inverse.reason else ""
+        words = f"{CHOSEN[inverse.chosen]}{reason}, {mib:.0f} MiB of maps"
+        found = self.recommendation
+        if found is None:
+            return words
+        return (
+            f"{words}; in simulation {found.after(0):.1f} dB below the optimum without a step, "
+            f"{found.after(found.steps):.2f} after the {found.steps} that play makes from {STARTED[found.start]}"
+        )
 
 
 def build_room_maps(
@@ -54,7 +78,10 @@ def build_room_maps(
     colour : of choices.COLOURS.  Raises InputError at once if another process is building them.
     """
     with maps.replacing(stored) as stage:
-        built = build_maps(tier_of(stored.calibration, read_transport(stored), colour), options, aims, refine=refine)
+        transport = read_transport(stored)
+        pixels = stored.calibration.camera.pixels + stored.calibration.projector.pixels
+        memory.check_room(transport.near.indices.size, pixels)
+        built = build_maps(tier_of(stored.calibration, transport, colour), options, aims, refine=refine)
         maps.write_maps(built.maps, stored, stage)
     return built
 
@@ -86,7 +113,14 @@ def build_maps(
     observe = pack(transport.near, camera, projector)
     packed = RoomMaps(correction, observe, far, undo, white, details, further, tier.mixing)
     outside = _light_outside(objective, inverse, tier)
-    return BuiltRoom(tier, inverse, packed, _summary(inverse, packed, outside), outside)
+    found = None
+    if further is not None:
+        T_pinv = None if inverse.chosen == "none" else inverse.T_pinv
+        direct = unpack(further.direct)
+        found = recommended(objective, direct, T_pinv, packed.correction_in_steps, white, camera)
+        packed = replace(packed, details=details | found.to_toml())
+    packed = replace(packed, words=words_of(packed, options.max_error))
+    return BuiltRoom(tier, inverse, packed, _summary(inverse, packed, outside), outside, found)
 
 
 def _light_outside(objective: Objective, inverse: Inverse, tier: Tier) -> float | None:
@@ -115,6 +149,7 @@ def _details(
             "regularize": "auto" if options.damping is None else options.damping,
             "max_error_codes": options.max_error,
             "method": options.method,
+            "inverse": options.inverse,
             "noise": options.noise,
             **asdict(aims),
             **({} if options.max_cluster is None else {"max_cluster": options.max_cluster}),
@@ -123,6 +158,8 @@ def _details(
         "inverse": {
             "damping": inverse.damping,
             "damping_errors": {f"{key:g}": value for key, value in inverse.damping_errors.items()},
+            "chosen": inverse.chosen,
+            "reason": inverse.reason,
             "clusters": inverse.clusters.count,
             "largest_cluster": list(inverse.largest_cluster),
             "method": inverse.method.name,

@@ -9,6 +9,7 @@ channel by channel, until ‖r‖₁ is within the tolerance.
 Of several projectors in one raster, a block's neighbours are also the others' pixels that light the same places.
 """
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,19 +17,19 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, sparse
-from scipy.linalg import cho_factor, solve_triangular
-from scipy.linalg.lapack import dtrtri
 
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.calibration import Region
+from counterlight.tools.inverse.banded import columns_of_inverse
 from counterlight.tools.inverse.pieces import Piece, Truncation, truncated_piece
 from counterlight.tools.jobs import run_jobs
-from counterlight.tools.transport.transport import Csr
+from counterlight.tools.transport.transport import CHANNELS, Csr
 
 BLOCKS = (16, 8, 4, 2, 1)
 BLOCK_VALUES = 1 << 24  # float64 values of one block's rows, three channels (128 MiB)
 HALOS = (4, 6, 8, 10, 12, 14, 17, 20, 24)
 SAMPLE_WINDOWS = 5
+QUICKENING = 30.0  # the decay quickens: residuals end up to so many times below what their first two halos foretell
 FINEST_TOLERANCE = 0.05 / 255  # drive; windows are not widened for less
 
 
@@ -48,54 +49,40 @@ class WindowedChannel:
     """One colour channel of large clusters: T by columns, and N = TᵀT + P + λ²I, from which windows are cut.
 
     T : (camera pixels, projector pixels).  damping : λ > 0.  prior : P, (projector pixels, projector pixels).
+    camera_pixels : that see the projector, if T holds not the rows of all.
     """
 
-    def __init__(self, T: Csr, damping: float, prior: Csr | None = None) -> None:
+    def __init__(self, T: Csr, damping: float, prior: Csr | None = None, camera_pixels: int | None = None) -> None:
         wide = T.astype(np.float64)
-        self.camera_pixels = int(np.count_nonzero(np.diff(T.indptr)))
+        self.camera_pixels = int(np.count_nonzero(np.diff(T.indptr))) if camera_pixels is None else camera_pixels
         self._columns = sparse.csc_array(wide)
         normal = wide.T @ wide + damping**2 * sparse.eye_array(T.shape[1])
         self._normal = sparse.csr_array(normal if prior is None else normal + prior)
 
     def solve(self, block: IntArray, window: IntArray) -> WindowRows:
-        """Rows `block` of T⁺ computed on `window` ⊇ block (sorted projector pixels)."""
-        ordered = np.concatenate([np.setdiff1d(window, block, assume_unique=True), block])
-        normal, outside = self._split(ordered)
-        X = last_columns_of_inverse(normal, block.size)
+        """Rows `block` of T⁺ computed on `window` ⊇ block (projector pixels, both ascending)."""
+        normal, outside = self._split(window)
+        X = columns_of_inverse(normal, np.searchsorted(window, block))
         residual = np.abs(outside @ X).sum(axis=0)
-        local = self._columns[:, ordered]
+        local = self._columns[:, window]
         camera, place = np.unique(local.indices, return_inverse=True)
-        compact = sparse.csc_array((local.data, place, local.indptr), shape=(camera.size, ordered.size))
+        compact = sparse.csc_array((local.data, place, local.indptr), shape=(camera.size, window.size))
         return WindowRows(camera.astype(np.int64), compact @ X, residual)
 
     def touched(self, block: IntArray) -> IntArray:
         """Projector pixels that light what a block's pixels light, ascending."""
         return np.unique(self._normal[block].indices).astype(np.int64)
 
-    def _split(self, ordered: IntArray) -> tuple[FloatArray, Csr]:
-        """N[window, window], dense, and N[outside, window] with rows for those pixels only that the window touches."""
-        rows = self._normal[ordered]
-        by_pixel = np.argsort(ordered)
-        place = by_pixel[np.minimum(np.searchsorted(ordered, rows.indices, sorter=by_pixel), ordered.size - 1)]
-        inside = ordered[place] == rows.indices
-        row = np.repeat(np.arange(ordered.size), np.diff(rows.indptr))
-        normal = np.zeros((ordered.size, ordered.size), order="F")
-        normal[row[inside], place[inside]] = rows.data[inside]
+    def _split(self, window: IntArray) -> tuple[Csr, Csr]:
+        """N[window, window], and N[outside, window] with rows for those pixels only that the window touches."""
+        rows = self._normal[window]
+        place = np.minimum(np.searchsorted(window, rows.indices), window.size - 1)
+        inside = window[place] == rows.indices
+        row = np.repeat(np.arange(window.size), np.diff(rows.indptr))
+        normal = sparse.csr_array((rows.data[inside], (row[inside], place[inside])), shape=(window.size,) * 2)
         touched, outer = np.unique(rows.indices[~inside], return_inverse=True)
-        shape = touched.size, ordered.size
+        shape = touched.size, window.size
         return normal, sparse.csr_array((rows.data[~inside], (outer, row[~inside])), shape=shape)
-
-
-def last_columns_of_inverse(N: FloatArray, count: int) -> FloatArray:
-    """The last `count` columns of N⁻¹, N symmetric and positive definite, (n, n), overwritten.
-
-    With N = L Lᵀ, the last columns of L⁻¹ are 0 but for the inverse of L's last block: half of the work is saved.
-    """
-    factor = cho_factor(N, lower=True, overwrite_a=True, check_finite=False)[0]
-    split = len(N) - count
-    X = np.zeros((len(N), count), order="F")
-    X[split:] = np.tril(dtrtri(factor[split:, split:], lower=True)[0])
-    return np.asarray(solve_triangular(factor, X, lower=True, trans=1, overwrite_b=True, check_finite=False))
 
 
 @dataclass(frozen=True)
@@ -167,19 +154,83 @@ def _holds(region: Region, y: IntArray | int, x: IntArray | int) -> NDArray[np.b
     return np.asarray(inside_y & (x >= region.left) & (x < region.left + region.width))
 
 
+@dataclass(frozen=True)
+class Sampled:
+    """What a few windows of one channel found.
+
+    windows : with the smallest halo that most of them get by with; blocks grow their own.
+    seconds : of a processor, that all blocks take, three channels.  entries : of T⁺, (pixels of the clusters) times the
+    mean of the sample's rows.  failing : share of the sample that no halo brings within the tolerance.
+    """
+
+    windows: Windows
+    seconds: float
+    entries: float
+    failing: float
+
+
 def plan_windows(
-    channel: WindowedChannel, member: NDArray[np.bool_], tolerance: float, regions: Sequence[Region] = ()
-) -> Windows:
-    """Blocks, and the smallest halo that a few sample windows of one channel get by with; blocks grow their own.
+    channel: WindowedChannel,
+    member: NDArray[np.bool_],
+    tolerance: float,
+    regions: Sequence[Region] = (),
+    truncation: Truncation | None = None,
+) -> Sampled:
+    """Blocks, and what a few of them take and give.
 
     member : (projector height, projector width).  regions : of several projectors in it.
+    truncation : of T⁺'s rows; None to ask for no entries.
     """
     side = _block_side(member, channel.camera_pixels)
     narrow = Windows(member, HALOS[0], side, tuple(regions) if len(regions) > 1 else ())
     corners = narrow.blocks()
-    sample = {corners[i] for i in np.linspace(0, len(corners) - 1, SAMPLE_WINDOWS + 2).astype(int)[1:-1]}
-    jobs = [partial(_grow, channel, narrow, corner, tolerance) for corner in sorted(sample)]
-    return replace(narrow, halo=int(np.median([halo for _, halo in run_jobs(jobs, "sampling windows")])))
+    jobs = [partial(_sample, channel, narrow, corner, tolerance, truncation) for corner in _spread(corners)]
+    samples = list(run_jobs(jobs, "sampling windows"))
+    rows = np.count_nonzero(member) / sum(each.rows for each in samples)
+    return Sampled(
+        replace(narrow, halo=int(np.median([each.halo for each in samples]))),
+        float(np.mean([each.seconds for each in samples])) * len(corners),
+        rows * sum(each.entries for each in samples),
+        float(np.mean([each.residual > tolerance for each in samples])),
+    )
+
+
+def sampled_pixels(member: NDArray[np.bool_]) -> IntArray:
+    """Projector pixels of the widest windows that `plan_windows` samples where blocks are as large as they can be."""
+    widest = Windows(member, HALOS[0], BLOCKS[0])
+    return np.unique(np.concatenate([widest.pixels(each, HALOS[-1]) for each in _spread(widest.blocks())]))
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """A window's halo, residual (‖r‖₁), and processor seconds with that halo; rows and their entries."""
+
+    halo: int
+    residual: float
+    seconds: float
+    rows: int
+    entries: int
+
+
+def _sample(
+    channel: WindowedChannel, windows: Windows, corner: tuple[int, int], tolerance: float, truncation: Truncation | None
+) -> _Sample:
+    found, halo = _grow(channel, windows, corner, tolerance)
+    start = time.thread_time()
+    block = windows.pixels(corner, 0)
+    channel.solve(block, windows.window(channel, corner, halo))
+    solved = time.thread_time()
+    entries = 0
+    if truncation is not None:
+        alike = np.repeat(np.ascontiguousarray(found.columns.T)[None, None], len(CHANNELS), axis=0)
+        entries = truncated_piece(block[None], found.camera[None], alike, truncation).columns.size
+    seconds = len(CHANNELS) * (solved - start) + time.thread_time() - solved
+    return _Sample(halo, float(found.residual.max()), seconds, block.size, entries)
+
+
+def _spread(corners: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    places = np.linspace(0, len(corners) - 1, SAMPLE_WINDOWS + 2).astype(int)[1:-1]
+    return sorted({corners[i] for i in places})
 
 
 def _block_side(member: NDArray[np.bool_], camera_pixels: int) -> int:
@@ -195,13 +246,26 @@ def _block_side(member: NDArray[np.bool_], camera_pixels: int) -> int:
 def _grow(
     channel: WindowedChannel, windows: Windows, corner: tuple[int, int], tolerance: float
 ) -> tuple[WindowRows, int]:
-    """The block at `corner`, solved with the first halo whose residual is within the tolerance, or else the widest."""
+    """The block at `corner`, solved with the first halo whose residual is within the tolerance.
+
+    Where two halos say that not even the widest will come near it, the second is the last: each further one costs more
+    and gains little.
+    """
     block = windows.pixels(corner, 0)
+    previous: tuple[int, float] | None = None
     for halo in HALOS[HALOS.index(windows.halo) :]:
         found = channel.solve(block, windows.window(channel, corner, halo))
-        if found.residual.max() <= tolerance:
+        residual = float(found.residual.max())
+        if residual <= tolerance or (previous and _hopeless(*previous, halo, residual, tolerance)):
             break
+        previous = halo, residual
     return found, halo
+
+
+def _hopeless(first: int, before: float, second: int, after: float, tolerance: float) -> bool:
+    """Whether a residual that falls from halo to halo as it did between two ends far above the tolerance."""
+    decay = (after / before) ** (1 / (second - first))
+    return bool(after * decay ** (HALOS[-1] - second) > QUICKENING * tolerance)
 
 
 def windowed_jobs(

@@ -1,5 +1,6 @@
 """The report on an acquisition: what was captured, what T became of it, and how well a picture could be compensated."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration
 from counterlight.pipeline.content import psnr, reachable_white
 from counterlight.tools.acquisition.preflight import Finding
-from counterlight.tools.acquisition.summary import AcquisitionReport
+from counterlight.tools.acquisition.summary import AcquisitionReport, LightOutside
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.relighting.pictures import encoded, white_level
 from counterlight.tools.report import charts, pictures
@@ -109,6 +110,7 @@ def _figures(
         "response": _response(calibration, report),
         "warnings": report.warnings,
         "coverage": report.covered,
+        "light_outside": None if report.outside is None else asdict(report.outside),
         "lit_camera_pixels": report.lit,
         "near_entries": report.entries,
         "far_cells": transport.far.cells if transport.far else 0,
@@ -130,11 +132,16 @@ def acquisition_page(figures: dict[str, Any]) -> str:
             ("seconds of the last run", f"{figures['seconds']:.0f}"),
             ("projector pixels that are seen", f"{100 * figures['coverage']:.1f} %"),
             ("camera pixels that count", f"{figures['lit_camera_pixels']}"),
+            ("light outside", _outside(figures["light_outside"])),
             ("near light, entries a channel; far light, cells", f"{figures['near_entries']}; {figures['far_cells']}"),
         ]
     )
     sections = [_quality(figures), _captured(figures), _light(figures), _transport(figures), _clusters(figures)]
     return page(f"Acquisition: {figures['name']}", intro, [*sections, Section("Before it", [], _findings(figures))])
+
+
+def _outside(light: dict[str, Any] | None) -> str:
+    return "-" if light is None else f"{LightOutside(**light)}"
 
 
 def _quality(figures: dict[str, Any]) -> Section:

@@ -1,8 +1,15 @@
 """The page: plain HTML and CSS, nothing loaded from elsewhere, dark or light as the reader's screen is."""
 
+import shlex
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from html import escape
+from importlib import metadata
+from pathlib import Path
+
+from counterlight.errors import printable
 
 STYLE = """
 :root { color-scheme: light dark; --ink: light-dark(#222, #ddd); --paper: light-dark(#fff, #16181b);
@@ -13,6 +20,7 @@ h2 { margin-top: 2em; border-bottom: 1px solid var(--faint); }
 .row { display: grid; grid-template-columns: repeat(auto-fit, minmax(320px, 1fr)); gap: 1.5em; }
 .wide { grid-template-columns: 1fr; }
 figure { margin: 0; }
+footer { margin-top: 3em; color: var(--faint); font-size: 85%; }
 figure img { width: 100%; max-height: 480px; object-fit: contain; object-position: left;
   background: light-dark(#eee, #24272b); border: 1px solid var(--faint); box-sizing: border-box; }
 figcaption, .note { color: var(--faint); font-size: 0.9em; }
@@ -82,5 +90,12 @@ def page(title: str, intro: str, sections: Sequence[Section]) -> str:
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
         f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head>'
-        f"<body><h1>{escape(title)}</h1>{intro}{body}</body></html>\n"
+        f"<body><h1>{escape(title)}</h1>{intro}{body}<footer>{escape(_origin())}</footer></body></html>\n"
     )
+
+
+def _origin() -> str:
+    """When the page was made, by which version and which command."""
+    made = datetime.now().astimezone().isoformat(" ", "minutes")
+    command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    return printable(f"Counterlight {metadata.version('counterlight')}, {made}: {command}")

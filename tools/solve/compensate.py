@@ -33,7 +33,7 @@ from counterlight.writing.replacing import replacing_file
 
 FAR_ROUNDS = 20
 FAR_TOLERANCE = 0.1 / 255  # drive
-HEADER = "solver       RMSE %  PSNR dB   SSIM  CIEDE2000  clipped %  seconds  below the optimum dB"
+HEADER = "solver       RMSE %  PSNR dB   SSIM  CIEDE2000  clipped %  seconds  below the optimum dB  light outside %"
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,7 @@ class Compensated:
 
     drive : (projector height, projector width, 3), 0..1.  clipped : share of the lit projector pixels' values that
     the solver asked for beyond 0..1.  below_optimum : decibels that the box optimum's PSNR is above this one's.
+    outside : light that the camera does not see, as a share of the uncorrected picture's; None where it sees it all.
     """
 
     solver: str
@@ -75,12 +76,14 @@ class Compensated:
     seconds: float
     below_optimum: float
     notes: tuple[str, ...]
+    outside: float | None = None
 
     def __str__(self) -> str:
-        q = self.quality
+        q, outside = self.quality, "-" if self.outside is None else f"{100 * self.outside:.1f}"
         return (
             f"{self.solver:10} {100 * q.rmse:8.3f} {q.psnr:8.2f} {q.ssim:6.4f} {q.ciede2000:10.3f} "
-            f"{100 * self.clipped:10.2f} {self.seconds:8.2f} {self.below_optimum:21.3f}"
+            f"{100 * self.clipped:10.2f} {self.seconds:8.2f} {self.below_optimum:21.3f} "
+            f"{outside:>16}"
         )
 
 
@@ -115,12 +118,14 @@ class CompensationTask:
         plain : (projector height, projector width, 3), the picture as the projector would show it uncorrected.
         """
         for name in self._options.solvers:
-            if name == "box":
-                yield self._optimum
-            else:
-                start = time.perf_counter()
-                unclamped, notes = self._solve(name, plain)
-                yield self._judge(name, unclamped, time.perf_counter() - start, notes, self._optimum.quality.psnr)
+            found = self._optimum if name == "box" else self._found(name, plain)
+            drives = (each.reshape(-1, 3) for each in (found.drive, plain))
+            yield replace(found, outside=self._objective.light_outside(*drives))
+
+    def _found(self, name: str, plain: FloatArray) -> Compensated:
+        start = time.perf_counter()
+        unclamped, notes = self._solve(name, plain)
+        return self._judge(name, unclamped, time.perf_counter() - start, notes, self._optimum.quality.psnr)
 
     @cached_property
     def _optimum(self) -> Compensated:

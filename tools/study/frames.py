@@ -8,6 +8,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from counterlight.arrays import FloatArray
+from counterlight.gl import context
 from counterlight.gl.probe import probe_opengl
 from counterlight.maps.mixing import Mixing
 from counterlight.media.frames import radiance_frame
@@ -16,7 +17,6 @@ from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.show.headless import headless_renderer
 
-SOFTWARE = ("llvmpipe", "softpipe", "swrast")
 REPEATS, ENOUGH_S = 15, 0.1
 
 
@@ -28,7 +28,7 @@ def graphics() -> str:
 
 def in_software() -> bool:
     """OpenGL runs on the processor: its milliseconds are then of processor time, which other load hardly changes."""
-    return any(name in graphics() for name in SOFTWARE)
+    return context.in_software(graphics())
 
 
 @contextmanager

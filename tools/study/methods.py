@@ -33,7 +33,7 @@ MAX_CLUSTERS = (50, 200, 1000)
 MAX_ERRORS = (2.0, 8.0, 32.0)  # beside the default
 DAMPINGS = (0.01, 0.03, 0.1, 0.3)
 UNCUT = "T⁺"
-DEFAULTS = InverseOptions()
+DEFAULTS = InverseOptions(inverse="whole")
 THESIS = InverseOptions(damping=0.0, max_cluster=200)
 
 
@@ -135,6 +135,8 @@ class Map:
             words.append(f"--regularize {self.options.damping:g}" if self.options.damping else "--regularize none")
         if self.options.max_cluster is not None:
             words.append(f"--max-cluster {self.options.max_cluster}")
+        elif self.options.inverse != "auto":
+            words.append(f"--inverse {self.options.inverse}")
         start = f" --refine-from {self.start}" if self.steps and self.start != "map" else ""
         return f"{' '.join(['counterlight build', *words])}; counterlight play --refine {self.steps}{start}"
 
@@ -215,8 +217,12 @@ def catalogue() -> list[Method]:
 
 def uncut_knobs() -> list[Method]:
     """The knobs of the uncut inverse; each of these inverts it once more."""
-    methods: list[Method] = [Map(UNCUT, "max-error", error, InverseOptions(max_error=error)) for error in MAX_ERRORS]
-    return methods + [Map("T⁺, λ given", "regularize", damping, InverseOptions(damping)) for damping in DAMPINGS]
+    methods: list[Method] = [
+        Map(UNCUT, "max-error", error, InverseOptions(max_error=error, inverse="whole")) for error in MAX_ERRORS
+    ]
+    return methods + [
+        Map("T⁺, λ given", "regularize", damping, InverseOptions(damping, inverse="whole")) for damping in DAMPINGS
+    ]
 
 
 def frame_bytes(maps: RoomMaps, steps: int, start: str) -> int:

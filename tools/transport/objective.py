@@ -80,10 +80,14 @@ class Objective:
         doubted = self.weights < 1
         return np.where(doubted[:, None], np.clip(b, 0, self._most), b) if doubted.any() else b
 
-    def light_outside(self, drive: FloatArray) -> float | None:
-        """Drive of what the camera does not see, as a share of full drive there; None where it sees everything."""
-        unseen = np.maximum(1 - self.seen, 0)
-        return float(np.average(drive.mean(axis=1), weights=unseen)) if unseen.any() else None
+    def light_outside(self, drive: FloatArray, plain: FloatArray | None = None) -> float | None:
+        """Drive of what the camera does not see, as a share of what it is in `plain`; None where that is nothing.
+
+        drive, plain : (projector pixels, 3); None: full drive.
+        """
+        unseen = np.maximum(1 - self.seen, 0)[:, None]
+        usual = float(np.sum(unseen * (np.ones_like(drive) if plain is None else plain)))
+        return float(np.sum(unseen * drive)) / usual if usual > 0 else None
 
     @cached_property
     def _most(self) -> FloatArray:

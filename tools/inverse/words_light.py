@@ -1,4 +1,4 @@
-"""A room's light T = S + U M D and its transpose in small words, certified (small_map.py, docs/gpu.md).
+"""A room's light T = S + U M D and its transpose in words, certified (maps/small_map.py, docs/gpu.md).
 
 S and U share one picture of colours, so that a residual times w C is the source of Sᵀ and Uᵀ alike. For no drive of
 0..1 is the camera's picture off by more than `allowed`: half a code value of white, or of a pixel's own full light
@@ -14,59 +14,40 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
 from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
-from counterlight.maps.row_map import RowMap, SparseRows, unpack
-from counterlight.maps.small_fit import Fit, fit
-from counterlight.maps.small_map import FARTHEST_JUMP, FULL_TRUST, SmallMap, ascending, entry_bytes, without_nothing
+from counterlight.maps.row_map import SparseRows, unpack
+from counterlight.maps.small_map import FARTHEST_JUMP, FULL_TRUST, SmallMap, ascending, without_nothing
+from counterlight.tools.inverse.words_fit import Fit, fit
 
 CODES = 255
 MOST_CODES = 0.5  # of white in the camera's picture; less where the map was built with a smaller --max-error
 DARKEST = 1 / 32  # of white: pixels that full drive lights less may change as much as one that it lights so
 NEAR = 0.5
+USED = 0.8  # of what is allowed, so that words hold while a lamp grows dimmer by a fifth
 LEAST = 1e-30
 
 
 @dataclass(frozen=True)
 class SmallLight:
-    """What takes the place of a room's maps, by the identity of each.
+    """The maps of T and Tᵀ by their names (RoomMaps.named), and how much of what is allowed they change at most."""
 
-    change : the most that a drive's picture is off, code values of white.  allowed : what it was to keep.
+    maps: dict[str, SmallMap]
+    used: float
+
+
+def words_of_light(maps: RoomMaps, max_error: float) -> SmallLight | None:
+    """What takes the place of T and Tᵀ; None without refinement.
+
+    max_error : what the maps were built for, code values.
     """
-
-    maps: dict[int, SmallMap]
-    change: float
-    allowed: float
-
-    @property
-    def certified(self) -> bool:
-        return self.change <= self.allowed
-
-    @property
-    def entry_bytes(self) -> float:
-        """Mean, of all maps."""
-        return entry_bytes(list(self.maps.values()))
-
-    def of(self, packed: RowMap) -> SmallMap | None:
-        return self.maps.get(id(packed))
-
-
-def small_light(maps: RoomMaps, white: float) -> SmallLight | None:
-    """The maps of T and Tᵀ in small words; None without refinement, or where the manifest says no --max-error.
-
-    white : of what is shown.
-    """
-    try:
-        codes = min(float(maps.details["options"]["max_error_codes"]), MOST_CODES)
-    except (KeyError, TypeError, ValueError):
-        return None
-    if maps.refinement is None or codes <= 0 or max(_sizes(maps)) > FARTHEST_JUMP:
+    if maps.refinement is None or max_error <= 0 or max(_sizes(maps)) > FARTHEST_JUMP:
         return None
     near = ascending(unpack(maps.transport))
     far = None if maps.far is None else _Far.of(maps.far)
     full = near.sums() + (0.0 if far is None else far.light)
-    most = np.clip(full, DARKEST * white, white)
+    allowed = min(max_error, MOST_CODES) / CODES * np.clip(full, DARKEST * maps.white, maps.white)
     trust = np.rint(FULL_TRUST * np.where(_heard(maps.refinement), maps.refinement.weights.ravel(), 0)).astype(np.int16)
-    found, change = _maps(maps, maps.refinement, near, far, codes / CODES * most, trust)
-    return SmallLight(found, CODES * float((change / most).max(initial=0.0)), codes)
+    found, change = _maps(maps, near, far, USED * allowed, trust)
+    return SmallLight(found, float((change / allowed).max(initial=0.0)))
 
 
 def _heard(refinement: RefinementMaps) -> NDArray[np.bool_]:
@@ -116,53 +97,48 @@ def times(rows: SparseRows, source: FloatArray) -> FloatArray:
 
 
 def _maps(
-    maps: RoomMaps,
-    refinement: RefinementMaps,
-    near: SparseRows,
-    far: _Far | None,
-    allowed: FloatArray,
-    trust: NDArray[np.int16],
-) -> tuple[dict[int, SmallMap], FloatArray]:
+    maps: RoomMaps, near: SparseRows, far: _Far | None, allowed: FloatArray, trust: NDArray[np.int16]
+) -> tuple[dict[str, SmallMap], FloatArray]:
     """Every map of T and Tᵀ, and the change of each camera pixel, (camera pixels, 3)."""
-    chain, dual = maps.far, refinement.far_dual
-    if far is None or chain is None or dual is None:
+    camera, projector = maps.transport.output_shape, maps.transport.source_shape
+    if far is None or maps.far is None:
         alone = fit(near, np.ones((near.columns, 3)), allowed)
-        seen = _small(maps.transport, near, alone, trust=trust)
-        return {id(maps.transport): seen, id(refinement.dual): seen.transposed(trust > 0, None)}, alone.change
+        seen = small_map((camera, projector), near, alone, trust=trust)
+        return {"transport": seen, "dual": seen.transposed(trust > 0, None)}, alone.change
     share = (1 - NEAR) / 3
     joint, is_far = _side_by_side(near, far.scatter)
     both = fit(joint, np.concatenate([np.ones((near.columns, 3)), far.mixed]), (NEAR + share) * allowed)
-    seen = _small(maps.transport, near, both, ~is_far)
-    scatter = _small(chain.scatter, far.scatter, both, is_far, trust)
     slack = share * float((allowed / np.maximum(far.light, allowed)).min())
     mixes = fit(far.mix, far.gathered, np.maximum(slack * far.mixed, LEAST))
     gathers = fit(far.gather, np.ones((far.gather.columns, 3)), np.maximum(slack * far.gathered, LEAST))
-    mix, gather = _small(chain.mix, far.mix, mixes), _small(chain.gather, far.gather, gathers)
+    cells, mixed = maps.far.gather.output_shape, maps.far.mix.output_shape
+    seen = small_map((camera, projector), near, both, ~is_far, trust)
+    scatter = small_map((camera, mixed), far.scatter, both, is_far, trust)
+    mix, gather = small_map((mixed, cells), far.mix, mixes), small_map((cells, projector), far.gather, gathers)
     behind = mixes.change + times(magnitude(mix.unpacked()), gathers.change)
     found = {
-        id(maps.transport): seen,
-        id(chain.scatter): scatter,
-        id(chain.mix): mix,
-        id(chain.gather): gather,
-        id(refinement.dual): seen.transposed(trust > 0, None),
-        id(dual.gather): scatter.transposed(trust > 0, mix.colours),
-        id(dual.mix): mix.transposed(None, gather.colours),
-        id(dual.scatter): gather.transposed(None, None),
+        "transport": seen,
+        "far_scatter": scatter,
+        "far_mix": mix,
+        "far_gather": gather,
+        "dual": seen.transposed(trust > 0, None),
+        "dual_gather": scatter.transposed(trust > 0, mix.colours),
+        "dual_mix": mix.transposed(None, gather.colours),
+        "dual_scatter": gather.transposed(None, None),
     }
     return found, both.change + times(magnitude(scatter.unpacked()), behind)
 
 
-def _small(
-    packed: RowMap,
+def small_map(
+    shapes: tuple[tuple[int, int], tuple[int, int]],
     rows: SparseRows,
     found: Fit,
     chosen: NDArray[np.bool_] | None = None,
     trust: NDArray[np.int16] | None = None,
 ) -> SmallMap:
-    """chosen : which of the codes found are this map's, (codes,)."""
+    """shapes : of output and source.  chosen : which of the codes found are this map's, (codes,)."""
     codes = found.codes if chosen is None else found.codes[chosen]
     indptr, indices = rows.indptr.astype(np.int64), rows.indices.astype(np.int32)
-    shapes = packed.output_shape, packed.source_shape
     return without_nothing(SmallMap(indptr, indices, codes, *shapes, found.colours, trust, found.scale))
 
 

@@ -1,0 +1,365 @@
+"""The passes of a frame compiled for the CPU by Numba: what cpu_renderer.py runs where reference.py says what is meant.
+
+Pictures are (rows, columns, channels) float32, contiguous; each kernel fills `out` and allocates nothing. Rows are
+shared out among the cores, and every value is computed in one order by one of them, so that the bytes are the same on
+every run and whatever the number of threads. Arithmetic is in float32, as the shaders'; long sums go on in float64.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Picture = NDArray[np.float32]
+Whole = NDArray[np.integer]
+REPLACE, ADD, SUBTRACT, CLAMP = range(4)  # how a product meets its base
+NO_DITHER, ORDERED, NOISE = range(3)
+STRETCH = np.uint64(64)  # entries of a row that are summed in float32; a sum all in float64 takes twice as long
+PICTURE, PLANE, LINE = "float32[:, :, ::1]", "float32[:, ::1]", "float32[::1]"
+
+KERNELS: list[tuple[Any, tuple[str, ...]]] = []
+
+
+def kernel(*signatures: str) -> Callable[[Callable[..., None]], Any]:
+    """Compiled on first use, or by `prepare`, and kept for the next start where a folder can be written for that."""
+    options: dict[str, Any] = {"parallel": True, "error_model": "numpy"}
+
+    def compiled(function: Callable[..., None]) -> Any:
+        try:
+            made = numba.njit(cache=True, **options)(function)
+        except RuntimeError:  # neither beside this file nor in the user's cache
+            made = numba.njit(**options)(function)
+        KERNELS.append((made, signatures))
+        return made
+
+    return compiled
+
+
+def prepare() -> Iterator[int]:
+    """Compile or load every kernel; yields how many are left before each."""
+    wanted = [(made, signature) for made, signatures in KERNELS for signature in signatures]
+    for number, (made, signature) in enumerate(wanted):
+        yield len(wanted) - number
+        with suppress(OSError):  # compiled, and not kept: the disk is full
+            made.compile(f"({signature})")
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """Part of the kernels that call it."""
+    return numba.njit(inline="always", error_model="numpy")(function)
+
+
+@inlined
+def within(value: Any, low: Any, high: Any) -> Any:
+    return min(max(value, low), high)
+
+
+@inlined
+def _between(first: Any, second: Any, share: Any) -> Any:
+    return np.float32(first) + (np.float32(second) - np.float32(first)) * share
+
+
+@inlined
+def _looked_up(table: Any, share: Any) -> Any:
+    """Of (samples,) over 0..1, linear between them."""
+    at = share * np.float32(table.size - 1)
+    low = min(np.int32(at), np.int32(table.size - 2))
+    return table[low] + (table[low + 1] - table[low]) * (at - np.float32(low))
+
+
+@kernel(
+    *(
+        f"{plane}, {plane}, {plane}, int32[:, ::1], {LINE}, int32[:, ::1], {LINE}, {PLANE}, {LINE}, {LINE}, "
+        f"int64, int64, int64, {PLANE}"
+        for plane in ("uint8[:, ::1]", "uint16[:, ::1]")
+    )
+)
+def decode(
+    luma: Whole,
+    blue: Whole,
+    red: Whole,
+    rows: Whole,
+    down: Picture,
+    columns: Whole,
+    across: Picture,
+    matrix: Picture,
+    lift: Picture,
+    transfer: Picture,
+    start: int,
+    right: int,
+    below: int,
+    out: Picture,
+) -> None:
+    """Codes -> linear light (planes_to_linear): table of clamp(matrix · (Y, Cb, Cr) + lift).
+
+    rows, columns : (2, length), the chroma samples on either side of a pixel, the second's share in down and across.
+    out : (pixels, 3) of the upright picture; start, right, below : where the first stored pixel stands there, and how
+    many pixels on from one that on its right, and that below it, do.
+    """
+    height, width = rows.shape[1], columns.shape[1]
+    for y in numba.prange(height):
+        upper, lower, t = rows[0, y], rows[1, y], down[y]
+        for x in range(width):
+            first, second, s = columns[0, x], columns[1, x], across[x]
+            cb = _between(
+                _between(blue[upper, first], blue[lower, first], t),
+                _between(blue[upper, second], blue[lower, second], t),
+                s,
+            )
+            cr = _between(
+                _between(red[upper, first], red[lower, first], t),
+                _between(red[upper, second], red[lower, second], t),
+                s,
+            )
+            code, at = np.float32(luma[y, x]), start + y * below + x * right
+            for i in range(3):
+                value = matrix[i, 0] * code + matrix[i, 1] * cb + matrix[i, 2] * cr + lift[i]
+                out[at, i] = _looked_up(transfer, within(value, np.float32(0), np.float32(1)))
+
+
+@kernel(f"{PICTURE}, int32[::1], {PLANE}, {PICTURE}")
+def across(source: Picture, first: Whole, weights: Picture, out: Picture) -> None:
+    """Filter along x (resample): pixel x of a row sums weights[x] times the source's pixels from first[x] on."""
+    taps = weights.shape[1]
+    for y in numba.prange(out.shape[0]):
+        for x in range(out.shape[1]):
+            red, green, blue = np.float32(0), np.float32(0), np.float32(0)
+            for k in range(taps):
+                weight, at = weights[x, k], first[x] + k
+                red += weight * source[y, at, 0]
+                green += weight * source[y, at, 1]
+                blue += weight * source[y, at, 2]
+            out[y, x, 0], out[y, x, 1], out[y, x, 2] = red, green, blue
+
+
+@kernel(f"{PLANE}, int32[::1], {PLANE}, {PLANE}")
+def down(source: Picture, first: Whole, weights: Picture, out: Picture) -> None:
+    """Filter along y; source, out : (rows, values)."""
+    for y in numba.prange(out.shape[0]):
+        for i in range(out.shape[1]):
+            out[y, i] = weights[y, 0] * source[first[y], i]
+        for k in range(1, weights.shape[1]):
+            if weights[y, k] != 0:
+                for i in range(out.shape[1]):
+                    out[y, i] += weights[y, k] * source[first[y] + k, i]
+
+
+@kernel(f"{PICTURE}, float64[:, ::1], int64, {PICTURE}")
+def pinned(source: Picture, H: NDArray[np.float64], most_taps: int, out: Picture) -> None:
+    """Place a picture by a projective map, black around it (pinned)."""
+    height, width = source.shape[:2]
+    for y in numba.prange(out.shape[0]):
+        for x in range(out.shape[1]):
+            red, green, blue, total, cover = 0.0, 0.0, 0.0, 0.0, 0.0
+            u, v, w = projected(H, x, y)
+            if w > 0:
+                reach_u = np.hypot(H[0, 0] - u * H[2, 0], H[0, 1] - u * H[2, 1]) / w
+                reach_v = np.hypot(H[1, 0] - v * H[2, 0], H[1, 1] - v * H[2, 1]) / w
+                cover = within(min(min(u, width - u) / reach_u, min(v, height - v) / reach_v) + 0.5, 0.0, 1.0)
+            if cover > 0:
+                first, last, every, wide = _taps(u, reach_u, width, most_taps)
+                top, bottom, each, high = _taps(v, reach_v, height, most_taps)
+                for row in range(top, bottom + 1, each):
+                    share = max(0.0, 1 - abs(row + 0.5 - v) / high)
+                    for column in range(first, last + 1, every):
+                        weight = share * max(0.0, 1 - abs(column + 0.5 - u) / wide)
+                        red += weight * source[row, column, 0]
+                        green += weight * source[row, column, 1]
+                        blue += weight * source[row, column, 2]
+                        total += weight
+            share = cover / total if total > 0 else 0.0
+            out[y, x, 0], out[y, x, 1], out[y, x, 2] = share * red, share * green, share * blue
+
+
+@inlined
+def projected(H: Any, x: Any, y: Any) -> Any:
+    """Where the centre of a pixel lands, and the third component."""
+    w = H[2, 0] * (x + 0.5) + H[2, 1] * (y + 0.5) + H[2, 2]
+    u = H[0, 0] * (x + 0.5) + H[0, 1] * (y + 0.5) + H[0, 2]
+    v = H[1, 0] * (x + 0.5) + H[1, 1] * (y + 0.5) + H[1, 2]
+    return u / w, v / w, w
+
+
+@inlined
+def _taps(centre: Any, reach: Any, count: Any, most: Any) -> Any:
+    """First and last sample of a tent, the step between them, and its radius."""
+    radius = max(reach, 1.0)
+    first, last = np.ceil(centre - radius - 0.5), np.floor(centre + radius - 0.5)
+    step = max(np.ceil(2 * radius / most), 1.0)
+    return np.int64(max(first, 0.0)), np.int64(min(last, count - 1.0)), np.int64(step), radius
+
+
+@kernel(f"{PICTURE}, {PICTURE}, float32, float32, {PICTURE}, {PICTURE}, {PICTURE}, boolean, {PICTURE}, {PICTURE}")
+def desired(
+    picture: Picture,
+    ambient: Picture,
+    gain: Any,
+    offset: Any,
+    row_red: Picture,
+    row_green: Picture,
+    row_blue: Picture,
+    clamp: Any,
+    full: Picture,
+    out: Picture,
+) -> None:
+    """b = gain · picture + offset − ambient (desired_light), taken through a matrix of each pixel, and limited.
+
+    row_red, row_green, row_blue, full : empty where there is none.
+    """
+    mixes, limits = row_red.size > 0, full.size > 0
+    zero, one = np.float32(0), np.float32(1)
+    for y in numba.prange(out.shape[0]):
+        for x in range(out.shape[1]):
+            red = gain * picture[y, x, 0] + offset - ambient[y, x, 0]
+            green = gain * picture[y, x, 1] + offset - ambient[y, x, 1]
+            blue = gain * picture[y, x, 2] + offset - ambient[y, x, 2]
+            if mixes:
+                red, green, blue = (
+                    row_red[y, x, 0] * red + row_red[y, x, 1] * green + row_red[y, x, 2] * blue,
+                    row_green[y, x, 0] * red + row_green[y, x, 1] * green + row_green[y, x, 2] * blue,
+                    row_blue[y, x, 0] * red + row_blue[y, x, 1] * green + row_blue[y, x, 2] * blue,
+                )
+            if limits and not full[y, x, 3] > 0:
+                red = within(red, zero, full[y, x, 0])
+                green = within(green, zero, full[y, x, 1])
+                blue = within(blue, zero, full[y, x, 2])
+            if clamp:
+                red, green, blue = within(red, zero, one), within(green, zero, one), within(blue, zero, one)
+            out[y, x, 0], out[y, x, 1], out[y, x, 2] = red, green, blue
+
+
+@kernel(f"uint64[::1], uint32[::1], {PLANE}, {PLANE}, {PLANE}, int64, {PLANE}")
+def product(
+    indptr: Whole, indices: Whole, weights: Picture, source: Picture, base: Picture, combine: Any, out: Picture
+) -> None:
+    """Σ_k weights[k] source[indices[k]] of every row (row_map), and how it meets `base`; pictures (pixels, 3)."""
+    for row in numba.prange(out.shape[0]):
+        red, green, blue = 0.0, 0.0, 0.0
+        for first in range(indptr[row], indptr[row + 1], STRETCH):
+            r, g, b = np.float32(0), np.float32(0), np.float32(0)
+            for k in range(first, min(first + STRETCH, indptr[row + 1])):
+                at = indices[k]
+                r += weights[k, 0] * source[at, 0]
+                g += weights[k, 1] * source[at, 1]
+                b += weights[k, 2] * source[at, 2]
+            red, green, blue = red + np.float64(r), green + np.float64(g), blue + np.float64(b)
+        if combine == ADD:
+            red, green, blue = base[row, 0] + red, base[row, 1] + green, base[row, 2] + blue
+        elif combine == SUBTRACT:
+            red, green, blue = base[row, 0] - red, base[row, 1] - green, base[row, 2] - blue
+        elif combine == CLAMP:
+            red, green, blue = within(red, 0.0, 1.0), within(green, 0.0, 1.0), within(blue, 0.0, 1.0)
+        out[row, 0], out[row, 1], out[row, 2] = red, green, blue
+
+
+@kernel(f"float32, {PLANE}, float32, {PLANE}, boolean, {PLANE}")
+def combined(a: Any, first: Picture, b: Any, second: Picture, clamp: Any, out: Picture) -> None:
+    """a · first + b · second (combine, blend); pictures (rows, values)."""
+    for y in numba.prange(out.shape[0]):
+        for i in range(out.shape[1]):
+            value = a * first[y, i] + b * second[y, i]
+            out[y, i] = within(value, np.float32(0), np.float32(1)) if clamp else value
+
+
+@kernel(f"{PLANE}, {PLANE}, {PLANE}, {PLANE}, {PLANE}, {PLANE}, {PLANE}, boolean, float32, float32, {PLANE}, {PLANE}")
+def step(
+    descent: Picture,
+    y: Picture,
+    p: Picture,
+    step_size: Picture,
+    damping: Picture,
+    right: Picture,
+    down: Picture,
+    draws: Any,
+    momentum: Any,
+    over_relaxation: Any,
+    next_p: Picture,
+    next_y: Picture,
+) -> None:
+    """One projected gradient step (refinement_step); pictures (rows, values).  draws : the prior is not 0."""
+    height, width = y.shape
+    for row in numba.prange(height):
+        for i in range(width):
+            here, slope = y[row, i], descent[row, i]
+            if draws:
+                pull = damping[row, i] * here
+                if i + 3 < width:
+                    pull += right[row, i] * (here - y[row, i + 3])
+                if i >= 3:
+                    pull += right[row, i - 3] * (here - y[row, i - 3])
+                if row + 1 < height:
+                    pull += down[row, i] * (here - y[row + 1, i])
+                if row >= 1:
+                    pull += down[row - 1, i] * (here - y[row - 1, i])
+                slope -= pull
+            size = step_size[row, i]
+            q = within(here + size * slope, np.float32(0), np.float32(1)) if size > 0 else np.float32(0)
+            next_p[row, i] = q
+            next_y[row, i] = q + momentum * (q - p[row, i]) + over_relaxation * (q - here)
+
+
+@kernel(
+    f"{', '.join([PICTURE] * 6)}, int64[::1], int64[::1], float32, float32, "
+    "float64[::1], float64[::1], boolean, float64[::1]"
+)
+def clip_sums(
+    u: Picture,
+    near: Picture,
+    near_white: Picture,
+    near_ambient: Picture,
+    ambient: Picture,
+    most: Picture,
+    rows: Whole,
+    columns: Whole,
+    white: Any,
+    budget: Any,
+    offsets: NDArray[np.float64],
+    shares: NDArray[np.float64],
+    bright: Any,
+    out: NDArray[np.float64],
+) -> None:
+    """What clips less what may, of each candidate (clip_sums in adaptation.py).  bright : what is too bright counts."""
+    for i in numba.prange(out.size):
+        o, share, total = np.float32(offsets[i]), np.float32((1 - offsets[i]) * shares[i]), 0.0
+        for y in rows:
+            for x in columns:
+                if most[y, x, 3] > 0:
+                    for c in range(3):
+                        needed = white * (share * near[y, x, c] + o * near_white[y, x, c]) - near_ambient[y, x, c]
+                        clipped = max(-needed, np.float32(0))
+                        if bright:
+                            clipped += max(needed - most[y, x, c], np.float32(0))
+                        total += clipped - budget * max(white * u[y, x, c], ambient[y, x, c])
+        out[i] = total
+
+
+@kernel(f"{PICTURE}, {PLANE}, float32, int64, uint32, {PLANE}, uint8[:, :, ::1]")
+def encode(
+    light: Picture, codes: Picture, scale: Any, dither: Any, frame: Any, thresholds: Picture, out: NDArray[np.uint8]
+) -> None:
+    """Linear light -> code values (encode).  codes : (3, samples) over √light.  thresholds : of ORDERED, repeated."""
+    for y in numba.prange(out.shape[0]):
+        for x in range(out.shape[1]):
+            seed = np.uint32(0)
+            if dither == NOISE:
+                seed = _scrambled(np.uint32(x) + _scrambled(np.uint32(y) + _scrambled(frame)))
+            threshold = np.float32(0.5)
+            if dither == ORDERED:
+                threshold = thresholds[y % thresholds.shape[0], x % thresholds.shape[1]]
+            for i in range(3):
+                if dither == NOISE:
+                    hashed = _scrambled(seed + np.uint32(i)) >> np.uint32(9)
+                    threshold = np.float32((np.float64(hashed) + 0.5) / 8388608.0)
+                root = np.sqrt(within(light[y, x, i] / scale, np.float32(0), np.float32(1)))
+                value = _looked_up(codes[i], root) * np.float32(255) + threshold
+                out[y, x, i] = np.uint8(min(value, np.float32(255)))
+
+
+@inlined
+def _scrambled(v: Any) -> Any:
+    v = np.uint32(v * np.uint32(747796405) + np.uint32(2891336453))
+    v = np.uint32(((v >> ((v >> np.uint32(28)) + np.uint32(4))) ^ v) * np.uint32(277803737))
+    return np.uint32((v >> np.uint32(22)) ^ v)

@@ -1,0 +1,65 @@
+"""The compiled pass of a picture that has moved since the calibration: moved in drift.py."""
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.pipeline.compiled import PICTURE, Picture, inlined, kernel, projected, within
+from counterlight.pipeline.drift import FADE, TAPS
+
+
+@kernel(f"{PICTURE}, float64[:, ::1], float64[::1], int64, int64, int64, {PICTURE}")
+def moved(
+    drive: Picture, N: NDArray[np.float64], light: NDArray[np.float64], left: int, width: int, height: int, out: Picture
+) -> None:
+    """One projector's part of a drive as it is shown now (moved in drift.py)."""
+    for y in numba.prange(height):
+        for x in range(width):
+            u, v, w = projected(N, x, y)
+            red, green, blue, lands = 0.0, 0.0, 0.0, 0.0
+            if w > 0:
+                across, down = 1 + min(u, width - u) / FADE, 1 + min(v, height - v) / FADE
+                lands = within(across, 0.0, 1.0) * within(down, 0.0, 1.0)
+            if lands > 0:
+                first, top = np.floor(u - 0.5), np.floor(v - 0.5)
+                of_column, of_row = _keys(u - 0.5 - first), _keys(v - 0.5 - top)
+                for i in range(TAPS):
+                    row = _mirrored(np.int64(top) + i - 2, height - 1)
+                    for j in range(TAPS):
+                        column = left + _mirrored(np.int64(first) + j - 2, width - 1)
+                        weight = lands * of_row[i] * of_column[j]
+                        red += weight * drive[row, column, 0]
+                        green += weight * drive[row, column, 1]
+                        blue += weight * drive[row, column, 2]
+            out[y, left + x, 0] = within(red / light[0], 0.0, 1.0)
+            out[y, left + x, 1] = within(green / light[1], 0.0, 1.0)
+            out[y, left + x, 2] = within(blue / light[2], 0.0, 1.0)
+
+
+@inlined
+def _keys(t: Any) -> Any:
+    """Weights of the six pixels around a share t of the way between the inner two (drift.py)."""
+    return _far(2 + t), _middle(1 + t), _near(t), _near(1 - t), _middle(2 - t), _far(3 - t)
+
+
+@inlined
+def _near(x: Any) -> Any:
+    return (4 * x - 7) * x * x / 3 + 1
+
+
+@inlined
+def _middle(x: Any) -> Any:
+    return ((36 - 7 * x) * x - 59) * x / 12 + 2.5
+
+
+@inlined
+def _far(x: Any) -> Any:
+    return ((x - 8) * x + 21) * x / 12 - 1.5
+
+
+@inlined
+def _mirrored(index: Any, last: Any) -> Any:
+    """A pixel of a line that goes on around its outermost pixels."""
+    return within(last - abs(last - abs(index)), 0, last)

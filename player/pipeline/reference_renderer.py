@@ -1,0 +1,229 @@
+"""The pipeline of renderer.py over the twins of the shaders, in numpy: what both backends are held to."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.maps.prior import Prior
+from counterlight.maps.row_map import RowMap
+from counterlight.media.frames import PixelFormat
+from counterlight.pipeline import adaptation, device, reference
+from counterlight.pipeline.adaptation import Limits, SumsOf
+from counterlight.pipeline.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
+from counterlight.pipeline.colour import Decoding, decoding_of
+from counterlight.pipeline.content import Succession, approach
+from counterlight.pipeline.device import LONG_BYTES, NearLight, Operation, Pass, PathReport, StoredMaps
+from counterlight.pipeline.drift import moved
+from counterlight.pipeline.reference import PreparedRows
+from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
+from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.room import Room
+from counterlight.response import Response, transfer_table
+
+FloatArray = NDArray[np.floating]
+NO_TONE = np.array([1.0, 0.0])
+PERCENT = 0.01
+# With what shaders are told as uniforms and textures; colours and thresholds the twins take from views.py themselves.
+TWINS: dict[str, Callable[..., FloatArray]] = {
+    "blend.frag": reference.blend,
+    "clipping.frag": lambda view, asked, white, most=None, **_: reference.clipping(
+        view, asked, 1.0 if most is None else most[..., :3], white
+    ),
+    "combine.frag": reference.combine,
+    "desired.frag": reference.desired_light,
+    "error_map.frag": lambda seen, b, ambient, reach, white, **_: reference.error_map(seen, ambient, b, reach, white),
+    "gap.frag": reference.gap_terms,
+    "impossible.frag": lambda reach, white, **_: reference.impossible(reach, white),
+    "mix.frag": reference.mix,
+    "moved.frag": moved,
+    "pinned.frag": lambda source, to_source, target: reference.pinned(source, target, np.reshape(to_source, (3, 3)).T),
+    "reach.frag": lambda unlimited=None, **inputs: reference.reach_of(**inputs),
+    "recolour.frag": reference.recolour,
+    "refinement_step.frag": reference.against_gradient,  # with SLOPE; steps are the stepper's
+    "resample.frag": lambda source, axis, origin, extent, target: reference.resample_axis(
+        source, 1 - axis, target[1 - axis], origin, extent
+    ),
+    "split.frag": reference.split,
+    "weighted.frag": reference.weighted,
+}
+# Of twins that are told by a word what shaders are by a define.
+FLAGS = {"ABOVE": "above", "CLAMP": "clamp", "SQUARED": "squared"}
+PLACING = "pinned.frag", "resample.frag"  # which need to know the shape of what they draw
+COMBINE: dict[str, Callable[[Any, Any], FloatArray]] = {
+    "": lambda base, product: product,
+    "ADD_TO_BASE": lambda base, product: base + product,
+    "SUBTRACT_FROM_BASE": lambda base, product: base - product,
+    "CLAMP": lambda base, product: np.clip(product, 0, 1),
+}
+
+
+class ReferenceRenderer(Renderer):
+    def __init__(self, room: Room) -> None:
+        super().__init__(ReferenceDevice(), room, "reference")
+
+
+class ReferenceDevice:
+    """Numpy as a device of the pipeline: pictures are arrays (height, width, channels)."""
+
+    def picture(self, picture: FloatArray) -> FloatArray:
+        return picture
+
+    def write(self, light: FloatArray, picture: FloatArray) -> None:
+        light[...] = picture
+
+    def mask(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        return mask
+
+    def make_pass(
+        self, shader: str, shape: tuple[int, int], defines: Mapping[str, int | None] | None = None, **uniforms: Any
+    ) -> Pass:
+        uniforms |= {FLAGS[define]: True for define in defines or {} if define in FLAGS}
+        if shader in PLACING:
+            uniforms["target"] = shape
+        return Twin(TWINS[shader], shape, uniforms)
+
+    def store(self, room: Room, path: str) -> StoredMaps:
+        return _Maps(room, path)
+
+    def planes(self, pixels: PixelFormat) -> device.Planes:
+        return Planes(pixels)
+
+    def adapter(self, near_light: NearLight, ambient: FloatArray, most: FloatArray, white: float) -> "Adapter":
+        return Adapter(near_light, ambient.astype(np.float64), most, white)
+
+    def encoder(self, shape: tuple[int, int], response: Response, scale: float, dither: str) -> Operation:
+        table = response.inverse_table()
+        return Function(lambda light, frame: reference.encode(light, table, scale, dither, frame))
+
+    def stepper(
+        self, shape: tuple[int, int], step_size: FloatArray, prior: Mapping[str, NDArray[np.float32]]
+    ) -> Operation:
+        step, drawn = reference.refinement_step, Prior(**prior)
+        return Function(lambda k, descent, y, p: step(descent, y, p, step_size, drawn, momentum(k), OVER_RELAXATION))
+
+    def total(self, shape: tuple[int, int]) -> Operation:
+        return Function(lambda picture: reference.block_sum(picture, max(shape))[0, 0])
+
+    def read(self, light: NDArray[Any], dtype: type) -> NDArray[Any]:
+        return light.astype(dtype)
+
+    def finish(self) -> None:
+        """Nothing runs in the background."""
+
+
+class Held:
+    def release(self) -> None:
+        """Nothing to give back."""
+
+
+class Function(Held):
+    def __init__(self, run: Callable[..., Any]) -> None:
+        self.run = run
+
+
+class Twin(Held):
+    """A shader's twin and what it has drawn last."""
+
+    def __init__(self, twin: Callable[..., FloatArray], shape: tuple[int, int], uniforms: dict[str, Any]) -> None:
+        self._twin, self._shape, self._uniforms = twin, shape, uniforms
+        self.target: FloatArray = np.zeros((*shape, 3))
+
+    def set(self, **uniforms: Any) -> None:
+        self._uniforms |= uniforms
+
+    def run(self, **inputs: Any) -> FloatArray:
+        self.target = self._twin(**inputs, **self._uniforms)
+        return self.target
+
+    def clear(self) -> None:
+        self.target = np.zeros((*self._shape, 3))
+
+
+class _Maps(Held):
+    weighs = False
+
+    def __init__(self, room: Room, path: str) -> None:
+        self.room, self.report = room, PathReport(path, LONG_BYTES)
+        self._stored: dict[int, _Map] = {}
+
+    def of(self, packed: RowMap) -> "_Map":
+        if id(packed) not in self._stored:
+            self._stored[id(packed)] = _Map(packed)
+        return self._stored[id(packed)]
+
+
+class _Map(Held):
+    def __init__(self, packed: RowMap) -> None:
+        self.output_shape, self.source_shape = packed.output_shape, packed.source_shape
+        self._rows = PreparedRows(packed)
+
+    def product(self, combine: str = "") -> Function:
+        with_base = COMBINE[combine]
+        return Function(lambda source, base=None: with_base(base, self._rows.apply(source)))
+
+
+class Planes(Held):
+    def __init__(self, pixels: PixelFormat) -> None:
+        self._pixels, self._adjustments = pixels, NEUTRAL
+        self._upright: FloatArray | None = None
+
+    def adjust(self, adjustments: Adjustments) -> None:
+        self._adjustments, self._upright = adjustments, None
+
+    def upload(self, planes: Sequence[NDArray[Any]]) -> None:
+        self._planes, self._upright = [plane.copy() for plane in planes], None
+
+    def run(self) -> FloatArray:
+        if self._upright is None:
+            self._upright = self._decode()
+        return self._upright
+
+    def _decode(self) -> FloatArray:
+        pixels, decoding, lift, transfer = self._pixels, None, 0.0, transfer_table("linear")
+        if pixels.layout != "radiance":
+            decoding, lift, transfer = signal(pixels, self._adjustments)
+        luma, chroma = ((plane.height, plane.width) for plane in pixels.planes[:2])
+        return reference.planes_to_linear(self._planes, luma, chroma, decoding, transfer, pixels.rotation, lift)
+
+
+def signal(pixels: PixelFormat, adjustments: Adjustments) -> tuple[Decoding, float, NDArray[np.float32]]:
+    """How codes become light, as adjusted: their decoding, what is added to each, and the light of each."""
+    decoding, lift = adjusted_decoding(decoding_of(pixels), pixels, adjustments)
+    return decoding, lift, adjusted_transfer(transfer_table(pixels.transfer), adjustments)
+
+
+class Adapter(Held):
+    """sums_of : what stands for adaptation.clip_sums, if anything does."""
+
+    def __init__(
+        self,
+        near_light: NearLight,
+        ambient: FloatArray,
+        most: FloatArray,
+        white: float,
+        sums_of: SumsOf | None = None,
+    ) -> None:
+        self._sums_of = sums_of
+        self._near_light, self._white, self._succession = near_light, white, Succession(lasting=True)
+        self._limits = Limits(near_light(np.ones_like(ambient)), near_light(ambient), ambient, most)
+        self._before: FloatArray = NO_TONE
+        self._now: FloatArray = NO_TONE
+
+    def set(self, adapt: float, unit: float, black_level: float) -> None:
+        self._budget, self._unit, self._black_level = adapt * PERCENT, unit, black_level
+        self._succession.restart()
+
+    def advance(self, *, cut: bool, duration_s: float) -> None:
+        if self._succession.advance(cut=cut, duration_s=duration_s):
+            self._before = self._now
+
+    def run(self, placed: FloatArray) -> FloatArray:
+        u = reference.desired_light(placed, 0.0, 1.0, NO_TONE, self._unit, self._black_level)
+        near = self._near_light(u)
+        found = adaptation.tone_of(u, near, self._limits, self._white, self._budget, self._sums_of)
+        weight = 0.0 if self._succession.fresh else 1 - approach(self._succession.elapsed_s)
+        self._now = reference.blend(found, self._before, weight)
+        self._succession.draw()
+        return self._now

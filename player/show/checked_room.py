@@ -1,0 +1,54 @@
+"""The room of a show is looked at again between its media, and what a check has found is taken over."""
+
+from counterlight.errors import InputError
+from counterlight.show.registry import CommandError, Commands
+from counterlight.show.session import Session
+from counterlight.unattended.room_checks import Outcome, RoomChecks
+
+
+class CheckedRoom:
+    """Between two media where there are several; where there is one, when the time has come.
+
+    The medium stands still meanwhile: a check's pictures are over it.
+    """
+
+    def __init__(self, session: Session, commands: Commands, checks: RoomChecks) -> None:
+        self._session, self._commands, self._checks = session, commands, checks
+        self._playing, self._paused = session.playback, False
+
+    def poll(self) -> None:
+        """Begin the check that is due, end the one that is done."""
+        session, checks = self._session, self._checks
+        between = session.playback is not self._playing or len(session.playlist.media) < 2
+        self._playing = session.playback
+        if checks.running:
+            outcome = checks.outcome()
+            if outcome is not None:
+                self._take(outcome)
+        elif checks.due and between and session.playback is not None:
+            self._begin()
+
+    def close(self) -> None:
+        self._checks.close()
+
+    def _begin(self) -> None:
+        session = self._session
+        try:
+            self._checks.begin()
+        except OSError as error:
+            session.notice(f"the room's check: {error}")
+            return
+        self._paused, session.manner.paused = session.manner.paused, True
+
+    def _take(self, outcome: Outcome) -> None:
+        session = self._session
+        session.manner.paused = self._paused
+        if outcome.code:
+            session.notice(f"the room's check: {outcome.said}")
+            return
+        try:
+            if session.room.drifts:
+                self._commands.run("reload")
+                session.stats.notice(outcome.said)
+        except (CommandError, InputError, OSError) as error:
+            session.notice(str(error))

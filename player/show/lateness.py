@@ -1,0 +1,42 @@
+"""Why frames come too late, said once a medium, with what to change."""
+
+from counterlight.show.stats import Stats
+
+WATCHED_S = 5.0  # of a medium, before anything is said of it
+DROPPED_SHARE = 0.2  # of the frames, from which it is
+
+
+class Lateness:
+    """Watches one medium.  rate : its frames a second.  began_s : clock time; `stats` counts on from media before."""
+
+    def __init__(self, stats: Stats, rate: float, began_s: float) -> None:
+        self._stats, self._rate, self._began_s = stats, rate, began_s
+        self._before = stats.frames, stats.dropped
+        self._said = False
+
+    def advice(self, now_s: float, steps: int) -> str | None:
+        """A line as soon as too many frames were dropped, once.  steps : of refinement, a frame."""
+        if self._said or now_s - self._began_s < WATCHED_S:
+            return None
+        shown, dropped = self._stats.frames - self._before[0], self._stats.dropped - self._before[1]
+        if dropped < DROPPED_SHARE * (shown + dropped):
+            return None
+        self._said = True
+        stages = {stage: self._stats.median_ms(stage) for stage in ("decode", "upload", "gpu", "present")}
+        slowest = max(stages, key=lambda stage: stages[stage])
+        words, remedy = {
+            "decode": ("decoding", "play a smaller medium, or one of a lower rate"),
+            "upload": ("uploading", "play a smaller medium"),
+            "gpu": ("drawing", _lighter(steps)),
+            "present": ("the display", "try --no-vsync, or a medium of the display's rate"),
+        }[slowest]
+        return (
+            f"{dropped} of {shown + dropped} frames came too late: {words} takes {stages[slowest]:.0f} ms, "
+            f"a frame lasts {1000 / self._rate:.0f}; {remedy}"
+        )
+
+
+def _lighter(steps: int) -> str:
+    if steps:
+        return f"take fewer steps of refinement than {steps} (--refine auto, key [)"
+    return "build smaller maps (counterlight build --max-error 2), play at a lower rate, or on a faster GPU"

@@ -1,0 +1,77 @@
+"""counterlight verify as a child process beside a show (docs/drift.md): begun, waited for without waiting, ended."""
+
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import IO, NamedTuple
+
+LONGEST_S = 600.0  # a camera that does not answer
+ENDING_S = 2.0  # a supervisor takes a player for dead that is silent for 3
+
+
+class Outcome(NamedTuple):
+    """code : the exit code.  said : the last line."""
+
+    code: int
+    said: str
+
+
+class RoomChecks:
+    """One check after another.
+
+    command : of a check.  every_s : from the end of one, or from now, until the next is due.
+    """
+
+    def __init__(self, command: Sequence[str], every_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._command, self._every_s, self._clock = list(command), every_s, clock
+        self._since = clock()
+        self._child: tuple[subprocess.Popen[bytes], IO[bytes]] | None = None
+
+    @property
+    def running(self) -> bool:
+        return self._child is not None
+
+    @property
+    def due(self) -> bool:
+        return not self.running and self._clock() - self._since >= self._every_s
+
+    def begin(self) -> None:
+        """OSError if there is no place for another process."""
+        self._since = self._clock()
+        said = tempfile.TemporaryFile()  # noqa: SIM115 - held until the child ends; a pipe could fill
+        try:
+            process = subprocess.Popen(self._command, stdin=subprocess.DEVNULL, stdout=said, stderr=said)
+        except BaseException:
+            said.close()
+            raise
+        self._child = process, said
+
+    def outcome(self) -> Outcome | None:
+        """What came of the check that runs; None until it has ended."""
+        if self._child is None:
+            return None
+        process, said = self._child
+        overdue = self._clock() - self._since > LONGEST_S
+        if process.poll() is None and not overdue:
+            return None
+        said.seek(0)
+        lines = said.read().decode(errors="replace").split("\n")
+        last = next((line.strip() for line in reversed(lines) if line.strip()), "it said nothing")
+        self.close()
+        self._since = self._clock()
+        return Outcome(process.returncode, f"it did not end in {LONGEST_S:.0f} s" if overdue else last)
+
+    def close(self) -> None:
+        """End the check that runs, if any."""
+        if self._child is None:
+            return
+        process, said = self._child
+        self._child = None
+        process.terminate()
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(ENDING_S)
+        process.kill()
+        process.wait()
+        said.close()

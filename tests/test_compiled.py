@@ -1,0 +1,228 @@
+"""The compiled passes against the twins in numpy, which say what is meant; the same bytes whatever the threads."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numba
+import numpy as np
+import pytest
+
+from counterlight.media.frames import radiance_frame
+from counterlight.media.video import Frame
+from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
+from counterlight.pipeline.compiled_passes import tents
+from counterlight.pipeline.cpu_renderer import CpuDevice, CpuRenderer
+from counterlight.pipeline.drift import Drift, Moved
+from counterlight.pipeline.reference import resample_axis
+from counterlight.pipeline.reference_renderer import ReferenceDevice, ReferenceRenderer
+from counterlight.pipeline.refinement import STARTS
+from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.room import DITHERS, Room
+from counterlight.pipeline.views import VIEWS
+from tests.coloured_rooms import with_mixing
+from tests.programs import python
+from tests.refined_rooms import physical_room
+from tests.rooms import CAMERA, random_room, rgb_frame, yuv_frame
+
+ATOL = 1e-5  # as the shaders': float32 in sums of at most a few hundred terms of at most a few units
+STEPPED = 1e-4  # eight steps, each of which reads what the one before has rounded
+PINNED = ((0.1, 0.1), (0.9, 0.0), (0.9, 0.9), (0.0, 1.0))
+TURN = np.array([[1.004, 0.01, 0.4], [-0.008, 0.997, 0.7], [1e-5, -2e-5, 1]])
+
+
+def opened(renderer: Renderer, frame: Frame, adjustments: Adjustments = NEUTRAL) -> Renderer:
+    renderer.open(frame.format)
+    renderer.adjust(adjustments)
+    renderer.upload(frame)
+    return renderer
+
+
+def assert_same(room: Room, frame: Frame, adjustments: Adjustments = NEUTRAL, *, steps: int = 0) -> None:
+    """In every view: light within the tolerance, codes at most one apart where rounding tips."""
+    pair = [opened(made(room), frame, adjustments) for made in (CpuRenderer, ReferenceRenderer)]
+    for view in VIEWS:
+        for renderer in pair:
+            renderer.render(view, compensate=True, frame=3, steps=steps)
+        ours, meant = (renderer.linear() for renderer in pair)
+        np.testing.assert_allclose(ours, meant, atol=STEPPED if steps else ATOL, err_msg=view)
+        codes = [renderer.encoded().astype(int) for renderer in pair]
+        assert np.abs(codes[0] - codes[1]).max() <= 1, view
+        assert meant.std() > 0 or view == "impossible"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"matrix": "bt2020", "depth": 10},
+        {"full_range": True, "chroma_siting": "center", "rotation": 90},
+        {"chroma_siting": "topleft", "depth": 12, "rotation": 180},
+        {"transfer": "srgb", "rotation": 270, "pixel_aspect": 1.5},
+    ],
+)
+def test_every_view_of_every_format_is_the_twins(rng: np.random.Generator, changes: dict[str, object]) -> None:
+    assert_same(random_room(rng, far=True), yuv_frame(rng, (9, 15), **changes))
+
+
+def test_pictures_in_rgb_and_radiance_are_the_twins(rng: np.random.Generator) -> None:
+    room = random_room(rng, far=False)
+    assert_same(room, rgb_frame(rng.integers(0, 256, (40, 61, 3), np.uint8)))
+    assert_same(room, radiance_frame(rng.uniform(size=(*CAMERA, 3))))
+    assert_same(with_mixing(physical_room(rng).room, rng), radiance_frame(rng.uniform(size=(*CAMERA, 3))))
+
+
+@pytest.mark.parametrize(
+    "adjustments",
+    [
+        Adjustments(brightness=10, contrast=-20, gamma=30, saturation=-40),
+        Adjustments(black_level=0.1, flicker=0.5, clipping=True),
+        Adjustments(adapt=3),
+        Adjustments(corners=PINNED),
+        Adjustments(card="grid"),
+    ],
+)
+def test_adjusted_pictures_are_the_twins(rng: np.random.Generator, adjustments: Adjustments) -> None:
+    assert_same(physical_room(rng).room, yuv_frame(rng, (90, 150)), adjustments)
+
+
+@pytest.mark.parametrize("start", STARTS)
+@pytest.mark.parametrize("drawn", [False, True])
+def test_refined_film_is_the_twins(rng: np.random.Generator, start: str, drawn: bool) -> None:
+    """Frame after frame, so that what is carried on shows; with a prior, and without."""
+    room = physical_room(rng, start=start).room
+    assert room.maps.refinement is not None
+    if drawn:
+        prior = room.maps.refinement.prior
+        weights = {name: rng.uniform(0, 0.1, prior.damping.shape).astype(np.float32) for name in vars(prior)}
+        weights["right"][:, -1] = weights["down"][-1] = 0
+        refinement = replace(room.maps.refinement, prior=replace(prior, **weights))
+        room = replace(room, maps=replace(room.maps, refinement=refinement))
+    pair = [opened(made(room), yuv_frame(rng, (9, 15))) for made in (CpuRenderer, ReferenceRenderer)]
+    for _ in range(3):
+        frame = yuv_frame(rng, (9, 15))
+        for renderer in pair:
+            renderer.upload(frame)
+            renderer.render("projector", compensate=True, steps=8)
+        np.testing.assert_allclose(pair[0].linear(), pair[1].linear(), atol=STEPPED)
+        ours, meant = (renderer.certificate() for renderer in pair)
+        assert ours is not None
+        assert meant is not None
+        np.testing.assert_allclose(ours.squared_error, meant.squared_error, rtol=STEPPED, atol=STEPPED)
+        np.testing.assert_allclose(ours.gap, meant.gap, rtol=STEPPED, atol=STEPPED)
+
+
+@pytest.mark.parametrize("dither", DITHERS)
+def test_dithers_are_the_twins(rng: np.random.Generator, dither: str) -> None:
+    room = random_room(rng, far=False, dither=dither)
+    frame = yuv_frame(rng, (9, 15))
+    ours, meant = (opened(made(room), frame) for made in (CpuRenderer, ReferenceRenderer))
+    for number in (0, 7, -1):
+        for renderer in (ours, meant):
+            renderer.render("projector", compensate=True, frame=number)
+        tipped = ours.encoded() != meant.encoded()
+        assert tipped.mean() < 0.01  # a threshold of its own would differ in half of the pixels
+
+
+def test_a_moved_picture_is_the_twins(rng: np.random.Generator) -> None:
+    room = random_room(rng, far=False)
+    assert_same(replace(room, drift=Drift((Moved(TURN, np.array([0.9, 0.95, 1.0])),))), yuv_frame(rng, (9, 15)))
+
+
+@pytest.mark.parametrize(
+    ("count", "length", "origin", "extent"), [(300, 20, 0, 20), (20, 300, 0, 300), (40, 64, 7, 50), (1, 9, 2, 3)]
+)
+def test_bands_are_the_twin_s_filters(
+    rng: np.random.Generator, count: int, length: int, origin: int, extent: int
+) -> None:
+    picture = rng.uniform(size=(count, 1))
+    first, weights = tents(count, length, origin, extent)
+    assert first.max() + weights.shape[1] <= count
+    banded = np.sum(weights * picture[first[:, None] + np.arange(weights.shape[1]), 0], axis=1)
+    np.testing.assert_allclose(banded, resample_axis(picture, 0, length, origin, extent)[:, 0], atol=1e-6)
+
+
+def test_a_tent_of_many_samples_leaves_out_what_the_twin_does(rng: np.random.Generator) -> None:
+    """Pinned into a target a hundred times smaller."""
+    source, H = rng.uniform(size=(700, 900, 3)), np.array([[100.0, 3, 0], [2, 90, 1], [1e-3, 2e-3, 1]])
+    drawn = [
+        device.make_pass("pinned.frag", (7, 9), to_source=tuple(H.T.ravel())).run(source=device.picture(source))
+        for device in (CpuDevice(), ReferenceDevice())
+    ]
+    np.testing.assert_allclose(*drawn, atol=ATOL)
+
+
+@pytest.fixture
+def one_thread_and_all() -> Iterator[tuple[int, int]]:
+    before = numba.get_num_threads()
+    yield 1, numba.config.NUMBA_NUM_THREADS
+    numba.set_num_threads(before)
+
+
+def test_the_bytes_are_the_same_on_every_run_and_with_any_threads(
+    rng: np.random.Generator, one_thread_and_all: tuple[int, int]
+) -> None:
+    room, frame = physical_room(rng).room, yuv_frame(rng, (90, 150))
+    shown = []
+    for threads in (*one_thread_and_all, one_thread_and_all[1]):
+        numba.set_num_threads(threads)
+        renderer = opened(CpuRenderer(room), frame, Adjustments(corners=PINNED))
+        renderer.render("projector", compensate=True, steps=8)
+        shown.append((renderer.linear().tobytes(), renderer.encoded().tobytes()))
+    assert shown[0] == shown[1] == shown[2]
+
+
+def test_no_frame_compiles_anything_once_prepared() -> None:
+    """In a process of its own: pictures of another type than was foreseen would be compiled for, within a frame."""
+    code = """
+import numpy as np
+from counterlight.pipeline import compiled
+from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.cpu_renderer import CpuRenderer
+from counterlight.pipeline.views import VIEWS
+from tests.refined_rooms import physical_room
+from tests.rooms import yuv_frame
+from tests.test_compiled import PINNED
+for _ in compiled.prepare():
+    pass
+for kernel, signatures in compiled.KERNELS:
+    kernel.disable_compile()
+    assert len(kernel.signatures) == len(signatures), kernel
+rng = np.random.default_rng(1)
+renderer = CpuRenderer(physical_room(rng).room)
+for depth in (8, 10):
+    frame = yuv_frame(rng, (9, 15), depth=depth)
+    renderer.open(frame.format)
+    for adjustments in (Adjustments(), Adjustments(adapt=3, flicker=0.5, clipping=True, corners=PINNED)):
+        renderer.adjust(adjustments)
+        for view in VIEWS:
+            renderer.upload(frame)
+            renderer.render(view, compensate=True, steps=2)
+            renderer.certificate()
+print("done")
+"""
+    assert python("-c", code).split() == ["done"]
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        "caching.CacheImpl._locator_classes = []",  # no folder can be written
+        "caching.IndexDataCacheFile._load_index = lambda self: {}\n"
+        "def full(*_): raise OSError(28, 'No space left on device')\n"
+        "caching.IndexDataCacheFile.save = full",
+    ],
+)
+def test_where_nothing_can_be_kept_it_is_compiled_every_time(broken: str) -> None:
+    code = f"""
+from numba.core import caching
+{broken}
+import numpy as np
+from counterlight.pipeline import compiled
+compiled.KERNELS[:] = [each for each in compiled.KERNELS if each[0].__name__ == "combined"]
+for _ in compiled.prepare():
+    pass
+out, one = np.zeros((2, 6), np.float32), np.ones((2, 6), np.float32)
+compiled.combined(np.float32(2), one, np.float32(3), one, False, out)
+print(out.sum())
+"""
+    assert python("-c", code).split() == ["60.0"]

