@@ -66,17 +66,18 @@ def store_maps(context: moderngl.Context, room: Room, path: str) -> GlMaps:
         raise InputError(
             f"--path {path}: needs OpenGL 4.3, found {context.info['GL_VERSION']}; use --path fragment or auto"
         )
-    in_words = bool(room.maps.in_words(room.white))
-    if path in WORDS and not in_words:
+    has_words = bool(room.maps.in_words(room.white))
+    if path in WORDS and not has_words:
         raise InputError(
-            f"--path {path}: the room has no words that keep its bounds; build it anew, or use --path fragment or auto"
+            f"--path {path}: the room has no words of 4 bytes for this white level, or is played without refinement, "
+            "which they are for; build it anew, or use --path auto"
         )
     if path != "auto":
         return GlMaps(context, room, path)
     fastest = GlMaps(context, room, "fragment")
     if supports_compute(context):
         fastest = _faster(context, fastest, GlMaps(context, room, "compute"))
-    if in_words:
+    if has_words:
         other = "compute-words" if fastest.report.name == "compute" else "words"
         fastest = _faster(context, fastest, GlMaps(context, room, other))
     return fastest

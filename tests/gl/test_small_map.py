@@ -145,7 +145,7 @@ def test_the_camera_s_view_is_within_the_bound(
 
 @pytest.mark.parametrize("path", PATHS.values())
 def test_a_room_without_words_says_so(gl_context: moderngl.Context, rng: np.random.Generator, path: str) -> None:
-    with pytest.raises(InputError, match=f"--path {path}: the room has no words"):
+    with pytest.raises(InputError, match=f"--path {path}: the room has no words of 4 bytes"):
         store_maps(gl_context, with_words(physical_room(rng).room, 1e-4), path)
     stored = store_maps(gl_context, physical_room(rng).room, "auto")
     stored.release()
