@@ -34,7 +34,7 @@ from counterlight.show.options import (
 from counterlight.show.output import check_output
 from counterlight.show.playlist import Playlist, files_of
 from counterlight.show.room_in_use import RoomInUse
-from counterlight.show.session import Session, Steps
+from counterlight.show.session import Session
 from counterlight.show.show import Show
 from counterlight.show.stats import Stats
 from counterlight.unattended.heartbeat import Heartbeat, Notifier
@@ -124,16 +124,11 @@ def room_of(options: argparse.Namespace) -> Room:
     return read_room(options.calibration, white, options.dither, options.refine, options.refine_from, words=words)
 
 
-def _steps(options: argparse.Namespace, room: Room) -> Steps:
-    """Of a frame: as many as the room is usually refined by if nobody says."""
-    steps: Steps = room.default_steps if options.refine is None else options.refine
-    return steps
-
-
 def _steps_into_file(options: argparse.Namespace, room: Room, *, still: bool) -> int:
     """A still picture in a file has time for more than a frame of film in a window."""
-    usual = _steps(options, room)
-    return int(STEPS_OF_A_STILL if still and usual and options.refine is None else usual)
+    if options.refine is not None:
+        return int(options.refine)
+    return STEPS_OF_A_STILL if still and room.default_steps else room.default_steps
 
 
 def _render(options: argparse.Namespace, room: Room, adjustments: Adjustments) -> Stats:
@@ -248,7 +243,8 @@ def play_in_window(
             RoomInUse(options.calibration, room, lambda: room_of(options), renewed),
             view=options.view,
             compensation=options.compensation,
-            refine=_steps(options, room),
+            refine=options.refine,
+            usual=room.default_steps,
             adjustments=adjustments,
             lasting=options.lasting or bool(remotes),
             loop_file=options.loop and len(options.media) == 1,

@@ -222,6 +222,16 @@ def test_a_budget_fills_the_frame_and_keeps_it(base_s: float, step_s: float) -> 
         assert np.median(times) > (SHARE_OF_FRAME - 0.25) * interval_s - step_s
 
 
+def test_a_budget_gives_what_is_usual_where_there_is_time_and_never_more() -> None:
+    budget, counts = StepBudget(0.04, most=8), []
+    for base_s in [0.0] * 20 + [0.02] * 20 + [0.0] * 200:  # other work comes and goes
+        budget.took(base_s + 0.003 * budget.steps)
+        counts.append(budget.steps)
+    assert set(counts[:20]) == {8}
+    assert counts[39] == 4
+    assert counts[-1] == 8 == max(counts)
+
+
 def test_maps_without_refinement_and_with(tmp_path: Path) -> None:
     folder = tmp_path / "room"
     write_blurred_room(folder, np.random.default_rng(3), (9, 14), (6, 8))

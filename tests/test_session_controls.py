@@ -295,6 +295,9 @@ def test_brackets_halve_and_double_the_steps(stage: Stage) -> None:
 
 
 def test_steps_that_follow_the_frame_time_are_counted() -> None:
+    still = Stage(Reader(still=True), refine="auto", usual=8)
+    still.advance(0.05)
+    assert still.screen.steps[-1] == 8  # a single frame has no next one to make more steps in
     stage = Stage(Reader(rate=1 / 3600), refine="auto")
     stage.show.step()
     stage.advance(0.4)

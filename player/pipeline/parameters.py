@@ -59,7 +59,8 @@ PARAMETERS = {
         STEPS,
         value="N|auto",
         unit="steps",
-        unsaid="what the maps say, 4 to 16; 0: the correction map alone",
+        unsaid="what the maps say, 4 to 16, in a window fewer\n"
+        "where frames would come too late; 0: the correction map alone",
     ),
     "osd": Parameter(
         "on: what keys change, and in a window what went wrong; notices: that always; off: neither",

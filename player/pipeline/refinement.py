@@ -116,15 +116,16 @@ class Certificate:
 class StepBudget:
     """As many steps as the time of a frame leaves (`--refine auto`).
 
-    interval_s : from one frame to the next.
+    interval_s : from one frame to the next.  most : steps, with which it then begins; None for MOST_STEPS, from 1 on.
     The count grows by a quarter while frames end early; a quarter more than SHARE_OF_FRAME still ends in time. Once a
     frame has taken too long, the count that would have fitted is kept for PATIENCE frames before more is tried.
     """
 
-    def __init__(self, interval_s: float) -> None:
+    def __init__(self, interval_s: float, most: int | None = None) -> None:
         self._goal_s = SHARE_OF_FRAME * interval_s
         self._wait = 0
-        self.steps = 1
+        self._most = MOST_STEPS if most is None else most
+        self.steps = 1 if most is None else most
 
     def took(self, seconds: float) -> None:
         """Tell what the last frame took with `steps` steps."""
@@ -134,4 +135,4 @@ class StepBudget:
         elif self._wait:
             self._wait -= 1
         else:
-            self.steps = min(self.steps + max(self.steps // 4, 1), MOST_STEPS)
+            self.steps = min(self.steps + max(self.steps // 4, 1), self._most)

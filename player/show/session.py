@@ -53,6 +53,7 @@ class Session:
     opener : finds and opens media.  clock : seconds, monotonic.  lasting : whether the show goes on whatever becomes of
     its media.  image_display_duration : seconds that a still is shown; None for ever.
     unattended : whether nobody works on the show: what went wrong is then written over the picture only if `osd` asks.
+    refine : steps a frame; None: usual, of a room, or fewer where frames would come too late.
     silence : why there is no audio output, told when a medium has sound; None: nobody wants any.
     """
 
@@ -66,7 +67,8 @@ class Session:
         *,
         view: str = "projector",
         compensation: bool = True,
-        refine: Steps = 0,
+        refine: Steps | None = None,
+        usual: int = 0,
         adjustments: Adjustments = NEUTRAL,
         lasting: bool = False,
         loop_file: bool = False,
@@ -82,7 +84,8 @@ class Session:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.playlist, self.renderer, self.display, self.room, self.audio = playlist, renderer, display, room, audio
-        self.view, self.compensation, self.blackout, self.refine = view, compensation, blackout, refine
+        self.view, self.compensation, self.blackout = view, compensation, blackout
+        self.refine, self._usual, self._hurries = usual if refine is None else refine, usual, refine is None
         self.adjustments, self.osd, self.screenshots = adjustments, osd, screenshots
         self.image_display_duration, self.clock = image_display_duration, clock
         self.stats, self.message = Stats(), Message(clock)
@@ -197,14 +200,16 @@ class Session:
         self._changed = True
 
     def set_refine(self, steps: Steps) -> None:
-        self.refine = steps
+        self.refine, self._hurries = steps, False
         self._budget = self._new_budget()
         self._changed = True
 
     @property
     def steps(self) -> int:
         """Of refinement, a frame."""
-        return self._budget.steps if self._budget is not None else int(self.refine)
+        if self._budget is not None:
+            return self._budget.steps
+        return self._usual if self.refine == "auto" else int(self.refine)
 
     @property
     def manner(self) -> Playback | Manner:
@@ -385,6 +390,10 @@ class Session:
             self.notice(text)
 
     def _new_budget(self) -> StepBudget | None:
-        if self.refine != "auto" or self.playback is None:
+        """What adapts the steps to the time of a frame; None where they are given, and for a still."""
+        if self.playback is None or self.playback.reader.info.still:
             return None
-        return StepBudget(1 / self.playback.reader.info.frames_per_second)
+        interval_s = 1 / self.playback.reader.info.frames_per_second
+        if self.refine == "auto":
+            return StepBudget(interval_s)
+        return StepBudget(interval_s, self._usual) if self._hurries and self._usual else None
