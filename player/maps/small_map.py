@@ -3,7 +3,7 @@
 The rows of T are nearly one weight times a colour of the camera pixel: T_k[i,j] = C_k(i) · code_k[i,j], where the code
 is mostly the same for red, green and blue and then takes one word, as does a code of one channel; three different ones
 take two. The transpose has the same codes, and its source is the picture times C: both are transposes of each other
-to the last bit, and neither the colours nor the codes are held twice. Which colours and codes: small_fit.py.
+to the last bit, and no colour is held twice. Which colours and codes: tools/inverse/words_fit.py.
 
 A row is a run of words, the bits from the lowest: 3 say what the word is, 13 the distance from the source pixel before,
 16 the code, a small float: fraction (12), exponent (3), sign, so that small weights are as exact as large ones: whole
@@ -12,7 +12,7 @@ whose code is red and whose next word is green | blue << 16; TRUST, whose 16 bit
 shaders/small_words.glsl reads them.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -168,26 +168,11 @@ def in_words(small: SmallMap) -> Words:
     return Words(words, offsets)
 
 
-def ascending(rows: SparseRows) -> SparseRows:
-    """The entries of each row in the order of their columns, as words need them."""
-    order = np.lexsort((rows.indices, rows.rows))
-    if (np.diff(order) == 1).all():
-        return rows
-    return replace(rows, indices=rows.indices[order], weights=rows.weights[order])
-
-
 def _kinds(codes: NDArray[np.int32]) -> IntArray:
     """ALL where the three codes are one, 1, 2 or 4 where only one is not 0, else THREE."""
     lit = (codes != 0) @ np.array([1, 2, 4])
     alike = (codes[:, 0] == codes[:, 1]) & (codes[:, 1] == codes[:, 2])
     return np.where(alike, ALL, np.where(np.isin(lit, (1, 2, 4)), lit, THREE)).astype(np.int64)
-
-
-def without_nothing(small: SmallMap) -> SmallMap:
-    """Entries whose three codes are 0 left out."""
-    keep = small.codes.any(axis=1)
-    kept_before = np.concatenate([[0], np.cumsum(keep)])
-    return replace(small, indptr=kept_before[small.indptr], indices=small.indices[keep], codes=small.codes[keep])
 
 
 def unpacked_words(made: Words) -> tuple[IntArray, NDArray[np.int32], NDArray[np.int32], NDArray[np.int16]]:

@@ -22,7 +22,6 @@ from counterlight.gl.small_map_pass import SmallBuffers, SmallTextures
 from counterlight.maps.prior import Prior
 from counterlight.maps.room_maps import RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack, unpack
-from counterlight.maps.small_map import ascending
 from counterlight.maps.word_map import WordMap
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import MediaReader
@@ -34,7 +33,7 @@ from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.response import Response
 from counterlight.tools.inverse.words_fit import fit
-from counterlight.tools.inverse.words_light import small_map
+from counterlight.tools.inverse.words_light import ascending, small_map
 from counterlight.tools.shipped import CLIP
 from tests.bench.rows import REPEATS, WARM_UP, median_ms
 

@@ -1,7 +1,6 @@
 """A room's light in words of 4 bytes, made once, so that playing only has to read them."""
 
 from counterlight import memory
-from counterlight.errors import InputError
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.word_map import MOST_WORDS, RoomWords, WordMap
 from counterlight.tools.inverse.words_light import words_of_light
@@ -14,9 +13,7 @@ def words_of(maps: RoomMaps, max_error: float) -> RoomWords | None:
 
     max_error : code values.
     """
-    try:
-        memory.check(ENTRY_BYTES * maps.transport.count, "words", "play with entries of 16 bytes")
-    except InputError:
+    if ENTRY_BYTES * maps.transport.count > memory.available_bytes():
         return None
     found = words_of_light(maps, max_error)
     if found is None or found.used > 1 or max(small.most_words for small in found.maps.values()) > MOST_WORDS:

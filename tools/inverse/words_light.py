@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray
 from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
 from counterlight.maps.row_map import SparseRows, unpack
-from counterlight.maps.small_map import FARTHEST_JUMP, FULL_TRUST, SmallMap, ascending, without_nothing
+from counterlight.maps.small_map import FARTHEST_JUMP, FULL_TRUST, SmallMap
 from counterlight.tools.inverse.words_fit import Fit, fit
 
 CODES = 255
@@ -152,3 +152,18 @@ def _side_by_side(left: SparseRows, right: SparseRows) -> tuple[SparseRows, NDAr
         left.columns + right.columns,
     )
     return joint, order >= left.indices.size
+
+
+def ascending(rows: SparseRows) -> SparseRows:
+    """The entries of each row in the order of their columns, as words need them."""
+    order = np.lexsort((rows.indices, rows.rows))
+    if (np.diff(order) == 1).all():
+        return rows
+    return replace(rows, indices=rows.indices[order], weights=rows.weights[order])
+
+
+def without_nothing(small: SmallMap) -> SmallMap:
+    """Entries whose three codes are 0 left out."""
+    keep = small.codes.any(axis=1)
+    kept_before = np.concatenate([[0], np.cumsum(keep)])
+    return replace(small, indptr=kept_before[small.indptr], indices=small.indices[keep], codes=small.codes[keep])
