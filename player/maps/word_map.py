@@ -34,7 +34,7 @@ from counterlight.maps.small_map import (
 
 ROWS, WORDS = "rows.exr", "words.exr"
 BLOCK = 1 << 22  # words that are looked at at a time
-MOST_WORDS = MAX_TEXTURE_WIDTH**2
+MOST_WORDS = 1 << 27  # 512 MiB, as a texture of entries
 
 
 @dataclass(frozen=True)
