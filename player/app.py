@@ -119,7 +119,9 @@ def _attached(options: argparse.Namespace) -> Iterator[tuple[list[ControlServer]
 
 def room_of(options: argparse.Namespace) -> Room:
     white = None if options.white == "auto" else options.white
-    return read_room(options.calibration, white, options.dither, options.refine, options.refine_from)
+    path = options.path or ("auto" if options.output is None else "fragment")
+    words = path in ("auto", "words", "compute-words")
+    return read_room(options.calibration, white, options.dither, options.refine, options.refine_from, words=words)
 
 
 def _steps_into_file(options: argparse.Namespace, room: Room, *, still: bool) -> int:

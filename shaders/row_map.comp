@@ -3,19 +3,13 @@
 //
 // Inputs: `Rows` and `Entries` as player/maps/sliced_map.py lays them out, a workgroup's rows about equally long and their
 //   entries interleaved; `source`, the picture that is multiplied. One index serves the three channels.
-// Defines: GROUP, LANES; SHORT reads entries of 8 bytes, halves times `scale` and offsets from the row's corner;
-//   ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product; CLAMP limits the result to 0..1.
+// Defines: GROUP, LANES; ADD_TO_BASE / SUBTRACT_FROM_BASE give base ± the product; CLAMP limits the result to 0..1.
 // Output: `target`, output size, one value a row and channel.
 // CPU twin: PreparedRows in player/pipeline/reference.py.
 layout(local_size_x = GROUP) in;
 
 layout(std430, binding = 0) readonly buffer Rows { uvec4 rows[]; };
-#ifdef SHORT
-layout(std430, binding = 1) readonly buffer Entries { uvec2 entries[]; };
-uniform float scale;
-#else
 layout(std430, binding = 1) readonly buffer Entries { uvec4 entries[]; };
-#endif
 layout(rgba32f, binding = 0) writeonly uniform image2D target;
 uniform sampler2D source;
 #if defined(ADD_TO_BASE) || defined(SUBTRACT_FROM_BASE)
@@ -31,23 +25,13 @@ ivec2 unpacked(uint xy) { return ivec2(xy & 0xFFFFu, xy >> 16); }
 
 vec3 product(uvec4 row, uint lane) {
     vec3 sum = vec3(0.0);
-    ivec2 corner = unpacked(row.y);
     uint entry = row.w + lane;
     for (uint k = lane; k < row.z; k += uint(LANES), entry += uint(GROUP)) {
-#ifdef SHORT
-        uvec2 bits = entries[entry];
-        vec3 weights = vec3(unpackHalf2x16(bits.x), unpackHalf2x16(bits.y).x);
-        ivec2 at = corner + ivec2(bits.y >> 16 & 0xFFu, bits.y >> 24);
-#else
         uvec4 bits = entries[entry];
         vec3 weights = uintBitsToFloat(bits.xyz);
         ivec2 at = unpacked(bits.w);
-#endif
         sum += weights * texelFetch(source, at, 0).rgb;
     }
-#ifdef SHORT
-    sum /= scale;
-#endif
     return sum;
 }
 

@@ -104,7 +104,7 @@ class DamagedRoom:
         stored = calibration.read(self.folder)
         read_placement(self.folder)
         read_transport(stored)
-        maps.read_maps(stored)
+        maps.read_maps(stored, words=True)
 
     def _with_checksums(self, name: str, content: bytes) -> dict[str, bytes]:
         """The file, and the tables that describe it."""

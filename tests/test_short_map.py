@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack, unpack
-from counterlight.maps.short_map import half_scale, in_half, rounding_of, to_half
+from counterlight.maps.short_map import half_scale, in_half, to_half
 from tests.packing import pack_matrices
-from tests.rooms import CAMERA, random_room
 
 
 def test_the_bound_of_16_bit_weights_is_reached_and_never_passed(rng: np.random.Generator) -> None:
@@ -55,34 +53,6 @@ def test_halves_give_the_map_that_the_bound_was_computed_for(rng: np.random.Gene
     np.testing.assert_array_equal(written_out(rounded), written_out(expected))
     change = np.abs(written_out(rounded) - written_out(packed)).sum(axis=1).max()
     assert bound == pytest.approx(change, rel=1e-5)  # sums of float32
-
-
-@pytest.mark.parametrize(("max_error_codes", "certified"), [(0.0, False), (0.1, False), (0.2, False), (1.0, True)])
-def test_halves_are_certified_while_both_bounds_fit(
-    rng: np.random.Generator, max_error_codes: float, certified: bool
-) -> None:
-    maps = thin_room(rng, max_error_codes, left_out=0.1 / 255)
-    ambient = np.zeros((*CAMERA, 3), np.float32)
-    rounding = rounding_of(maps, maps.white, ambient)
-    assert rounding is not None
-    _, error = in_half(maps.correction, np.maximum(maps.white, ambient.reshape(-1, 3)))
-    assert 0.1 / 255 < error < 0.9 / 255
-    assert rounding.change == pytest.approx(0.1 / 255 + error)
-    assert rounding.certified == certified
-    brighter = rounding_of(maps, 10 * maps.white, ambient)
-    assert brighter is not None
-    assert brighter.change == pytest.approx(10 * rounding.change, rel=1e-5)  # sums of float32
-    assert not brighter.certified
-
-
-def test_a_map_without_a_bound_keeps_its_weights(rng: np.random.Generator) -> None:
-    assert rounding_of(random_room(rng, far=False).maps, 1.0, np.zeros((*CAMERA, 3), np.float32)) is None
-
-
-def thin_room(rng: np.random.Generator, max_error_codes: float, left_out: float) -> RoomMaps:
-    maps = random_room(rng, far=False).maps
-    details = {"options": {"max_error_codes": max_error_codes}, "certified": {"truncation_drive": left_out}}
-    return replace(maps, details=details)
 
 
 def written_out(packed: RowMap) -> np.ndarray:

@@ -4,18 +4,17 @@ import numpy as np
 import pytest
 
 from counterlight.maps.row_map import RowMap, SparseRows, pack, unpack
-from counterlight.maps.short_map import half_scale, in_half
-from counterlight.maps.sliced_map import GROUP, NO_PIXEL, SHORT_SPAN, Part, lanes_of, parts, row_order, spans_fit
+from counterlight.maps.sliced_map import GROUP, NO_PIXEL, Part, lanes_of, parts, row_order
 from tests.rooms import random_map
 
 OUTPUT, SOURCE = (19, 23), (31, 40)
 
 
-def unsliced(found: list[Part], lanes: int, scale: np.float32 | None) -> dict[tuple[int, int], list[tuple[float, ...]]]:
+def unsliced(found: list[Part], lanes: int) -> dict[tuple[int, int], list[tuple[float, ...]]]:
     """Output pixel -> its (x, y, w_R, w_G, w_B), read entry by entry as the shader does."""
     result: dict[tuple[int, int], list[tuple[float, ...]]] = {}
     for part in found:
-        for pixel, corner, length, first in part.rows.tolist():
+        for pixel, _, length, first in part.rows.tolist():
             if pixel == NO_PIXEL:
                 assert length == 0
                 continue
@@ -24,18 +23,12 @@ def unsliced(found: list[Part], lanes: int, scale: np.float32 | None) -> dict[tu
             result[at] = []
             for k in range(length):
                 entry = part.entries[first + k // lanes * GROUP + k % lanes]
-                result[at].append(long_entry(entry) if scale is None else short_entry(entry, corner, scale))
+                result[at].append(long_entry(entry))
     return result
 
 
 def long_entry(entry: np.ndarray) -> tuple[float, ...]:
     return int(entry[3]) & 0xFFFF, int(entry[3]) >> 16, *entry[:3].view(np.float32).tolist()
-
-
-def short_entry(entry: np.ndarray, corner: int, scale: np.float32) -> tuple[float, ...]:
-    halves = entry.view(np.uint16)[:3].view(np.float16).astype(np.float32) / scale
-    offset = int(entry[1]) >> 16
-    return (corner & 0xFFFF) + (offset & 0xFF), (corner >> 16) + (offset >> 8), *halves.tolist()
 
 
 def expected(packed: RowMap) -> dict[tuple[int, int], list[tuple[float, ...]]]:
@@ -48,15 +41,12 @@ def expected(packed: RowMap) -> dict[tuple[int, int], list[tuple[float, ...]]]:
     return result
 
 
-@pytest.mark.parametrize("short", [False, True])
 @pytest.mark.parametrize("lanes", [1, 4, 64])
 @pytest.mark.parametrize("most", [1, 4000, 1 << 30])
-def test_every_entry_is_there_once(rng: np.random.Generator, short: bool, lanes: int, most: int) -> None:
+def test_every_entry_is_there_once(rng: np.random.Generator, lanes: int, most: int) -> None:
     packed = random_map(rng, OUTPUT, SOURCE, 90)
-    scale = half_scale(packed) if short else None
-    found = list(parts(packed, lanes, most, scale))
-    plain = in_half(packed, np.ones((SOURCE[0] * SOURCE[1], 3)))[0] if short else packed
-    assert unsliced(found, lanes, scale) == expected(plain)
+    found = list(parts(packed, lanes, most))
+    assert unsliced(found, lanes) == expected(packed)
     assert all(len(part.rows) * lanes % GROUP == 0 for part in found)
     assert max(len(part.entries) for part in found) <= max(most, -(-90 // lanes) * GROUP)
 
@@ -64,9 +54,8 @@ def test_every_entry_is_there_once(rng: np.random.Generator, short: bool, lanes:
 def test_an_empty_map_has_rows_and_no_entries() -> None:
     empty = SparseRows(np.zeros(7, np.int64), np.zeros(0, np.int64), np.zeros((0, 3), np.float32), 20)
     packed = pack(empty, (2, 3), SOURCE)
-    (part,) = parts(packed, lanes_of(packed), 1 << 20, half_scale(packed))
-    assert spans_fit(packed)
-    assert part.entries.shape == (0, 2)
+    (part,) = parts(packed, lanes_of(packed), 1 << 20)
+    assert part.entries.shape == (0, 4)
     assert (part.rows[:, 0] != NO_PIXEL).sum() == 6
 
 
@@ -84,14 +73,6 @@ def test_rows_of_one_length_go_tile_by_tile() -> None:
     y, x = np.divmod(row_order(np.full(24 * 40, 9), (24, 40)), 40)
     for group in np.stack([y, x], axis=1).reshape(-1, GROUP, 2):
         assert (np.ptp(group, axis=0) == 7).all()
-
-
-@pytest.mark.parametrize(("span", "fits"), [(SHORT_SPAN, True), (SHORT_SPAN + 1, False)])
-@pytest.mark.parametrize("down", [False, True])
-def test_offsets_of_8_bits_reach_that_far(span: int, fits: bool, down: bool) -> None:
-    source, last = (300, 300), (span - 1) * (300 if down else 1)
-    rows = SparseRows(np.array([0, 0, 2, 3]), np.array([5, 5 + last, 299]), np.ones((3, 3), np.float32), 90_000)
-    assert spans_fit(pack(rows, (1, 3), source)) == fits
 
 
 def test_few_long_rows_are_shared(rng: np.random.Generator) -> None:

@@ -1,12 +1,15 @@
 """Row maps in buffers, and the compute pass that multiplies with them (shaders/row_map.comp, OpenGL 4.3)."""
 
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
 import moderngl
 import numpy as np
 
 from counterlight.errors import InputError
 from counterlight.gl.passes import float_texture
 from counterlight.gl.shaders import build_compute_program
-from counterlight.maps.row_map import RowMap
+from counterlight.maps.row_map import RowMap, UintArray
 from counterlight.maps.sliced_map import GROUP, Part, lanes_of, parts
 from counterlight.pipeline.device import LONG_BYTES, Owner
 
@@ -20,64 +23,80 @@ def supports_compute(context: moderngl.Context) -> bool:
 
 
 class MapBuffers:
-    """The buffers of one row map; several passes may read them.
+    """The buffers of one row map; several passes may read them."""
 
-    scale : makes entries of 8 bytes, halves multiplied by it (player/maps/short_map.py).
-    """
-
-    def __init__(self, context: moderngl.Context, packed: RowMap, scale: np.float32 | None = None) -> None:
+    def __init__(self, context: moderngl.Context, packed: RowMap) -> None:
         self._context, self._owner = context, Owner()
         self.output_shape, self.source_shape = packed.output_shape, packed.source_shape
-        self.lanes, self.scale = lanes_of(packed), scale
+        self.lanes = lanes_of(packed)
         most = min(PART_ENTRIES, context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"] // LONG_BYTES)
         try:
             self.parts = [
-                self._owner.own(_PartBuffers(context, part)) for part in parts(packed, self.lanes, most, scale)
+                self._owner.own(PartBuffers(context, _bound(part), len(part.rows) * self.lanes // GROUP))
+                for part in parts(packed, self.lanes, most)
             ]
         except BaseException:
             self.release()
             raise
 
     def product(self, combine: str = "") -> "ComputePass":
-        return ComputePass(self._context, self, combine)
+        defines: dict[str, int | None] = {"GROUP": GROUP, "LANES": self.lanes}
+        if combine:
+            defines[combine] = None
+        return ComputePass(self._context, self, "row_map.comp", defines)
 
     def release(self) -> None:
         self._owner.release()
 
 
-class _PartBuffers:
-    """What one dispatch reads."""
+def _bound(part: Part) -> dict[int, UintArray]:
+    return {ROWS: part.rows, ENTRIES: part.entries}
 
-    def __init__(self, context: moderngl.Context, part: Part) -> None:
-        self._owner = Owner()
+
+class PartBuffers:
+    """What one dispatch of `groups` workgroups reads, each array at its binding."""
+
+    def __init__(self, context: moderngl.Context, bound: Mapping[int, UintArray], groups: int) -> None:
+        self._owner, self.groups = Owner(), groups
         try:
-            self.rows = self._owner.own(_buffer(context, part.rows))
-            self.entries = self._owner.own(_buffer(context, part.entries))
+            self._buffers = {binding: self._owner.own(_buffer(context, data)) for binding, data in bound.items()}
         except BaseException:
             self.release()
             raise
-        self._rows = len(part.rows)
 
-    def groups(self, lanes: int) -> int:
-        return self._rows * lanes // GROUP
+    def bind(self) -> None:
+        for binding, buffer in self._buffers.items():
+            buffer.bind_to_storage_buffer(binding)
 
     def release(self) -> None:
         self._owner.release()
 
 
-class ComputePass:
-    """target = Σ weights · source, or base ± that, or that clamped to 0..1; as RowMapPass."""
+class Buffers(Protocol):
+    """What a compute pass multiplies with."""
 
-    def __init__(self, context: moderngl.Context, buffers: MapBuffers, combine: str = "") -> None:
-        defines: dict[str, int | None] = {"GROUP": GROUP, "LANES": buffers.lanes}
-        if combine:
-            defines[combine] = None
-        if buffers.scale is not None:
-            defines["SHORT"] = None
+    @property
+    def output_shape(self) -> tuple[int, int]: ...
+
+    @property
+    def parts(self) -> Sequence[PartBuffers]: ...
+
+
+class ComputePass:
+    """target = Σ weights · source, combined with the base as the defines say; as RowMapPass and SmallPass."""
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        buffers: Buffers,
+        shader: str,
+        defines: Mapping[str, int | None],
+        **uniforms: float,
+    ) -> None:
         self._context, self._buffers = context, buffers
-        self._program = build_compute_program(context, "row_map.comp", defines)
-        if buffers.scale is not None:
-            self._program["scale"] = float(buffers.scale)
+        self._program = build_compute_program(context, shader, defines)
+        for name, value in uniforms.items():
+            self._program[name] = value
         self.target = float_texture(context, buffers.output_shape)
 
     def run(self, source: moderngl.Texture, base: moderngl.Texture | None = None) -> moderngl.Texture:
@@ -87,9 +106,8 @@ class ComputePass:
             texture.use(unit)
         self.target.bind_to_image(TARGET, read=False, write=True)
         for part in self._buffers.parts:
-            part.rows.bind_to_storage_buffer(ROWS)
-            part.entries.bind_to_storage_buffer(ENTRIES)
-            self._program.run(part.groups(self._buffers.lanes))
+            part.bind()
+            self._program.run(part.groups)
         self._context.memory_barrier()
         return self.target
 

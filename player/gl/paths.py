@@ -1,10 +1,12 @@
-"""The two ways to multiply with a room's maps on the GPU, and which of them is the faster here.
+"""The ways to multiply with a room's maps on the GPU, and which of them is the fastest here.
 
-fragment : shaders/row_map.frag, everywhere.  compute : shaders/row_map.comp, OpenGL 4.3.
+fragment : shaders/row_map.frag, everywhere.  compute : shaders/row_map.comp, OpenGL 4.3.  words, compute-words : the
+same with T and Tᵀ in words of 4 bytes, shaders/small_map.frag and small_map.comp.
 """
 
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 
 import moderngl
 import numpy as np
@@ -13,26 +15,26 @@ from counterlight.errors import InputError
 from counterlight.gl.compute_pass import MapBuffers, supports_compute
 from counterlight.gl.passes import float_texture
 from counterlight.gl.row_map_pass import MapTextures
+from counterlight.gl.small_map_pass import SmallBuffers, SmallTextures
 from counterlight.maps.row_map import RowMap
-from counterlight.maps.short_map import rounding_of
-from counterlight.maps.sliced_map import spans_fit
-from counterlight.pipeline.device import LONG_BYTES, SHORT_BYTES, Operation, Owner, PathReport, StoredMap
+from counterlight.maps.small_map import WORD_BYTES
+from counterlight.pipeline.device import LONG_BYTES, Operation, Owner, PathReport, StoredMap
 from counterlight.pipeline.room import Room
 
 WARM_UP, FRAMES = 1, 5
+COMPUTE, WORDS = ("compute", "compute-words"), ("words", "compute-words")
 
 
 class GlMaps:
-    """Puts a room's maps on the GPU for one of the paths, each when first asked for, and holds them.
+    """Puts a room's maps on the GPU for one of the paths, each when first asked for, and holds them."""
 
-    scale : of 16-bit weights for the correction map, None for 32-bit ones (player/maps/short_map.py).
-    """
-
-    def __init__(self, context: moderngl.Context, room: Room, path: str, scale: np.float32 | None = None) -> None:
-        self._context, self._path, self._owner = context, path, Owner()
-        self._short = {} if scale is None else {id(room.maps.correction): scale}
+    def __init__(self, context: moderngl.Context, room: Room, path: str) -> None:
+        self._context, self._owner = context, Owner()
+        self._words = room.maps.in_words(room.white) if path in WORDS else {}
         self._stored: dict[int, StoredMap] = {}
-        self.room, self.report = room, PathReport(path, LONG_BYTES if scale is None else SHORT_BYTES)
+        self.weighs = id(room.maps.transport) in self._words
+        self.room = room
+        self.report = PathReport(path, LONG_BYTES, self._light_bytes() if self.weighs else None)
 
     def of(self, packed: RowMap) -> StoredMap:
         if id(packed) not in self._stored:
@@ -43,49 +45,62 @@ class GlMaps:
         self._owner.release()
 
     def _store(self, packed: RowMap) -> StoredMap:
-        if self._path == "compute":
-            return MapBuffers(self._context, packed, self._short.get(id(packed)))
-        return MapTextures(self._context, packed)
+        compute, small = self.report.name in COMPUTE, self._words.get(id(packed))
+        if small is not None:
+            return (SmallBuffers if compute else SmallTextures)(self._context, small)
+        return (MapBuffers if compute else MapTextures)(self._context, packed)
+
+    def _light_bytes(self) -> float:
+        """Mean of an entry of T."""
+        transport = self.room.maps.transport
+        return WORD_BYTES * self._words[id(transport)].runs.words.size / max(transport.count, 1)
 
 
 def store_maps(context: moderngl.Context, room: Room, path: str) -> GlMaps:
-    """A room's maps on the path asked for; "auto" measures both and keeps the faster.
+    """A room's maps on the path asked for; "auto" measures fragments, compute shaders and, on the faster, words.
 
-    Raises InputError if "compute" is asked for and this OpenGL has none; "auto" then takes fragments.
+    Raises InputError if compute shaders are asked for and this OpenGL has none, or words and the room has none; "auto"
+    then takes what there is.
     """
-    if path == "fragment" or (path == "auto" and not supports_compute(context)):
-        return GlMaps(context, room, "fragment")
-    if not supports_compute(context):
+    if path in COMPUTE and not supports_compute(context):
         raise InputError(
-            f"--path compute: needs OpenGL 4.3, found {context.info['GL_VERSION']}; use --path fragment or auto"
+            f"--path {path}: needs OpenGL 4.3, found {context.info['GL_VERSION']}; use --path fragment or auto"
         )
-    compute = GlMaps(context, room, "compute", short_scale(room))
-    return _faster(context, room, compute) if path == "auto" else compute
+    has_words = bool(room.maps.in_words(room.white))
+    if path in WORDS and not has_words:
+        raise InputError(
+            f"--path {path}: the room has no words of 4 bytes for this white level, or is played without refinement, "
+            "which they are for; build it anew, or use --path auto"
+        )
+    if path != "auto":
+        return GlMaps(context, room, path)
+    fastest = GlMaps(context, room, "fragment")
+    if supports_compute(context):
+        fastest = _faster(context, fastest, GlMaps(context, room, "compute"))
+    if has_words:
+        other = "compute-words" if fastest.report.name == "compute" else "words"
+        fastest = _faster(context, fastest, GlMaps(context, room, other))
+    return fastest
 
 
-def short_scale(room: Room) -> np.float32 | None:
-    """For entries of 8 bytes; None if the correction map's bound or its rows' extent do not allow them."""
-    rounding = rounding_of(room.maps, room.white, room.ambient)
-    certified = rounding is not None and rounding.certified and spans_fit(room.maps.correction)
-    return rounding.scale if rounding is not None and certified else None
+def _faster(context: moderngl.Context, one: GlMaps, other: GlMaps) -> GlMaps:
+    """Whichever takes less time for a frame's products; the other is released.
 
-
-def _faster(context: moderngl.Context, room: Room, compute: GlMaps) -> GlMaps:
-    """Fragments or `compute`, whichever takes less time for a frame's products; the other is released."""
-    fragment = GlMaps(context, room, "fragment")
+    Either's measurements are kept, and those of what was measured before.
+    """
     try:
-        fragment_ms = products_ms(context, fragment)
+        known = dict(one.report.measured) or {one.report.name: products_ms(context, one)}
         try:
-            compute_ms = products_ms(context, compute)
+            known = known | {other.report.name: products_ms(context, other)}
         except InputError:  # no memory for both
-            compute_ms = float("inf")
+            known = known | {other.report.name: float("inf")}
     except BaseException:
-        fragment.release()
-        compute.release()
+        one.release()
+        other.release()
         raise
-    kept, other = (compute, fragment) if compute_ms < fragment_ms else (fragment, compute)
-    other.release()
-    kept.report = PathReport(kept.report.name, kept.report.entry_bytes, fragment_ms, compute_ms)
+    kept, left = (other, one) if known[other.report.name] < known[one.report.name] else (one, other)
+    left.release()
+    kept.report = replace(kept.report, measured=known)
     return kept
 
 

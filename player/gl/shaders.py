@@ -14,9 +14,18 @@ class ShaderError(RuntimeError):
     """A shader of ours does not compile on this driver: an internal fault, with file and line."""
 
 
+INCLUDE = re.compile(r'^#include "([\w.]+)"$', re.MULTILINE)
+
+
 def read_source(name: str) -> str:
-    """The text of a shader as installed."""
-    return resources.files("counterlight.shaders").joinpath(name).read_text(encoding="utf-8")
+    """The text of a shader as installed, with what it includes; the lines of either keep their numbers."""
+    text = resources.files("counterlight.shaders").joinpath(name).read_text(encoding="utf-8")
+    return INCLUDE.sub(lambda found: _included(found, text), text)
+
+
+def _included(found: re.Match[str], text: str) -> str:
+    line = text.count("\n", 0, found.start()) + 1
+    return f"#line 1\n{read_source(found[1])}#line {line + 1}"
 
 
 def with_defines(source: str, defines: Mapping[str, int | None]) -> str:

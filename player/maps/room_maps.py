@@ -8,12 +8,13 @@ subtracted before T⁺: p = T⁺ (b − U M' D' b), the fixed point of p = T⁺ 
 refinement : what the player's projected gradient steps need beside T: TᵀW, step sizes, a prior, and direct mapping to
 start from.
 mixing : how the camera's colours mix the primaries; all of these maps are of the transport T̃ beyond it (mixing.py).
+words : T and Tᵀ in words of 4 bytes, for a GPU, where these are certified, beside their entries of 16 (word_map.py).
 """
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +29,11 @@ from counterlight.files.manifest import describe_files, write_toml
 from counterlight.files.reading import DescribedFiles, read_toml
 from counterlight.files.tables import Table
 from counterlight.maps import mixing as mixings
-from counterlight.maps import prior, row_map
+from counterlight.maps import prior, row_map, word_map
 from counterlight.maps.mixing import Mixing
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import RowMap
+from counterlight.maps.word_map import RoomWords, WordMap
 from counterlight.writing.replacing import replacing_folder
 
 FORMAT = 2  # 1 knew no weights and no prior
@@ -39,6 +41,8 @@ UNUSABLE = "give more --regularize, or look for what is extreme in the calibrati
 FOLDER, MANIFEST, STEP_SIZE = "correction", "manifest.toml", "step_size.exr"
 READERS = 2  # of maps at a time
 WEIGHTS, SEEN = "weights.exr", "seen.exr"
+WORDS = "words"
+IN_ENTRIES = {".", "direct", "undo_gather", "undo_mix"}  # maps that are never in words
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,7 @@ class RoomMaps:
     details : what the builder wrote beside: options, clusters, bounds.
     refinement : None if it was left out, when the maps were built or read.
     mixing : of the primaries, beyond which the maps stand.
+    words : None if there are none, or they were not asked for.
     """
 
     correction: RowMap
@@ -96,6 +101,7 @@ class RoomMaps:
     details: dict[str, Any] = field(default_factory=dict)
     refinement: RefinementMaps | None = None
     mixing: Mixing = field(default_factory=Mixing)
+    words: RoomWords | None = None
 
     @property
     def correction_in_steps(self) -> float:
@@ -118,6 +124,16 @@ class RoomMaps:
             if far is not None:
                 maps |= {"dual_gather": far.gather, "dual_mix": far.mix, "dual_scatter": far.scatter}
         return maps
+
+    def in_words(self, white: float) -> dict[int, WordMap]:
+        """Words for T and Tᵀ, by the identity of the map that each stands for; none where they miss their bound.
+
+        What they change is judged beside the white that is shown, which may be darker than the maps'.
+        """
+        if self.words is None or self.words.used * self.white > white:
+            return {}
+        named = self.named()
+        return {id(named[name]): made for name, made in self.words.maps.items()}
 
 
 @contextmanager
@@ -151,9 +167,17 @@ def write_maps(maps: RoomMaps, stored: StoredCalibration, stage: Path) -> None:
         **maps.details,
         **maps.mixing.to_toml(),
         "maps": sizes,
+        **_write_words(maps.words, stage / WORDS),
         "files": describe_files(stage),
     }
     write_toml(stage / MANIFEST, manifest)
+
+
+def _write_words(words: RoomWords | None, folder: Path) -> dict[str, Any]:
+    if words is None:
+        return {}
+    sizes = {name: word_map.write(made, folder / name) for name, made in words.maps.items()}
+    return {WORDS: {"used": words.used, "maps": sizes}}
 
 
 def check_white(white: float) -> None:
@@ -165,16 +189,16 @@ def check_white(white: float) -> None:
         )
 
 
-def read_maps(stored: StoredCalibration, *, refinement: bool = True) -> RoomMaps:
+def read_maps(stored: StoredCalibration, *, refinement: bool = True, words: bool = False) -> RoomMaps:
     """Read and check correction/; InputError with the command that rebuilds it if anything is missing or damaged.
 
-    refinement : read what refinement needs, too, if it is there.
+    refinement, words : read what refinement needs, and the maps in words, too, if they are there.
     All of it is of one generation, even if another process builds the maps meanwhile.
     """
-    return read_steadily(stored.folder / FOLDER / MANIFEST, lambda: _read_maps(stored, refinement))
+    return read_steadily(stored.folder / FOLDER / MANIFEST, lambda: _read_maps(stored, refinement, words))
 
 
-def _read_maps(stored: StoredCalibration, refinement: bool) -> RoomMaps:
+def _read_maps(stored: StoredCalibration, refinement: bool, words: bool) -> RoomMaps:
     folder = stored.folder / FOLDER
     fix = f"rebuild it with: counterlight build {stored.folder}"
     values = read_toml(folder / MANIFEST, fix)
@@ -203,8 +227,24 @@ def _read_maps(stored: StoredCalibration, refinement: bool) -> RoomMaps:
         )
         further = RefinementMaps(maps["dual"], dual, maps["direct"], *pictures)
     mixing = mixings.read(manifest, files, stored.calibration.camera.shape)
-    details = {key: value for key, value in values.items() if key not in ("colour", "maps", "files")}
-    return RoomMaps(maps["."], maps["transport"], far, undo, white, details, further, mixing)
+    details = {key: value for key, value in values.items() if key not in ("colour", "maps", WORDS, "files")}
+    found = RoomMaps(maps["."], maps["transport"], far, undo, white, details, further, mixing)
+    if not words or further is None or WORDS not in manifest:
+        return found
+    return replace(found, words=_read_words(manifest, found, files))
+
+
+def _read_words(manifest: Table, maps: RoomMaps, files: DescribedFiles) -> RoomWords:
+    table, named = manifest.table(WORDS), maps.named()
+    listed = table.table("maps")
+
+    def read(name: str) -> WordMap:
+        shapes = named[name].output_shape, named[name].source_shape
+        return word_map.read(files.folder / WORDS / name, listed.table(name), shapes, files.opened)
+
+    names = sorted(named.keys() - IN_ENTRIES)
+    with ThreadPoolExecutor(READERS) as readers:
+        return RoomWords(dict(zip(names, readers.map(read, names), strict=True)), table.number("used", None, 0, 1))
 
 
 def _sizes(manifest: Table, stored: StoredCalibration, *, refinement: bool) -> dict[str, Table]:

@@ -230,9 +230,9 @@ def write(packed: RowMap, folder: Path) -> dict[str, Any]:
     if packed.index is not None:
         exr.write_plain(folder / "index.exr", {"INDEX": packed.index})
     return {
-        "output": _size(packed.output_shape),
-        "source": _size(packed.source_shape),
-        "texture": _size((packed.entries.shape[0], packed.entries.shape[1])),
+        "output": size_of(packed.output_shape),
+        "source": size_of(packed.source_shape),
+        "texture": size_of((packed.entries.shape[0], packed.entries.shape[1])),
         "entries": packed.count,
         "wide_index": packed.index is not None,
     }
@@ -254,7 +254,7 @@ def read(folder: Path, sizes: Table, opened: OpenFile | None = None) -> RowMap:
         name: str, names: tuple[str, ...], shape: tuple[int, int], dtype: type, look: exr.Look
     ) -> NDArray[Any]:
         with opened(folder / name) as file:
-            return _read(file, names, shape, dtype, look, sizes.fix)
+            return read_texture(file, names, shape, dtype, look, sizes.fix)
 
     def entries_are_sound(rows: NDArray[Any]) -> None:
         if not np.isfinite(rows).all():
@@ -308,7 +308,7 @@ def _refuse_not_finite(rows: SparseRows, width: int) -> None:
         )
 
 
-def _read(
+def read_texture(
     file: BufferedReader, names: tuple[str, ...], shape: tuple[int, int], dtype: type, look: exr.Look, fix: str
 ) -> NDArray[Any]:
     def accept(header: exr.Header, name: str) -> None:
@@ -326,5 +326,5 @@ def _read(
     return exr.read_beside(file, names, accept, of_the_type, MOST_TEXELS)
 
 
-def _size(shape: tuple[int, int]) -> list[int]:
+def size_of(shape: tuple[int, int]) -> list[int]:
     return [shape[1], shape[0]]

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.maps.row_map import RowMap, UintArray, in_blocks
-from counterlight.maps.short_map import to_half
+from counterlight.maps.row_map import RowMap, UintArray
 
 GROUP = 64  # invocations of a workgroup
 BINS = 8  # to a doubling of the length
@@ -21,7 +20,6 @@ TILE = 8
 ENOUGH = 1 << 16  # invocations that keep a GPU busy
 MOST_GROUPS = 65535  # of a dispatch, what OpenGL promises
 NO_PIXEL = 0xFFFFFFFF
-SHORT_SPAN = 256  # source pixels that an 8-bit offset reaches
 
 IntArray = NDArray[np.int64]
 
@@ -30,10 +28,9 @@ IntArray = NDArray[np.int64]
 class Part:
     """What one dispatch reads.
 
-    rows : (rows, 4) uint32: output pixel x | y << 16 (NO_PIXEL in place of a missing one), corner x | y << 16, length,
-    first entry. A row's k-th entry is entry `first + k // lanes · GROUP + k % lanes`.
-    entries : (entries, 4) uint32: bits of three float32 weights, source x | y << 16; or (entries, 2), short: halves
-    R | G << 16, half B and the offset from the row's corner, x << 16 | y << 24.
+    rows : (rows, 4) uint32: output pixel x | y << 16 (NO_PIXEL in place of a missing one), 0, length, first
+    entry. A row's k-th entry is entry `first + k // lanes · GROUP + k % lanes`.
+    entries : (entries, 4) uint32: bits of three float32 weights, source x | y << 16.
     """
 
     rows: UintArray
@@ -42,37 +39,27 @@ class Part:
 
 def lanes_of(packed: RowMap) -> int:
     """Invocations a row: more than one where there are few rows of many entries."""
-    rows = packed.lookup.shape[0] * packed.lookup.shape[1]
-    mean = packed.count / rows
-    lanes = 1
+    return lanes_for(packed.lookup.shape[0] * packed.lookup.shape[1], packed.count)
+
+
+def lanes_for(rows: int, entries: int) -> int:
+    """As `lanes_of`."""
+    mean, lanes = entries / rows, 1
     while lanes < GROUP and rows * lanes < ENOUGH and 2 * lanes <= mean:
         lanes *= 2
     return lanes
 
 
-def spans_fit(packed: RowMap) -> bool:
-    """Whether every row's entries lie within SHORT_SPAN source pixels across and down."""
-    for _, rows in in_blocks(packed):
-        first = rows.indptr[:-1][rows.lengths > 0]
-        for at in np.divmod(rows.indices, packed.source_shape[1]) if first.size else ():
-            if (np.maximum.reduceat(at, first) - np.minimum.reduceat(at, first) >= SHORT_SPAN).any():
-                return False
-    return True
-
-
-def parts(packed: RowMap, lanes: int, most_entries: int, scale: np.float32 | None = None) -> Iterator[Part]:
-    """The map in pieces of at most `most_entries`, padding included; one workgroup is always whole.
-
-    scale : makes short entries of 16-bit weights, multiplied by it; `spans_fit` must hold.
-    """
+def parts(packed: RowMap, lanes: int, most_entries: int) -> Iterator[Part]:
+    """The map in pieces of at most `most_entries`, padding included; one workgroup is always whole."""
     shape, starts, lengths = _rows(packed)
     order = row_order(lengths, shape)
     a_group = GROUP // lanes
     padded = np.concatenate([order, np.full(-order.size % a_group, -1)]).reshape(-1, a_group)
     longest = np.where(padded >= 0, lengths[padded], 0).max(axis=1)
     sizes = -(-longest // lanes) * GROUP
-    for groups in _cut(sizes, max(most_entries, int(sizes.max()))):
-        yield _part(packed, padded[groups], sizes[groups], lanes, scale, (shape[1], starts, lengths))
+    for groups in cut(sizes, max(most_entries, int(sizes.max()))):
+        yield _part(packed, padded[groups], sizes[groups], lanes, (shape[1], starts, lengths))
 
 
 def row_order(lengths: IntArray, shape: tuple[int, int]) -> IntArray:
@@ -85,7 +72,7 @@ def row_order(lengths: IntArray, shape: tuple[int, int]) -> IntArray:
     return np.lexsort((x % TILE, y % TILE, x // TILE, y // TILE, -bins))
 
 
-def _cut(sizes: IntArray, most: int) -> Iterator[slice]:
+def cut(sizes: IntArray, most: int) -> Iterator[slice]:
     """Consecutive workgroups whose entries together are at most `most`, and at most MOST_GROUPS of them."""
     ends, first = np.cumsum(sizes), 0
     while first < sizes.size:
@@ -100,7 +87,6 @@ def _part(
     groups: IntArray,
     sizes: IntArray,
     lanes: int,
-    scale: np.float32 | None,
     places: tuple[int, IntArray, IntArray],
 ) -> Part:
     width, starts, lengths = places
@@ -113,19 +99,10 @@ def _part(
     to = np.repeat(first, here) + k // lanes * GROUP + k % lanes
     x, y = _source(packed, texels)
     weights = packed.entries.reshape(-1, 4)[texels, :3]
-    corner = np.zeros(pixels.size, np.int64)
-    if scale is None:
-        entries = np.zeros((int(sizes.sum()), 4), np.uint32)
-        entries[to, :3], entries[to, 3] = weights.view(np.uint32), x | y << 16
-    else:
-        entries = np.zeros((int(sizes.sum()), 2), np.uint32)
-        left, top = _corners(x, run, here), _corners(y, run, here)
-        corner = left | top << 16
-        offset = x - np.repeat(left, here) << 16 | y - np.repeat(top, here) << 24
-        red, green, blue = to_half(weights, scale).view(np.uint16).astype(np.int64).T
-        entries[to, 0], entries[to, 1] = red | green << 16, blue | offset
+    entries = np.zeros((int(sizes.sum()), 4), np.uint32)
+    entries[to, :3], entries[to, 3] = weights.view(np.uint32), x | y << 16
     at = np.where(pixels >= 0, pixels % width | pixels // width << 16, NO_PIXEL)
-    return Part(np.stack([at, corner, here, first], axis=1).astype(np.uint32), entries)
+    return Part(np.stack([at, np.zeros_like(at), here, first], axis=1).astype(np.uint32), entries)
 
 
 def _rows(packed: RowMap) -> tuple[tuple[int, int], IntArray, IntArray]:
@@ -145,11 +122,3 @@ def _source(packed: RowMap, texels: IntArray) -> tuple[IntArray, IntArray]:
     index = packed.entries[..., 3] if packed.index is None else packed.index
     y, x = np.divmod(index.ravel()[texels].astype(np.int64), packed.source_shape[1])
     return x, y
-
-
-def _corners(at: IntArray, run: IntArray, lengths: IntArray) -> IntArray:
-    """The smallest of each row's coordinates, 0 of an empty row's."""
-    result, used = np.zeros(run.size, np.int64), lengths > 0
-    if used.any():
-        result[used] = np.minimum.reduceat(at, run[used])
-    return result

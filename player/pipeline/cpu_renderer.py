@@ -89,6 +89,8 @@ class _Rare(Held):
 
 
 class _Maps(Held):
+    weighs = False
+
     def __init__(self, room: Room, path: str) -> None:
         self.room, self.report = room, PathReport(path, LONG_BYTES)
         self._stored: dict[int, _Map] = {}

@@ -6,7 +6,7 @@ shaders; what is done in which order is written once, in renderer.py and what th
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeAlias, TypeVar
 
 import numpy as np
@@ -19,8 +19,8 @@ from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.room import Room
 from counterlight.response import Response
 
-PATHS = ("auto", "fragment", "compute")
-LONG_BYTES, SHORT_BYTES = 16, 8  # an entry: weights of 32 bits and an index, or of 16 bits and an offset
+PATHS = ("auto", "fragment", "compute", "words", "compute-words")
+LONG_BYTES = 16  # an entry: three weights of 32 bits and an index
 Light: TypeAlias = Any  # a picture as its device holds it: a texture or an array
 NearLight: TypeAlias = Callable[[Light], Light]  # b -> b without the far light of the compensated picture
 T = TypeVar("T")
@@ -30,25 +30,27 @@ T = TypeVar("T")
 class PathReport:
     """How a renderer multiplies with the room's maps.
 
-    name : "fragment", "compute", "cpu" or "reference".  entry_bytes : of an entry of the correction map.
-    fragment_ms, compute_ms : of a frame's products, measured at the start; None if that was not asked for.
+    name : one of PATHS but "auto", "cpu" or "reference".  entry_bytes : of an entry of the correction map.
+    light_bytes : mean of one of T where T and Tᵀ are in words; None where it has as many.
+    measured : milliseconds of a frame's products on each path, at the start; empty if that was not asked for.
     """
 
     name: str
     entry_bytes: int
-    fragment_ms: float | None = None
-    compute_ms: float | None = None
+    light_bytes: float | None = None
+    measured: Mapping[str, float] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Milliseconds to the microsecond."""
-        shown = {key: round(value, 3) if isinstance(value, float) else value for key, value in asdict(self).items()}
+        values = {"name": self.name, "entry_bytes": self.entry_bytes, "light_bytes": self.light_bytes}
+        values |= {f"{name}_ms": ms for name, ms in self.measured.items()}
+        shown = {key: round(value, 3) if isinstance(value, float) else value for key, value in values.items()}
         return {key: value for key, value in shown.items() if value is not None}
 
     def __str__(self) -> str:
-        measured = ""
-        if self.fragment_ms is not None and self.compute_ms is not None:
-            measured = f"; fragment {self.fragment_ms:.2f} ms, compute {self.compute_ms:.2f} ms"
-        return f"{self.name}, {self.entry_bytes} bytes an entry{measured}"
+        measured = ", ".join(f"{name} {ms:.2f} ms" for name, ms in self.measured.items())
+        light = "" if self.light_bytes is None else f", {self.light_bytes:.3g} of T"
+        return f"{self.name}, {self.entry_bytes} bytes an entry{light}{measured and '; '}{measured}"
 
 
 class Owner:
@@ -101,17 +103,22 @@ class StoredMap(Protocol):
     def product(self, combine: str = "") -> Operation:
         """run(source, base) -> Σ weights · source, combined with the base, which may be left out.
 
-        combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE" or "CLAMP".
+        combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE" or "CLAMP"; where maps weigh, T's last
+        part has "WEIGHED_RESIDUAL" as well, which makes the source of Tᵀ.
         """
 
     def release(self) -> None: ...
 
 
 class StoredMaps(Protocol):
-    """A room's maps, each stored when first asked for."""
+    """A room's maps, each stored when first asked for.
+
+    weighs : the maps of TᵀW take a residual that is weighed, w C ∘ (b − T p) (counterlight.maps.small_map).
+    """
 
     room: Room
     report: PathReport
+    weighs: bool
 
     def of(self, packed: RowMap) -> StoredMap: ...
 

@@ -11,6 +11,8 @@ from counterlight.pipeline.device import Device, FarPass, Light, Owner, StoredMa
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.starts import Iterate
 
+SUBTRACT = "SUBTRACT_FROM_BASE"
+
 
 class Refiner:
     """Steps from a drive towards the best one, and says how far from it a drive can be.
@@ -46,7 +48,7 @@ class Refiner:
 
     def certify(self, p: Light, b: Light, plain: Light) -> Certificate:
         """Measure a drive within 0..1; waits for the GPU.  plain : the drive without compensation."""
-        residual, descent = self._slope.run(p, b)
+        residual, descent = self._slope.measured(p, b)
         return self._certifier.run(residual, descent, p, plain)
 
     @cached_property
@@ -62,21 +64,43 @@ class _Slope:
     """b − T y and TᵀW (b − T y), T = S + U M D."""
 
     def __init__(self, stored: StoredMaps, maps: RefinementMaps) -> None:
-        self._owner = Owner()
-        own, far = self._owner.own, stored.room.maps.far
-        self._residual = own(stored.of(stored.room.maps.transport).product("SUBTRACT_FROM_BASE"))
+        self._owner, self._stored = Owner(), stored
+        own, far = self._owner.own, maps.far_dual
+        self._residual = own(_Residual(stored, "WEIGHED_RESIDUAL" if stored.weighs else SUBTRACT))
         self._dual = own(stored.of(maps.dual).product())
-        self._far = self._far_dual = None
-        if far is not None and maps.far_dual is not None:
-            self._far = own(FarPass(stored, far, "SUBTRACT_FROM_BASE"))
-            self._far_dual = own(FarPass(stored, maps.far_dual, "ADD_TO_BASE"))
+        self._far_dual = None if far is None else own(FarPass(stored, far, "ADD_TO_BASE"))
 
     def run(self, y: Light, b: Light) -> tuple[Light, Light]:
+        """The residual, weighed where the maps weigh, and the slope."""
         residual = self._residual.run(y, b)
-        if self._far is None or self._far_dual is None:
-            return residual, self._dual.run(residual)
-        residual = self._far.run(y, residual)
-        return residual, self._far_dual.run(residual, self._dual.run(residual))
+        descent = self._dual.run(residual)
+        return residual, descent if self._far_dual is None else self._far_dual.run(residual, descent)
+
+    def measured(self, p: Light, b: Light) -> tuple[Light, Light]:
+        """The residual as it is, and the slope."""
+        residual, descent = self.run(p, b)
+        return self._plain.run(p, b) if self._stored.weighs else residual, descent
+
+    @cached_property
+    def _plain(self) -> "_Residual":
+        return self._owner.own(_Residual(self._stored, SUBTRACT))
+
+    def release(self) -> None:
+        self._owner.release()
+
+
+class _Residual:
+    """b − T y, the last part of it combined as `last` says."""
+
+    def __init__(self, stored: StoredMaps, last: str) -> None:
+        self._owner, maps = Owner(), stored.room.maps
+        near = last if maps.far is None else SUBTRACT
+        self._near = self._owner.own(stored.of(maps.transport).product(near))
+        self._far = None if maps.far is None else self._owner.own(FarPass(stored, maps.far, last))
+
+    def run(self, y: Light, b: Light) -> Light:
+        near = self._near.run(y, b)
+        return near if self._far is None else self._far.run(y, near)
 
     def release(self) -> None:
         self._owner.release()

@@ -61,18 +61,21 @@ def read_room(
     dither: str = "ordered",
     refine: int | str | None = None,
     start: str | None = None,
+    *,
+    words: bool = False,
 ) -> Room:
     """Read a calibration with its correction map; `white` None takes the level that most of the room can reach.
 
     refine : steps of refinement; None for the usual number where the room has the maps for it.
     start : one of STARTS, where they begin; None for what suits the room's maps.
+    words : read the maps in words, too, if the room has any.
     """
     if refine == 0 and start is not None:
         raise InputError(
             f"--refine-from {start}: --refine 0 makes no step that could start there; leave one of them out"
         )
     calibration, room_maps, drift = read_steadily(
-        folder / calibrations.TOML, lambda: _read(folder, refinement=refine != 0)
+        folder / calibrations.TOML, lambda: _read(folder, refinement=refine != 0, words=words)
     )
     if (refine or start) and room_maps.refinement is None:
         raise InputError(
@@ -96,11 +99,11 @@ def _advice(room_maps: RoomMaps, folder: Path | None = None) -> Advice | None:
     return advice_of(room_maps.details, where, fix)
 
 
-def _read(folder: Path, *, refinement: bool) -> tuple[Calibration, RoomMaps, Drift | None]:
+def _read(folder: Path, *, refinement: bool, words: bool) -> tuple[Calibration, RoomMaps, Drift | None]:
     """The calibration's ambient light is that of now."""
     stored = calibrations.read(folder)
     drift = read_drift(stored)
     calibration = stored.calibration
     if drift is not None and drift.ambient is not None:
         calibration = replace(calibration, ambient=drift.ambient)
-    return calibration, maps.read_maps(stored, refinement=refinement), drift
+    return calibration, maps.read_maps(stored, refinement=refinement, words=words), drift

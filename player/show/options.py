@@ -220,9 +220,10 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
     add(
         "--path",
         choices=PATHS,
-        help="how the GPU multiplies: fragment or compute shaders (OpenGL 4.3);\n"
-        "auto measures both at the start and keeps the faster (default: auto\n"
-        "in a window; fragment with --output, so that its result repeats)",
+        help="how the GPU multiplies: fragment or compute shaders (OpenGL 4.3),\n"
+        "words or compute-words with T in words of 4 bytes; auto measures at\n"
+        "the start and keeps the fastest (default: auto in a window; fragment\n"
+        "with --output, so that its result repeats)",
     )
     add("--dither", choices=DITHERS, default="ordered", help="how 8-bit steps are hidden (default ordered)")
     add("--control", type=Path, metavar="SOCKET", help="take commands there, JSON lines as mpv's IPC")

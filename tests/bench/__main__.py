@@ -9,11 +9,12 @@ import platform
 import time
 from collections.abc import Callable, Iterable
 
-from tests.bench import acquisition, frames, hdr, maps, show, sizes, solvers
+from tests.bench import acquisition, frames, hdr, maps, show, sizes, solvers, words
 
 ROWS: dict[str, Callable[[], Iterable[object]]] = {
     "shader": frames.shader,
     "refined": frames.refined,
+    "words": words.words,
     "frames": frames.frames,
     "show": show.show,
     "focus": solvers.focus_experiment,

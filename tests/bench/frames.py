@@ -18,10 +18,11 @@ from counterlight.gl.context import headless_context, in_software
 from counterlight.gl.passes import picture_texture
 from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.row_map_pass import MapTextures
+from counterlight.gl.small_map_pass import SmallBuffers, SmallTextures
 from counterlight.maps.prior import Prior
 from counterlight.maps.room_maps import RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack, unpack
-from counterlight.maps.short_map import half_scale
+from counterlight.maps.word_map import WordMap
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.cpu_renderer import CpuRenderer
@@ -31,6 +32,8 @@ from counterlight.pipeline.reference_renderer import ReferenceRenderer
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.response import Response
+from counterlight.tools.inverse.words_fit import fit
+from counterlight.tools.inverse.words_light import ascending, small_map
 from counterlight.tools.shipped import CLIP
 from tests.bench.rows import REPEATS, WARM_UP, median_ms
 
@@ -61,7 +64,7 @@ def shader() -> Iterator[str]:
     """The row-map product on every path beside scipy's and Numba's; bytes moved, and the share of a copy's speed."""
     rng = np.random.default_rng(1)
     with headless_context() as context:
-        software, host = is_software(context), host_copy_bandwidth()
+        software, host = in_software(context), host_copy_bandwidth()
         device = host if software else device_copy_bandwidth(context)
         yield f"{context.info['GL_RENDERER']}; a copy reads and writes {host / 1e9:.1f} GB/s on all cores" + (
             "" if software else f", {device / 1e9:.0f} GB/s on the GPU"
@@ -80,7 +83,7 @@ def refined() -> Iterator[str]:
     with headless_context() as context:
         yield context.info["GL_RENDERER"]
         yield refined_line(context, PROJECTOR, CAMERA, rng)
-        if is_software(context):
+        if in_software(context):
             yield "1920x1080: left out, no GPU here (OpenGL runs on the CPU)"
         else:
             yield refined_line(context, FULL_HD, FULL_HD, rng)
@@ -138,11 +141,20 @@ def gl_products(context: moderngl.Context, packed: RowMap, picture: np.ndarray) 
         ("fragment", lambda: MapTextures(context, packed), 16 * packed.count + 12 * pixels)
     ]
     if supports_compute(context):
-        for size, scale in ((16, None), (8, half_scale(packed))):
-            made = lambda scale=scale: MapBuffers(context, packed, scale)  # noqa: E731
-            ways.append((f"compute, {size} bytes an entry", made, size * packed.count + 16 * pixels))
+        ways.append(("compute", lambda: MapBuffers(context, packed), 16 * packed.count + 16 * pixels))
+    words = words_of(packed)
+    ways.append(("fragment, words", lambda: SmallTextures(context, words), words.nbytes))
+    if supports_compute(context):
+        ways.append(("compute, words", lambda: SmallBuffers(context, words), words.nbytes))
     for name, store, map_bytes in ways:
         yield Contender(name, product_ms(context, store(), picture), (map_bytes + pictures) / MB)
+
+
+def words_of(packed: RowMap) -> WordMap:
+    """To a code value of each row, whatever the source holds within 0..1."""
+    rows = ascending(unpack(packed))
+    found = fit(rows, np.ones((rows.columns, 3)), np.full((rows.shape[0], 3), 1 / 255))
+    return WordMap.of(small_map((packed.output_shape, packed.source_shape), rows, found))
 
 
 def product_ms(context: moderngl.Context, stored: StoredMap, picture: np.ndarray) -> float:
@@ -239,13 +251,9 @@ def fps(milliseconds: float) -> str:
     return f" ({1000 / milliseconds:.0f} fps)"
 
 
-def is_software(context: moderngl.Context) -> bool:
-    return in_software(context.info["GL_RENDERER"])
-
-
 def clock_of(context: moderngl.Context) -> Callable[[], float]:
     """Seconds that other work on the machine changes least: of processor time, all cores together, on the CPU."""
-    return time.process_time if is_software(context) else time.perf_counter
+    return time.process_time if in_software(context) else time.perf_counter
 
 
 def bench_room(maps: RoomMaps, projector: tuple[int, int], camera: tuple[int, int]) -> Room:

@@ -1,7 +1,6 @@
 """Both paths of the row-map product against the CPU twin: products, whole frames, the choice between them."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import moderngl
@@ -14,20 +13,18 @@ from counterlight.files import exr
 from counterlight.gl import compute_pass, paths
 from counterlight.gl.compute_pass import MapBuffers, supports_compute
 from counterlight.gl.passes import picture_texture
-from counterlight.gl.paths import short_scale, store_maps
+from counterlight.gl.paths import store_maps
 from counterlight.gl.row_map_pass import MapTextures
 from counterlight.maps.row_map import RowMap, SparseRows, pack
-from counterlight.maps.short_map import half_scale, in_half, rounding_of
 from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.device import Owner, StoredMap
 from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.refinement import STARTS
-from counterlight.pipeline.room import Room
 from counterlight.tools import build_correction_map
-from counterlight.tools.inverse.inverse import InverseOptions
 from tests.refined_rooms import physical_room
 from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, random_map, random_room, write_one_to_one_room, yuv_frame
+from tests.small_rooms import with_words
 
 ATOL = 1e-5  # the issue's bound; float32 sums of at most 20 terms of size 3 are far below
 PATHS = ("fragment", "compute")
@@ -106,24 +103,6 @@ def test_a_map_without_entries_gives_black(gl_context: moderngl.Context, path: s
     assert not multiply(gl_context, stored, np.ones((4, 5, 3), np.float32)).any()
 
 
-@pytest.mark.parametrize("combine", COMBINES)
-@pytest.mark.parametrize("longest", [20, 300])
-def test_entries_of_8_bytes_stay_within_their_bound(
-    gl_context: moderngl.Context, rng: np.random.Generator, combine: str, longest: int
-) -> None:
-    """Against the map as it was, the certified change; against the rounded map, float32 alone."""
-    packed, ambient = random_map(rng, PROJECTOR, CAMERA, longest, 3.0), np.zeros((CAMERA[0] * CAMERA[1], 3), np.float32)
-    rounded, bound = in_half(packed, np.maximum(1.0, ambient))
-    picture = rng.uniform(-1, 1, (*CAMERA, 3)).astype(np.float32)
-    base = rng.uniform(-1, 1, (*PROJECTOR, 3)).astype(np.float32)
-    stored = MapBuffers(gl_context, packed, half_scale(packed))
-    result = multiply(gl_context, stored, picture, base if "BASE" in combine else None, combine)
-    expected = combined(PreparedRows(packed).apply(picture), base, combine)
-    assert 10 * ATOL < np.abs(result - expected).max() <= bound
-    expected = combined(PreparedRows(rounded).apply(picture), base, combine)
-    np.testing.assert_allclose(result, expected, rtol=1e-5, atol=2e-4 if longest > 20 else 2e-5)  # weights up to 12
-
-
 def test_a_map_in_several_buffers_is_one_map(
     gl_context: moderngl.Context, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -178,70 +157,37 @@ def test_every_view_by_compute_shaders_equals_its_twin(
         np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=tolerance)
 
 
-def certified_room(rng: np.random.Generator, max_error_codes: float) -> Room:
-    """Rows short enough for a bound of about half a code value, of which a tenth is taken."""
-    room = random_room(rng, far=True)
-    details = {"options": {"max_error_codes": max_error_codes}, "certified": {"truncation_drive": 0.1 / 255}}
-    return replace(room, maps=replace(room.maps, details=details))
-
-
-@pytest.mark.parametrize(("max_error_codes", "entry_bytes"), [(4.0, 8), (0.01, 16)])
-def test_weights_have_16_bits_where_the_bound_allows_it(
-    gl_context: moderngl.Context, rng: np.random.Generator, max_error_codes: float, entry_bytes: int
-) -> None:
-    room = certified_room(rng, max_error_codes)
-    desired = rng.uniform(0, 0.6, (*CAMERA, 3)).astype(np.float32)
-    with both(gl_context, room, radiance_frame(desired), "compute") as (gl, cpu):
-        for renderer in (gl, cpu):
-            renderer.render("projector", compensate=True)
-        difference = np.abs(gl.linear() - cpu.linear()).max()
-        assert gl.path.entry_bytes == entry_bytes
-    rounding = rounding_of(room.maps, room.white, room.calibration.ambient)
-    assert rounding is not None
-    assert rounding.certified == (entry_bytes == 8)
-    if entry_bytes == 8:
-        assert ATOL < difference <= rounding.change <= max_error_codes / 255
-    else:
-        assert difference <= ATOL
-
-
-def test_rows_that_reach_too_far_keep_16_bytes(rng: np.random.Generator) -> None:
-    room = certified_room(rng, 4.0)
-    assert short_scale(room) is not None
-    wide = pack(SparseRows(np.array([0, 2]), np.array([0, 256]), np.ones((2, 3), np.float32), 257), (1, 1), (1, 257))
-    ambient = np.zeros((1, 257, 3), np.float32)
-    far_apart = replace(
-        room,
-        maps=replace(room.maps, correction=wide),
-        calibration=replace(
-            room.calibration,
-            ambient=ambient,
-            camera=replace(room.calibration.camera, height=1, width=257),
-            mask=np.ones((1, 257), bool),
-        ),
-    )
-    assert short_scale(far_apart) is None
-
-
-@pytest.mark.parametrize(("slower", "kept"), [("fragment", "compute"), ("compute", "fragment")])
-def test_auto_keeps_the_faster(
+@pytest.mark.parametrize(
+    ("slow", "kept", "measured"),
+    [
+        ({"fragment": 1, "words": 2, "compute-words": 2}, "compute", {"fragment", "compute", "compute-words"}),
+        ({"compute": 1, "words": 2, "compute-words": 2}, "fragment", {"fragment", "compute", "words"}),
+        ({"compute": 2, "fragment": 1}, "words", {"fragment", "compute", "words"}),
+        ({"compute": 1, "fragment": 2}, "compute-words", {"fragment", "compute", "compute-words"}),
+    ],
+)
+def test_auto_keeps_the_fastest(
     gl_context: moderngl.Context,
     rng: np.random.Generator,
     monkeypatch: pytest.MonkeyPatch,
-    slower: str,
+    slow: dict[str, int],
     kept: str,
+    measured: set[str],
 ) -> None:
-    """The measurement decides: it is real, and for one path twice as long as any frame here could take."""
+    """Measurements decide: they are real, and of some paths much longer than any frame here could take.
+
+    Words are measured once, on the path that is the faster without.
+    """
     measure = paths.products_ms
     monkeypatch.setattr(
-        paths, "products_ms", lambda context, stored: measure(context, stored) + 1e6 * (stored.report.name == slower)
+        paths, "products_ms", lambda context, stored: measure(context, stored) + 1e6 * slow.get(stored.report.name, 0)
     )
-    stored = store_maps(gl_context, physical_room(rng).room, "auto")
+    stored = store_maps(gl_context, with_words(physical_room(rng).room), "auto")
     stored.release()
     assert stored.report.name == kept
-    report = stored.report.to_dict()
-    assert report[f"{slower}_ms"] > 1e6
-    assert 0 < report[f"{kept}_ms"] < 1e6
+    assert stored.weighs == ("words" in kept)
+    assert stored.report.measured.keys() == measured
+    assert min(stored.report.measured.values()) == stored.report.measured[kept] < 1e6
 
 
 def test_auto_measures_and_renders_the_same(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
@@ -251,9 +197,10 @@ def test_auto_measures_and_renders_the_same(gl_context: moderngl.Context, rng: n
         for renderer in (gl, cpu):
             renderer.render("camera", compensate=True, steps=3)
         np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=2 * ATOL)
-        measured = gl.path.fragment_ms, gl.path.compute_ms
-    assert all(ms is not None and ms > 0 for ms in measured)
-    assert gl.path.name == PATHS[int(np.argmin(np.array(measured, float)))]
+        measured = gl.path.measured
+    assert measured.keys() == {"fragment", "compute"}
+    assert gl.path.name == min(measured, key=lambda name: measured[name])
+    assert measured[gl.path.name] > 0
 
 
 class OldContext:
@@ -277,7 +224,7 @@ def test_without_opengl_4_3_there_are_fragments(gl_context: moderngl.Context, rn
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A room whose every row has one entry: nothing is left out of its map, so that halves fit --max-error."""
+    """A room whose every row has one entry, of one colour: nothing is left out, and a word holds an entry."""
     folder = tmp_path_factory.mktemp("paths") / "wall"
     write_one_to_one_room(folder, PROJECTOR)
     assert build_correction_map.main([str(folder), "--regularize", "none"]) in (None, 0)
@@ -288,17 +235,17 @@ def test_files_are_rendered_on_the_path_asked_for(built: Path, tmp_path: Path, r
     """And on fragments if OpenGL is asked for and no path: their results repeat."""
     exr.write_rgb(tmp_path / "c.exr", rng.uniform(0, 0.5, (*PROJECTOR, 3)).astype(np.float32))
     drives, chosen = {}, {}
-    for words in (("--backend", "gl"), ("--path", "fragment"), ("--path", "compute"), ("--path", "auto")):
+    asked = [("--backend", "gl"), *(("--path", path) for path in ("fragment", "compute", "auto"))]
+    for words in asked:
         out, stats = tmp_path / "p.exr", tmp_path / "stats.json"
         files = str(built), str(tmp_path / "c.exr"), "--output", str(out), "--stats", str(stats), "--no-config"
         assert app.main([*files, "--refine", "0", *words]) in (None, 0)
         drives[words[1:]], chosen[words[1:]] = exr.read_rgb(out), json.loads(stats.read_text())["gpu_path"]
     assert chosen["gl",] == chosen["fragment",] == {"name": "fragment", "entry_bytes": 16}
-    assert chosen["compute",] == {"name": "compute", "entry_bytes": 8}
+    assert chosen["compute",] == {"name": "compute", "entry_bytes": 16}
     assert chosen["auto",].keys() == {"name", "entry_bytes", "fragment_ms", "compute_ms"}
     np.testing.assert_array_equal(drives["gl",], drives["fragment",])
-    difference = np.abs(drives["compute",] - drives["gl",]).max()
-    assert 0 < difference <= InverseOptions().max_error / 255
+    np.testing.assert_allclose(drives["compute",], drives["gl",], atol=ATOL)
 
 
 def test_a_path_without_a_gpu_is_refused(built: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -109,8 +109,10 @@ def test_a_clip_plays_to_its_end_in_a_window(xvfb: str, room: Path, tmp_path: Pa
     assert done.returncode == 0, done.stderr
     numbers = json.loads(stats.read_text())
     assert numbers["frames"] + numbers["dropped"] == pytest.approx(32, abs=1)  # 5.28 s at 25 per second, from 4 s
-    chosen = numbers["gpu_path"]  # both were measured, on OpenGL 4.3
-    assert chosen[f"{chosen['name']}_ms"] == min(chosen["fragment_ms"], chosen["compute_ms"]) > 0
+    chosen = numbers["gpu_path"]  # both were measured, on OpenGL 4.3, and words on the faster
+    measured = {key: value for key, value in chosen.items() if key.endswith("_ms")}
+    assert {"fragment_ms", "compute_ms"} < measured.keys()
+    assert chosen[f"{chosen['name']}_ms"] == min(measured.values()) > 0
 
 
 def test_a_decoder_that_dies_does_not_take_the_player_down(xvfb: str, room: Path, tmp_path: Path) -> None:

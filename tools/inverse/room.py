@@ -15,6 +15,7 @@ from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.recommendation import Recommendation, recommended
 from counterlight.tools.inverse.refinement_maps import pack_far, refinement_maps
+from counterlight.tools.inverse.words import words_of
 from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
@@ -118,6 +119,7 @@ def build_maps(
         direct = unpack(further.direct)
         found = recommended(objective, direct, T_pinv, packed.correction_in_steps, white, camera)
         packed = replace(packed, details=details | found.to_toml())
+    packed = replace(packed, words=words_of(packed, options.max_error))
     return BuiltRoom(tier, inverse, packed, _summary(inverse, packed, outside), outside, found)
 
 

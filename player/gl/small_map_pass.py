@@ -1,0 +1,92 @@
+"""Maps in words, in textures and in buffers, and the passes that multiply with them (small_map.frag and .comp)."""
+
+import moderngl
+
+from counterlight.gl.compute_pass import ENTRIES, PART_ENTRIES, ROWS, ComputePass, PartBuffers
+from counterlight.gl.passes import Pass, float_texture, integer_texture
+from counterlight.maps.row_map import UintArray
+from counterlight.maps.sliced_map import GROUP
+from counterlight.maps.sliced_words import WordPart, lanes_of_words, word_parts
+from counterlight.maps.small_map import WORD_BYTES
+from counterlight.maps.word_map import WordMap
+from counterlight.pipeline.device import Owner
+
+GROUPS = 2  # binding of the workgroups' buffer
+
+
+class SmallTextures:
+    """A map in words, in textures; several passes may read them."""
+
+    def __init__(self, context: moderngl.Context, small: WordMap) -> None:
+        self._context, self._owner = context, Owner()
+        self.small, self.output_shape, self.source_shape = small, small.output_shape, small.source_shape
+        try:
+            self.inputs = {
+                "rows": self._owner.own(integer_texture(context, small.rows)),
+                "words": self._owner.own(integer_texture(context, small.words)),
+            }
+        except BaseException:
+            self.release()
+            raise
+
+    def product(self, combine: str = "") -> "SmallPass":
+        return SmallPass(self._context, self, combine)
+
+    def release(self) -> None:
+        self._owner.release()
+
+
+class SmallPass:
+    """target = Σ weights · source, or base ± that, or w C ∘ (base − that), or that clamped to 0..1.
+
+    combine : "" for the product alone, "ADD_TO_BASE", "SUBTRACT_FROM_BASE", "WEIGHED_RESIDUAL" or "CLAMP".
+    """
+
+    def __init__(self, context: moderngl.Context, textures: SmallTextures, combine: str = "") -> None:
+        small = textures.small
+        defines = defines_of(small, combine) | {"WORDS_ACROSS": small.words.shape[1]}
+        self._textures, target = textures, float_texture(context, small.output_shape)
+        self._pass = Pass(context, "small_map.frag", target, defines, scale=small.scale)
+
+    def run(self, source: moderngl.Texture, base: moderngl.Texture | None = None) -> moderngl.Texture:
+        optional = {} if base is None else {"base": base}
+        return self._pass.run(source=source, **optional, **self._textures.inputs)
+
+    def release(self) -> None:
+        self._pass.release()
+
+
+class SmallBuffers:
+    """A map in words, in buffers; several passes may read them."""
+
+    def __init__(self, context: moderngl.Context, small: WordMap) -> None:
+        self._context, self._owner = context, Owner()
+        self.small, self.output_shape, self.source_shape = small, small.output_shape, small.source_shape
+        self.lanes = lanes_of_words(small)
+        most = min(4 * PART_ENTRIES, context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"] // WORD_BYTES)
+        try:
+            self.parts = [
+                self._owner.own(PartBuffers(context, _bound(part), len(part.rows) * self.lanes // GROUP))
+                for part in word_parts(small, self.lanes, most)
+            ]
+        except BaseException:
+            self.release()
+            raise
+
+    def product(self, combine: str = "") -> ComputePass:
+        defines = defines_of(self.small, combine) | {"GROUP": GROUP, "LANES": self.lanes}
+        return ComputePass(self._context, self, "small_map.comp", defines, scale=self.small.scale)
+
+    def release(self) -> None:
+        self._owner.release()
+
+
+def _bound(part: WordPart) -> dict[int, UintArray]:
+    return {ROWS: part.rows, ENTRIES: part.words, GROUPS: part.groups}
+
+
+def defines_of(small: WordMap, combine: str) -> dict[str, int | None]:
+    defines: dict[str, int | None] = {"SOURCE_WIDTH": small.source_shape[1]}
+    if small.colours is not None:
+        defines["COLOURED"] = None
+    return defines | ({combine: None} if combine else {})

@@ -1,0 +1,217 @@
+"""A sparse matrix in words of 4 bytes: T ≈ diag(C) W, one picture of colours C, and whole numbers for weights.
+
+The rows of T are nearly one weight times a colour of the camera pixel: T_k[i,j] = C_k(i) · code_k[i,j], where the code
+is mostly the same for red, green and blue and then takes one word, as does a code of one channel; three different ones
+take two. The transpose has the same codes, and its source is the picture times C: both are transposes of each other
+to the last bit, and no colour is held twice. Which colours and codes: tools/inverse/words_fit.py.
+
+A row is a run of words, the bits from the lowest: 3 say what the word is, 13 the distance from the source pixel before,
+16 the code, a small float: fraction (12), exponent (3), sign, so that small weights are as exact as large ones: whole
+numbers below 2¹², then (2¹² + fraction) 2^(exponent − 1). Words of another kind: JUMP, 29 bits of distance; THREE,
+whose code is red and whose next word is green | blue << 16; TRUST, whose 16 bits are the row's weight in refinement.
+shaders/small_words.glsl reads them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.maps.row_map import SparseRows
+
+JUMP, THREE, TRUST, ALL = 0, 3, 5, 7  # and 1, 2, 4 of red, green, blue alone
+OTHERS = -1  # green and blue of THREE
+FRACTION_BITS, MOST_SHIFT = 12, 6
+LARGEST_CODE = ((2 << FRACTION_BITS) - 1) << MOST_SHIFT
+FULL_TRUST = 32767
+FARTHEST_STEP, FARTHEST_JUMP = (1 << 13) - 1, (1 << 29) - 1
+FULL, HIGHEST = 4095, 63  # a colour's largest channel, and exponent
+WORD_BYTES = 4
+
+IntArray = NDArray[np.int64]
+Uint32 = NDArray[np.uint32]
+
+
+@dataclass(frozen=True)
+class SmallMap:
+    """out_i = scale · C(i) ∘ Σ_j code[i,j] ∘ source_j.
+
+    indptr : (rows + 1,).  indices : (entries,), ascending in each row.  codes : (entries, 3) int32, of `coded`.
+    colours : (rows,) uint32, C as `colours_of` reads it; None for 1.
+    trust : (rows,), w of a product that is weighed, w C ∘ (base − out), in parts of FULL_TRUST.
+    """
+
+    indptr: IntArray
+    indices: NDArray[np.int32]
+    codes: NDArray[np.int32]
+    output_shape: tuple[int, int]
+    source_shape: tuple[int, int]
+    colours: Uint32 | None = None
+    trust: NDArray[np.int16] | None = None
+    scale: float = 1.0
+
+    @property
+    def count(self) -> int:
+        return self.indices.size
+
+    @property
+    def most_words(self) -> int:
+        """More than it takes: three an entry, if it is far from the one before, and one of each row."""
+        return 3 * self.count + self.indptr.size
+
+    @property
+    def rows(self) -> IntArray:
+        """The row of each entry, (entries,)."""
+        return np.repeat(np.arange(self.indptr.size - 1), np.diff(self.indptr))
+
+    @property
+    def gain(self) -> NDArray[np.float32]:
+        """w C, (output height, output width, 3)."""
+        gain = np.ones((self.indptr.size - 1, 3), np.float32)
+        if self.colours is not None:
+            gain *= colours_of(self.colours)
+        if self.trust is not None:
+            gain *= (self.trust / np.float32(FULL_TRUST))[:, None]
+        return gain.reshape(*self.output_shape, 3)
+
+    def transposed(self, kept: NDArray[np.bool_] | None, colours: Uint32 | None) -> "SmallMap":
+        """The codes' transpose, of those rows alone that are `kept`.  colours : of its own rows."""
+        rows = self.rows
+        entries = np.arange(rows.size) if kept is None else np.flatnonzero(kept[rows])
+        order = entries[np.argsort(self.indices[entries], kind="stable")]
+        lengths = np.bincount(self.indices[entries], minlength=self.source_shape[0] * self.source_shape[1])
+        return SmallMap(
+            np.concatenate([[0], np.cumsum(lengths)]),
+            rows[order].astype(np.int32),
+            self.codes[order],
+            self.source_shape,
+            self.output_shape,
+            colours,
+            scale=self.scale,
+        )
+
+    def unpacked(self) -> SparseRows:
+        """The matrix, weights in float64."""
+        weights = self.codes * self.scale
+        if self.colours is not None:
+            weights = weights * colours_of(self.colours)[self.rows].astype(np.float64)
+        return SparseRows(self.indptr, self.indices, weights, self.source_shape[0] * self.source_shape[1])
+
+
+@dataclass(frozen=True)
+class Words:
+    """Runs of words: run r is words[starts[r] : starts[r + 1]]."""
+
+    words: Uint32
+    starts: IntArray
+
+
+def colours_of(bits: Uint32) -> NDArray[np.float32]:
+    """(…,) -> (…, 3): 2^(e − 63) in the channel that the two highest bits name, shares of it in the next two.
+
+    e takes the 6 bits below, the shares 12 bits each.
+    """
+    largest = (bits >> 30).astype(np.int64)
+    shares = np.ones((*bits.shape, 3), np.float32)
+    for after, shift in ((1, 12), (2, 0)):
+        part = (bits >> shift & FULL).astype(np.float32) / np.float32(FULL)
+        np.put_along_axis(shares, ((largest + after) % 3)[..., None], part[..., None], axis=-1)
+    return np.asarray(shares * np.exp2((bits >> 24 & HIGHEST).astype(np.float32) - HIGHEST)[..., None])
+
+
+def coded(values: NDArray[np.floating]) -> NDArray[np.int32]:
+    """The nearest codes."""
+    values = np.clip(values, -LARGEST_CODE, LARGEST_CODE)
+    unit = np.exp2(_shifts(values))
+    return np.asarray(np.rint(values / unit) * unit).astype(np.int32)
+
+
+def _shifts(values: NDArray[np.number]) -> IntArray:
+    """By how much a number of FRACTION_BITS + 1 bits is shifted to be about each value."""
+    _, bits = np.frexp(values.astype(np.float64))
+    return np.clip(bits.astype(np.int64) - FRACTION_BITS - 1, 0, MOST_SHIFT)
+
+
+def _code_bits(codes: NDArray[np.int32]) -> IntArray:
+    """The 16 bits of each code."""
+    shifts, size = _shifts(codes), np.abs(codes.astype(np.int64))
+    number = size >> shifts
+    exponent = np.where(number >> FRACTION_BITS, shifts + 1, 0)
+    fraction = number & (1 << FRACTION_BITS) - 1
+    return np.asarray((codes < 0).astype(np.int64) << 15 | exponent << FRACTION_BITS | fraction)
+
+
+def in_words(small: SmallMap) -> Words:
+    """Each row as a run of words, its first distance from source pixel 0; a trust between 0 and 1 comes first."""
+    count, run = small.indptr.size - 1, small.rows
+    before = np.concatenate([[0], small.indices[:-1]])[: small.count].astype(np.int64)
+    before[small.indptr[:-1][np.diff(small.indptr) > 0]] = 0
+    distance = small.indices - before
+    red, green, blue = _code_bits(small.codes).T
+    kind = _kinds(small.codes)
+    jumps, wide = distance > FARTHEST_STEP, kind == THREE
+    doubted = np.zeros(count, bool)
+    if small.trust is not None:
+        doubted = (small.trust > 0) & (small.trust < FULL_TRUST)
+    taken = 1 + jumps.astype(np.int64) + wide
+    ends = np.cumsum(taken) + np.cumsum(doubted)[run]
+    words = np.zeros(int(taken.sum() + doubted.sum()), np.uint32)
+    at = ends - 1 - wide
+    code = np.where(np.isin(kind, (2, 4)), np.where(kind == 2, green, blue), red)
+    words[at] = kind | np.where(jumps, 0, distance) << 3 | code << 16
+    words[at[jumps] - 1] = JUMP | distance[jumps] << 3
+    words[ends[wide] - 1] = green[wide] | blue[wide] << 16
+    per_run = np.bincount(run, taken, count).astype(np.int64) + doubted
+    offsets = np.concatenate([[0], np.cumsum(per_run)])
+    if doubted.any():
+        words[offsets[:-1][doubted]] = TRUST | small.trust[doubted].astype(np.int64) << 16  # type: ignore[index]
+    return Words(words, offsets)
+
+
+def _kinds(codes: NDArray[np.int32]) -> IntArray:
+    """ALL where the three codes are one, 1, 2 or 4 where only one is not 0, else THREE."""
+    lit = (codes != 0) @ np.array([1, 2, 4])
+    alike = (codes[:, 0] == codes[:, 1]) & (codes[:, 1] == codes[:, 2])
+    return np.where(alike, ALL, np.where(np.isin(lit, (1, 2, 4)), lit, THREE)).astype(np.int64)
+
+
+def unpacked_words(made: Words) -> tuple[IntArray, NDArray[np.int32], NDArray[np.int32], NDArray[np.int16]]:
+    """indptr, indices, codes and trust of every run, as SmallMap has them; the reverse of `in_words`."""
+    kinds, step = parsed(made.words)
+    entry = np.flatnonzero((kinds != OTHERS) & (kinds != JUMP) & (kinds != TRUST))
+    passed = np.concatenate([[0], np.cumsum(step)])
+    kind, bits = kinds[entry], made.words[entry].astype(np.int64)
+    indptr = np.searchsorted(entry, made.starts)
+    run = np.repeat(np.arange(indptr.size - 1), np.diff(indptr))
+    indices = (passed[entry + 1] - passed[made.starts[run]]).astype(np.int32)
+    codes = _number(bits >> 16)[:, None] * (kind[:, None] >> np.arange(3) & 1)
+    wide = np.flatnonzero(kind == THREE)
+    others = made.words[entry[wide] + 1].astype(np.int64)
+    codes[wide] = np.stack([_number(bits[wide] >> 16), _number(others & 0xFFFF), _number(others >> 16)], axis=1)
+    trust = np.full(indptr.size - 1, FULL_TRUST, np.int16)
+    doubted = np.flatnonzero(kinds == TRUST)
+    trust[np.searchsorted(made.starts, doubted, side="right") - 1] = made.words[doubted] >> 16
+    return indptr, indices, codes.astype(np.int32), trust
+
+
+def parsed(words: Uint32) -> tuple[NDArray[np.int8], IntArray]:
+    """Of each word its kind, OTHERS of one that holds a THREE's green and blue, and by how many pixels it goes on.
+
+    What follows a THREE may look like one: of words in a row that do, every other one is.
+    """
+    kinds = (words & 7).astype(np.int8)
+    at = np.arange(words.size)
+    three = kinds == THREE
+    three &= (at - np.maximum.accumulate(np.where(three, -1, at))) % 2 == 1
+    after = np.flatnonzero(three[:-1]) + 1
+    kinds[after] = OTHERS
+    step = np.where(kinds == JUMP, words >> 3, words >> 3 & FARTHEST_STEP).astype(np.int64)
+    step[(kinds == OTHERS) | (kinds == TRUST)] = 0
+    return kinds, step
+
+
+def _number(bits: IntArray) -> IntArray:
+    """The reverse of `_code_bits`."""
+    exponent, fraction = bits >> FRACTION_BITS & 7, bits & (1 << FRACTION_BITS) - 1
+    size = np.where(exponent == 0, fraction, (fraction | 1 << FRACTION_BITS) << np.maximum(exponent - 1, 0))
+    return np.asarray(np.where(bits >> 15 & 1, -size, size))

@@ -1,0 +1,78 @@
+"""What a frame reads of its maps in entries of 16 bytes and in words, in every shipped room; the time of one."""
+
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from counterlight import calibration
+from counterlight.gl.context import headless_context
+from counterlight.gl.paths import GlMaps, products_ms
+from counterlight.maps.room_maps import FarMaps, RoomMaps
+from counterlight.maps.row_map import RowMap
+from counterlight.maps.word_map import WordMap
+from counterlight.pipeline.room import Room
+from counterlight.tools.colour.tiers import tier_of
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.recommendation import Recommendation
+from counterlight.tools.inverse.room import BuiltRoom, build_maps
+from counterlight.tools.shipped import shipped_scenes
+from counterlight.tools.transport.storage import read_transport
+from tests.programs import succeed
+
+CAMERA, PROJECTOR = "128x96", "96x72"
+TIMED = "glass"
+GOAL = 0.4
+ENTRY, LOOKUP = 16, 12  # bytes, of long maps
+
+
+def words() -> Iterator[str]:
+    """Bytes a frame as each room is played by default, from the maps alone: entries of 16 bytes, words, their share."""
+    for name in shipped_scenes():
+        with tempfile.TemporaryDirectory() as folder:
+            succeed("simulate", name, "-o", Path(folder) / name, "--camera", CAMERA, "--projector", PROJECTOR)
+            stored = calibration.read(Path(folder) / name)
+            tier = tier_of(stored.calibration, read_transport(stored), "auto")
+        built = build_maps(tier, InverseOptions())
+        yield line(name, built)
+        if name == TIMED:
+            yield from timed(Room(built.calibration, built.maps, built.maps.white))
+
+
+def line(name: str, built: BuiltRoom) -> str:
+    maps, found = built.maps, built.recommendation
+    assert found is not None
+    long_bytes, small_bytes = (frame_bytes(maps, found, made) for made in ({}, maps.in_words(maps.white)))
+    ratio = small_bytes / long_bytes
+    used = "none" if maps.words is None else f"{maps.words.used:.2f} of what is allowed"
+    return (
+        f"  {name:<13}{found.start:<16}{found.steps} steps: {long_bytes / 1e6:7.2f} -> {small_bytes / 1e6:6.2f} MB, "
+        f"{ratio:4.0%}{'' if ratio <= GOAL else ' (goal 40 %)'}; words: {used}"
+    )
+
+
+def frame_bytes(maps: RoomMaps, played: Recommendation, words: Mapping[int, WordMap]) -> int:
+    """What the products of a frame read, each byte of a map once a product."""
+    assert maps.refinement is not None
+    direct = played.start == "previous-direct"
+    first = [maps.refinement.direct] if direct else [maps.correction, *_chain(maps.undo)]
+    step = [maps.transport, maps.refinement.dual, *_chain(maps.far), *_chain(maps.refinement.far_dual)]
+    return sum(map_bytes(each, words) for each in first) + played.steps * sum(map_bytes(each, words) for each in step)
+
+
+def _chain(maps: FarMaps | None) -> list[RowMap]:
+    return [] if maps is None else [maps.gather, maps.mix, maps.scatter]
+
+
+def map_bytes(packed: RowMap, words: Mapping[int, WordMap]) -> int:
+    small, rows = words.get(id(packed)), packed.output_shape[0] * packed.output_shape[1]
+    return ENTRY * packed.count + LOOKUP * rows if small is None else small.nbytes
+
+
+def timed(room: Room) -> Iterator[str]:
+    """A frame's products of one room in words over in entries of 16 bytes, on the fragment path."""
+    with headless_context() as context:
+        stored = [GlMaps(context, room, path) for path in ("fragment", "words")]
+        long_ms, small_ms = (products_ms(context, each) for each in stored)
+        yield f"  {'':<13}{context.info['GL_RENDERER']}: products take {small_ms / long_ms:.2f} of the time in words"
+        for each in stored:
+            each.release()

@@ -1,0 +1,77 @@
+"""Small maps of random words, and rooms that say how exact they are to be."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from counterlight.maps.room_maps import RoomMaps
+from counterlight.maps.row_map import RowMap, SparseRows, pack
+from counterlight.maps.small_map import FULL_TRUST, LARGEST_CODE, SmallMap, coded
+from counterlight.pipeline.room import Room
+from counterlight.tools.inverse.words import words_of
+
+
+def random_small(
+    rng: np.random.Generator,
+    output: tuple[int, int],
+    source: tuple[int, int],
+    *,
+    longest: int = 20,
+    trusted: bool = False,
+) -> SmallMap:
+    """Rows of 0 to `longest` entries, every third of three codes, every fifth of one channel."""
+    rows, columns = output[0] * output[1], source[0] * source[1]
+    lengths = np.minimum(rng.integers(0, longest + 1, rows), columns)
+    indices = np.concatenate([np.sort(rng.choice(columns, n, replace=False)) for n in lengths]).astype(np.int32)
+    codes = np.repeat(coded(LARGEST_CODE * rng.uniform(-1, 1, indices.size) ** 3)[:, None], 3, axis=1)
+    codes[::3] = coded(LARGEST_CODE * rng.uniform(-1, 1, (len(codes[::3]), 3)) ** 3)
+    codes[::5] *= np.eye(3, dtype=np.int32)[rng.integers(0, 3, len(codes[::5]))]
+    colours = rng.integers(0, 3, rows) << 30 | rng.integers(60, 64, rows) << 24 | rng.integers(1 << 20, 1 << 24, rows)
+    trust = rng.choice([0, 400, FULL_TRUST], rows).astype(np.int16) if trusted else None
+    indptr = np.concatenate([[0], np.cumsum(lengths)])
+    scale = 2.0 ** -np.ceil(np.log2(LARGEST_CODE))
+    return SmallMap(indptr, indices, codes, output, source, colours.astype(np.uint32), trust, scale)
+
+
+def with_words(room: Room, max_error: float = 0.5) -> Room:
+    """The room with what it has in words, as a build leaves it."""
+    return replace(room, maps=replace(room.maps, words=words_of(room.maps, max_error)))
+
+
+def as_long(maps: RoomMaps) -> RoomMaps:
+    """The numbers of the words in maps of 16 bytes an entry, for the CPU twin."""
+    assert maps.refinement is not None
+    assert maps.words is not None
+    small = {name: made.unpacked() for name, made in maps.words.maps.items()}
+    far, refinement = maps.far, maps.refinement
+    seen = small["transport"]
+    if far is None or refinement.far_dual is None:
+        dual = _undone(small["dual"], seen.gain)
+        return replace(maps, transport=_packed(seen), refinement=replace(refinement, dual=dual))
+    parts = {name: small[f"far_{name}"] for name in vars(far)}
+    duals = {name: small[f"dual_{name}"] for name in vars(refinement.far_dual)}
+    gain = parts["scatter"].gain
+    dual = _undone(small["dual"], gain)
+    far_dual = replace(
+        refinement.far_dual,
+        gather=_undone(duals["gather"], gain),
+        mix=_packed(duals["mix"]),
+        scatter=_packed(duals["scatter"]),
+    )
+    return replace(
+        maps,
+        transport=_packed(seen),
+        far=replace(far, **{name: _packed(part) for name, part in parts.items()}),
+        refinement=replace(refinement, dual=dual, far_dual=far_dual),
+    )
+
+
+def _packed(small: SmallMap) -> RowMap:
+    return pack(small.unpacked(), small.output_shape, small.source_shape)
+
+
+def _undone(small: SmallMap, gain: np.ndarray) -> RowMap:
+    """Of the picture itself, not of its weighed one."""
+    rows: SparseRows = small.unpacked()
+    rows = replace(rows, weights=rows.weights * gain.reshape(-1, 3)[rows.indices])
+    return pack(rows, small.output_shape, small.source_shape)

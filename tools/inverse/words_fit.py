@@ -1,0 +1,196 @@
+"""The colours and codes of a matrix in words, so that no result changes by more than is allowed (maps/small_map.py).
+
+Most rows have one colour, that of their sum: codes of one number for all channels are exact but for rounding. Of the
+others, a row's colour is the weighted median of its entries' colours, which is that of most of them, and entries get a
+code for each channel, those first that change the result most, until the change is allowed.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import FloatArray
+from counterlight.maps.products import LARGE, compiled
+from counterlight.maps.row_map import SparseRows
+from counterlight.maps.small_map import FRACTION_BITS, FULL, HIGHEST, LARGEST_CODE, MOST_SHIFT
+
+LEVEL = 8  # times as large as another channel's that the largest code of a channel may be
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """scale, colours, (rows,) uint32, codes, (entries, 3) int32 : as SmallMap has them.
+
+    change : (rows, 3), the most by which a row's product with a source of 0..reach is off.
+    """
+
+    scale: float
+    colours: NDArray[np.uint32]
+    codes: NDArray[np.int32]
+    change: FloatArray
+
+
+def fit(rows: SparseRows, reach: FloatArray, allowed: FloatArray) -> Fit:
+    """Colours and codes of a matrix.
+
+    reach : (columns, 3), the most that the source holds.  allowed : (rows, 3), how far a product may be off; where
+    codes of 16 bits cannot keep it, `change` is larger.
+    """
+    largest = max(float(rows.weights.max(initial=0.0)), -float(rows.weights.min(initial=0.0)))
+    scale = 2.0 ** np.ceil(np.log2(FULL * largest / LARGEST_CODE)) if largest > 0 else 1.0  # shares are 1/FULL and more
+    colours, codes = np.empty(rows.shape[0], np.uint32), np.empty((rows.indices.size, 3), np.int32)
+    change = np.zeros((rows.shape[0], 3))
+    weights, limits = np.asarray(rows.weights / scale, np.float64), np.asarray(allowed / scale, np.float64)
+    indptr, indices = rows.indptr.astype(np.int64), rows.indices.astype(np.int32)
+    _FIT_ROWS[indices.size >= LARGE](indptr, indices, weights, reach.astype(np.float64), limits, colours, codes, change)
+    return Fit(float(scale), colours, codes, change * scale)
+
+
+@numba.njit(cache=True)
+def _sums(values: FloatArray) -> FloatArray:
+    sums = np.zeros(3)
+    for i in range(len(values)):
+        for k in range(3):
+            sums[k] += values[i, k]
+    return sums
+
+
+@numba.njit(cache=True)
+def _coded(value: float) -> int:
+    """The nearest code, as `small_map.coded`."""
+    value = min(max(value, -LARGEST_CODE), LARGEST_CODE)
+    shift = min(max(math.frexp(value)[1] - FRACTION_BITS - 1, 0), MOST_SHIFT)
+    unit = float(1 << shift)
+    return int(np.rint(value / unit) * unit)
+
+
+@numba.njit(cache=True)
+def _colour(bits: np.uint32) -> FloatArray:
+    """As `small_map.colours_of`."""
+    number = np.int64(bits)
+    largest, size = number >> 30, 2.0 ** ((number >> 24 & HIGHEST) - HIGHEST)
+    colour = np.full(3, size)
+    for after, shift in ((1, 12), (2, 0)):
+        colour[(largest + after) % 3] = size * np.float64(np.float32(number >> shift & FULL) / np.float32(FULL))
+    return colour
+
+
+@numba.njit(cache=True)
+def _colour_bits(colour: FloatArray, weights: FloatArray) -> int:
+    """A colour in 32 bits, so scaled that no code is beyond LARGEST_CODE."""
+    largest = int(np.argmax(colour))
+    bits = largest << 30
+    for after, shift in ((1, 12), (2, 0)):
+        share = colour[(largest + after) % 3] / colour[largest] if colour[largest] > 0 else 1.0
+        bits |= min(max(int(np.rint(FULL * share)), 1), FULL) << shift
+    plain, needed = _colour(np.uint32(bits | HIGHEST << 24)), 0.0
+    for i in range(len(weights)):
+        for k in range(3):
+            needed = max(needed, abs(weights[i, k]) / plain[k])
+    exponent = math.ceil(math.log2(needed / LARGEST_CODE)) if needed > 0 else 0
+    return bits | min(max(exponent + HIGHEST, 0), HIGHEST) << 24
+
+
+@numba.njit(cache=True)
+def _one_code_each(weights: FloatArray, colour: FloatArray, codes: NDArray[np.int32]) -> None:
+    """The median of the three channels' codes, for all of them."""
+    for i in range(len(weights)):
+        a, b, c = weights[i, 0] / colour[0], weights[i, 1] / colour[1], weights[i, 2] / colour[2]
+        codes[i, :] = _coded(max(min(a, b), min(max(a, b), c)))
+
+
+@numba.njit(cache=True)
+def _change(weights: FloatArray, reach: FloatArray, colour: FloatArray, codes: NDArray[np.int32]) -> FloatArray:
+    """What is too much or too little, (3,): a source may hold either alone."""
+    above, below = np.zeros(3), np.zeros(3)
+    for i in range(len(weights)):
+        for k in range(3):
+            off = (codes[i, k] * colour[k] - weights[i, k]) * reach[i, k]
+            above[k] += max(off, 0.0)
+            below[k] -= min(off, 0.0)
+    return np.maximum(above, below)
+
+
+@numba.njit(cache=True)
+def _median_colour(weights: FloatArray, reach: FloatArray) -> FloatArray:
+    """Of each channel's share of an entry, the median by the entries' light."""
+    own = np.abs(weights).sum(axis=1)
+    heavy, colour = (np.abs(weights) * reach).sum(axis=1), np.zeros(3)
+    for k in range(3):
+        shares = np.where(own > 0, weights[:, k] / np.maximum(own, 1e-300), 0.0)
+        order = np.argsort(shares)
+        passed = np.cumsum(heavy[order])
+        middle = np.searchsorted(passed, 0.5 * passed[-1] * (1 - 1e-9))
+        colour[k] = max(shares[order[middle]], 0.0)
+    return colour
+
+
+@numba.njit(cache=True)
+def _levelled(colour: FloatArray, weights: FloatArray) -> FloatArray:
+    """Channels raised where codes would be much larger than another's: they share one scale."""
+    largest, finest = np.zeros(3), np.inf
+    for k in range(3):
+        largest[k] = np.abs(weights[:, k]).max()
+        if largest[k] > 0 and colour[k] > 0:
+            finest = min(finest, largest[k] / colour[k])
+    return np.maximum(colour, largest / (LEVEL * finest)) if np.isfinite(finest) else largest
+
+
+@numba.njit(cache=True)
+def _as_many_as_needed(
+    weights: FloatArray, reach: FloatArray, colour: FloatArray, allowed: FloatArray, codes: NDArray[np.int32]
+) -> None:
+    """Three codes for the entries that change the result most, one for as many others as the change allows."""
+    one, three = np.empty_like(codes), np.empty_like(codes)
+    _one_code_each(weights, colour, one)
+    worst = np.zeros(len(weights))
+    for i in range(len(weights)):
+        for k in range(3):
+            three[i, k] = _coded(weights[i, k] / colour[k])
+            worst[i] = max(worst[i], abs(one[i, k] * colour[k] - weights[i, k]) * reach[i, k] / allowed[k])
+    codes[:] = three
+    above, below = np.zeros(3), np.zeros(3)
+    for i in range(len(weights)):
+        for k in range(3):
+            off = (three[i, k] * colour[k] - weights[i, k]) * reach[i, k]
+            above[k] += max(off, 0.0)
+            below[k] -= min(off, 0.0)
+    for i in np.argsort(worst):
+        for k in range(3):
+            before, after = three[i, k] * colour[k] - weights[i, k], one[i, k] * colour[k] - weights[i, k]
+            above[k] += (max(after, 0.0) - max(before, 0.0)) * reach[i, k]
+            below[k] -= (min(after, 0.0) - min(before, 0.0)) * reach[i, k]
+        if (above > allowed).any() or (below > allowed).any():
+            break
+        codes[i] = one[i]
+
+
+def _fit_rows(
+    indptr: IntArray,
+    indices: NDArray[np.int32],
+    weights: FloatArray,
+    reach: FloatArray,
+    allowed: FloatArray,
+    colours: NDArray[np.uint32],
+    codes: NDArray[np.int32],
+    change: FloatArray,
+) -> None:
+    """Fills colours, codes and change; weights, allowed and change over the scale."""
+    for row in numba.prange(indptr.size - 1):
+        own = slice(indptr[row], indptr[row + 1])
+        at = reach[indices[own]]
+        colours[row] = _colour_bits(_sums(weights[own] * at), weights[own])
+        _one_code_each(weights[own], _colour(colours[row]), codes[own])
+        change[row] = _change(weights[own], at, _colour(colours[row]), codes[own])
+        if (change[row] > allowed[row]).any():
+            colours[row] = _colour_bits(_levelled(_median_colour(weights[own], at), weights[own]), weights[own])
+            _as_many_as_needed(weights[own], at, _colour(colours[row]), allowed[row], codes[own])
+            change[row] = _change(weights[own], at, _colour(colours[row]), codes[own])
+
+
+_FIT_ROWS = compiled(_fit_rows)
