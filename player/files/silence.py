@@ -1,6 +1,7 @@
 """Libraries that write to the process's own error output, below Python."""
 
 import os
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -13,16 +14,36 @@ def silence() -> Iterator[None]:
 
     What is wrong is said in one line by whoever called them.
     """
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        with _redirected(nowhere):
+            yield
+    finally:
+        os.close(nowhere)
+
+
+@contextmanager
+def overheard() -> Iterator[list[str]]:
+    """Silence; the list holds, at the end, the lines that would have been: LibRaw tells damage in no other way."""
+    lines = list[str]()
+    with tempfile.TemporaryFile() as file:
+        with _redirected(file.fileno()):
+            yield lines
+        file.seek(0)
+        lines += file.read().decode("utf-8", "replace").splitlines()
+
+
+@contextmanager
+def _redirected(descriptor: int) -> Iterator[None]:
+    """The process's error output goes there."""
     try:
         before = os.dup(STDERR)
     except OSError:  # closed
         yield
         return
-    nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
-        os.dup2(nowhere, STDERR)
+        os.dup2(descriptor, STDERR)
         yield
     finally:
         os.dup2(before, STDERR)
         os.close(before)
-        os.close(nowhere)
