@@ -37,7 +37,7 @@ def open_rig(options: argparse.Namespace) -> Iterator[tuple[Camera, tuple[int, i
             size = _needed_size(options)
             exposures = Exposures(_bracket(options), response)
             yield FolderCamera(Path(source), exposures, options.wait), size
-        elif kind in ("v4l2", "gphoto2") and bool(source) == (kind == "v4l2"):
+        elif kind in ("v4l2", "pylon", "gphoto2") and bool(source) == (kind != "gphoto2"):
             if not (options.monitor or options.window):
                 raise InputError(f"--camera {kind}: where is the projector? add --monitor NAME (or --window to try)")
             if not options.exposures:
@@ -73,6 +73,10 @@ def _eye(kind: str, source: str, response: Response, opened: ExitStack) -> Eye:
         from counterlight.tools.acquisition.cameras.video import open_video_eye
 
         return opened.enter_context(open_video_eye(source))
+    if kind == "pylon":
+        from counterlight.tools.acquisition.cameras.machine_vision import open_machine_vision_eye
+
+        return opened.enter_context(open_machine_vision_eye(source))
     from counterlight.tools.acquisition.cameras.tethered import open_tethered_eye
 
     return opened.enter_context(open_tethered_eye(response))

@@ -1,15 +1,7 @@
 """Camera RAW through rawpy (LibRaw; the optional extra `raw`): the sensor's own light, linear, and nothing else.
 
 Nobody's taste is applied: no white balance, colour matrix, brightening or curve, which LibRaw would choose anew for
-each picture. A site of the mosaic has one colour, and demosaicing would guess the two others from its neighbours; noise
-would become patterns, and edges colours. Here each cell of the mosaic becomes one pixel, each of its colours the mean
-of the sites that have it: half the size with a Bayer filter (2x2: a red, a blue, two greens), a third with X-Trans
-(3x3). Every value was measured, neighbours share no noise, and it is the same for every picture. What that costs is
-pixels, of which such cameras have more than a projector.
-
-    code = 65535 (site − black) / (white − black), clipped to 0..65535
-
-with the file's own black level of each colour. One clipped site clips its colour in the cell.
+each picture, and no demosaicing: see mosaic.py. Black and white levels are the file's own.
 """
 
 import io
@@ -25,15 +17,14 @@ from counterlight import memory
 from counterlight.errors import InputError, one_line
 from counterlight.files.reading import read_bytes
 from counterlight.files.silence import overheard
+from counterlight.tools.hdr.mosaic import CELLS, binned, grey
 
 SUFFIXES = (
     *(".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dng", ".erf", ".iiq", ".mef", ".mos", ".mrw", ".nef", ".nrw", ".orf"),
     *(".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw", ".x3f"),
 )
-TOP = 65535
 MAX_BYTES = 1 << 30
 SITE_BYTES = 12  # of memory: the file, LibRaw's copy, sums of a quarter as many pixels
-CELLS = {2: 2, 6: 3}  # the smallest square that has every colour, by the period of the mosaic
 COPY = "copy it from the camera again"
 
 
@@ -84,45 +75,20 @@ def _opened(content: bytes, name: str) -> Iterator[Any]:
 
 
 def _developed(raw: Any, name: str) -> NDArray[np.uint16]:
-    sites, black = raw.raw_image_visible, np.array(raw.black_level_per_channel, np.float32)
+    sites, black = raw.raw_image_visible, np.array(raw.black_level_per_channel, np.float64)
     own = [level for level in raw.camera_white_level_per_channel or () if 0 < level < raw.white_level]
     white = float(min(own, default=raw.white_level))  # where the camera says its sensor ends below its range
     if not white > black.max():
         raise InputError(f"{name}: a black level of {black.max():g} and a white level of {white:g}; {COPY}")
     if raw.num_colors == 1:
-        return _codes((sites - black[0]) * (TOP / (white - black[0])), sites >= white)
+        return grey(sites, float(black[0]), white)
     period = 0 if raw.raw_pattern is None else len(raw.raw_pattern)
     letters = bytes(raw.color_desc).decode("ascii", "replace")
     pattern = raw.raw_colors_visible[:period, :period]
-    cell = CELLS.get(period, 0)
-    if not cell or set(letters) != set("RGB") or pattern.shape != (period, period):
+    if period not in CELLS or set(letters) != set("RGB") or pattern.shape != (period, period):
         raise InputError(f"{name}: a mosaic of {letters}, period {period}, is not known here; save it as 16-bit PNG")
-    return _binned(sites, pattern, cell, letters, black, white)
-
-
-def _binned(
-    sites: NDArray[np.uint16], pattern: NDArray[Any], cell: int, letters: str, black: NDArray[np.float32], white: float
-) -> NDArray[np.uint16]:
-    """The mean of each colour in each cell.  pattern : (period, period), which of `letters` a site has."""
-    period, repeat = len(pattern), len(pattern) // cell  # cells before the mosaic repeats
-    height, width = (side // period * repeat for side in sites.shape)
-    light, clipped = np.zeros((height, width, 3), np.float32), np.zeros((height, width, 3), np.bool_)
-    counts = np.zeros((repeat, repeat, 3), np.float32)
-    for y, x in np.ndindex(pattern.shape):
-        index, colour = pattern[y, x], "RGB".index(letters[pattern[y, x]])
-        alike = sites[y::period, x::period][: height // repeat, : width // repeat]
-        place = np.s_[y // cell :: repeat, x // cell :: repeat, colour]
-        light[place] += (alike - black[index]) * (TOP / (white - black[index]))
-        clipped[place] |= alike >= white
-        counts[y // cell, x // cell, colour] += 1
-    for y, x in np.ndindex(repeat, repeat):
-        light[y::repeat, x::repeat] /= counts[y, x]
-    return _codes(light, clipped)
-
-
-def _codes(light: NDArray[np.float32], clipped: NDArray[np.bool_]) -> NDArray[np.uint16]:
-    light[clipped] = TOP
-    return np.asarray(np.rint(light.clip(0, TOP)), np.uint16)
+    colours = np.array(["RGB".index(letter) for letter in letters])
+    return binned(sites, colours[pattern], black[pattern], white)
 
 
 def _said(error: Exception) -> str:
