@@ -81,7 +81,7 @@ def test_what_it_does_by_itself_is_off(eye: MachineVisionEye) -> None:
         assert told(eye, name) == "Off"
     assert told(eye, "AcquisitionFrameRateEnable") == "0"
     assert float(told(eye, "Gamma")) == 1
-    assert float(told(eye, "Gain")) == 0
+    assert float(told(eye, "Gain")) == float(told(eye, "BlackLevel")) == 0
     assert (told(eye, "TriggerSelector"), told(eye, "TriggerMode")) == ("FrameStart", "On")
     assert told(eye, "TriggerSource") == "Software"
     assert told(eye, "PixelFormat") in {f"Bayer{first}12" for first in machine_vision.MOSAICS}

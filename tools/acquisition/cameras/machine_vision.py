@@ -20,7 +20,7 @@ from counterlight.tools.hdr.mosaic import binned, grey
 OFF = ("ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BslLightSourcePreset", "LightSourcePreset")
 NOT = ("GammaEnable", "LUTEnable", "ColorTransformationEnable", "AcquisitionFrameRateEnable")
 TIMES = ("ExposureTime", "ExposureTimeAbs")  # in microseconds; the second of older GigE cameras
-GAINS = ("Gain", "GainRaw")
+LOWEST = (("Gain", "GainRaw"), ("BlackLevel", "BlackLevelRaw"))  # noise; what no light would count as light
 MOSAICS = {  # colours of a quad, by the name of its first row
     "RG": ((0, 1), (1, 2)),
     "GR": ((1, 0), (2, 1)),
@@ -55,7 +55,7 @@ class MachineVisionEye:
 
     def expose(self, time: float) -> None:
         with self._answering():
-            node = next((node for name in TIMES if (node := self._node(name)) is not None), None)
+            node = self._first(TIMES)
             if node is None:
                 raise InputError(f"{self.name}: its exposure time cannot be set; take another camera")
             least, most = node.Min / 1e6, node.Max / 1e6
@@ -102,9 +102,10 @@ class MachineVisionEye:
         if gamma is not None:
             gamma.Value = 1.0
         self._set("ExposureMode", "Timed")
-        gain = next((node for name in GAINS if (node := self._node(name)) is not None), None)
-        if gain is not None:
-            gain.Value = gain.Min  # of all, it has the least noise for its range
+        for names in LOWEST:
+            node = self._first(names)
+            if node is not None:
+                node.Value = node.Min
 
     def _choose_format(self) -> tuple[NDArray[np.intp] | None, int]:
         """The finest format of the sensor's sites: colours of its mosaic, None for grey, and bits."""
@@ -139,6 +140,10 @@ class MachineVisionEye:
             node.FromString(value)
             if node.ToString() != value:
                 raise InputError(f"{self.name}: keeps {name} at {node.ToString()}, expected {value}; set it by hand")
+
+    def _first(self, names: Sequence[str]) -> Any:
+        """The first of the settings that it has."""
+        return next((node for name in names if (node := self._node(name)) is not None), None)
 
     def _node(self, name: str) -> Any:
         """A setting; None where the camera lacks it, or cannot change it now."""
