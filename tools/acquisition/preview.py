@@ -24,7 +24,7 @@ from counterlight.tools.acquisition.cameras.live import Eye, LiveCamera, Screen
 from counterlight.tools.acquisition.cameras.window import WindowScreen
 from counterlight.tools.acquisition.rig import open_rig
 
-STEP = 2 ** (1 / 3)  # of exposure
+STEPS = 3  # of exposure, to twice as much
 CARDS = ("white", "focus", "black")
 FILLED = 0.75  # of a monitor's sides
 BLINK_S, SELDOM = 3.0, 4  # between blinks: seconds, and times what one takes
@@ -46,8 +46,8 @@ def preview(options: argparse.Namespace) -> tuple[float, ...] | None:
         else:
             folder = AimedFolder(Path(options.camera.partition(":")[2]), projector)
             aim = _Aim(folder, folder, camera.exposures, None)
-        factor = aim.run(options.monitor)
-    return None if factor is None else tuple(factor * exposure for exposure in options.exposures or (1.0,))
+        begins = aim.run(options.monitor)
+    return tuple(aim.factor * exposure for exposure in options.exposures or (1.0,)) if begins else None
 
 
 class _Aim:
@@ -55,13 +55,18 @@ class _Aim:
 
     def __init__(self, screen: Screen, eye: Eye, exposures: Exposures, settled: int | None) -> None:
         self._screen, self._eye, self._exposures, self._settled = screen, eye, exposures, settled
-        self._factor, self._card, self._best = 1.0, 0, 0.0
+        self._steps, self._card, self._best = 0, 0, 0.0
         self._framing: Framing | None = None
         self._blinks_at = float("-inf")
         self._said = ""
 
-    def run(self, projector: str | None) -> float | None:
-        """What the exposures are to be multiplied by; None if the user has had enough."""
+    @property
+    def factor(self) -> float:
+        """What the exposures are to be multiplied by."""
+        return float(2 ** (self._steps / STEPS))
+
+    def run(self, projector: str | None) -> bool:
+        """Whether the acquisition is to begin."""
         self._show_card()
         if self._settled is not None:
             self._eye.expose(self._exposures.shortest)
@@ -72,10 +77,8 @@ class _Aim:
                 clipped = self._exposures.saturated([shot] * len(self._exposures.times))
                 page = self._page(shot, light, float(clipped.mean()))
                 for key in window.show(shown(light, clipped, window.shape, CLIPPED), page):
-                    if key in QUIT:
-                        return None
-                    if key in BEGIN:
-                        return self._factor
+                    if key in (*QUIT, *BEGIN):
+                        return key in BEGIN
                     self._press(key)
                 shot = self._next()
 
@@ -105,15 +108,15 @@ class _Aim:
             self._best, self._blinks_at = 0.0, float("-inf")
             self._show_card()
         elif key in ("+", "=", "-"):
-            factor = self._factor * (1 / STEP if key == "-" else STEP)
-            self._said = ""
+            step, self._said = -1 if key == "-" else 1, ""
+            self._steps += step
             try:
-                self._eye.expose(self._exposures.shortest * factor)
-                self._factor = factor
+                self._eye.expose(self._exposures.shortest * self.factor)
             except InputError as error:
                 self._said = str(error)
-                with suppress(InputError):  # of one that cannot be set at all
-                    self._eye.expose(self._exposures.shortest * self._factor)
+                self._steps -= step
+                with suppress(InputError):  # of a camera that cannot be set at all
+                    self._eye.expose(self._exposures.shortest * self.factor)
 
     def _show_card(self) -> None:
         drive = card(CARDS[self._card], self._screen.shape)
@@ -122,7 +125,7 @@ class _Aim:
     def _page(self, shot: Shot, light: np.ndarray, clipped: float) -> Page:
         sharp = sharpness(light)
         self._best = max(self._best, sharp)
-        exposed = f"{self._exposures.shortest * self._factor:.3g} s" if self._eye.timed else f"×{self._factor:.2f}"
+        exposed = f"{self._exposures.shortest * self.factor:.3g} s" if self._eye.timed else f"×{self.factor:.2f}"
         lines = [
             f"{self._eye.name.partition(',')[0]}   exposure {exposed}   projector {CARDS[self._card]}",
             f"brightest {100 * brightest(shot):.0f} % of the range   {100 * clipped:.2f} % clipped",
