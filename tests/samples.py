@@ -22,11 +22,13 @@ from counterlight.tools.acquisition.matrices_room import read_ambient
 from counterlight.tools.acquisition.store import SESSION, Wanted, open_store
 from counterlight.tools.hdr.exif import read_exposure
 from counterlight.tools.hdr.grey_ramp import read_ramp
+from counterlight.tools.hdr.photographs import read_photograph
 from counterlight.tools.simulation.materials import read_texture
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.shapes.mesh import read_obj
 from counterlight.tools.simulation.shapes.relief import read_heights
 from counterlight.tools.transport.storage import read_matrix
+from tests.dng import dng
 from tests.mutants import outcome
 from tests.scenes import SCENES
 from tests.test_simulation_shapes import CUBE
@@ -88,6 +90,10 @@ def samples(folder: Path) -> dict[str, Sample]:
         "deep.png": Sample(_encoded(".png", (65535 * rgb).astype(np.uint16)), read_picture),
         "heights.png": Sample(_encoded(".png", smooth[..., 0]), lambda p: read_heights(p, "here", 9, 9)),
         "capture.jpg": Sample(_encoded(".jpg", smooth), lambda p: (read_picture(p), read_exposure(p))),
+        "capture.dng": Sample(
+            dng(rng.integers(0, 16384, (24, 32)).astype(np.uint16), black=(512,), white=16000, exposure_s=0.25),
+            lambda p: (read_photograph(p), read_exposure(p)),
+        ),
         "texture.jpg": Sample(
             _encoded(".jpg", smooth, cv2.IMWRITE_JPEG_PROGRESSIVE, 1), lambda p: read_texture(p, "here")
         ),

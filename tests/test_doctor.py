@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from counterlight.command import BAD_INPUT, DONE
-from counterlight.tools import system_packages
+from counterlight.tools import check_machine, system_packages
 from counterlight.tools.system_packages import Part
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -44,7 +44,7 @@ def test_every_part_of_the_machine_is_reported(xvfb: str) -> None:
     assert set(states.values()) == {"ok"}
     packages = {"numpy", "scipy", "moderngl", "glfw", "OpenEXR", "opencv-contrib-python-headless", "av", "tomli-w"}
     rest = {"Python", "OpenGL through EGL", "window system", "monitor", "FFmpeg", "OpenEXR files", "cores"}
-    rest |= {"plots of studies", "letters"}
+    rest |= {"plots of studies", "camera RAW", "machine-vision cameras", "letters"}
     assert packages | rest <= set(states)
 
 
@@ -72,6 +72,15 @@ def test_a_missing_package_is_reported_with_the_command_that_installs_it(tmp_pat
     findings = {finding["subject"]: finding for finding in json.loads(outcome.stdout)["findings"]}
     assert {findings[name]["state"] for name in ("OpenEXR", "OpenEXR files", "tqdm")} == {"missing"}
     assert "pip install 'OpenEXR>=" in findings["OpenEXR"]["fix"]
+
+
+def test_what_only_some_cameras_need_is_a_note_with_its_fix(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(check_machine, "EXTRAS", (("camera RAW", "no_such_package", "raw"),))
+    (finding,) = check_machine.check_extras()
+    assert (finding.subject, finding.state) == ("camera RAW", "note")
+    assert finding.fix == f"{sys.executable} -m pip install 'counterlight[raw]'"
 
 
 def test_wrong_use_is_one_line() -> None:

@@ -12,7 +12,7 @@ import pytest
 from scipy import sparse
 
 from counterlight.errors import InputError
-from counterlight.tools.acquisition.cameras.camera import Shot
+from counterlight.tools.acquisition.cameras.camera import LINEAR, Shot
 from counterlight.tools.acquisition.cameras.simulated import SimulatedCamera, SimulatedRoom
 from counterlight.tools.acquisition.cameras.tethered import open_tethered_eye, shutter_time
 from counterlight.tools.acquisition.cameras.video import VideoEye
@@ -214,7 +214,7 @@ def test_shutter_times() -> None:
 
 def test_without_its_package_gphoto2_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gphoto2", None)
-    with pytest.raises(InputError, match=r"pip install 'counterlight\[gphoto2\]'"), open_tethered_eye():
+    with pytest.raises(InputError, match=r"pip install 'counterlight\[gphoto2\]'"), open_tethered_eye(LINEAR):
         pass
 
 

@@ -50,6 +50,9 @@ def _main(argv: Sequence[str] | None) -> None:
     _check_outputs(options, wanted, captures, report_folder)
     response = None if options.response is None else projector_response(options.response)
     decides = {"threshold": str(_threshold(options)), "tile": options.tile or 0}
+    if options.preview and not wanted.reuse and not _aimed(options):
+        print("nothing acquired")
+        return
     # One BLAS thread: two made small products several times slower.
     with threadpool_limits(limits=1), open_rig(options) as (camera, projector):
         findings = [] if options.no_preflight or wanted.reuse else _checked(camera)
@@ -75,6 +78,20 @@ def _check_outputs(options: argparse.Namespace, wanted: "Wanted", captures: Path
     refuse_existing(output, force=wanted.anew)
     check_captures(captures, wanted)
     check_report_folder(report)
+
+
+def _aimed(options: argparse.Namespace) -> bool:
+    """Aim the camera by its live picture; False if nothing is to begin. The exposures become what was chosen."""
+    from counterlight.tools.acquisition.preview import preview
+
+    chosen = preview(options)
+    if chosen is None:
+        return False
+    if chosen != (options.exposures or (1.0,)):
+        options.exposures = tuple(float(f"{time:.4g}") for time in chosen)  # as they are said
+        times = ",".join(f"{time:g}" for time in options.exposures)
+        print(f"exposures chosen; to go on after an interruption: --exposures {times}", flush=True)
+    return True
 
 
 def _checked(camera: "Camera") -> "list[Finding]":
@@ -130,6 +147,9 @@ def _parser() -> argparse.ArgumentParser:
         "--threshold", default="4", metavar="N|radiance=R", help="τ, a multiple of the noise or absolute (default 4)"
     )
     parser.add_argument("--tile", type=int, metavar="PIXELS", help="multiplexed: window a side (default: measured)")
+    parser.add_argument(
+        "--preview", action="store_true", help="first aim, focus and expose by the camera's live picture, in a window"
+    )
     parser.add_argument("--captures", type=Path, metavar="FOLDER", help="kept there (default OUTPUT.captures)")
     parser.add_argument(
         "--reuse-captures", action="store_true", help="make the room of a finished acquisition's captures again"

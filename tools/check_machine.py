@@ -34,6 +34,11 @@ IMPORT_NAMES = {
     "colour-science": "colour",
     "Pillow": "PIL",
 }
+EXTRAS = (  # what for, package, extra of pyproject.toml
+    ("camera RAW", "rawpy", "raw"),
+    ("machine-vision cameras", "pypylon", "pylon"),
+    ("plots of studies", "matplotlib", "study"),
+)
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,7 @@ def examine() -> list[Finding]:
         check_openexr,
         check_cameras,
         check_sound,
-        check_plots,
+        check_extras,
         check_letters,
         check_size,
     )
@@ -267,10 +272,15 @@ def check_sound() -> list[Finding]:
     return [Finding("sound", "note", why, "plug an output in, or play with --no-audio")]
 
 
-def check_plots() -> list[Finding]:
-    if importlib.util.find_spec("matplotlib") is None:
-        return [Finding("plots of studies", "note", "matplotlib is not installed", _extra("study"))]
-    return [Finding("plots of studies", "ok", f"matplotlib {metadata.version('matplotlib')}")]
+def check_extras() -> list[Finding]:
+    """Packages that only one kind of input or output needs."""
+    return [_extra_package(*extra) for extra in EXTRAS]
+
+
+def _extra_package(subject: str, package: str, extra: str) -> Finding:
+    if importlib.util.find_spec(package) is None:
+        return Finding(subject, "note", f"{package} is not installed", _extra(extra))
+    return Finding(subject, "ok", f"{package} {metadata.version(package)}")
 
 
 def check_letters() -> list[Finding]:

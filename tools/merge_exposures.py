@@ -23,7 +23,7 @@ def _main(argv: Sequence[str] | None) -> None:
         options.pictures,
         options.output,
         times_s=options.times,
-        source=ResponseSource(options.response),
+        source=ResponseSource.asked(options.response, options.pictures),
         options=MergeOptions(options.method, options.weighting, options.gpu),
         save_response=options.save_response,
     )
@@ -32,7 +32,7 @@ def _main(argv: Sequence[str] | None) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser("merge-exposures", description=__doc__)
-    parser.add_argument("pictures", type=Path, nargs="+", help="PNG or JPEG, 8 or 16 bit, from one fixed camera")
+    parser.add_argument("pictures", type=Path, nargs="+", help="PNG, JPEG or camera RAW, from one fixed camera")
     parser.add_argument(
         "--times",
         type=_seconds,
@@ -42,9 +42,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--response",
-        default="debevec",
         metavar="debevec|robertson|linear|srgb|GAMMA|FILE.toml",
-        help="the camera's: recovered from the bracket by one of two methods, or known (default debevec)",
+        help="the camera's: recovered from the bracket by one of two methods, or known (default debevec; RAW: linear)",
     )
     parser.add_argument("--save-response", type=Path, metavar="FILE.toml", help="write the response, too")
     parser.add_argument(

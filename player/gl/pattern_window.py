@@ -38,6 +38,7 @@ class PatternWindow:
 
         Raises InputError if the window was closed, KeyboardInterrupt if Escape was pressed in it.
         """
+        self._window.make_current()  # another may be open
         self._texture.write(np.ascontiguousarray(codes).tobytes())
         for _ in range(2):  # both buffers: a driver may show either
             self._window.present(None, black=False)
@@ -48,5 +49,6 @@ class PatternWindow:
             raise InputError("the window of the patterns was closed; run the same command again to go on")
 
     def release(self) -> None:
+        self._window.make_current()
         self._texture.release()
         self._window.release()

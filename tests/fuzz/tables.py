@@ -14,7 +14,7 @@ class Tables(FileCampaign):
     """A mutant of one of the samples is read, or refused in one line."""
 
     name, count = "tables", 800
-    purpose = "damaged TOML, npz, npy, EXR, PNG, JPEG, OBJ and CSV"
+    purpose = "damaged TOML, npz, npy, EXR, PNG, JPEG, DNG, OBJ and CSV"
 
     def furnish(self, folder: Path) -> None: ...
 

@@ -37,12 +37,12 @@ def open_rig(options: argparse.Namespace) -> Iterator[tuple[Camera, tuple[int, i
             size = _needed_size(options)
             exposures = Exposures(_bracket(options), response)
             yield FolderCamera(Path(source), exposures, options.wait), size
-        elif kind in ("v4l2", "gphoto2") and bool(source) == (kind == "v4l2"):
+        elif kind in ("v4l2", "pylon", "gphoto2") and bool(source) == (kind != "gphoto2"):
             if not (options.monitor or options.window):
                 raise InputError(f"--camera {kind}: where is the projector? add --monitor NAME (or --window to try)")
             if not options.exposures:
                 raise InputError(f"--camera {kind}: needs exposure times in seconds; add --exposures, such as 0.033")
-            eye = _eye(kind, source, opened)
+            eye = _eye(kind, source, response, opened)
             shown = _screen(options, options.projector, opened)
             camera = LiveCamera(shown, eye, Exposures(_bracket(options), response))
             yield camera, shown.shape
@@ -68,14 +68,18 @@ def _screen(options: argparse.Namespace, shape: tuple[int, int] | None, opened: 
     return opened.enter_context(open_screen(shape, options.monitor, desktop=options.desktop))
 
 
-def _eye(kind: str, source: str, opened: ExitStack) -> Eye:
+def _eye(kind: str, source: str, response: Response, opened: ExitStack) -> Eye:
     if kind == "v4l2":
         from counterlight.tools.acquisition.cameras.video import open_video_eye
 
         return opened.enter_context(open_video_eye(source))
+    if kind == "pylon":
+        from counterlight.tools.acquisition.cameras.machine_vision import open_machine_vision_eye
+
+        return opened.enter_context(open_machine_vision_eye(source))
     from counterlight.tools.acquisition.cameras.tethered import open_tethered_eye
 
-    return opened.enter_context(open_tethered_eye())
+    return opened.enter_context(open_tethered_eye(response))
 
 
 def _needed_size(options: argparse.Namespace) -> tuple[int, int]:

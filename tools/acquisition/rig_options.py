@@ -7,7 +7,7 @@ from counterlight.tools.choices import MOST_LAG
 
 MOST_SHOTS = 256
 SENSOR = "bits", "full_well", "read_noise"
-CAMERAS = "simulated:SCENE.toml, simulated:CALIBRATION, folder:DIR, v4l2:NUMBER or gphoto2"
+CAMERAS = "simulated:SCENE.toml, simulated:CALIBRATION, folder:DIR, v4l2:NUMBER, pylon:SERIAL|N or gphoto2"
 
 
 def add_rig_options(parser: argparse.ArgumentParser) -> None:

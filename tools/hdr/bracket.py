@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
-from counterlight.files.picture_files import read_picture
 from counterlight.tools.hdr.exif import exposure_times
+from counterlight.tools.hdr.photographs import read_photograph
 
 CANDIDATES = 1 << 15  # pixels looked at for a recovery, on a regular grid
 REACH = 2  # pixels around one that must be alike
@@ -38,7 +38,7 @@ class Bracket:
         """
         first, means = "", []
         for path, exposure_s in zip(self.paths, self.times_s, strict=True):
-            picture = read_picture(path)
+            picture = read_photograph(path)
             kind = _kind(picture)
             first = first or kind
             if kind != first:

@@ -1,6 +1,6 @@
 """Exposure times as cameras write them into their files.
 
-Pillow reads EXIF from JPEG and PNG; OpenCV, which decodes the pixels, gives none of it.
+Pillow reads EXIF from JPEG and PNG; OpenCV, which decodes the pixels, gives none of it. RAW's is read by LibRaw.
 """
 
 import warnings
@@ -15,6 +15,7 @@ from PIL import ExifTags, Image
 
 from counterlight.errors import InputError
 from counterlight.files.reading import opened
+from counterlight.tools.hdr.raw_files import is_raw, raw_exposure
 
 GIVE_TIMES = "give --times, one for each picture, in seconds"
 
@@ -30,6 +31,8 @@ class Exposure:
 
 def read_exposure(path: Path) -> Exposure:
     """The exposure in a picture's EXIF. Raises InputError for a file that is no picture."""
+    if is_raw(path):
+        return Exposure(*map(_positive, raw_exposure(path)))
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # damaged EXIF and large pictures: what matters is checked below

@@ -10,10 +10,10 @@ import numpy as np
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError, shown
 from counterlight.files.exr import read_rgb
-from counterlight.files.picture_files import SUFFIXES, read_picture
 from counterlight.files.reading import read_bytes
 from counterlight.response import Response
 from counterlight.tools.hdr.camera_response import exposure_table
+from counterlight.tools.hdr.photographs import SUFFIXES, read_photograph, refuse_curve
 
 FULL_LEVEL = 255
 MAX_TABLE_BYTES = 4 << 20
@@ -105,7 +105,8 @@ def _light(path: Path, camera_response: Response) -> FloatArray:
     """Linear light (height, width, 1 or 3)."""
     if path.suffix.lower() == ".exr":
         return read_rgb(path).astype(np.float64)
-    picture = read_picture(path)
+    refuse_curve(path, camera_response, "--camera-response")
+    picture = read_photograph(path)
     codes = picture if picture.ndim == 3 else picture[..., None]
     exposure = exposure_table(camera_response, int(np.iinfo(codes.dtype).max) + 1, codes.shape[2])
     return np.stack([column[codes[..., i]] for i, column in enumerate(exposure.T)], axis=-1)

@@ -11,6 +11,7 @@ from counterlight.files.exr import write_rgb
 from counterlight.response import Response, named_response
 from counterlight.tools.hdr.bracket import Bracket, open_bracket
 from counterlight.tools.hdr.radiance import MergeOptions, RadianceMap, merge
+from counterlight.tools.hdr.raw_files import is_raw
 from counterlight.tools.hdr.recovery import METHODS as RECOVERIES
 from counterlight.tools.hdr.recovery import NAME_IT, recover_response
 from counterlight.tools.hdr.response_table import SUFFIXES as RESPONSES
@@ -24,6 +25,14 @@ class ResponseSource:
     """Where the camera's response comes from: the name of a recovery, or a known curve as `named_response` reads it."""
 
     name: str
+
+    @classmethod
+    def asked(cls, name: str | None, paths: Sequence[Path]) -> "ResponseSource":
+        """None: recovered, but RAW is linear. InputError for RAW and anything else."""
+        raw = next(filter(is_raw, paths), None)
+        if raw is not None and name not in (None, "linear"):
+            raise InputError(f"--response {name}: {raw} is camera RAW, which is linear; leave the option out")
+        return cls(name or ("linear" if raw else "debevec"))
 
     def of(self, bracket: Bracket) -> Response:
         if self.name not in RECOVERIES:

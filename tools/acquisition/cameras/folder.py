@@ -1,10 +1,11 @@
 """A camera that is any other program: patterns are written to a folder, captures are read from it, level by level.
 
 FOLDER/patterns/00012.png    what to show: 8-bit, the projector's size; RGB where it is not black and white
-FOLDER/captures/00012.png    what was seen (or .jpg); with a bracket 00012_0.png, 00012_1.png …
+FOLDER/captures/00012.png    what was seen (or .jpg, .dng …); with a bracket 00012_0.png, 00012_1.png …
 FOLDER/acquisition.toml      which acquisition, or check, they are of: none takes another one's captures for its own
 """
 
+import math
 import re
 import time
 from collections.abc import Iterator, Sequence
@@ -15,12 +16,14 @@ from numpy.typing import NDArray
 
 from counterlight.errors import InputError
 from counterlight.files.manifest import write_toml
-from counterlight.files.picture_files import SUFFIXES, read_picture
 from counterlight.files.png import encode_png
 from counterlight.files.reading import read_toml
 from counterlight.files.tables import Table
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.plan import Picture
+from counterlight.tools.hdr.exif import read_exposure
+from counterlight.tools.hdr.photographs import SUFFIXES, read_photograph, refuse_curve
+from counterlight.tools.hdr.raw_files import is_raw
 from counterlight.writing.replacing import filling_folder, replacing_file
 
 ACQUISITION = "acquisition.toml"
@@ -28,6 +31,8 @@ POLL_S = 0.2
 LISTED = 3  # names in a message
 CHECK, CHECKED = "check ", "checked"  # ids of checks begin so; of a folder whose last check has ended
 MOST = 1 << 40
+THIRD_STOP = 0.4  # factors of two; files hold nominal times, a third of a stop off each other
+ANY_CASE = frozenset((*SUFFIXES, *(suffix.upper() for suffix in SUFFIXES)))
 _NUMBERED = re.compile(r"(?P<number>\d{5,})(_(?P<shot>\d+))?")
 
 
@@ -39,6 +44,7 @@ class FolderCamera:
 
     def __init__(self, folder: Path, exposures: Exposures, wait_s: float = 0.0) -> None:
         self._folder, self._exposures, self._wait_s = folder, exposures, wait_s
+        self._exposed = 0.0  # by the first RAW file that says it, for each unit of --exposures
         self._goes_on = False  # a check whose later levels may have captures already
 
     @property
@@ -125,8 +131,25 @@ class FolderCamera:
             time.sleep(POLL_S)
 
     def capture(self, number: int, picture: Picture) -> tuple[Shot, ...]:
-        paths = [(stem, self._find(stem)) for stem in self._stems(number)]
-        return tuple(read_picture(path or self._folder / "captures" / f"{stem}.png") for stem, path in paths)
+        found = [self._find(stem) or self._folder / "captures" / f"{stem}.png" for stem in self._stems(number)]
+        for path, time_s in zip(found, self._exposures.times, strict=True):
+            if is_raw(path):
+                refuse_curve(path, self._exposures.response, "--camera-response")
+                self._check_exposure(path, time_s)
+        return tuple(read_photograph(path) for path in found)
+
+    def _check_exposure(self, path: Path, time_s: float) -> None:
+        """RAW says how it was exposed: InputError if that differs from --exposures otherwise than in the first."""
+        told = read_exposure(path)
+        if told.time_s is None:
+            return
+        exposed = told.time_s * (told.iso or 1) / (told.aperture or 1) ** 2 / time_s
+        self._exposed = self._exposed or exposed
+        if abs(math.log2(exposed / self._exposed)) > THIRD_STOP:
+            raise InputError(
+                f"{path}: exposed {exposed / self._exposed:.2g} times as much as --exposures says, by the first "
+                "capture; set time, ISO and aperture by hand, give --exposures in the order of the shots"
+            )
 
     def _make_folders(self) -> tuple[Path, Path]:
         """Of patterns and of captures."""
@@ -143,10 +166,11 @@ class FolderCamera:
         return [f"{number:05}"] if count == 1 else [f"{number:05}_{shot}" for shot in range(count)]
 
     def _absent(self, numbers: Sequence[int]) -> list[str]:
-        return [stem for number in numbers for stem in self._stems(number) if self._find(stem) is None]
+        there = {path.stem for path in _pictures(self._folder / "captures")}
+        return [stem for number in numbers for stem in self._stems(number) if stem not in there]
 
     def _find(self, stem: str) -> Path | None:
-        paths = (self._folder / "captures" / f"{stem}{suffix}" for suffix in SUFFIXES)
+        paths = (self._folder / "captures" / f"{stem}{suffix}" for suffix in ANY_CASE)
         return next((path for path in paths if path.is_file()), None)
 
     def _refuse_strangers(self, shown: Path, folder: Path, end: int) -> None:
@@ -172,7 +196,7 @@ def _stored(picture: Picture) -> NDArray[np.uint8]:
 
 
 def _pictures(folder: Path) -> Iterator[Path]:
-    yield from (p for p in sorted(folder.iterdir()) if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
+    yield from (p for p in sorted(folder.iterdir()) if p.suffix in ANY_CASE and not p.name.startswith("."))
 
 
 def _waiting(folder: Path, absent: Sequence[str]) -> str:
@@ -180,5 +204,5 @@ def _waiting(folder: Path, absent: Sequence[str]) -> str:
     names += f" … {absent[-1]}.png" if len(absent) > LISTED else ""
     return (
         f"{folder}: waiting for {len(absent)} captures, {names}; show the patterns of the same numbers, put their "
-        "captures (PNG or JPEG) there and run the same command again (or give --wait SECONDS)"
+        "captures (PNG, JPEG or RAW) there and run the same command again (or give --wait SECONDS)"
     )

@@ -1,4 +1,4 @@
-"""A still camera on a cable, through gphoto2 (the optional extra of that name): JPEGs, exposure by its shutter."""
+"""A still camera on a cable, through gphoto2 (the optional extra of that name), RAW or JPEG, its shutter set here."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,20 +8,25 @@ from typing import Any
 import numpy as np
 
 from counterlight.errors import InputError
-from counterlight.files.picture_files import decode
+from counterlight.response import Response
 from counterlight.tools.acquisition.cameras.camera import Shot
+from counterlight.tools.hdr.photographs import decode_photograph, refuse_curve
+from counterlight.tools.hdr.raw_files import is_raw
 
 SHUTTERS = ("shutterspeed", "shutterspeed2")
 OBEYED = 0.1  # relative difference to the nearest shutter time
 
 
 class TetheredEye:
-    """The eye of a still camera: each frame is a shot of its own, so no old one can come."""
+    """The eye of a still camera: each frame is a shot of its own, so no old one can come.
+
+    response : that its JPEGs are read by; RAW is linear.
+    """
 
     timed = True
 
-    def __init__(self, gphoto2: Any, camera: Any) -> None:
-        self._gphoto2, self._camera = gphoto2, camera
+    def __init__(self, gphoto2: Any, camera: Any, response: Response) -> None:
+        self._gphoto2, self._camera, self._response = gphoto2, camera, response
         self._model = str(camera.get_abilities().model)
 
     @property
@@ -53,9 +58,11 @@ class TetheredEye:
         content = bytes(memoryview(file.get_data_and_size()))
         self._camera.file_delete(place.folder, place.name)
         try:
-            return np.ascontiguousarray(decode(content, place.name))
+            refuse_curve(place.name, self._response, "--camera-response")
+            return np.ascontiguousarray(decode_photograph(content, place.name))
         except InputError as error:
-            raise InputError(f"{self._model}: {error}; set the camera to JPEG") from None
+            advice = "" if is_raw(place.name) else "; set the camera to RAW or JPEG"
+            raise InputError(f"{self._model}: {error}{advice}") from None
 
     def _shutter(self, config: Any) -> Any:
         for name in SHUTTERS:
@@ -76,7 +83,7 @@ def shutter_time(choice: str) -> float | None:
 
 
 @contextmanager
-def open_tethered_eye() -> Iterator[TetheredEye]:
+def open_tethered_eye(response: Response) -> Iterator[TetheredEye]:
     """The first camera that gphoto2 finds; InputError if there is none or it is in use."""
     try:
         import gphoto2
@@ -90,6 +97,6 @@ def open_tethered_eye() -> Iterator[TetheredEye]:
             f"gphoto2: no camera answers ({error.string}); switch it on, plug it in, close programs that hold it (gvfs)"
         ) from None
     try:
-        yield TetheredEye(gphoto2, camera)
+        yield TetheredEye(gphoto2, camera, response)
     finally:
         camera.exit()

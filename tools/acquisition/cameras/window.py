@@ -23,6 +23,11 @@ class WindowScreen:
         return self._window.shape
 
     @property
+    def place(self) -> tuple[int, int, int, int]:
+        """On the desktop: (left, top, right, below)."""
+        return self._window.place
+
+    @property
     def refresh_hz(self) -> float | None:
         monitor = self._window.monitor
         return float(monitor.refresh_hz) if monitor is not None and monitor.refresh_hz else None
@@ -31,7 +36,7 @@ class WindowScreen:
         self._window.show(codes)
 
     def look(self) -> Codes:
-        left, top, right, below = self._window.place
+        left, top, right, below = self.place
         try:
             desktop = np.asarray(ImageGrab.grab().convert("RGB"))
         except OSError as error:

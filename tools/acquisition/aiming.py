@@ -1,0 +1,97 @@
+"""What a camera's live picture says while it is aimed, focused and exposed."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import BoolArray, FloatArray
+from counterlight.tools.acquisition.cameras.camera import Shot
+
+BRIGHTEST = 99.9  # percentile: a few hot pixels and highlights apart
+SAMPLED = 1 << 20  # values that a percentile is taken of
+MIDDLE = 512  # pixels a side, at the camera's own resolution, where focus is judged
+LIT, NOISES = 0.1, 4  # of the brightest rise, and times the noise: what counts as lit
+SPECK = 5  # pixels a side of what the median removes
+LEAST_LIT = 0.001  # of the camera's pixels
+EDGE_SHARE = 0.1  # of the fullest row or column: less is reflections beside the picture
+LEAST_MARGIN, LEAST_FILLED = 0.02, 0.3  # of the view's sides; of its area (docs/first-rig.md)
+
+
+@dataclass(frozen=True)
+class Framing:
+    """Where the projector's picture is in the camera's view.
+
+    left, above, right, below : dark margins, of the view's width and height.  filled : share of the view that is lit.
+    """
+
+    left: float
+    above: float
+    right: float
+    below: float
+    filled: float
+
+    def __str__(self) -> str:
+        sides = {"left": self.left, "right": self.right, "upper": self.above, "lower": self.below}
+        cut = [name for name, margin in sides.items() if margin < LEAST_MARGIN]
+        if cut:
+            edges = " and ".join(filter(None, (", ".join(cut[:-1]), cut[-1])))
+            return f"the picture reaches the {edges} edge of the view: turn the camera, zoom out"
+        if self.filled < LEAST_FILLED:
+            return f"the picture fills {100 * self.filled:.0f} % of the view: zoom in"
+        return (
+            f"the picture is inside the view, margins of {100 * min(sides.values()):.0f} % and more; it fills "
+            f"{100 * self.filled:.0f} %"
+        )
+
+
+def framing(black: FloatArray, again: FloatArray, white: FloatArray) -> Framing | None:
+    """From two pictures with the projector black and one with it white, (height, width, 3); None if it is not seen."""
+    rise = (white - black).sum(axis=2)
+    noise = float(np.std((again - black).sum(axis=2)))
+    rises = rise > max(LIT * float(np.percentile(rise, BRIGHTEST)), NOISES * noise, float(np.finfo(np.float32).tiny))
+    lit = cv2.medianBlur(rises.astype(np.uint8), SPECK) > 0
+    if lit.mean() < LEAST_LIT:
+        return None
+    (left, right), (above, below) = _ends(lit.sum(axis=0)), _ends(lit.sum(axis=1))
+    return Framing(left, above, right, below, float(lit.mean()))
+
+
+def _ends(counts: NDArray[np.integer]) -> tuple[float, float]:
+    """Shares before the first and after the last of the full rows or columns."""
+    full = np.flatnonzero(counts >= EDGE_SHARE * counts.max())
+    return float(full[0] / counts.size), float(1 - (full[-1] + 1) / counts.size)
+
+
+def brightest(shot: Shot) -> float:
+    """Of the range."""
+    step = max(1, int(np.sqrt(shot.size / SAMPLED)))
+    return float(np.percentile(shot[::step, ::step], BRIGHTEST)) / float(np.iinfo(shot.dtype).max)
+
+
+def sharpness(light: FloatArray) -> float:
+    """Mean squared gradient over mean squared light in the middle of (height, width, 3): the more, the sharper.
+
+    No number is right; turning the focus until it is highest is. Brightness does not matter, the picture does.
+    """
+    height, width = light.shape[:2]
+    top, left = max(0, (height - MIDDLE) // 2), max(0, (width - MIDDLE) // 2)
+    middle = light[top : top + MIDDLE, left : left + MIDDLE].mean(axis=2)
+    steep = sum(float(np.mean(np.diff(middle, axis=axis) ** 2)) for axis in (0, 1))
+    return steep / max(float(np.mean(middle**2)), float(np.finfo(np.float64).tiny))
+
+
+def shown(
+    light: FloatArray, clipped: BoolArray, shape: tuple[int, int], mark: tuple[int, int, int]
+) -> NDArray[np.uint8]:
+    """The view at the size of a window, (height, width, 3) code values, with what clips in the colour of `mark`.
+
+    light : (camera height, camera width, 3), 1 is the top of the range.  clipped : one pixel is enough to be marked.
+    """
+    size = shape[1], shape[0]
+    how = cv2.INTER_AREA if shape[0] < light.shape[0] else cv2.INTER_NEAREST
+    small = cv2.resize(light.astype(np.float32), size, interpolation=how)
+    codes = np.rint(255 * small.clip(0, 1) ** (1 / 2.2)).astype(np.uint8)
+    codes[cv2.resize(clipped.astype(np.float32), size, interpolation=how) > 0] = mark
+    return codes

@@ -1,0 +1,216 @@
+"""A machine-vision camera through Basler's pylon (the optional extra `pylon`): its sensor's own light, frame by frame.
+
+Whatever the camera does by itself is switched off and read back; each frame is exposed after it was asked for, by a
+software trigger, so that none shows an earlier picture. Cameras differ in what they can be told: a setting that one
+lacks is left alone, one that it has and keeps is refused.
+"""
+
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.errors import InputError, one_line
+from counterlight.tools.acquisition.cameras.camera import Shot
+from counterlight.tools.hdr.mosaic import binned, grey
+
+OFF = ("ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BslLightSourcePreset", "LightSourcePreset")
+NOT = ("GammaEnable", "LUTEnable", "ColorTransformationEnable", "AcquisitionFrameRateEnable")
+TIMES = ("ExposureTime", "ExposureTimeAbs")  # in microseconds; the second of older GigE cameras
+LOWEST = (("Gain", "GainRaw"), ("BlackLevel", "BlackLevelRaw"))  # noise; what no light would count as light
+MOSAICS = {  # colours of a quad, by the name of its first row
+    "RG": ((0, 1), (1, 2)),
+    "GR": ((1, 0), (2, 1)),
+    "GB": ((1, 2), (0, 1)),
+    "BG": ((2, 1), (1, 0)),
+}
+BITS = (12, 10, 16, 8)  # the best first: containers of 16 hold 12 and noise
+ANSWER_S = 5.0  # beyond the exposure time; of a trigger, of a frame
+TRIES = 3  # for a frame that loses packets on its way
+AGAIN = "plug it in again and run the same command again"
+OBEYED = 0.05  # relative difference of the exposure time that was read back
+
+
+class MachineVisionEye:
+    """The eye of an open pylon camera. Raises InputError if it cannot be set by hand."""
+
+    timed = True
+
+    def __init__(self, camera: Any) -> None:
+        pylon, self._genicam = _libraries()
+        self._pylon, self._camera, self._exposed_s = pylon, camera, 0.0
+        told = camera.GetDeviceInfo()
+        self.name = f"pylon {told.GetModelName()} {told.GetSerialNumber()}"
+        with self._answering():
+            self._set_by_hand()
+            self._colours, self._bits = self._choose_format()
+            self._trigger_by_hand()
+            camera.StartGrabbing(pylon.GrabStrategy_OneByOne)
+
+    def begin(self, number: int) -> None:
+        """Nothing here depends on a capture's number."""
+
+    def expose(self, time: float) -> None:
+        with self._answering():
+            node = self._first(TIMES)
+            if node is None:
+                raise InputError(f"{self.name}: its exposure time cannot be set; take another camera")
+            least, most = node.Min / 1e6, node.Max / 1e6
+            if not least <= time <= most:
+                raise InputError(f"{self.name}: no exposure of {time:g} s, its range is {least:g} to {most:g} s")
+            node.Value = time * 1e6
+            found = node.Value / 1e6
+            if abs(found / time - 1) > OBEYED:
+                raise InputError(f"{self.name}: asked for an exposure of {time:g} s, it is at {found:g} s")
+            self._exposed_s = time
+
+    def skip(self) -> None:
+        self._sites()
+
+    def frame(self) -> Shot:
+        """(height, width, 3) of a colour sensor, each quad a pixel; (height, width) of a grey one; 16 bit."""
+        sites, white = self._sites(), float((1 << self._bits) - 1)
+        if self._colours is None:
+            return grey(sites, 0.0, white)
+        return binned(sites, self._colours, np.zeros((2, 2)), white)
+
+    def _sites(self) -> NDArray[np.unsignedinteger]:
+        """Of a frame whose exposure begins now. InputError where none comes."""
+        throw, within_ms = self._pylon.TimeoutHandling_ThrowException, round(1e3 * (self._exposed_s + ANSWER_S))
+        why = ""
+        with self._answering():
+            for _ in range(TRIES):
+                self._camera.WaitForFrameTriggerReady(within_ms, throw)
+                self._camera.ExecuteSoftwareTrigger()
+                with self._camera.RetrieveResult(within_ms, throw) as result:
+                    if result.GrabSucceeded():
+                        return np.array(result.Array)
+                    why = result.ErrorDescription
+        raise InputError(
+            f"{self.name}: {TRIES} frames in a row were damaged ({one_line(why)}); try another cable or port"
+        )
+
+    def _set_by_hand(self) -> None:
+        for name in OFF:
+            self._set(name, "Off")
+        for name in NOT:
+            self._set(name, "0")
+        gamma = self._node("Gamma")
+        if gamma is not None:
+            gamma.Value = 1.0
+        self._set("ExposureMode", "Timed")
+        for names in LOWEST:
+            node = self._first(names)
+            if node is not None:
+                node.Value = node.Min
+
+    def _choose_format(self) -> tuple[NDArray[np.intp] | None, int]:
+        """The finest format of the sensor's sites: colours of its mosaic, None for grey, and bits."""
+        formats = self._node("PixelFormat")
+        offered: Sequence[str] = formats.Symbolics if formats is not None else ()
+        for bits in BITS:
+            for first, colours in MOSAICS.items():
+                if f"Bayer{first}{bits}" in offered:
+                    self._set("PixelFormat", f"Bayer{first}{bits}")
+                    return np.array(colours), bits
+        for bits in BITS:
+            if f"Mono{bits}" in offered:
+                self._set("PixelFormat", f"Mono{bits}")
+                return None, bits
+        raise InputError(
+            f"{self.name}: offers {', '.join(offered) or 'no formats'}; expected Bayer or Mono of 8 to 16 bits"
+        )
+
+    def _trigger_by_hand(self) -> None:
+        """One frame for each time that it is told; other triggers, of bursts, stay off."""
+        selector = self._node("TriggerSelector")
+        for name in () if selector is None else selector.Symbolics:
+            self._set("TriggerSelector", name)
+            self._set("TriggerMode", "On" if name == "FrameStart" else "Off")
+        self._set("TriggerSelector", "FrameStart")
+        self._set("TriggerMode", "On")
+        self._set("TriggerSource", "Software")
+
+    def _set(self, name: str, value: str) -> None:
+        node = self._node(name)
+        if node is not None and node.ToString() != value:
+            node.FromString(value)
+            if node.ToString() != value:
+                raise InputError(f"{self.name}: keeps {name} at {node.ToString()}, expected {value}; set it by hand")
+
+    def _first(self, names: Sequence[str]) -> Any:
+        """The first of the settings that it has."""
+        return next((node for name in names if (node := self._node(name)) is not None), None)
+
+    def _node(self, name: str) -> Any:
+        """A setting; None where the camera lacks it, or cannot change it now."""
+        node = self._camera.GetNodeMap().GetNode(name)
+        return node if node is not None and self._genicam.IsWritable(node) else None
+
+    @contextmanager
+    def _answering(self) -> Iterator[None]:
+        """Whatever pylon throws becomes one line."""
+        try:
+            if not self._camera.IsOpen():
+                raise InputError(f"{self.name}: is unplugged; {AGAIN}")
+            yield
+        except self._genicam.TimeoutException:
+            raise InputError(f"{self.name}: gives no more frames; {AGAIN}") from None
+        except self._genicam.GenericException as error:
+            what = "is unplugged" if self._camera.IsCameraDeviceRemoved() else _said(error)
+            raise InputError(f"{self.name}: {what}; {AGAIN}") from None
+
+
+@contextmanager
+def open_machine_vision_eye(wanted: str) -> Iterator[MachineVisionEye]:
+    """The camera with that serial number, or else the camera of that number among those found, from 0.
+
+    InputError if there is none, or another program has it.
+    """
+    pylon, genicam = _libraries()
+    factory = pylon.TlFactory.GetInstance()
+    found = list(factory.EnumerateDevices())
+    serials = [device.GetSerialNumber() for device in found]
+    if wanted in serials:
+        chosen = found[serials.index(wanted)]
+    elif wanted.isdecimal() and int(wanted) < len(found):
+        chosen = found[int(wanted)]
+    else:
+        names = (f"{i}: {device.GetModelName()} {serials[i]}" for i, device in enumerate(found))
+        raise InputError(
+            f"--camera pylon:{wanted}: no such camera, found: {', '.join(names) or 'none'}; plug it in, or give a "
+            "serial number or number of these"
+        )
+    camera = pylon.InstantCamera()
+    try:
+        try:
+            camera.Attach(factory.CreateDevice(chosen))
+            camera.Open()
+        except genicam.GenericException as error:
+            raise InputError(
+                f"pylon {chosen.GetModelName()} {chosen.GetSerialNumber()}: cannot be opened ({_said(error)}); close "
+                "the program that uses it, or check your rights to it"
+            ) from None
+        yield MachineVisionEye(camera)
+    finally:
+        with suppress(genicam.GenericException):
+            camera.Close()
+
+
+def _libraries() -> tuple[Any, Any]:
+    """pypylon's pylon and genicam; InputError where it is not installed."""
+    try:
+        with warnings.catch_warnings():  # of its making; with warnings as errors the import ends the process
+            warnings.simplefilter("ignore")
+            from pypylon import genicam, pylon
+    except ImportError:
+        raise InputError("--camera pylon: needs an extra package: pip install 'counterlight[pylon]'") from None
+    return pylon, genicam
+
+
+def _said(error: Exception) -> str:
+    """What pylon says, without the place in its source."""
+    return one_line(str(error).partition(" : ")[0].rstrip(". "))

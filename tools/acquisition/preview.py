@@ -1,0 +1,160 @@
+"""The camera's live picture while it is aimed, focused and exposed; the acquisition begins, or not, when that is done.
+
+The projector shows white, a focus card or black. While it is white it goes black for a moment now and then, which tells
+where in the view its picture is.
+"""
+
+import argparse
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+
+from counterlight.errors import InputError
+from counterlight.gl.monitors import Monitor, find_monitor, list_monitors
+from counterlight.gl.preview_window import CLOSED, PreviewWindow
+from counterlight.overlay.osd import Legend, Page
+from counterlight.pipeline.test_cards import card
+from counterlight.tools.acquisition.aiming import Framing, brightest, framing, sharpness, shown
+from counterlight.tools.acquisition.cameras.aim_folder import AimedFolder
+from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
+from counterlight.tools.acquisition.cameras.live import Eye, LiveCamera, Screen
+from counterlight.tools.acquisition.cameras.window import WindowScreen
+from counterlight.tools.acquisition.rig import open_rig
+
+STEPS = 3  # of exposure, to twice as much
+CARDS = ("white", "focus", "black")
+FILLED = 0.75  # of a monitor's sides
+BLINK_S, SELDOM = 3.0, 4  # between blinks: seconds, and times what one takes
+SETTLED = 6  # frames until a picture has surely arrived
+CLIPPED = (255, 0, 160)  # a colour that rooms lack
+GAP = 24  # pixels between windows
+KEYS = "+ − exposure   c card   space begins   q ends"
+QUIT, BEGIN = ("q", "escape", CLOSED), ("space", "enter")
+
+
+def preview(options: argparse.Namespace) -> tuple[float, ...] | None:
+    """Aim the camera that the options name; the exposures to begin with, None if nothing is to begin.
+
+    Raises InputError as `open_rig` does, and where there is no monitor beside the projector's.
+    """
+    with open_rig(options) as (camera, projector):
+        if isinstance(camera, LiveCamera):
+            aim = _Aim(camera.screen, camera.eye, camera.exposures, max(SETTLED, camera.lag))
+        else:
+            folder = AimedFolder(Path(options.camera.partition(":")[2]), projector)
+            aim = _Aim(folder, folder, camera.exposures, None)
+        begins = aim.run(options.monitor)
+    return tuple(aim.factor * exposure for exposure in options.exposures or (1.0,)) if begins else None
+
+
+class _Aim:
+    """settled : frames until a picture has arrived; None where somebody else shows and photographs."""
+
+    def __init__(self, screen: Screen, eye: Eye, exposures: Exposures, settled: int | None) -> None:
+        self._screen, self._eye, self._exposures, self._settled = screen, eye, exposures, settled
+        self._steps, self._card, self._best = 0, 0, 0.0
+        self._framing: Framing | None = None
+        self._blinks_at = float("-inf")
+        self._said = ""
+
+    @property
+    def factor(self) -> float:
+        """What the exposures are to be multiplied by."""
+        return float(2 ** (self._steps / STEPS))
+
+    def run(self, projector: str | None) -> bool:
+        """Whether the acquisition is to begin."""
+        self._show_card()
+        if self._settled is not None:
+            self._eye.expose(self._exposures.shortest)
+        shot = self._eye.frame()
+        with _opened_window(shot, self._screen, projector) as window:
+            while True:
+                light = self._exposures.one(shot, 1.0)
+                clipped = self._exposures.saturated([shot] * len(self._exposures.times))
+                page = self._page(shot, light, float(clipped.mean()))
+                for key in window.show(shown(light, clipped, window.shape, CLIPPED), page):
+                    if key in (*QUIT, *BEGIN):
+                        return key in BEGIN
+                    self._press(key)
+                shot = self._next()
+
+    def _next(self) -> Shot:
+        """The next frame; after a blink now and then."""
+        if self._settled is not None and CARDS[self._card] == "white" and time.monotonic() > self._blinks_at:
+            began = time.monotonic()
+            self._framing = self._blink(self._settled)
+            ended = time.monotonic()
+            self._blinks_at = ended + max(BLINK_S, SELDOM * (ended - began))
+        return self._eye.frame()
+
+    def _blink(self, settled: int) -> Framing | None:
+        black, again = self._settled_frames(0, 2, settled)
+        (white,) = self._settled_frames(255, 1, settled)
+        return framing(*(self._exposures.one(shot, 1.0) for shot in (black, again, white)))
+
+    def _settled_frames(self, level: int, count: int, settled: int) -> list[Shot]:
+        self._screen.show(np.full((*self._screen.shape, 3), level, np.uint8))
+        for _ in range(settled):
+            self._eye.skip()
+        return [self._eye.frame() for _ in range(count)]
+
+    def _press(self, key: str) -> None:
+        if key == "c":
+            self._card = (self._card + 1) % len(CARDS)
+            self._best, self._blinks_at = 0.0, float("-inf")
+            self._show_card()
+        elif key in ("+", "=", "-"):
+            step, self._said = -1 if key == "-" else 1, ""
+            self._steps += step
+            try:
+                self._eye.expose(self._exposures.shortest * self.factor)
+            except InputError as error:
+                self._said = str(error)
+                self._steps -= step
+                with suppress(InputError):  # of a camera that cannot be set at all
+                    self._eye.expose(self._exposures.shortest * self.factor)
+
+    def _show_card(self) -> None:
+        drive = card(CARDS[self._card], self._screen.shape)
+        self._screen.show(np.rint(255 * drive ** (1 / 2.2)).astype(np.uint8))
+
+    def _page(self, shot: Shot, light: np.ndarray, clipped: float) -> Page:
+        sharp = sharpness(light)
+        self._best = max(self._best, sharp)
+        exposed = f"{self._exposures.shortest * self.factor:.3g} s" if self._eye.timed else f"×{self.factor:.2f}"
+        lines = [
+            f"{self._eye.name.partition(',')[0]}   exposure {exposed}   projector {CARDS[self._card]}",
+            f"brightest {100 * brightest(shot):.0f} % of the range   {100 * clipped:.2f} % clipped",
+            f"sharpness {sharp:.3g}   best {self._best:.3g}",
+        ]
+        if self._settled is not None:
+            lines.append(str(self._framing or "the projector's picture is not seen: switch it on, aim, expose longer"))
+        return Page((*lines, *([self._said] if self._said else []), KEYS), legends=(Legend(CLIPPED, "clipped"),))
+
+
+@contextmanager
+def _opened_window(shot: Shot, screen: Screen, projector: str | None) -> Iterator[PreviewWindow]:
+    """A window for pictures like `shot`, on a monitor that is not the projector's, beside the projector's window."""
+    monitor = preview_monitor(list_monitors(), projector)
+    height, width = shot.shape[:2]
+    scale = FILLED * min(monitor.height / height, monitor.width / width)
+    beside = screen.place[2] + GAP if isinstance(screen, WindowScreen) and projector is None else GAP
+    shape = max(1, round(scale * height)), max(1, round(scale * width))
+    window = PreviewWindow(shape, monitor, (beside, GAP))
+    try:
+        yield window
+    finally:
+        window.release()
+
+
+def preview_monitor(monitors: list[Monitor], projector: str | None) -> Monitor:
+    """The first that is not the projector; InputError if there is none."""
+    taken = None if projector is None else find_monitor(monitors, projector).name
+    free = [monitor for monitor in monitors if monitor.name != taken]
+    if not free:
+        raise InputError("--preview needs a monitor beside the projector's; connect one, or aim without --preview")
+    return free[0]
