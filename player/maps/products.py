@@ -4,6 +4,7 @@ Large ones run on all cores; for small ones, waking the other cores would take l
 """
 
 from collections.abc import Callable
+from types import FunctionType
 from typing import Any, TypeVar
 
 import numba
@@ -15,11 +16,23 @@ F = TypeVar("F", bound=Callable[..., object])
 LARGE = 1 << 16  # entries or values
 
 
+def kept(function: Any, **options: Any) -> Any:
+    """Compiled on first use, and kept for the next start where there is a folder to write to."""
+    try:
+        return numba.njit(cache=True, **options)(function)
+    except RuntimeError:  # neither beside its file nor in the user's cache
+        return numba.njit(**options)(function)
+
+
 def compiled(function: F) -> tuple[F, F]:
-    """A function whose outer loop is a `numba.prange`, compiled for one core and for all."""
-    one: Any = numba.njit(cache=True)(function)
-    all_cores: Any = numba.njit(parallel=True, cache=True)(function)
-    return one, all_cores
+    """A function whose outer loop is a `numba.prange`, compiled for one core and for all.
+
+    Each under a name of its own, by which Numba keeps what it has compiled: under one, either would be read for both.
+    """
+    given: Any = function
+    alone = FunctionType(given.__code__, given.__globals__, f"{given.__name__}_alone")
+    alone.__module__, alone.__qualname__ = given.__module__, alone.__name__
+    return kept(alone), kept(given, parallel=True)
 
 
 def product_of_channels(
@@ -51,11 +64,17 @@ def _product(
 _PRODUCT = compiled(_product)
 
 
-@numba.njit(cache=True)
 def transpose(
     indptr: NDArray[np.integer], indices: NDArray[np.integer], weights: FloatArray, columns: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], FloatArray]:
     """The transposes as rows: (columns + 1,), (entries,) and (entries, 3); entries of a row as the rows came."""
+    starts, rows, values = _TRANSPOSED(indptr, indices, weights, columns)
+    return starts, rows, values
+
+
+def _transposed(
+    indptr: NDArray[np.integer], indices: NDArray[np.integer], weights: FloatArray, columns: int
+) -> tuple[NDArray[np.int64], NDArray[np.int32], FloatArray]:
     starts = np.zeros(columns + 1, np.int64)
     for at in indices:
         starts[at + 1] += 1
@@ -67,3 +86,6 @@ def transpose(
             rows[to], values[to] = row, weights[k]
             place[indices[k]] += 1
     return starts, rows, values
+
+
+_TRANSPOSED = kept(_transposed)

@@ -13,6 +13,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.maps.products import kept
+
 Picture = NDArray[np.float32]
 Whole = NDArray[np.integer]
 REPLACE, ADD, SUBTRACT, CLAMP = range(4)  # how a product meets its base
@@ -28,10 +30,7 @@ def kernel(*signatures: str) -> Callable[[Callable[..., None]], Any]:
     options: dict[str, Any] = {"parallel": True, "error_model": "numpy"}
 
     def compiled(function: Callable[..., None]) -> Any:
-        try:
-            made = numba.njit(cache=True, **options)(function)
-        except RuntimeError:  # neither beside this file nor in the user's cache
-            made = numba.njit(**options)(function)
+        made = kept(function, **options)
         KERNELS.append((made, signatures))
         return made
 
