@@ -10,6 +10,7 @@ import pytest
 
 from counterlight import calibration
 from counterlight.errors import InputError
+from counterlight.tools.simulation import assembly
 from counterlight.tools.simulation.geometry import trace
 from counterlight.tools.simulation.needs import needs_of
 from counterlight.tools.simulation.scene import load_scene
@@ -244,6 +245,19 @@ def test_devices_that_see_nothing(tmp_path: Path) -> None:
         simulate(replace(scene, projector=replace(scene.projector, **away)))  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"need about .* GiB"):
         simulate(replace(scene, camera=scene.camera.resized(4096, 4096), samples=16))
+
+
+def test_a_matrix_that_would_not_fit_is_refused_when_that_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    row, column = (np.repeat(np.arange(10), 40), np.tile(np.arange(40), 10))
+    tenth = 400 * assembly.BYTES_AN_ENTRY
+    for most, fits in ((5.6 * tenth, True), (5.4 * tenth, False)):  # a tenth, and nine tenths of half its length
+        monkeypatch.setattr(assembly, "MAX_BYTES", int(most))
+        near = assembly.NearLight((100, 50), 0.0, "blurred")
+        if fits:
+            near.add_band(0, 10, row, column, np.ones((400, 3)))
+            continue
+        with pytest.raises(InputError, match=r"blurred: T would take about .* \(10 % of its rows take"):
+            near.add_band(0, 10, row, column, np.ones((400, 3)))
 
 
 @pytest.mark.parametrize(("name", "has_far"), [("wall", False), ("corner", True)])

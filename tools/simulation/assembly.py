@@ -11,6 +11,7 @@ from counterlight.maps.row_map import SparseRows
 
 MAX_BYTES = 6 << 30
 BYTES_AN_ENTRY = 4 + 3 * 4
+SHORTER = 0.5  # than the rows so far the others may be
 ADVICE = "lower samples or the devices' sizes, or raise threshold"
 
 
@@ -39,9 +40,16 @@ class NearLight:
         self._lengths.append(np.bincount(row, minlength=rows))
         self._columns.append((place % self.shape[1]).astype(np.int32))
         self._weights.append(weights.astype(np.float32))
-        if sum(column.size for column in self._columns) * BYTES_AN_ENTRY > MAX_BYTES:
-            done = 100 * (first + rows) / self.shape[0]
-            raise InputError(f"{self.name}: T fills {MAX_BYTES >> 30} GiB after {done:.0f} % of its rows; {ADVICE}")
+        self._refuse_what_cannot_fit((first + rows) / self.shape[0])
+
+    def _refuse_what_cannot_fit(self, done: float) -> None:
+        """InputError once T would be too large even if its other rows were half as long.  done : share of them."""
+        held = sum(column.size for column in self._columns) * BYTES_AN_ENTRY
+        if held * (1 + SHORTER * (1 / done - 1)) > MAX_BYTES:
+            raise InputError(
+                f"{self.name}: T would take about {held / done / 2**30:.0f} GiB ({100 * done:.0f} % of its rows take "
+                f"{held / 2**30:.2f}), at most {MAX_BYTES >> 30} are used; {ADVICE}"
+            )
 
     def rows(self) -> SparseRows:
         """T, float32."""
