@@ -18,8 +18,8 @@ from counterlight.tools.clusters.decomposition import (
     by_strength,
     cut,
     decomposed,
-    strongest_of_block,
 )
+from counterlight.tools.clusters.neighbourhoods import strongest_of_block
 
 FIRST_RADII = (1, 2, 3, 5, 7, 10, 15)  # the thesis' figure 4.8 shows 3 to 15
 WIDER_RADII = 2  # tried beyond the first that suffices: they may do with a smaller τ₁
@@ -66,6 +66,8 @@ def _cuts(graph: Connections, projector_shape: tuple[int, int], max_cluster: int
     found: list[_Cut] = []
     smallest = graph.shape[1]
     for radius, strongest in _neighbourhoods(graph, projector_shape):
+        if _blocks_of_one(graph, strongest) > max_cluster:  # in a dense T, thousands: no need to cut
+            continue
         size = _largest(graph, cut(graph, strongest, 1.0, 1.0)[0])
         smallest = min(smallest, size)
         if size <= max_cluster:
@@ -88,13 +90,19 @@ def _neighbourhoods(graph: Connections, projector_shape: tuple[int, int]) -> Ite
     camera_pixels = np.unique(graph.camera).size
     previous = 0
     for radius in _radii(projector_shape):
-        strongest = strongest_of_block(graph, order, projector_shape[1], radius)
+        strongest = strongest_of_block(graph, order, projector_shape, radius)
         blocks = int(np.count_nonzero(strongest == np.arange(strongest.size)))
         if blocks != previous:
             yield radius, strongest
         if blocks == camera_pixels:
             return
         previous = blocks
+
+
+def _blocks_of_one(graph: Connections, strongest: IntArray) -> int:
+    """The most blocks of a camera pixel; each keeps a projector pixel of its own, however much is cut."""
+    middles = np.flatnonzero(strongest == np.arange(strongest.size))
+    return int(np.bincount(graph.camera[middles]).max(initial=0))
 
 
 def _smallest_tau_1(graph: Connections, strongest: IntArray, max_cluster: int) -> float:
