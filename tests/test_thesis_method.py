@@ -1,4 +1,4 @@
-"""build --method thesis: near and far light in one T, cut, energy fitted, plain pseudo-inverse (thesis 4.2.2 to 5.1)."""
+"""build --method thesis: near and far light in one T, cut, its energy fitted, inverted plainly (thesis 4.2.2, 5.1)."""
 
 import tomllib
 from pathlib import Path

@@ -222,8 +222,8 @@ def build_maps(
 ) -> RoomMaps:
     """The maps that the player multiplies with, as `counterlight build` makes them.
 
-    preset : fast, balanced or best.  options : damping, max_error, max_cluster, parameters, noise, method, inverse, which
-    prevail (counterlight.tools.inverse.inverse.InverseOptions).  refine : with what only refinement needs.
+    preset : fast, balanced or best.  options : damping, max_error, max_cluster, parameters, noise, method, inverse,
+    which prevail (counterlight.tools.inverse.inverse.InverseOptions).  refine : with what only refinement needs.
     colour : instead of the room's.
     """
     from counterlight.tools.inverse import presets

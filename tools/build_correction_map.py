@@ -126,7 +126,7 @@ def _parser() -> argparse.ArgumentParser:
         "--radius",
         type=float,
         metavar="PIXELS",
-        help="cut by this neighbourhood of projector pixels and --tau-1, in place of --max-cluster (thesis, Appendix A)",
+        help="cut by --tau-1 in neighbourhoods of this radius (thesis, Appendix A), in place of --max-cluster",
     )
     parser.add_argument(
         "--tau-1",

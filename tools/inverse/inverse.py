@@ -69,7 +69,8 @@ class InverseOptions:
             self._check_uncut()
         if self.parameters is not None and self.max_cluster is not None:
             raise InputError(
-                f"--radius {self.parameters.radius:g}: --max-cluster {self.max_cluster} finds its own; leave one of them out"
+                f"--radius {self.parameters.radius:g}: --max-cluster {self.max_cluster} finds its own; leave one of "
+                "them out"
             )
         if self.method == "thesis" and self.damping:
             raise InputError(
