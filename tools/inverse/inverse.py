@@ -257,7 +257,8 @@ class _Work:
         shapes, given = (self.mask.shape, self.projector_shape), self.options.parameters
         if given is not None:
             return given, decompose(self.near, *shapes, given)
-        return decompose_to(self.near, *shapes, min(self.options.largest, self.near.columns))
+        size, named = min(self.options.largest, self.near.columns), self.options.max_cluster is not None
+        return decompose_to(self.near, *shapes, size, or_smallest=self.options.method == "thesis" and not named)
 
     def inverted(
         self, near: SparseRows, decomposition: tuple[Parameters, Report] | None, *, must_pay: bool

@@ -86,7 +86,7 @@ class Uncompensated:
     family: str = "uncompensated"
     knob: str = ""
     value: float | None = None
-    command: str = "counterlight play --no-compensation"
+    command: str = "counterlight build --inverse none; counterlight play --no-compensation"
 
     def prepare(self, room: StudyRoom) -> Prepared:
         gl = _direct_bench(room).gl
@@ -108,8 +108,8 @@ class Direct:
     command: str = "counterlight compensate --solver direct"
 
     def prepare(self, room: StudyRoom) -> Prepared:
-        maps, seconds = room.refinement
-        return _prepared(_direct_bench(room), 0, seconds, maps.direct.nbytes, None)
+        mapped, seconds = room.direct
+        return _prepared(_direct_bench(room), 0, seconds, mapped.nbytes, None)
 
 
 @dataclass(frozen=True)
@@ -257,6 +257,6 @@ def _direct_bench(room: StudyRoom) -> Bench:
     """Direct mapping in place of T⁺: it divides by all light, so none is taken out before."""
     return room.bench(
         "direct",
-        lambda: RoomMaps(room.refinement[0].direct, room.near_map, None, None, room.white, mixing=room.tier.mixing),
+        lambda: RoomMaps(room.direct[0], room.near_map, None, None, room.white, mixing=room.tier.mixing),
         "map",
     )
