@@ -11,10 +11,11 @@ from scipy.optimize import brentq
 import counterlight as cl
 from counterlight.pipeline.content import reachable_white
 from counterlight.tools.inverse.damping import largest_singular_value
+from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.solve.registry import SOLVERS
-from counterlight.tools.transport.transport import Csr, channels, stacked
+from counterlight.tools.transport.transport import Csr, FarLight, channels, stacked
 from tests.one_channel import linear_system, solve
 from tests.rooms import blurred_transport
 
@@ -36,6 +37,7 @@ class HardCase:
 
     T : (camera pixels, projector pixels), what a method is given.  target : b = c − e, (camera pixels,).
     camera, projector : (height, width).  truth : the transport that the camera sees by; T if None.
+    far : the part of T that a map takes out of the picture before it inverts the rest; None if there is none.
     """
 
     name: str
@@ -44,6 +46,7 @@ class HardCase:
     camera: tuple[int, int]
     projector: tuple[int, int]
     truth: Csr | None = None
+    far: FarLight | None = None
 
     @cached_property
     def dense(self) -> FloatArray:
@@ -222,10 +225,31 @@ def misaligned(pixels: float) -> HardCase:
 def far_light(share: float) -> HardCase:
     """A wall a little out of focus whose camera pixels all see the whole room's light, so many times as bright."""
     wall = defocused_wall(1e2)
-    around = rng(13).uniform(0.8, 1.2, wall.T.shape[0])[:, None] * rng(14).uniform(0.8, 1.2, wall.T.shape[1])
-    T = Csr(wall.dense + share * around / wall.T.shape[1])
+    leaves, arrives = rng(13).uniform(0.8, 1.2, wall.T.shape[0]), rng(14).uniform(0.8, 1.2, wall.T.shape[1])
+    arrives *= share / wall.T.shape[1]
+    T = Csr(wall.dense + leaves[:, None] * arrives)
     target = (1 + share) * wall.target
-    return replace(wall, name=f"far light, {share:g} times the near", T=T, target=target)
+    return replace(wall, name=f"far light, {share:g} times the near", T=T, target=target, far=_smooth(leaves, arrives))
+
+
+def far_light_and_dark_paint(share: float) -> HardCase:
+    """A quarter of a wall in focus is painted nearly black; b asks for as much of it as of the rest.
+
+    A drive that is not clamped goes far beyond white there, and takes the far light of that for given everywhere.
+    """
+    wall = defocused_wall(1e1)
+    paint = np.where(np.arange(wall.camera[1]) < 3 * wall.camera[1] // 4, 1.0, 0.02)
+    dense = wall.dense * np.tile(paint, wall.camera[0])[:, None]
+    arrives = np.full(wall.T.shape[1], share / wall.T.shape[1])
+    far = _smooth(np.ones(wall.T.shape[0]), arrives)
+    target = wall.target + share * float(np.mean(wall.target))
+    T = Csr(dense + written_out(far))
+    return replace(wall, name=f"dark paint, far light {share:g}", T=T, target=target, far=far)
+
+
+def _smooth(leaves: FloatArray, arrives: FloatArray) -> FarLight:
+    """Far light of one cell.  leaves : (camera pixels,).  arrives : (projector pixels,)."""
+    return FarLight.from_matrices((Csr(arrives[None]),) * 3, np.ones((3, 1, 1)), (Csr(leaves[:, None]),) * 3)
 
 
 def two_projectors(apart: float) -> HardCase:
@@ -281,6 +305,7 @@ def all_cases() -> Iterator[HardCase]:
     yield from (capture_noise(share) for share in (0.01, 0.05))
     yield from (misaligned(pixels) for pixels in (0.25, 1.0))
     yield from (far_light(share) for share in (1.0, 10.0))
+    yield far_light_and_dark_paint(0.3)
     yield two_projectors(0.1)
     yield from targets()
     wall = defocused_wall(1e4)
@@ -299,6 +324,31 @@ def by_map(damping: float | None, max_cluster: int | None, case: HardCase) -> Ap
     largest = None if max_cluster is None else min(max_cluster, case.T.shape[1])
     T_pinv = channels(inverse_of(case, InverseOptions(damping, KEEP_ALL, largest)).T_pinv)[1]
     return lambda b: np.asarray(T_pinv @ b)
+
+
+def by_split(damping: float | None, passes: int, case: HardCase) -> Apply:
+    """The near light inverted, the far light of its drive taken out before: of the drive as it is, or, again and
+    again, as it is after the clamp.
+    """
+    if case.far is None:
+        return by_map(damping, None, case)
+    near = replace(case, T=Csr(np.maximum(case.dense - written_out(case.far), 0)))
+    S_pinv = inverse_of(near, InverseOptions(damping, KEEP_ALL)).T_pinv
+    undo = undo_far_light(case.far, S_pinv)
+
+    def drive(b: FloatArray) -> FloatArray:
+        wanted = np.repeat(b[:, None], 3, axis=1)
+        p = S_pinv.apply(wanted - undo.apply(wanted))
+        for _ in range(passes):
+            p = S_pinv.apply(wanted - case.far.apply(np.clip(p, 0, 1)))
+        return np.asarray(p[:, 1])
+
+    return drive
+
+
+def written_out(far: FarLight) -> FloatArray:
+    """U M D of one channel, (camera pixels, projector pixels)."""
+    return np.asarray(channels(far.scatter)[1] @ far.mix[1] @ channels(far.gather)[1].toarray())
 
 
 def inverse_of(case: HardCase, options: InverseOptions) -> Inverse:
@@ -339,4 +389,11 @@ METHODS: dict[str, Callable[[HardCase], Apply]] = {
     "map 0.1": partial(by_map, 0.1, None),
     "map auto": partial(by_map, None, None),
     "map auto cut": partial(by_map, None, CUT),
+}
+SPLIT: dict[str, Callable[[HardCase], Apply]] = {  # far light by itself, or, as the thesis has it, in one T that is cut
+    "thesis": partial(by_map, 0.0, CUT),
+    "split none": partial(by_split, 0.0, 0),
+    "split none, clamped": partial(by_split, 0.0, 2),
+    "split 0.1": partial(by_split, 0.1, 0),
+    "split 0.1, clamped": partial(by_split, 0.1, 2),
 }

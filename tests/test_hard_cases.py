@@ -332,3 +332,19 @@ def test_damping_too_small_to_matter_keeps_its_bound(name: str, fraction: float)
     assert np.linalg.norm(T_pinv, 2) <= (1 + 1e-6) / (2 * damping)
     b = T @ np.full(T.shape[1], 0.5)
     assert np.linalg.norm(T @ T_pinv @ b - b) <= (damping / 2 + 1e-6 * np.linalg.norm(T)) * 0.5 * np.sqrt(T.shape[1])
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3, 1.0])
+def test_far_light_of_a_drive_that_is_not_clamped_spoils_what_is_within_reach(share: float) -> None:
+    """Of a plain inverse, apart or in one T with the near light; the clamp, the thesis' cut, or damping saves it."""
+    case = hard.far_light_and_dark_paint(share)
+    found = {name: case.error(np.clip(make(case)(case.target), 0, 1)) for name, make in hard.SPLIT.items()}
+    best = case.error(drive(case, "box"))
+    plain = found["split none"] - best
+    assert case.error(drive(case, "map none")) - best == pytest.approx(plain, rel=0.05)  # one fixed point, float32
+    assert found["split none, clamped"] - best < 0.5 * plain
+    assert found["thesis"] - best < 0.2 * plain
+    assert found["split 0.1"] - best < 0.2 * plain
+    assert found["split 0.1, clamped"] == pytest.approx(
+        found["split 0.1"], abs=1e-3
+    )  # damped, there is nothing to gain

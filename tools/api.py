@@ -222,8 +222,8 @@ def build_maps(
 ) -> RoomMaps:
     """The maps that the player multiplies with, as `counterlight build` makes them.
 
-    preset : fast, balanced or best.  options : damping, max_error, max_cluster, noise, method, inverse, which prevail
-    (counterlight.tools.inverse.inverse.InverseOptions).  refine : with what only refinement needs.
+    preset : fast, balanced or best.  options : damping, max_error, max_cluster, parameters, noise, method, inverse,
+    which prevail (counterlight.tools.inverse.inverse.InverseOptions).  refine : with what only refinement needs.
     colour : instead of the room's.
     """
     from counterlight.tools.inverse import presets
@@ -232,7 +232,7 @@ def build_maps(
 
     if preset is not None and preset not in PRESETS:
         raise InputError(f"preset {preset!r}: expected one of {', '.join(PRESETS)}{nearest(preset, PRESETS)}")
-    if options.get("max_cluster") is not None:
+    if options.get("max_cluster") is not None or options.get("parameters") is not None:
         options = {"inverse": "cut"} | options
     wanted = replace(InverseOptions() if preset is None else presets.PRESETS[preset], **options)
     return build(_coloured(room, colour).tier, wanted, refine=refine).maps

@@ -6,12 +6,17 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from counterlight.command import Parser, run
+from counterlight.errors import InputError
 from counterlight.tools.choices import INVERSE_METHODS, INVERSES, PRESETS
 from counterlight.tools.colour.option import add_colour
 from counterlight.tools.objective_options import add_objective_options
 from counterlight.writing.outputs import check_folder
+
+if TYPE_CHECKING:
+    from counterlight.tools.clusters.decomposition import Parameters
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -30,12 +35,18 @@ def _main(argv: Sequence[str] | None) -> None:
 
     if options.preset is not None:  # what is given beside it prevails
         preset = presets.PRESETS[options.preset]
-        inverse = preset.inverse if options.max_cluster is None else "cut"
+        inverse = preset.inverse if options.max_cluster is None and options.radius is None else "cut"
         parser.set_defaults(regularize=preset.damping, max_error=preset.max_error, inverse=inverse)
         options = parser.parse_args(argv)
     start = time.monotonic()
     inverse_options = InverseOptions(
-        options.regularize, options.max_error, options.max_cluster, options.noise, options.method, options.inverse
+        options.regularize,
+        options.max_error,
+        options.max_cluster,
+        options.noise,
+        options.method,
+        options.inverse,
+        _parameters(options),
     )
     if options.report is not None:
         check_folder(options.report, inputs=[options.calibration])
@@ -58,6 +69,19 @@ def _damping(text: str) -> float | None:
         return float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected auto, none or a number from 0 to 1, found {text!r}") from None
+
+
+def _parameters(options: argparse.Namespace) -> "Parameters | None":
+    """Of the cut, if they were given: a radius and τ₁ belong together."""
+    from counterlight.tools.clusters.decomposition import Parameters
+
+    radius, tau_1, tau_2 = options.radius, options.tau_1, options.tau_2
+    if radius is None and tau_1 is None and tau_2 is None:
+        return None
+    if radius is None or tau_1 is None:
+        missing = "--radius" if radius is None else "--tau-1"
+        raise InputError(f"{missing}: not given; a cut by hand takes --radius and --tau-1, and --tau-2 if it is not 1")
+    return Parameters(radius, tau_1, 1.0 if tau_2 is None else tau_2)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -96,13 +120,33 @@ def _parser() -> argparse.ArgumentParser:
         type=int,
         metavar="PIXELS",
         help="--inverse cut, into clusters of at most this many projector pixels: a smaller, less accurate map, above "
-        "all out of focus (default 1000)",
+        "all out of focus (default 1000; 200 with --method thesis)",
+    )
+    parser.add_argument(
+        "--radius",
+        type=float,
+        metavar="PIXELS",
+        help="cut by --tau-1 in neighbourhoods of this radius (thesis, Appendix A), in place of --max-cluster",
+    )
+    parser.add_argument(
+        "--tau-1",
+        type=float,
+        metavar="SHARE",
+        help="with --radius: connections of at most this share of their neighbourhood's strongest are cut",
+    )
+    parser.add_argument(
+        "--tau-2",
+        type=float,
+        metavar="SHARE",
+        help="with --radius: a projector pixel that was cut off gets back connections of at least this share of its "
+        "strongest (default 1)",
     )
     parser.add_argument(
         "--method",
         default="auto",
         metavar="|".join(INVERSE_METHODS),
-        help="invert clusters whole, through windows, or as their sizes allow (default auto, which says what and why)",
+        help="invert clusters whole, through windows, or as their sizes allow (default auto, which says what and why); "
+        "or all as the thesis does: near and far light in one T, cut, plain pseudo-inverses, and no steps in playback",
     )
     parser.add_argument(
         "--noise",

@@ -2,7 +2,7 @@
 
 COLOURS = ("auto", "independent", "global", "pixel")  # tools/colour/tiers.py
 OUTSIDE = ("black", "continue")  # tools/transport/objective.py
-INVERSE_METHODS = ("auto", "clustered", "windowed")  # tools/inverse/method.py
+INVERSE_METHODS = ("auto", "clustered", "windowed", "thesis")  # tools/inverse/method.py
 INVERSES = ("auto", "whole", "cut", "none")  # tools/inverse/inverse.py
 PRESETS = ("fast", "balanced", "best")  # tools/inverse/presets.py
 SCHEMES = ("hierarchical", "multiplexed", "pixels", "blocks", "graycode")  # tools/acquire_transport.py

@@ -5,6 +5,7 @@ transport : near light, projector picture -> camera picture (what the camera wil
 far : the far light's factors D, M, U, if the room has any: projector picture -> cells -> cells -> camera picture.
 undo : D' and M', which predict the far light of a *compensated* picture from the desired one, so that it can be
 subtracted before T⁺: p = T⁺ (b − U M' D' b), the fixed point of p = T⁺ (b − U M D p); see tools/inverse/far_light.py.
+None without far light, and where T⁺ is of near and far light in one (build --method thesis).
 refinement : what the player's projected gradient steps need beside T: TᵀW, step sizes, a prior, and direct mapping to
 start from.
 mixing : how the camera's colours mix the primaries; all of these maps are of the transport T̃ beyond it (mixing.py).
@@ -115,8 +116,9 @@ class RoomMaps:
     def named(self) -> dict[str, RowMap]:
         """Every distinct map with the folder it is stored in, relative to correction/."""
         maps = {".": self.correction, "transport": self.transport}
-        if self.far is not None and self.undo is not None:
+        if self.far is not None:
             maps |= {"far_gather": self.far.gather, "far_mix": self.far.mix, "far_scatter": self.far.scatter}
+        if self.undo is not None:
             maps |= {"undo_gather": self.undo.gather, "undo_mix": self.undo.mix}  # U is shared: far_scatter
         if self.refinement is not None:
             maps |= {"dual": self.refinement.dual, "direct": self.refinement.direct}
@@ -215,7 +217,7 @@ def _read_maps(stored: StoredCalibration, refinement: bool, words: bool) -> Room
     far = undo = further = None
     if "far_mix" in maps:
         far = FarMaps(maps["far_gather"], maps["far_mix"], maps["far_scatter"])
-        undo = FarMaps(maps["undo_gather"], maps["undo_mix"], far.scatter)
+        undo = FarMaps(maps["undo_gather"], maps["undo_mix"], far.scatter) if "undo_mix" in maps else None
     if "dual" in maps:
         dual = FarMaps(maps["dual_gather"], maps["dual_mix"], maps["dual_scatter"]) if far else None
         projector, camera = stored.calibration.projector.shape, stored.calibration.camera.shape
@@ -259,7 +261,8 @@ def _sizes(manifest: Table, stored: StoredCalibration, *, refinement: bool) -> d
     if "far_mix" in listed:
         cells = row_map.shapes(listed.table("far_mix"))[0]
         ends |= {"far_gather": (projector, cells), "far_mix": (cells, cells), "far_scatter": (cells, camera)}
-        ends |= {"undo_gather": (camera, cells), "undo_mix": (cells, cells)}
+        if "undo_gather" in listed or "undo_mix" in listed:
+            ends |= {"undo_gather": (camera, cells), "undo_mix": (cells, cells)}
         if dual:
             ends |= {"dual_gather": (camera, cells), "dual_mix": (cells, cells), "dual_scatter": (cells, projector)}
     if dual:

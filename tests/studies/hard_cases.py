@@ -33,6 +33,7 @@ from tests.hard_systems import (
     METHODS,
     NOISE,
     REFINED,
+    SPLIT,
     Apply,
     HardCase,
     all_cases,
@@ -42,7 +43,7 @@ from tests.hard_systems import (
 )
 
 FloatArray = NDArray[np.float64]
-TRIED = METHODS | REFINED
+TRIED = METHODS | REFINED | SPLIT
 CUT_CONDITIONS = (4.0, 1e2, 1e4, 1e8)
 
 

@@ -30,6 +30,7 @@ from counterlight.maps.row_map import SparseRows
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.clusters.connections import Connections, connections_of
 from counterlight.tools.clusters.energy import fit_composition
+from counterlight.tools.clusters.neighbourhoods import strongest_of_block
 
 
 @dataclass(frozen=True)
@@ -86,33 +87,13 @@ def decompose(
     Raises InputError if T has another size, or entries that are negative or not finite.
     """
     graph = connections_of(near, camera_shape, projector_shape)
-    strongest = strongest_of_block(graph, by_strength(graph), projector_shape[1], parameters.radius)
+    strongest = strongest_of_block(graph, by_strength(graph), projector_shape, parameters.radius)
     return decomposed(graph, *cut(graph, strongest, parameters.tau_1, parameters.tau_2))
 
 
 def by_strength(graph: Connections) -> IntArray:
     """Connections ordered by camera pixel, the strongest first, ties by projector pixel."""
     return np.lexsort((-graph.luminance, graph.camera))
-
-
-def strongest_of_block(graph: Connections, order: IntArray, projector_width: int, radius: float) -> IntArray:
-    """ComputeNeighborhoodBlocks of Appendix A: for each connection, the strongest connection of its block.
-
-    One round makes one block of every camera pixel that has connections left.
-    order : from `by_strength`.  Returns (connections,) indices of connections.
-    """
-    if radius < 1:
-        return np.arange(order.size)
-    strongest = np.empty(order.size, np.int64)
-    y, x = np.divmod(graph.projector, projector_width)
-    left = order
-    while left.size:
-        first = np.flatnonzero(np.diff(graph.camera[left], prepend=-1))
-        middle = np.repeat(left[first], np.diff(first, append=left.size))
-        near = (x[left] - x[middle]) ** 2 + (y[left] - y[middle]) ** 2 <= radius * radius
-        strongest[left[near]] = middle[near]
-        left = left[~near]
-    return strongest
 
 
 def cut(graph: Connections, strongest: IntArray, tau_1: float, tau_2: float) -> tuple[BoolArray, int]:

@@ -18,8 +18,8 @@ from counterlight.tools.clusters.decomposition import (
     by_strength,
     cut,
     decomposed,
-    strongest_of_block,
 )
+from counterlight.tools.clusters.neighbourhoods import strongest_of_block
 
 FIRST_RADII = (1, 2, 3, 5, 7, 10, 15)  # the thesis' figure 4.8 shows 3 to 15
 WIDER_RADII = 2  # tried beyond the first that suffices: they may do with a smaller τ₁
@@ -37,7 +37,12 @@ class _Cut:
 
 
 def decompose_to(
-    near: SparseRows, camera_shape: tuple[int, int], projector_shape: tuple[int, int], max_cluster: int
+    near: SparseRows,
+    camera_shape: tuple[int, int],
+    projector_shape: tuple[int, int],
+    max_cluster: int,
+    *,
+    or_smallest: bool = False,
 ) -> tuple[Parameters, Decomposition]:
     """Decompose T so that no cluster has more than `max_cluster` projector pixels, and say with which settings.
 
@@ -49,7 +54,8 @@ def decompose_to(
 
     Reinserted connections make sizes not strictly monotone in τ₁ and radius, so milder settings that would do may be
     missed; the settings returned have been checked.
-    Arguments and errors as in `decompose`; InputError also if max_cluster < 1, or less than any settings reach.
+    Arguments and errors as in `decompose`; InputError also if max_cluster < 1, or less than any settings reach, unless
+    `or_smallest`: then the smallest clusters that were reached are taken.
     """
     if max_cluster < 1:
         raise InputError(f"--max-cluster {max_cluster}: expected at least 1 projector pixel")
@@ -57,23 +63,29 @@ def decompose_to(
     everything = np.ones(graph.camera.size, bool)
     if _largest(graph, everything) <= max_cluster:
         return Parameters(0, 0), decomposed(graph, everything, 0)
-    best = max(_cuts(graph, projector_shape, max_cluster), key=lambda found: found.light)
+    best = max(_cuts(graph, projector_shape, max_cluster, or_smallest), key=lambda found: found.light)
     return best.parameters, decomposed(graph, best.keep, best.saved_pixels)
 
 
-def _cuts(graph: Connections, projector_shape: tuple[int, int], max_cluster: int) -> list[_Cut]:
-    """The mildest sufficient cut of the first radius that has one, and of the next two; InputError if none has."""
+def _cuts(graph: Connections, projector_shape: tuple[int, int], max_cluster: int, or_smallest: bool) -> list[_Cut]:
+    """The mildest sufficient cut of the first radius that has one, and of the next two.
+
+    If none has: the one that comes closest if `or_smallest`, else InputError.
+    """
     found: list[_Cut] = []
-    smallest = graph.shape[1]
+    smallest, closest = graph.shape[1] + 1, None
     for radius, strongest in _neighbourhoods(graph, projector_shape):
+        if _blocks_of_one(graph, strongest) > max_cluster:  # in a dense T, thousands: no need to cut
+            continue
         size = _largest(graph, cut(graph, strongest, 1.0, 1.0)[0])
-        smallest = min(smallest, size)
+        if size < smallest:
+            smallest, closest = size, (radius, strongest)
         if size <= max_cluster:
-            parameters = Parameters(radius, _smallest_tau_1(graph, strongest, max_cluster))
-            keep, saved_pixels = cut(graph, strongest, parameters.tau_1, 1.0)
-            found.append(_Cut(parameters, keep, saved_pixels, float(np.sum(graph.luminance[keep]))))
+            found.append(_cut(graph, radius, strongest, _smallest_tau_1(graph, strongest, max_cluster)))
         if len(found) > WIDER_RADII:
             break
+    if not found and or_smallest and closest is not None:
+        return [_cut(graph, *closest, 1.0)]
     if not found:
         raise InputError(
             f"--max-cluster {max_cluster}: the smallest that this transport was cut to has {smallest} projector pixels "
@@ -82,19 +94,30 @@ def _cuts(graph: Connections, projector_shape: tuple[int, int], max_cluster: int
     return found
 
 
+def _cut(graph: Connections, radius: float, strongest: IntArray, tau_1: float) -> _Cut:
+    keep, saved_pixels = cut(graph, strongest, tau_1, 1.0)
+    return _Cut(Parameters(radius, tau_1), keep, saved_pixels, float(np.sum(graph.luminance[keep])))
+
+
 def _neighbourhoods(graph: Connections, projector_shape: tuple[int, int]) -> Iterator[tuple[int, IntArray]]:
     """Growing radii and the strongest connection of each block, until a camera pixel's block is all that it sees."""
     order = by_strength(graph)
     camera_pixels = np.unique(graph.camera).size
     previous = 0
     for radius in _radii(projector_shape):
-        strongest = strongest_of_block(graph, order, projector_shape[1], radius)
+        strongest = strongest_of_block(graph, order, projector_shape, radius)
         blocks = int(np.count_nonzero(strongest == np.arange(strongest.size)))
         if blocks != previous:
             yield radius, strongest
         if blocks == camera_pixels:
             return
         previous = blocks
+
+
+def _blocks_of_one(graph: Connections, strongest: IntArray) -> int:
+    """The most blocks of a camera pixel; each keeps a projector pixel of its own, however much is cut."""
+    middles = np.flatnonzero(strongest == np.arange(strongest.size))
+    return int(np.bincount(graph.camera[middles]).max(initial=0))
 
 
 def _smallest_tau_1(graph: Connections, strongest: IntArray, max_cluster: int) -> float:

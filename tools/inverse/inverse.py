@@ -15,7 +15,7 @@ from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.choices import INVERSE_METHODS, INVERSES
 from counterlight.tools.clusters.components import Clusters, find_clusters
-from counterlight.tools.clusters.decomposition import Parameters, Report
+from counterlight.tools.clusters.decomposition import Decomposition, Parameters, Report, decompose
 from counterlight.tools.clusters.finite import refuse_not_finite
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.inverse import memory
@@ -31,9 +31,10 @@ from counterlight.tools.inverse.priors import prior_matrices
 from counterlight.tools.inverse.windowed import FINEST_TOLERANCE, WindowedChannel, plan_windows, windowed_jobs
 from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.objective import Objective
-from counterlight.tools.transport.transport import CHANNELS, Csr, Transport, channels, luminance_matrix
+from counterlight.tools.transport.transport import CHANNELS, Csr, Transport, channels, in_one, luminance_matrix
 
 MAX_CLUSTER = 1000  # of a cut, projector pixels (thesis 4.2.2); smaller ones are worth no more than direct mapping
+THESIS_CLUSTER = 200  # of its own way: what its plain inverses bear (docs/hard_cases.md)
 GOLDEN_RATIO = (np.sqrt(5) - 1) / 2
 
 
@@ -46,9 +47,11 @@ class InverseOptions:
     inverse : of choices.INVERSES. `whole` inverts T as it is; `cut` decomposes it into clusters first (thesis 4.2.2);
     `none` leaves direct mapping, one entry a row, in the place of T⁺; `auto` is whole where that pays (price.py), else
     cut, else none.
-    max_cluster : of a cut, projector pixels of a cluster at most; None for 1000. A number asks for a cut.
+    max_cluster : of a cut, projector pixels of a cluster at most; None for 1000, 200 as the thesis. A number asks for a
+    cut.  parameters : of a cut, instead of those found for a size.
     noise : of T's entries, relative, standard deviation (0.01 is 1 %); 0 if unknown: then float32 rounding counts.
-    method : clusters inverted whole, through windows, or as their sizes allow (choices.INVERSE_METHODS).
+    method : clusters inverted whole, through windows, or as their sizes allow; or all as the thesis does: near and far
+    light in one T, cut, and plain pseudo-inverses of the clusters (choices.INVERSE_METHODS).
     """
 
     damping: float | None = None
@@ -57,12 +60,22 @@ class InverseOptions:
     noise: float = 0.0
     method: str = "auto"
     inverse: str = "auto"
+    parameters: Parameters | None = None
 
     def __post_init__(self) -> None:
         if self.inverse not in INVERSES:
             raise InputError(f"--inverse {self.inverse}: expected {', '.join(INVERSES)}")
-        if self.max_cluster is not None and self.inverse in ("whole", "none"):
-            raise InputError(f"--inverse {self.inverse}: cuts nothing; leave --max-cluster {self.max_cluster} out")
+        if self.inverse in ("whole", "none"):
+            self._check_uncut()
+        if self.parameters is not None and self.max_cluster is not None:
+            raise InputError(
+                f"--radius {self.parameters.radius:g}: --max-cluster {self.max_cluster} finds its own; leave one of "
+                "them out"
+            )
+        if self.method == "thesis" and self.damping:
+            raise InputError(
+                f"--regularize {self.damping:g}: --method thesis takes plain pseudo-inverses; leave one of them out"
+            )
         if self.damping is not None and not 0 <= self.damping <= 1:
             raise InputError(f"--regularize {self.damping}: expected auto, none, or a number from 0 to 1")
         if not 0 <= self.max_error <= 255:
@@ -74,12 +87,34 @@ class InverseOptions:
         if self.method not in INVERSE_METHODS:
             raise InputError(f"--method {self.method}: expected {', '.join(INVERSE_METHODS)}")
 
+    def _check_uncut(self) -> None:
+        cutting = {
+            "--method thesis": self.method == "thesis",
+            f"--max-cluster {self.max_cluster}": self.max_cluster is not None,
+            "--radius": self.parameters is not None,
+        }
+        for option, given in cutting.items():
+            if given:
+                raise InputError(f"--inverse {self.inverse}: cuts nothing; leave {option} out")
+
+    @property
+    def settled(self) -> "InverseOptions":
+        """With what follows from the method: the thesis damps nothing."""
+        return replace(self, damping=0.0) if self.method == "thesis" else self
+
+    @property
+    def largest(self) -> int:
+        """Projector pixels of a cluster of a cut."""
+        return self.max_cluster or (THESIS_CLUSTER if self.method == "thesis" else MAX_CLUSTER)
+
     @property
     def asked(self) -> str:
         """Which inverse, where the other options leave no choice."""
+        if self.method == "thesis":
+            return "thesis"
         if self.inverse != "auto":
             return self.inverse
-        if self.max_cluster is not None:
+        if self.max_cluster is not None or self.parameters is not None:
             return "cut"
         hardly_damped = self.damping is not None and self.damping < LEAST_DAMPING
         return "whole" if self.method != "auto" or hardly_damped else "auto"
@@ -91,7 +126,7 @@ class Inverse:
 
     T_pinv : (projector pixels, camera pixels).
     truncation : (projector pixels, 3), certified change by what was left out and by rounding, drive.
-    chosen : whole, cut or none.  reason : why, in words, if that was not asked for.
+    chosen : whole, cut or none, or thesis for its own way.  reason : why, in words, if that was not asked for.
     decomposition : the settings and outcome if T was decomposed.
     method : what was inverted whole and what through windows.
     damping : λ / σ₁; damping_errors : the candidates' errors if λ was chosen.
@@ -121,6 +156,24 @@ class Inverse:
         """Camera and projector pixels of the cluster with the most projector pixels."""
         label = int(np.argmax(self.clusters.projector_sizes))
         return int(self.clusters.camera_sizes[label]), int(self.clusters.projector_sizes[label])
+
+
+def invert_as_the_thesis(
+    transport: Transport,
+    mask: NDArray[np.bool_],
+    projector_shape: tuple[int, int],
+    reach: FloatArray,
+    white: float,
+    options: InverseOptions,
+) -> Inverse:
+    """T⁺ of near and far light in one T, cut, its energy fitted (thesis 4.2.2, 4.2.3, 5.1): no far light is left.
+
+    Arguments as of `invert_near_light`; no weights but the mask's, and no prior: the thesis knows none.
+    """
+    inside = transport.inside(mask)
+    if inside.far is not None:
+        memory.check_in_one(int(mask.sum()), inside.shape[1])
+    return invert_near_light(in_one(inside), mask, projector_shape, reach, white, options)
 
 
 def invert_near_light(
@@ -154,7 +207,7 @@ def invert_near_light(
     if chosen in ("auto", "whole"):
         found = work.inverted(scaled, None, must_pay=chosen == "auto")
         chosen, reason = ("cut", found) if isinstance(found, str) else ("whole", "")
-    if chosen == "cut":
+    if chosen in ("cut", "thesis"):
         found = work.cut(must_pay=options.asked == "auto")
         if isinstance(found, str):
             chosen, reason = "none", f"{reason}; cut, {found}"
@@ -193,13 +246,19 @@ class _Work:
     def cut(self, *, must_pay: bool) -> "Inverse | str":
         """T⁺ of T cut into clusters; a reason against it if it has to pay."""
         try:
-            size = min(self.options.max_cluster or MAX_CLUSTER, self.near.columns)
-            parameters, cut = decompose_to(self.near, self.mask.shape, self.projector_shape, size)
+            parameters, cut = self._decomposed()
         except InputError as error:
             if must_pay:
                 return str(error)
             raise
         return self.inverted(cut.near, (parameters, cut.report), must_pay=must_pay)
+
+    def _decomposed(self) -> tuple[Parameters, Decomposition]:
+        shapes, given = (self.mask.shape, self.projector_shape), self.options.parameters
+        if given is not None:
+            return given, decompose(self.near, *shapes, given)
+        size, named = min(self.options.largest, self.near.columns), self.options.max_cluster is not None
+        return decompose_to(self.near, *shapes, size, or_smallest=self.options.method == "thesis" and not named)
 
     def inverted(
         self, near: SparseRows, decomposition: tuple[Parameters, Report] | None, *, must_pay: bool

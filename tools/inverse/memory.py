@@ -22,6 +22,7 @@ WORK_BYTES = 24 * 8  # of a block inverted whole, per entry: three channels, the
 ENTRY_BYTES = 70  # of T⁺, per entry: pieces, joined rows, the packed texture (58 measured, far light apart)
 NORMAL_BYTES = 3 * 40  # of TᵀT, per entry: three channels, while they are added up
 ROOM_BYTES, PIXEL_BYTES = 250, 400  # of a room's maps while they are made, an entry of T, a pixel of both sides
+IN_ONE_BYTES = 150  # of a T that is made dense and cut, per entry: its rows, its graph and what orders that
 FORETELLING_SHARE = 0.02  # of the rows, after which the entries of all are foretold
 SAMPLE_COLUMNS = 64
 
@@ -57,6 +58,13 @@ def check_room(entries: int, pixels: int) -> None:
     """Before anything: what a room of so many entries a channel, camera and projector pixels needs at the least."""
     needed = ROOM_BYTES * float(entries) + PIXEL_BYTES * float(pixels)
     check(needed, f"a room of {entries / 1e6:.0f} million entries", "use --no-refine, or a smaller camera or projector")
+
+
+def check_in_one(camera_pixels: int, projector_pixels: int) -> None:
+    """Before near and far light are written out in one T, (almost) dense.  camera_pixels : inside the mask."""
+    what = f"near and far light in one T, of {camera_pixels}x{projector_pixels} entries,"
+    remedy = "leave --method thesis out, or use a smaller camera or projector"
+    check(IN_ONE_BYTES * float(camera_pixels) * projector_pixels, what, remedy)
 
 
 def normal_entries(T: Csr) -> float:

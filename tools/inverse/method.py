@@ -33,7 +33,7 @@ class Method:
 def choose_method(clusters: Clusters, asked: str, damping: float | None) -> Method:
     """Clusters are inverted whole as far as time and memory allow, and through windows beyond.
 
-    asked : of INVERSE_METHODS; `clustered` and `windowed` do so with all clusters.
+    asked : of INVERSE_METHODS; `clustered` and `windowed` do so with all clusters, `thesis` has no windows.
     damping : λ/σ₁, None if to be chosen.
     Raises InputError where windows would be needed for an (almost) undamped inverse, whose rows do not decay.
     """
@@ -46,10 +46,13 @@ def choose_method(clusters: Clusters, asked: str, damping: float | None) -> Meth
     windowed = np.ones(clusters.count, bool) if asked == "windowed" else wide | heavy
     if windowed.any() and not damped:
         size = int(clusters.projector_sizes[windowed].max())
+        option, remedy = f"--regularize {damping or 'none'}", f"--regularize auto, a number from {LEAST_DAMPING:g}"
+        if asked == "thesis":
+            option, remedy = "--method thesis", "a larger --radius or --tau-1"
         raise InputError(
-            f"--regularize {damping or 'none'}: a cluster of {size} projector pixels needs windows, and those need "
+            f"{option}: a cluster of {size} projector pixels needs windows, and those need "
             f"damping (at most {LARGEST_PLAIN}, or {LARGEST_BLOCK >> 20} million entries, are inverted whole without); "
-            f"use --regularize auto, a number from {LEAST_DAMPING:g}, or --max-cluster"
+            f"use {remedy}, or --max-cluster"
         )
     if asked == "windowed":
         return Method(windowed, "as asked")

@@ -7,20 +7,25 @@ import numpy as np
 
 from counterlight.calibration import Calibration, StoredCalibration
 from counterlight.maps import room_maps as maps
-from counterlight.maps.room_maps import FarMaps, RoomMaps
+from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, pack, unpack
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.far_light import undo_far_light
-from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
-from counterlight.tools.inverse.recommendation import Recommendation, recommended
+from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_as_the_thesis, invert_near_light
+from counterlight.tools.inverse.recommendation import AS_THE_THESIS, Recommendation, recommended
 from counterlight.tools.inverse.refinement_maps import pack_far, refinement_maps
 from counterlight.tools.inverse.words import words_of
 from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
 
-CHOSEN = {"whole": "the whole T⁺", "cut": "T⁺ cut into clusters", "none": "no T⁺, direct mapping"}
+CHOSEN = {
+    "whole": "the whole T⁺",
+    "cut": "T⁺ cut into clusters",
+    "none": "no T⁺, direct mapping",
+    "thesis": "T⁺ as the thesis computes it",
+}
 STARTED = {"previous": "it", "previous-direct": "direct mapping"}
 
 
@@ -59,6 +64,8 @@ class BuiltRoom:
         found = self.recommendation
         if found is None:
             return words
+        if not found.steps:
+            return f"{words}; play makes no step"
         return (
             f"{words}; in simulation {found.after(0):.1f} dB below the optimum without a step, "
             f"{found.after(found.steps):.2f} after the {found.steps} that play makes from {STARTED[found.start]}"
@@ -90,22 +97,18 @@ def build_maps(
     tier: Tier, options: InverseOptions, aims: ObjectiveOptions = DEFAULT_AIMS, *, refine: bool = True
 ) -> BuiltRoom:
     """Every row map of a room in memory; nothing is read or written.  Raises InputError for what cannot be inverted."""
-    transport, calibration, white = tier.transport, tier.calibration, tier.white
+    transport, calibration, white, options = tier.transport, tier.calibration, tier.white, options.settled
     camera, projector = calibration.camera.shape, calibration.projector.shape
     maps.check_white(white)
     reach = np.asarray(tier.mixing.brightest(white, tier.ambient), np.float64).reshape(-1, 3)
     objective = objective_of(tier.transport, tier.calibration, aims)
-    inverse = invert_near_light(
-        transport.near,
-        (objective.weights > 0).reshape(camera),
-        projector,
-        reach,
-        white,
-        options,
-        calibration.regions,
-        objective.weights,
-        objective.prior,
-    )
+    common = projector, reach, white, options
+    if options.method == "thesis":
+        inverse = invert_as_the_thesis(transport, calibration.mask, *common)
+    else:
+        mask = (objective.weights > 0).reshape(camera)
+        beside = calibration.regions, objective.weights, objective.prior
+        inverse = invert_near_light(transport.near, mask, *common, *beside)
     correction = pack(inverse.T_pinv, projector, camera)
     far, undo = _pack_far_light(transport, inverse, camera, projector)
     details = _details(inverse, correction, transport, options, aims)
@@ -115,12 +118,18 @@ def build_maps(
     outside = _light_outside(objective, inverse, tier)
     found = None
     if further is not None:
-        T_pinv = None if inverse.chosen == "none" else inverse.T_pinv
-        direct = unpack(further.direct)
-        found = recommended(objective, direct, T_pinv, packed.correction_in_steps, white, camera)
+        found = _recommended(objective, inverse, packed, further)
         packed = replace(packed, details=details | found.to_toml())
     packed = replace(packed, words=words_of(packed, options.max_error))
     return BuiltRoom(tier, inverse, packed, _summary(inverse, packed, outside), outside, found)
+
+
+def _recommended(objective: Objective, inverse: Inverse, packed: RoomMaps, further: RefinementMaps) -> Recommendation:
+    if inverse.chosen == "thesis":
+        return AS_THE_THESIS
+    direct, T_pinv = unpack(further.direct), None if inverse.chosen == "none" else inverse.T_pinv
+    camera = packed.transport.output_shape
+    return recommended(objective, direct, T_pinv, packed.correction_in_steps, packed.white, camera)
 
 
 def _light_outside(objective: Objective, inverse: Inverse, tier: Tier) -> float | None:
@@ -134,6 +143,8 @@ def _pack_far_light(
     if transport.far is None:
         return None, None
     far = pack_far(transport.far, camera, projector)
+    if inverse.chosen == "thesis":
+        return far, None
     undo = undo_far_light(transport.far, inverse.T_pinv)
     return far, pack_far(undo, camera, camera, far.scatter)
 

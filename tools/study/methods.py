@@ -34,7 +34,7 @@ MAX_ERRORS = (2.0, 8.0, 32.0)  # beside the default
 DAMPINGS = (0.01, 0.03, 0.1, 0.3)
 UNCUT = "T⁺"
 DEFAULTS = InverseOptions(inverse="whole")
-THESIS = InverseOptions(damping=0.0, max_cluster=200)
+THESIS = InverseOptions(method="thesis")  # clusters of at most 200
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Uncompensated:
     family: str = "uncompensated"
     knob: str = ""
     value: float | None = None
-    command: str = "counterlight play --no-compensation"
+    command: str = "counterlight build --inverse none; counterlight play --no-compensation"
 
     def prepare(self, room: StudyRoom) -> Prepared:
         gl = _direct_bench(room).gl
@@ -108,8 +108,8 @@ class Direct:
     command: str = "counterlight compensate --solver direct"
 
     def prepare(self, room: StudyRoom) -> Prepared:
-        maps, seconds = room.refinement
-        return _prepared(_direct_bench(room), 0, seconds, maps.direct.nbytes, None)
+        mapped, seconds = room.direct
+        return _prepared(_direct_bench(room), 0, seconds, mapped.nbytes, None)
 
 
 @dataclass(frozen=True)
@@ -131,14 +131,17 @@ class Map:
     @property
     def command(self) -> str:
         words = [f"--max-error {self.options.max_error:g}"] if self.options.max_error != DEFAULTS.max_error else []
+        if self.options.method != DEFAULTS.method:
+            words.append(f"--method {self.options.method}")
         if self.options.damping is not None:
             words.append(f"--regularize {self.options.damping:g}" if self.options.damping else "--regularize none")
         if self.options.max_cluster is not None:
             words.append(f"--max-cluster {self.options.max_cluster}")
         elif self.options.inverse != "auto":
             words.append(f"--inverse {self.options.inverse}")
-        start = f" --refine-from {self.start}" if self.steps and self.start != "map" else ""
-        return f"{' '.join(['counterlight build', *words])}; counterlight play --refine {self.steps}{start}"
+        start = f" --refine-from {self.start}" if self.steps else ""
+        half = " --path compute" if self.half else ""
+        return f"{' '.join(['counterlight build', *words])}; counterlight play --refine {self.steps}{start}{half}"
 
     def prepare(self, room: StudyRoom) -> Prepared:
         if self.options.damping == 0 and self.options.max_cluster is None and room.largest_cluster > LARGEST_DENSE:
@@ -198,7 +201,7 @@ class Solver:
 
 OURS = Map("refined from T⁺", "steps", DEFAULT_STEPS, steps=DEFAULT_STEPS)
 CUT = Map("refined from T⁺, cut", "steps", 4, InverseOptions(max_cluster=200), steps=4)
-PLAIN = Map("T⁺ plain, cut", "max-cluster", 200, THESIS)
+PLAIN = Map("T⁺ of the thesis", "max-cluster", THESIS.largest, THESIS)
 
 
 def catalogue() -> list[Method]:
@@ -211,23 +214,26 @@ def catalogue() -> list[Method]:
     methods += [
         replace(CUT, family="refined from direct", value=steps, steps=steps, start="direct") for steps in DIRECT_STEPS
     ]
-    methods += [replace(PLAIN, value=size, options=replace(THESIS, max_cluster=size)) for size in MAX_CLUSTERS]
-    return [*methods, Map("T⁺ plain", "", None, InverseOptions(0.0))]
+    return [*methods, PLAIN, Map("T⁺ plain", "", None, InverseOptions(0.0))]
 
 
 def uncut_knobs() -> list[Method]:
-    """The knobs of the uncut inverse; each of these inverts it once more."""
+    """The knobs of the uncut inverse, each of which inverts it once more, and of the thesis' cut of an uncut T."""
     methods: list[Method] = [
         Map(UNCUT, "max-error", error, InverseOptions(max_error=error, inverse="whole")) for error in MAX_ERRORS
     ]
-    return methods + [
+    methods += [
         Map("T⁺, λ given", "regularize", damping, InverseOptions(damping, inverse="whole")) for damping in DAMPINGS
     ]
+    sizes = [size for size in MAX_CLUSTERS if size != PLAIN.value]
+    return methods + [replace(PLAIN, value=size, options=replace(THESIS, max_cluster=size)) for size in sizes]
 
 
 def frame_bytes(maps: RoomMaps, steps: int, start: str) -> int:
     """Of the row maps that a frame reads."""
-    read = {"direct"} if steps and start == "direct" else {".", "undo_gather", "undo_mix", "far_scatter"}
+    read = {"direct"} if steps and start == "direct" else {".", "undo_gather", "undo_mix"}
+    if maps.undo is not None:
+        read |= {"far_scatter"}
     if steps:
         read |= {"transport", "far_gather", "far_mix", "far_scatter"}
         read |= {"dual", "dual_gather", "dual_mix", "dual_scatter"}
@@ -251,6 +257,6 @@ def _direct_bench(room: StudyRoom) -> Bench:
     """Direct mapping in place of T⁺: it divides by all light, so none is taken out before."""
     return room.bench(
         "direct",
-        lambda: RoomMaps(room.refinement[0].direct, room.near_map, None, None, room.white, mixing=room.tier.mixing),
+        lambda: RoomMaps(room.direct[0], room.near_map, None, None, room.white, mixing=room.tier.mixing),
         "map",
     )

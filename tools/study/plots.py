@@ -21,7 +21,7 @@ STYLES = {  # colour, marker
     "uncompensated": ("#888888", "X"),
     "direct": ("#8c564b", "P"),
     "T⁺ plain": ("#d62728", "v"),
-    "T⁺ plain, cut": ("#d62728", "s"),
+    "T⁺ of the thesis": ("#d62728", "s"),
     "T⁺, cut": ("#ff7f0e", "s"),
     "T⁺": ("#1f77b4", "o"),
     "T⁺, λ given": ("#17becf", "d"),

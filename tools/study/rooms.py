@@ -17,6 +17,7 @@ from counterlight.maps.row_map import RowMap, pack
 from counterlight.pipeline.room import Room
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.colour.tiers import Tier, tier_of
+from counterlight.tools.inverse.direct import direct_mapping
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.refinement_maps import refinement_maps
 from counterlight.tools.inverse.room import BuiltRoom, build_maps
@@ -145,6 +146,13 @@ class StudyRoom:
         return processor_seconds(
             lambda: refinement_maps(self.objective, self.calibration.camera.shape, self.calibration.projector.shape)
         )
+
+    @cached_property
+    def direct(self) -> tuple[RowMap, float]:
+        """Direct mapping as the thesis' 6.1 has it, without a prior, and its processor seconds."""
+        T, all_of_it = self.inside, np.ones((self.calibration.projector.pixels, 3))
+        shapes = self.calibration.projector.shape, self.calibration.camera.shape
+        return processor_seconds(lambda: pack(direct_mapping(T.near.transposed, T.composition(), all_of_it), *shapes))
 
     @cached_property
     def near_map(self) -> RowMap:

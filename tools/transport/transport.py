@@ -22,6 +22,7 @@ from counterlight.pipeline.operators import Light, Sum
 Csr: TypeAlias = sparse.csr_array  # scipy's stubs make it generic, scipy itself does not
 Shape: TypeAlias = tuple[int, int]
 CHANNELS = ("red", "green", "blue")
+ROWS_AT_ONCE = 256  # of a T that is made dense
 
 
 @dataclass(frozen=True)
@@ -133,6 +134,22 @@ class Transport:
         """What the camera pixels of a mask see, their rows empty outside it; entries of 0 left out."""
         far = None if self.far is None else replace(self.far, scatter=self.far.scatter.inside(mask.ravel()))
         return replace(self, near=self.near.inside(mask.ravel()), far=far)
+
+
+def in_one(transport: Transport) -> SparseRows:
+    """S + U M D entry by entry, float32, nothing left out but zeros: with far light, (almost) dense."""
+    if transport.far is None:
+        return transport.near
+    near, gather = (channels(part) for part in (transport.near, transport.far.gather))
+    bases = [U @ M for U, M in zip(channels(transport.far.scatter), transport.far.mix, strict=True)]
+    blocks = []
+    for start in range(0, transport.shape[0], ROWS_AT_ONCE):
+        some = slice(start, start + ROWS_AT_ONCE)
+        sums = [base[some] @ D + S[some].toarray() for base, D, S in zip(bases, gather, near, strict=True)]
+        blocks.append(dense_rows(np.stack(sums).astype(np.float32)).inside(np.ones(sums[0].shape[0], bool)))
+    lengths = np.concatenate([block.lengths for block in blocks])
+    indices, weights = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("indices", "weights"))
+    return SparseRows(np.concatenate([[0], np.cumsum(lengths)]), indices, weights, transport.shape[1])
 
 
 def stacked(matrices: Sequence[Csr]) -> SparseRows:

@@ -1,0 +1,85 @@
+"""Every command of docs/accuracy.md's table, run as a user runs it, gives the figure that the study states for it."""
+
+import shlex
+import shutil
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from counterlight.files import exr
+from counterlight.tools.study.measure import study_room
+from counterlight.tools.study.methods import catalogue, uncut_knobs
+from counterlight.tools.study.pictures import find_pictures
+from counterlight.tools.study.results import label
+from counterlight.tools.study.rooms import Task, open_room
+from tests.programs import succeed
+from tests.rooms import write_blurred_room
+
+PAGE = Path(__file__).parents[1] / "docs" / "accuracy.md"
+CAMERA, PROJECTOR, CELLS = (36, 40), (32, 32), 6  # more projector pixels than the largest cluster of the table
+METHODS = {label(each.family, each.knob, each.value): each for each in (*catalogue(), *uncut_knobs())}
+TOLERANCE_DB = 0.02  # the study's frames are OpenGL's, a file's are the processor's: float32 in another order
+
+
+def listed() -> list[str]:
+    """The methods of the page's first table."""
+    rows = PAGE.read_text(encoding="utf-8").split("\n| method |", 1)[1].split("\n\n", 1)[0].splitlines()[2:]
+    return [row.split("|")[1].strip().removesuffix(" (CPU)") for row in rows]
+
+
+class Commanded:
+    """A room with far light, a picture of radiance in a file, and the room built as often as there are ways to."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._original = folder, folder / "room"
+        write_blurred_room(self._original, np.random.default_rng(5), CAMERA, PROJECTOR, CELLS)
+        self.studied = open_room(self._original, CAMERA)
+        self.asked = find_pictures(["photograph"])[0]
+        self._picture = folder / "asked.exr"
+        self._task = Task(self.studied, self.asked)
+        radiance = self.studied.tier.mixing.as_radiance(self._task.desired)
+        exr.write_rgb(self._picture, np.asarray(radiance, np.float32))
+
+    @cached_property
+    def stated(self) -> dict[str, float]:
+        """What the study finds for every method of the page, dB below the optimum."""
+        rows = study_room(self.studied, [self.asked], [METHODS[name] for name in listed()]).rows
+        return {row.label: row.below_optimum_db for row in rows}
+
+    def found(self, commands: str) -> float:
+        """dB below the optimum of the drive that the last of these commands writes."""
+        room, output = self._original, self._folder / "drive.exr"
+        for words in map(shlex.split, commands.split("; ")):
+            _, verb, *options = words
+            if verb == "build":
+                room = self._built(options)
+            elif verb == "play":
+                succeed(verb, room, self._picture, *options, "--output", output)
+            else:
+                succeed(verb, room, self._picture, *options, "-o", output)
+        drive = np.asarray(exr.read_rgb(output), np.float64).reshape(-1, 3)
+        return self._task.judge(np.clip(drive, 0, 1)).below_optimum
+
+    def _built(self, options: list[str]) -> Path:
+        room = self._folder / "_".join(["room", *options])
+        if not room.exists():
+            shutil.copytree(self._original, room)
+            succeed("build", room, *options)
+        return room
+
+
+@pytest.fixture(scope="module")
+def commanded(tmp_path_factory: pytest.TempPathFactory) -> Commanded:
+    return Commanded(tmp_path_factory.mktemp("commands"))
+
+
+def test_the_page_lists_methods_of_the_study() -> None:
+    assert set(listed()) <= METHODS.keys()
+    assert len(listed()) > 10
+
+
+@pytest.mark.parametrize("name", listed())
+def test_a_command_gives_the_studys_figure(commanded: Commanded, name: str) -> None:
+    assert commanded.found(METHODS[name].command) == pytest.approx(commanded.stated[name], abs=TOLERANCE_DB)
