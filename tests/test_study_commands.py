@@ -20,6 +20,9 @@ from tests.rooms import write_blurred_room
 PAGE = Path(__file__).parents[1] / "docs" / "accuracy.md"
 CAMERA, PROJECTOR, CELLS = (36, 40), (32, 32), 6  # more projector pixels than the largest cluster of the table
 METHODS = {label(each.family, each.knob, each.value): each for each in (*catalogue(), *uncut_knobs())}
+# What the study's figure is of, and the command's is not: a picture stretched over the projector's raster, which one of
+# radiance is not; direct mapping without the weights by which the solver counts camera pixels.
+OTHERWISE = ("uncompensated", "direct")
 TOLERANCE_DB = 0.02  # the study's frames are OpenGL's, a file's are the processor's: float32 in another order
 
 
@@ -80,6 +83,6 @@ def test_the_page_lists_methods_of_the_study() -> None:
     assert len(listed()) > 10
 
 
-@pytest.mark.parametrize("name", listed())
+@pytest.mark.parametrize("name", [name for name in listed() if name not in OTHERWISE])
 def test_a_command_gives_the_studys_figure(commanded: Commanded, name: str) -> None:
     assert commanded.found(METHODS[name].command) == pytest.approx(commanded.stated[name], abs=TOLERANCE_DB)
