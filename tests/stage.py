@@ -21,7 +21,7 @@ from counterlight.show.registry import Commands
 from counterlight.show.session import Session
 from counterlight.show.show import Show
 
-MEASURED = PathReport("fragment", 16, 12.5, 25.0)
+MEASURED = PathReport("fragment", 16, None, {"fragment": 12.5, "compute": 25.0})
 SQUARE: Corners = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
 
 
