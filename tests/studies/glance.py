@@ -22,7 +22,7 @@ ROOMS = {
     "glass": "behind a figure of glass",
     "two_planes": "two planes, one out of focus",
 }
-CAMERA, PROJECTOR = "400x300", "320x240"
+CAMERA, PROJECTOR = "240x180", "192x144"
 SHOWN_AT_S, FRAMES, RATE = 2.0, 48, 12
 GAP, LABEL, INK = 8, 26, 40
 Picture = NDArray[np.uint8]
