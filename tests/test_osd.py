@@ -90,7 +90,7 @@ def test_letters_that_only_the_system_has_are_asked_of_it(monkeypatch: pytest.Mo
 def test_every_key_is_read_on_some_page_of_any_window(window: tuple[int, int]) -> None:
     names = "abcdefghijklmnopqrstuvwxyz0123456789"
     cells = [f"{key}\twhat the key {key} does, in a line of some length" for key in names]
-    found = pages(cells, window)
+    found = pages(tuple(cells), window)
     said = [cell for page in found for line in page.lines for cell in line.split("\t")]
     assert sorted(name for name in said if len(name) == 1) == sorted(names)
     assert " ".join(" ".join(said).split()).count("what the key") == len(cells)

@@ -6,6 +6,7 @@ Pages are data; `draw` makes pixels of them, which the window shows at its upper
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +113,8 @@ def draw(page: Page, window: tuple[int, int]) -> NDArray[np.uint8]:
     return pixels
 
 
-def pages(cells: Sequence[str], window: tuple[int, int]) -> list[Page]:
+@lru_cache(maxsize=4)  # of keys, as long as they are shown
+def pages(cells: tuple[str, ...], window: tuple[int, int]) -> tuple[Page, ...]:
     """Cells, each a name and its meaning a tab apart, on as few pages as hold them in letters that can be read.
 
     Side by side in as many columns as let them fit, up to three; where even one is too wide, meanings are broken.
@@ -122,11 +124,11 @@ def pages(cells: Sequence[str], window: tuple[int, int]) -> list[Page]:
     whole = [count for count in narrow if extents[count][0] <= window[0]]
     if whole:
         largest = max(whole, key=lambda count: min(window[0] / extents[count][0], window[1] / extents[count][1]))
-        return [Page(_beside(cells, largest))]
+        return (Page(_beside(cells, largest)),)
     lines = _beside(cells, narrow[-1]) if narrow else _broken(cells, window[1])
     rows = max(int((window[0] / SMALLEST_SCALE - 2 * MARGIN) // LINE_HEIGHT) - 1, 1)
     parts = [lines[first : first + rows] for first in range(0, len(lines), rows)]
-    return [Page((*part, f"{number} of {len(parts)}; ? goes on")) for number, part in enumerate(parts, 1)]
+    return tuple(Page((*part, f"{number} of {len(parts)}; ? goes on")) for number, part in enumerate(parts, 1))
 
 
 def _beside(cells: Sequence[str], columns: int) -> tuple[str, ...]:

@@ -43,7 +43,7 @@ class Overlay:
         session = self._session
         text, opacity = session.message.text, session.message.opacity
         if session.help_page:
-            help_pages = pages(self._keys.help_cells(placing=session.placing is not None), session.display.size)
+            help_pages = pages(tuple(self._keys.help_cells(placing=session.placing is not None)), session.display.size)
             if session.help_page <= len(help_pages):
                 return help_pages[session.help_page - 1]
             session.help_page = 0
