@@ -199,10 +199,11 @@ def invert_near_light(
     roots = np.sqrt(weights)
     scaled = near.scaled(roots)
     refuse_not_finite(scaled, np.zeros((1, len(CHANNELS))))
-    if luminance_matrix(scaled).nnz == 0:
+    whole = luminance_matrix(scaled)
+    if whole.nnz == 0:
         raise InputError("no camera pixel inside the mask sees the projector; check the mask and the transport")
     _check_max_cluster(options, near.columns)
-    work = _Work(scaled, mask, projector_shape, reach * roots[:, None], white, options, regions, roots, prior)
+    work = _Work(scaled, whole, mask, projector_shape, reach * roots[:, None], white, options, regions, roots, prior)
     chosen, reason, found = options.asked, "", None
     if chosen in ("auto", "whole"):
         found = work.inverted(scaled, None, must_pay=chosen == "auto")
@@ -212,15 +213,15 @@ def invert_near_light(
         if isinstance(found, str):
             chosen, reason = "none", f"{reason}; cut, {found}"
     if not isinstance(found, Inverse):
-        found = _directly_mapped(near.inside(roots > 0), scaled, weights, prior)
+        found = _directly_mapped(near.inside(roots > 0), whole, weights, prior)
     return replace(found, chosen=chosen, reason=reason)
 
 
-def _directly_mapped(near: SparseRows, scaled: SparseRows, weights: FloatArray, prior: Prior | None) -> Inverse:
+def _directly_mapped(near: SparseRows, whole: Csr, weights: FloatArray, prior: Prior | None) -> Inverse:
     """Direct mapping of the near light in the place of T⁺."""
     objective = Objective(Transport(near), weights, prior, np.ones(near.columns))
     rows = direct_mapping(objective.dual.near, objective.T.composition(), objective.heard)
-    clusters = find_clusters(luminance_matrix(scaled))
+    clusters = find_clusters(whole)
     method = Method(np.zeros(clusters.count, bool), "nothing is inverted")
     nothing = np.zeros((near.columns, len(CHANNELS)))
     return Inverse(rows, nothing, clusters, None, method, 0.0, {}, nothing[:, 0], 0.0)
@@ -230,10 +231,11 @@ def _directly_mapped(near: SparseRows, scaled: SparseRows, weights: FloatArray, 
 class _Work:
     """What is to be inverted and how; each row of T and reach is times the root of its weight.
 
-    Fields as of `invert_near_light`.
+    Fields as of `invert_near_light`.  whole : near's luminance.
     """
 
     near: SparseRows
+    whole: Csr
     mask: NDArray[np.bool_]
     projector_shape: tuple[int, int]
     reach: FloatArray
@@ -264,7 +266,7 @@ class _Work:
         self, near: SparseRows, decomposition: tuple[Parameters, Report] | None, *, must_pay: bool
     ) -> "Inverse | str":
         """T⁺ of these rows; a reason against it, before the work, if it has to pay."""
-        light = luminance_matrix(near)
+        light = self.whole if near is self.near else luminance_matrix(near)
         clusters = find_clusters(light)
         method = choose_method(clusters, self.options.method, self.options.damping)
         price = price_of_clusters(clusters, ~method.windowed)
@@ -313,7 +315,7 @@ class _Work:
         noise = [noise_of_matrix(T, self.options.noise) for T in matrices]
         floor = max(float(n / sigma) for n, sigma in zip(noise, sigmas, strict=True))
         white = self.white * self.roots.reshape(self.mask.shape)
-        return choose_damping(light, white, self.mask, luminance_matrix(self.near), floor)
+        return choose_damping(light, white, self.mask, self.whole, floor)
 
 
 def _largest_singular_values(matrices: tuple[Csr, ...]) -> FloatArray:
