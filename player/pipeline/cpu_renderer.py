@@ -14,9 +14,9 @@ from counterlight.media.frames import PixelFormat
 from counterlight.pipeline import compiled, reference
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.compiled_passes import NOTHING, PASSES, Drawn, Picture, Whole, clip_sums, flat
-from counterlight.pipeline.device import LONG_BYTES, NearLight, Operation, Pass, PathReport, Planes, StoredMaps
+from counterlight.pipeline.device import NearLight, Operation, Pass, Planes, StoredMaps
 from counterlight.pipeline.placement import shown_shape
-from counterlight.pipeline.reference_renderer import FLAGS, Adapter, Function, Held, ReferenceDevice, signal
+from counterlight.pipeline.reference_renderer import FLAGS, Adapter, Function, Held, Maps, ReferenceDevice, signal
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
@@ -51,7 +51,7 @@ class CpuDevice(ReferenceDevice):
         return Drawn(PASSES[shader], shape, uniforms | flags)
 
     def store(self, room: Room, path: str) -> StoredMaps:
-        return _Maps(room, path)
+        return Maps(room, path, _Map)
 
     def planes(self, pixels: PixelFormat) -> Planes:
         return _Planes(pixels)
@@ -86,19 +86,6 @@ class _Rare(Held):
     def run(self, **pictures: Any) -> Picture:
         self._twin.run(**pictures)
         return self.target
-
-
-class _Maps(Held):
-    weighs = False
-
-    def __init__(self, room: Room, path: str) -> None:
-        self.room, self.report = room, PathReport(path, LONG_BYTES)
-        self._stored: dict[int, _Map] = {}
-
-    def of(self, packed: RowMap) -> "_Map":
-        if id(packed) not in self._stored:
-            self._stored[id(packed)] = _Map(packed)
-        return self._stored[id(packed)]
 
 
 class _Map(Held):

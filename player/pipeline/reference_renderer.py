@@ -14,7 +14,7 @@ from counterlight.pipeline.adaptation import Limits, SumsOf
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
 from counterlight.pipeline.colour import Decoding, decoding_of
 from counterlight.pipeline.content import Succession, approach
-from counterlight.pipeline.device import LONG_BYTES, NearLight, Operation, Pass, PathReport, StoredMaps
+from counterlight.pipeline.device import LONG_BYTES, NearLight, Operation, Pass, PathReport, StoredMap, StoredMaps
 from counterlight.pipeline.drift import moved
 from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
@@ -85,7 +85,7 @@ class ReferenceDevice:
         return Twin(TWINS[shader], shape, uniforms)
 
     def store(self, room: Room, path: str) -> StoredMaps:
-        return _Maps(room, path)
+        return Maps(room, path, _Map)
 
     def planes(self, pixels: PixelFormat) -> device.Planes:
         return Planes(pixels)
@@ -141,16 +141,19 @@ class Twin(Held):
         self.target = np.zeros((*self._shape, 3))
 
 
-class _Maps(Held):
+class Maps(Held):
+    """store : how a map is kept for products with it; each is, when first asked for."""
+
     weighs = False
 
-    def __init__(self, room: Room, path: str) -> None:
+    def __init__(self, room: Room, path: str, store: Callable[[RowMap], StoredMap]) -> None:
         self.room, self.report = room, PathReport(path, LONG_BYTES)
-        self._stored: dict[int, _Map] = {}
+        self._store = store
+        self._stored: dict[int, StoredMap] = {}
 
-    def of(self, packed: RowMap) -> "_Map":
+    def of(self, packed: RowMap) -> StoredMap:
         if id(packed) not in self._stored:
-            self._stored[id(packed)] = _Map(packed)
+            self._stored[id(packed)] = self._store(packed)
         return self._stored[id(packed)]
 
 
