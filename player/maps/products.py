@@ -16,12 +16,16 @@ F = TypeVar("F", bound=Callable[..., object])
 LARGE = 1 << 16  # entries or values
 
 
-def kept(function: Any, **options: Any) -> Any:
-    """Compiled on first use, and kept for the next start where there is a folder to write to."""
-    try:
-        return numba.njit(cache=True, **options)(function)
-    except RuntimeError:  # neither beside its file nor in the user's cache
-        return numba.njit(**options)(function)
+def kept(**options: Any) -> Callable[[Any], Any]:
+    """Compiled on first use, and kept for the next start where there is a folder to write to.  options : of njit."""
+
+    def jitted(function: Any) -> Any:
+        try:
+            return numba.njit(cache=True, **options)(function)
+        except RuntimeError:  # neither beside its file nor in the user's cache
+            return numba.njit(**options)(function)
+
+    return jitted
 
 
 def compiled(function: F) -> tuple[F, F]:
@@ -32,7 +36,7 @@ def compiled(function: F) -> tuple[F, F]:
     given: Any = function
     alone = FunctionType(given.__code__, given.__globals__, f"{given.__name__}_alone")
     alone.__module__, alone.__qualname__ = given.__module__, alone.__name__
-    return kept(alone), kept(given, parallel=True)
+    return kept()(alone), kept(parallel=True)(given)
 
 
 def product_of_channels(
@@ -64,17 +68,11 @@ def _product(
 _PRODUCT = compiled(_product)
 
 
+@kept()
 def transpose(
     indptr: NDArray[np.integer], indices: NDArray[np.integer], weights: FloatArray, columns: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], FloatArray]:
     """The transposes as rows: (columns + 1,), (entries,) and (entries, 3); entries of a row as the rows came."""
-    starts, rows, values = _TRANSPOSED(indptr, indices, weights, columns)
-    return starts, rows, values
-
-
-def _transposed(
-    indptr: NDArray[np.integer], indices: NDArray[np.integer], weights: FloatArray, columns: int
-) -> tuple[NDArray[np.int64], NDArray[np.int32], FloatArray]:
     starts = np.zeros(columns + 1, np.int64)
     for at in indices:
         starts[at + 1] += 1
@@ -86,6 +84,3 @@ def _transposed(
             rows[to], values[to] = row, weights[k]
             place[indices[k]] += 1
     return starts, rows, values
-
-
-_TRANSPOSED = kept(_transposed)

@@ -30,7 +30,7 @@ def kernel(*signatures: str) -> Callable[[Callable[..., None]], Any]:
     options: dict[str, Any] = {"parallel": True, "error_model": "numpy"}
 
     def compiled(function: Callable[..., None]) -> Any:
-        made = kept(function, **options)
+        made = kept(**options)(function)
         KERNELS.append((made, signatures))
         return made
 

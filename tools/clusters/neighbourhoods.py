@@ -4,11 +4,11 @@ A camera pixel of a dense T has thousands of blocks, and each is a few additions
 the whole graph again for every block.
 """
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import IntArray
+from counterlight.maps.products import kept
 from counterlight.tools.clusters.connections import Connections
 
 
@@ -26,7 +26,7 @@ def strongest_of_block(
     return np.asarray(_strongest(order, ends, graph.projector, *projector_shape, float(radius)))
 
 
-@numba.njit(cache=True)
+@kept()
 def _strongest(
     order: NDArray[np.int64],
     ends: NDArray[np.int64],

@@ -10,17 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
+from counterlight.maps.products import kept
 from counterlight.maps.row_map import SparseRows
 
 PARTS, WIDE = (16, 4), 1 << 18  # fewer parts where each holds a picture of more than so many projector pixels
 
 
-@numba.njit(cache=True)
+@kept()
 def _parts(columns):  # type: ignore[no-untyped-def]
     return PARTS[0] if columns <= WIDE else PARTS[1]
 
 
-@numba.njit(cache=True)
+@kept()
 def _seen_nodes(q, k, corners, weights, F, M):  # type: ignore[no-untyped-def]
     """q (projector nodes, 3): what row k of diag(F) Φ M says of each node."""
     q[:] = 0
@@ -34,7 +35,7 @@ def _seen_nodes(q, k, corners, weights, F, M):  # type: ignore[no-untyped-def]
                 q[node, c] += share * row[node, c]
 
 
-@numba.njit(cache=True)
+@kept()
 def _at(q, j, c, corners, weights, G):  # type: ignore[no-untyped-def]
     """The model's entry at column j."""
     total = 0.0
@@ -43,7 +44,7 @@ def _at(q, j, c, corners, weights, G):  # type: ignore[no-untyped-def]
     return total * G[j, c]
 
 
-@numba.njit(parallel=True, cache=True)
+@kept(parallel=True)
 def concentrated(indptr, indices, weights, labels, shares, peak, crowd):  # type: ignore[no-untyped-def]
     """Whether an entry is no far light by where its row's light comes from, (entries,).
 
@@ -67,7 +68,7 @@ def concentrated(indptr, indices, weights, labels, shares, peak, crowd):  # type
     return apart
 
 
-@numba.njit(parallel=True, cache=True)
+@kept(parallel=True)
 def projected(  # type: ignore[no-untyped-def]
     indptr, indices, weights, apart, relative, limit, F, G, M, camera, camera_weights, projector, projector_weights
 ):
@@ -106,7 +107,7 @@ def projected(  # type: ignore[no-untyped-def]
     return mixed.sum(axis=0), seen, sent.sum(axis=0)
 
 
-@numba.njit(parallel=True, cache=True)
+@kept(parallel=True)
 def missed(  # type: ignore[no-untyped-def]
     indptr,
     indices,
@@ -176,7 +177,7 @@ def missed(  # type: ignore[no-untyped-def]
     return kept.sum(axis=0), squares.sum(axis=0)
 
 
-@numba.njit(parallel=True, cache=True)
+@kept(parallel=True)
 def beyond(  # type: ignore[no-untyped-def]
     indptr, indices, weights, relative, limit, F, G, M, camera, camera_weights, projector, projector_weights
 ):
@@ -196,7 +197,7 @@ def beyond(  # type: ignore[no-untyped-def]
     return keep
 
 
-@numba.njit(parallel=True, cache=True)
+@kept(parallel=True)
 def explained(  # type: ignore[no-untyped-def]
     indptr, indices, F, G, M, camera, camera_weights, projector, projector_weights
 ):
@@ -213,7 +214,7 @@ def explained(  # type: ignore[no-untyped-def]
     return found
 
 
-@numba.njit(parallel=True, cache=True)
+@kept(parallel=True)
 def residual_and_back(indptr, indices, weights, pictures, offset, counted):  # type: ignore[no-untyped-def]
     """r = T p + offset, 0 where not counted, and Tᵀ r, of Q pictures at once: (rows, 3, Q) and (n, 3, Q)."""
     rows, columns, count = indptr.size - 1, pictures.shape[0], pictures.shape[2]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
-from counterlight.maps.products import LARGE, compiled
+from counterlight.maps.products import LARGE, compiled, kept
 from counterlight.maps.row_map import SparseRows
 from counterlight.maps.small_map import FRACTION_BITS, FULL, HIGHEST, LARGEST_CODE, MOST_SHIFT
 
@@ -51,7 +51,7 @@ def fit(rows: SparseRows, reach: FloatArray, allowed: FloatArray) -> Fit:
     return Fit(float(scale), colours, codes, change * scale)
 
 
-@numba.njit(cache=True)
+@kept()
 def _sums(values: FloatArray) -> FloatArray:
     sums = np.zeros(3)
     for i in range(len(values)):
@@ -60,7 +60,7 @@ def _sums(values: FloatArray) -> FloatArray:
     return sums
 
 
-@numba.njit(cache=True)
+@kept()
 def _coded(value: float) -> int:
     """The nearest code, as `small_map.coded`."""
     value = min(max(value, -LARGEST_CODE), LARGEST_CODE)
@@ -69,7 +69,7 @@ def _coded(value: float) -> int:
     return int(np.rint(value / unit) * unit)
 
 
-@numba.njit(cache=True)
+@kept()
 def _colour(bits: np.uint32) -> FloatArray:
     """As `small_map.colours_of`."""
     number = np.int64(bits)
@@ -80,7 +80,7 @@ def _colour(bits: np.uint32) -> FloatArray:
     return colour
 
 
-@numba.njit(cache=True)
+@kept()
 def _colour_bits(colour: FloatArray, weights: FloatArray) -> int:
     """A colour in 32 bits, so scaled that no code is beyond LARGEST_CODE."""
     largest = int(np.argmax(colour))
@@ -96,7 +96,7 @@ def _colour_bits(colour: FloatArray, weights: FloatArray) -> int:
     return bits | min(max(exponent + HIGHEST, 0), HIGHEST) << 24
 
 
-@numba.njit(cache=True)
+@kept()
 def _one_code_each(weights: FloatArray, colour: FloatArray, codes: NDArray[np.int32]) -> None:
     """The median of the three channels' codes, for all of them."""
     for i in range(len(weights)):
@@ -104,19 +104,29 @@ def _one_code_each(weights: FloatArray, colour: FloatArray, codes: NDArray[np.in
         codes[i, :] = _coded(max(min(a, b), min(max(a, b), c)))
 
 
-@numba.njit(cache=True)
+@kept()
 def _change(weights: FloatArray, reach: FloatArray, colour: FloatArray, codes: NDArray[np.int32]) -> FloatArray:
-    """What is too much or too little, (3,): a source may hold either alone."""
-    above, below = np.zeros(3), np.zeros(3)
+    """(3,): of what is too much and what is too little, the larger: a source may hold either alone."""
+    above, below = _too_much_and_too_little(weights, reach, colour, codes)
+    larger: FloatArray = np.maximum(above, below)
+    return larger
+
+
+@kept()
+def _too_much_and_too_little(
+    weights: FloatArray, reach: FloatArray, colour: FloatArray, codes: NDArray[np.int32]
+) -> FloatArray:
+    """By which a row's product is off at most, (2, 3)."""
+    found = np.zeros((2, 3))
     for i in range(len(weights)):
         for k in range(3):
             off = (codes[i, k] * colour[k] - weights[i, k]) * reach[i, k]
-            above[k] += max(off, 0.0)
-            below[k] -= min(off, 0.0)
-    return np.maximum(above, below)
+            found[0, k] += max(off, 0.0)
+            found[1, k] -= min(off, 0.0)
+    return found
 
 
-@numba.njit(cache=True)
+@kept()
 def _median_colour(weights: FloatArray, reach: FloatArray) -> FloatArray:
     """Of each channel's share of an entry, the median by the entries' light."""
     own = np.abs(weights).sum(axis=1)
@@ -130,7 +140,7 @@ def _median_colour(weights: FloatArray, reach: FloatArray) -> FloatArray:
     return colour
 
 
-@numba.njit(cache=True)
+@kept()
 def _levelled(colour: FloatArray, weights: FloatArray) -> FloatArray:
     """Channels raised where codes would be much larger than another's: they share one scale."""
     largest, finest = np.zeros(3), np.inf
@@ -141,7 +151,7 @@ def _levelled(colour: FloatArray, weights: FloatArray) -> FloatArray:
     return np.maximum(colour, largest / (LEVEL * finest)) if np.isfinite(finest) else largest
 
 
-@numba.njit(cache=True)
+@kept()
 def _as_many_as_needed(
     weights: FloatArray, reach: FloatArray, colour: FloatArray, allowed: FloatArray, codes: NDArray[np.int32]
 ) -> None:
@@ -154,12 +164,7 @@ def _as_many_as_needed(
             three[i, k] = _coded(weights[i, k] / colour[k])
             worst[i] = max(worst[i], abs(one[i, k] * colour[k] - weights[i, k]) * reach[i, k] / allowed[k])
     codes[:] = three
-    above, below = np.zeros(3), np.zeros(3)
-    for i in range(len(weights)):
-        for k in range(3):
-            off = (three[i, k] * colour[k] - weights[i, k]) * reach[i, k]
-            above[k] += max(off, 0.0)
-            below[k] -= min(off, 0.0)
+    above, below = _too_much_and_too_little(weights, reach, colour, three)
     for i in np.argsort(worst):
         for k in range(3):
             before, after = three[i, k] * colour[k] - weights[i, k], one[i, k] * colour[k] - weights[i, k]

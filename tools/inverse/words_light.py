@@ -78,22 +78,12 @@ class _Far:
         gather, mix, scatter = (ascending(unpack(part)) for part in (maps.gather, maps.mix, maps.scatter))
         gathered = magnitude(gather).sums()
         mix = mix.where(np.asarray((gathered > 0).any(axis=1))[mix.indices])
-        mixed = times(magnitude(mix), gathered)
-        return cls(gather, mix, scatter, gathered, mixed, times(magnitude(scatter), mixed))
-
-
-def scaled_columns(rows: SparseRows, factors: FloatArray) -> SparseRows:
-    """factors : (columns, 3)."""
-    return replace(rows, weights=rows.weights * factors[rows.indices])
+        mixed = magnitude(mix).apply(gathered)
+        return cls(gather, mix, scatter, gathered, mixed, magnitude(scatter).apply(mixed))
 
 
 def magnitude(rows: SparseRows) -> SparseRows:
     return replace(rows, weights=np.abs(rows.weights))
-
-
-def times(rows: SparseRows, source: FloatArray) -> FloatArray:
-    """(columns, 3) -> (rows, 3), without Numba."""
-    return scaled_columns(rows, source).sums()
 
 
 def _maps(
@@ -115,7 +105,7 @@ def _maps(
     seen = small_map((camera, projector), near, both, ~is_far, trust)
     scatter = small_map((camera, mixed), far.scatter, both, is_far, trust)
     mix, gather = small_map((mixed, cells), far.mix, mixes), small_map((cells, projector), far.gather, gathers)
-    behind = mixes.change + times(magnitude(mix.unpacked()), gathers.change)
+    behind = mixes.change + magnitude(mix.unpacked()).apply(gathers.change)
     found = {
         "transport": seen,
         "far_scatter": scatter,
@@ -126,7 +116,7 @@ def _maps(
         "dual_mix": mix.transposed(None, gather.colours),
         "dual_scatter": gather.transposed(None, None),
     }
-    return found, both.change + times(magnitude(scatter.unpacked()), behind)
+    return found, both.change + magnitude(scatter.unpacked()).apply(behind)
 
 
 def small_map(

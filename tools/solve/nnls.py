@@ -8,11 +8,11 @@ projected gradient.
 
 from functools import partial
 
-import numba
 import numpy as np
 from scipy import optimize
 
 from counterlight.arrays import BoolArray, FloatArray
+from counterlight.maps.products import kept
 from counterlight.tools.solve.box import Box
 from counterlight.tools.solve.channel import Channel
 from counterlight.tools.solve.clusterwise import Clusterwise
@@ -55,7 +55,7 @@ def _pivoted(blocks: FloatArray, targets: FloatArray) -> tuple[FloatArray, BoolA
     return p, failed
 
 
-@numba.njit(nogil=True, cache=True)
+@kept(nogil=True)
 def _exchange(blocks: FloatArray, targets: FloatArray, slack: FloatArray) -> tuple[FloatArray, BoolArray]:
     """p and which pixels are free, (k, n) each, after the exchanges; optimal if they came to rest."""
     count, n = slack.shape
@@ -83,7 +83,7 @@ def _exchange(blocks: FloatArray, targets: FloatArray, slack: FloatArray) -> tup
     return p, free
 
 
-@numba.njit(nogil=True, cache=True)
+@kept(nogil=True)
 def _solve_free(gram: FloatArray, product: FloatArray, free: BoolArray) -> FloatArray:
     """p (n,) with TᵀT p = `product` on the free pixels, 0 on the others."""
     at, p = np.flatnonzero(free), np.zeros(free.size)
