@@ -19,14 +19,12 @@ from counterlight.pipeline.colour import LUMINANCE
 from counterlight.pipeline.content import BRIGHT_PERCENTILE
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.factoring.factoring import Factoring, factored
-from counterlight.tools.hdr.response_table import NODES, table_response
 from counterlight.tools.transport.mask import FRACTION_OF_AMBIENT
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, stacked
 
 # Of the brightest floodlit pixels: a display's black level, which one measurement may hold and another not.
 FRACTION_OF_BRIGHT = 0.005
-MOST_APART = 0.02  # of white: measured responses of projectors of one kind
 
 
 def join_rooms(
@@ -42,7 +40,7 @@ def join_rooms(
 
     monitors : names, one for each projector, in the order of the folders; none to keep what the folders say.
     tolerance : dB that pictures may lose where a dense T is factored, 0 for T as it is.
-    Raises InputError for cameras of different sizes, responses that differ, and ambient light that does.
+    Raises InputError for cameras of different sizes, and ambient light that differs.
     """
     if len(folders) < 2:
         raise InputError(f"{len(folders)} calibration to join: give at least two, of one projector each")
@@ -66,7 +64,7 @@ def _join(
     stored = [calibrations.read(folder) for folder in folders]
     rooms = [one.calibration for one in stored]
     _check_cameras(stored)
-    projectors = _sharing(_with_monitors([device for room in rooms for device in room.projectors], monitors))
+    projectors = _with_monitors([device for room in rooms for device in room.projectors], monitors)
     provenance = "joined by counterlight join: " + "; ".join(f"{room.name} ({room.provenance})" for room in rooms)
     first = rooms[0]
     mask = np.any([room.mask for room in rooms], axis=0)
@@ -143,17 +141,6 @@ def _check_cameras(stored: Sequence[StoredCalibration]) -> None:
             )
 
 
-def _sharing(projectors: Sequence[Device]) -> tuple[Device, ...]:
-    """Responses that were measured are never quite the same: those that nearly are become their mean."""
-    codes = np.repeat(np.linspace(0, 1, NODES)[:, None], 3, axis=1)
-    curves = np.stack([device.response.to_linear(codes) for device in projectors])
-    same = all(device.response == projectors[0].response for device in projectors)
-    if same or np.abs(curves - curves.mean(axis=0)).max() > MOST_APART:
-        return tuple(projectors)  # a calibration refuses what differs
-    shared = table_response(curves.mean(axis=0))
-    return tuple(replace(device, response=shared) for device in projectors)
-
-
 def _with_monitors(projectors: Sequence[Device], monitors: Sequence[str]) -> tuple[Device, ...]:
     if not monitors:
         return tuple(projectors)
@@ -161,10 +148,7 @@ def _with_monitors(projectors: Sequence[Device], monitors: Sequence[str]) -> tup
         raise InputError(
             f"--monitor: {len(monitors)} given for {len(projectors)} projectors; give one for each, or none"
         )
-    return tuple(
-        Device(device.height, device.width, device.response, monitor)
-        for device, monitor in zip(projectors, monitors, strict=True)
-    )
+    return tuple(replace(device, monitor=monitor) for device, monitor in zip(projectors, monitors, strict=True))
 
 
 def _check_ambient(stored: Sequence[StoredCalibration], composition: NDArray[np.float64]) -> float:
