@@ -56,6 +56,8 @@ def test_the_joint_transport_is_the_sum_of_all(tmp_path: Path, rng: np.random.Ge
     assert [projector.monitor for projector in joint.projectors] == ["HDMI-1", "DP-2"]
     transport, parts = read_transport(stored), [read_transport(calibration.read(room)) for room in rooms]
     assert (transport.far is not None) == (scene == "corner")
+    if transport.far is not None and parts[0].far is not None:
+        assert transport.far.cells == parts[0].far.cells  # the same cards, whoever lights them
     drive = rng.uniform(size=(*joint.projector.shape, 3))
     lit = zip(parts, pictures(drive, joint.regions), strict=True)
     expected = sum(part.apply(picture.reshape(-1, 3)) for part, picture in lit)

@@ -2,6 +2,7 @@
 
 With p = (p₁, p₂, …) the pictures in one raster, T p = Σ T_k p_k: the columns of the T_k stand where the raster has
 their pixels, and of the far light M is block-diagonal, D has the cells of all below each other, U beside each other.
+Cells of the same surfaces, as simulated rooms have them, are the same: U M (D₁ p₁ + D₂ p₂).
 """
 
 from collections.abc import Sequence
@@ -113,21 +114,34 @@ def _columns_at(matrix: Csr, places: NDArray[np.int64], columns: int) -> Csr:
 def _join_far(
     transports: Sequence[Transport], shapes: Sequence[tuple[int, int]], places: NDArray[np.int64], columns: int
 ) -> FarLight | None:
-    """Cells of all projectors; one without far light has none."""
+    """Cells of all projectors, each once; one without far light has none."""
     ends = np.cumsum([0, *(height * width for height, width in shapes)])
-    parts = [
-        (far, places[start:end])
-        for far, start, end in zip((t.far for t in transports), ends, ends[1:], strict=False)
-        if far is not None
-    ]
-    if not parts:
+    found: list[tuple[FarLight, list[Csr]]] = []  # of different cells, and D of all projectors that light them
+    for transport, start, end in zip(transports, ends, ends[1:], strict=False):
+        if (far := transport.far) is None:
+            continue
+        gather = [_columns_at(D, places[start:end], columns) for D in channels(far.gather)]
+        same = next((number for number, (other, _) in enumerate(found) if _same_cells(far, other)), None)
+        if same is None:
+            found.append((far, gather))
+        else:
+            found[same] = far, [Csr(D + more) for D, more in zip(found[same][1], gather, strict=True)]
+    if not found:
         return None
-    gathers = zip(*([_columns_at(D, at, columns) for D in channels(far.gather)] for far, at in parts), strict=True)
-    scatters = zip(*(channels(far.scatter) for far, _ in parts), strict=True)
-    mix = np.stack([sparse.block_diag([far.mix[i] for far, _ in parts]).toarray() for i in range(3)])
+    gathers = zip(*(gather for _, gather in found), strict=True)
+    scatters = zip(*(channels(far.scatter) for far, _ in found), strict=True)
+    mix = np.stack([sparse.block_diag([far.mix[i] for far, _ in found]).toarray() for i in range(3)])
     return FarLight.from_matrices(
         [Csr(sparse.vstack(each)) for each in gathers], mix, [Csr(sparse.hstack(each)) for each in scatters]
     )
+
+
+def _same_cells(far: FarLight, other: FarLight) -> bool:
+    """Whether what two projectors light indirectly is the same from the cells on."""
+    pairs = [(far.mix, other.mix)] + [
+        (getattr(far.scatter, name), getattr(other.scatter, name)) for name in ("indptr", "indices", "weights")
+    ]
+    return all(np.array_equal(one, another) for one, another in pairs)
 
 
 def _check_cameras(stored: Sequence[StoredCalibration]) -> None:
