@@ -25,7 +25,7 @@ from counterlight.files.picture_files import MAX_SIDE, grey, read_picture
 from counterlight.files.png import write_png
 from counterlight.files.reading import MAX_TOML_BYTES, DescribedFiles, Source, opened, parse_toml, read_bytes
 from counterlight.files.tables import LONGEST_TEXT, Table
-from counterlight.response import Response, read_response
+from counterlight.response import RasterResponse, Response, read_response
 from counterlight.writing.outputs import check_folder, is_vacant, refuse_strangers
 from counterlight.writing.replacing import replacing_folder
 
@@ -56,16 +56,11 @@ class Region(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Device:
-    """A projector or a camera: its size in pixels and, for a projector, its response.
-
-    monitor : name of the monitor that the projector is, if that is known.
-    """
+class Raster:
+    """A picture's size in pixels."""
 
     height: int
     width: int
-    response: Response
-    monitor: str | None = None
 
     def __post_init__(self) -> None:
         if not (1 <= self.height <= MAX_SIDE and 1 <= self.width <= MAX_SIDE):
@@ -81,10 +76,21 @@ class Device:
 
 
 @dataclass(frozen=True)
+class Device(Raster):
+    """A projector or a camera: its size in pixels and, for a projector, its response.
+
+    monitor : name of the monitor that the projector is, if that is known.
+    """
+
+    response: Response
+    monitor: str | None = None
+
+
+@dataclass(frozen=True)
 class Calibration:
     """One room as seen from one camera position.
 
-    projectors : one or more, of one response; several stand side by side in one raster, in this order from the left.
+    projectors : one or more; several stand side by side in one raster, in this order from the left.
     ambient : (camera height, camera width, 3) float32, radiance with the projector at black.
     mask : (camera height, camera width) bool, the camera pixels that count.
     primaries : (3, camera height, camera width, 3) float32, radiance above ambient with red, green or blue alone at
@@ -105,20 +111,13 @@ class Calibration:
                 f"{len(self.projectors)} projectors, a name of {len(self.name)} characters: expected at most "
                 f"{MOST_PROJECTORS} and {LONGEST_TEXT}"
             )
-        for number, device in enumerate(self.projectors[1:], 2):
-            if device.response != self.projectors[0].response:
-                raise InputError(
-                    f"projector {number} has the response {_named(device.response)}, projector 1 "
-                    f"{_named(self.projectors[0].response)}; projectors of one calibration share one: set them alike, "
-                    "or give each a calibration and a player of its own"
-                )
         _ = self.projector  # its size is checked
         _check_light(self.ambient, "ambient light")
         if self.primaries is not None:
             _check_light(self.primaries, "light of the primaries")
 
     @property
-    def projector(self) -> Device:
+    def projector(self) -> Raster:
         """What T's columns and the maps are made for: the projector, or the raster of several (docs/displays.md).
 
         The raster is as high as the highest and as wide as all together; below lower ones it has pixels that light
@@ -127,7 +126,12 @@ class Calibration:
         if len(self.projectors) == 1:
             return self.projectors[0]
         height, width = max(p.height for p in self.projectors), sum(p.width for p in self.projectors)
-        return Device(height, width, self.projectors[0].response)
+        return Raster(height, width)
+
+    @property
+    def response(self) -> RasterResponse:
+        """Of the raster, each projector's in its own columns."""
+        return RasterResponse(tuple(p.response for p in self.projectors), tuple(p.width for p in self.projectors))
 
     @property
     def regions(self) -> tuple[Region, ...]:
@@ -258,10 +262,6 @@ def _to_toml(calibration: Calibration, files: dict[str, Any]) -> dict[str, Any]:
 def _projector_to_toml(projector: Device) -> dict[str, Any]:
     table = {"width": projector.width, "height": projector.height, "response": projector.response.to_toml()}
     return table if projector.monitor is None else table | {"monitor": projector.monitor}
-
-
-def _named(response: Response) -> str:
-    return "of a table" if response.kind == "table" else str(response.to_toml())
 
 
 def _read_projector(table: Table) -> Device:

@@ -6,6 +6,7 @@ an analytic curve and a measured one take the same path; player/pipeline/referen
 
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TypeGuard
 
@@ -65,9 +66,47 @@ class Response:
         columns = (table[:, i % table.shape[1]] for i in range(3))
         return np.stack([np.interp(light, column, grid) for column in columns], axis=-1).astype(np.float32)
 
+    def over(self, width: int) -> "RasterResponse":
+        """The same in every column of a raster."""
+        return RasterResponse((self,), (width,))
+
     def to_toml(self) -> object:
         """What calibration.toml holds: a name, a gamma or a table."""
         return {"gamma": self.gamma, "table": [list(row) for row in self.table]}.get(self.kind, self.kind)
+
+
+@dataclass(frozen=True)
+class RasterResponse:
+    """The responses of projectors side by side in one raster.
+
+    responses : of each, from the left.  widths : columns of the raster that are its own.
+    """
+
+    responses: tuple[Response, ...]
+    widths: tuple[int, ...]
+
+    @cached_property
+    def distinct(self) -> tuple[Response, ...]:
+        return tuple(dict.fromkeys(self.responses))
+
+    @cached_property
+    def of_column(self) -> NDArray[np.int32]:
+        """Which of the distinct responses each column of the raster has, (width,)."""
+        return np.repeat([self.distinct.index(response) for response in self.responses], self.widths).astype(np.int32)
+
+    def to_linear(self, codes: NDArray[np.uint8]) -> NDArray[np.float64]:
+        """Linear drive of a raster's 8-bit code values, (height, width, 3)."""
+        return np.asarray(self._light[self.of_column[:, None], codes, np.arange(3)])
+
+    def inverse_tables(self) -> NDArray[np.float32]:
+        """`Response.inverse_table` of each distinct response: (responses, samples, 3)."""
+        return np.stack([response.inverse_table() for response in self.distinct])
+
+    @cached_property
+    def _light(self) -> NDArray[np.float64]:
+        """Drive of every 8-bit code: (responses, 256, 3)."""
+        codes = np.repeat(np.linspace(0, 1, 256)[:, None], 3, axis=1)
+        return np.stack([response.to_linear(codes) for response in self.distinct])
 
 
 def parse_response(value: object) -> Response:

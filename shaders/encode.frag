@@ -1,12 +1,16 @@
 #version 330 core
 // Linear light -> 8-bit code values: the inverse response, then dithering.
 //
-// Inputs: `picture`, linear RGB; `inverse_response`, code values over √light 0..1 (width samples, height 1).
-// Defines: DITHER_ORDERED (8×8 Bayer), DITHER_NOISE (a hash of pixel, channel and frame), or neither: rounding.
+// Inputs: `picture`, linear RGB; `inverse_response`, code values over √light 0..1 (width samples, a row a response);
+// `response_of_column` (width of the picture, height 1), which row each column has, if they are SEVERAL.
+// Defines: SEVERAL, for projectors of different responses; DITHER_ORDERED (8×8 Bayer), DITHER_NOISE (a hash of pixel, channel and frame), or neither: rounding.
 // Output: code / 255.
 // CPU twin: encode in player/pipeline/reference.py.
 uniform sampler2D picture;
 uniform sampler2D inverse_response;
+#ifdef SEVERAL
+uniform usampler2D response_of_column;
+#endif
 uniform float scale;      // light of a white pixel, 1 for drive
 #ifdef DITHER_NOISE
 uniform uint frame;
@@ -14,15 +18,15 @@ uniform uint frame;
 
 out vec4 encoded;
 
-vec3 code_of(vec3 light) {
+vec3 code_of(vec3 light, int row) {
     int last = textureSize(inverse_response, 0).x - 1;
     vec3 position = sqrt(clamp(light, 0.0, 1.0)) * float(last);
     ivec3 low = min(ivec3(position), last - 1);
     vec3 share = position - vec3(low);
     vec3 code;
     for (int i = 0; i < 3; ++i) {
-        code[i] = mix(texelFetch(inverse_response, ivec2(low[i], 0), 0)[i],
-                      texelFetch(inverse_response, ivec2(low[i] + 1, 0), 0)[i], share[i]);
+        code[i] = mix(texelFetch(inverse_response, ivec2(low[i], row), 0)[i],
+                      texelFetch(inverse_response, ivec2(low[i] + 1, row), 0)[i], share[i]);
     }
     return code;
 }
@@ -53,6 +57,10 @@ vec3 threshold(ivec2 at) { return vec3(0.5); }
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
-    vec3 code = code_of(texelFetch(picture, at, 0).rgb / scale);
+    int row = 0;
+#ifdef SEVERAL
+    row = int(texelFetch(response_of_column, ivec2(at.x, 0), 0).r);
+#endif
+    vec3 code = code_of(texelFetch(picture, at, 0).rgb / scale, row);
     encoded = vec4(floor(min(code * 255.0 + threshold(at), 255.0)) / 255.0, 1.0);
 }

@@ -1,5 +1,6 @@
 """Small rooms for tests: asymmetric on purpose, so that a flip or a swap of height and width shows."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,13 @@ from counterlight.maps.room_maps import FarMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack
 from counterlight.media.video import Frame, PixelFormat, PlaneShape
 from counterlight.pipeline.room import Room
-from counterlight.response import Response
+from counterlight.response import Response, parse_response
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import FarLight, Transport
 
 CAMERA, PROJECTOR = (11, 17), (7, 13)
 CELLS = (1, 6)
+UNLIKE = (4, "srgb"), (6, [[0, 0, 0], [0.1, 0.4, 0.2], [1, 1, 1]]), (3, "srgb")  # columns of projectors, responses
 
 
 def random_map(
@@ -53,6 +55,14 @@ def random_room(rng: np.random.Generator, *, far: bool, dither: str = "ordered",
         0.6,
     )
     return Room(calibration, maps, maps.white, dither)
+
+
+def in_strips(room: Room, strips: tuple[tuple[int, object], ...]) -> Room:
+    """The room with several projectors in its raster, of these columns and responses each."""
+    height = room.calibration.projector.height
+    devices = tuple(Device(height, width, parse_response(response)) for width, response in strips)
+    assert sum(width for width, _ in strips) == room.calibration.projector.width
+    return replace(room, calibration=replace(room.calibration, projectors=devices))
 
 
 def yuv_frame(rng: np.random.Generator, shape: tuple[int, int], **changes: object) -> Frame:

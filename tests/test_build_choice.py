@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from scipy import sparse
 
+from counterlight.calibration import Region
 from counterlight.errors import InputError
+from counterlight.maps.row_map import SparseRows
 from counterlight.pipeline.refinement import Advice, advice_of, default_start, default_steps
 from counterlight.pipeline.room import read_room
 from counterlight.tools.clusters.components import find_clusters
@@ -17,7 +19,8 @@ from counterlight.tools.inverse.damping import choose_damping
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.pieces import Truncation
 from counterlight.tools.inverse.price import Price, price_of_clusters, price_of_windows
-from counterlight.tools.transport.transport import channels, stacked
+from counterlight.tools.transport.joining import join_transports
+from counterlight.tools.transport.transport import Transport, channels, stacked
 from tests.programs import fail, succeed
 from tests.rooms import blurred_transport, write_blurred_room
 
@@ -51,6 +54,25 @@ def test_windows_that_would_miss_their_tolerance_are_known_before_the_work() -> 
     assert found.chosen == "cut"
     assert "of its windows would miss their tolerance" in found.reason
     assert invert(1.5, InverseOptions(damping=0.3)).chosen == "whole"  # more damping lets them do
+
+
+def test_a_map_that_reads_more_than_the_steps_of_a_frame_is_not_made() -> None:
+    """Two projectors a third of a pixel apart: rows of T⁺ alternate and hardly decay. One of them alone is inverted."""
+    left, right = (
+        blurred_transport(np.random.default_rng(3), CAMERA, PROJECTOR, 0.4, at) for at in ((0.0, 0.0), (0.3, 0.4))
+    )
+    shapes = [PROJECTOR, PROJECTOR]
+    both = join_transports([Transport.from_matrices((T,) * 3) for T in (left, right)], shapes)
+    regions = tuple(Region(number * PROJECTOR[1], 0, PROJECTOR[1], PROJECTOR[0]) for number in range(2))
+
+    def inverted(near: SparseRows, width: int, beside: tuple[Region, ...]) -> Inverse:
+        given = np.ones(CAMERA, bool), (PROJECTOR[0], width), np.full((CAMERA[0] * CAMERA[1], 3), 0.5), 0.5
+        return invert_near_light(near, *given, InverseOptions(damping=0.005), beside, step=2 * near.indices.size)
+
+    assert inverted(stacked((left,) * 3), PROJECTOR[1], ()).chosen == "whole"
+    found = inverted(both.near, 2 * PROJECTOR[1], regions)
+    assert found.chosen == "none"
+    assert "steps of refinement, which come nearer" in found.reason
 
 
 def test_where_not_even_a_cut_pays_direct_mapping_stays(monkeypatch: pytest.MonkeyPatch) -> None:

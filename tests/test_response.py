@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from counterlight.errors import InputError
-from counterlight.pipeline.reference import encode
-from counterlight.response import parse_response, transfer_table
+from counterlight.pipeline.reference import encode, encoded_drive
+from counterlight.response import RasterResponse, parse_response, transfer_table
 
 
 @pytest.mark.parametrize("value", ["linear", "srgb", 0.6, 1.0, 1.8, 2.2, 2.4, "2.2", [[0.0], [0.1], [0.5], [1.0]]])
@@ -17,6 +17,19 @@ def test_encoding_then_the_response_gives_the_light_back(value: object) -> None:
     # The code is the nearest one: half a code to either side brackets the light; 0.01 for the table's interpolation.
     assert np.all(neighbours[0] <= light + 1e-9)
     assert np.all(light <= neighbours[1] + 1e-9)
+
+
+def test_a_raster_is_encoded_and_read_back_strip_by_strip(rng: np.random.Generator) -> None:
+    responses = tuple(parse_response(value) for value in ("srgb", 1.4, [[0, 0, 0], [0.2, 0.5, 0.7], [1, 1, 1]], "srgb"))
+    raster = RasterResponse(responses, (3, 5, 2, 4))
+    drive = rng.uniform(size=(6, 14, 3))
+    codes = encoded_drive(drive, raster)
+    lefts = (0, 3, 8, 10, 14)
+    for response, left, right in zip(responses, lefts, lefts[1:], strict=False):
+        own = np.s_[:, left:right]
+        np.testing.assert_array_equal(codes[own], encode(drive[own], response.inverse_table()))
+        np.testing.assert_allclose(raster.to_linear(codes)[own], response.to_linear(codes[own] / 255), atol=1e-15)
+    assert len(raster.inverse_tables()) == 3  # the two that are alike share one
 
 
 def test_three_column_tables_act_per_channel() -> None:

@@ -197,7 +197,7 @@ def test_a_folder_of_captures_goes_on_level_by_level(
 
 
 def test_every_projector_of_a_raster_is_found_where_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    room = join(write_halves(tmp_path), tmp_path / "joint")
+    room = join(write_halves(tmp_path, right_response="linear"), tmp_path / "joint")
     stored = calibration.read(room)
     shifts = [(0.8, 0.6), (-1.5, 0.3)]
     write_changed(tmp_path / "now", stored, shifts=shifts)

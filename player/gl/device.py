@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.gl.adaptation import Adapter
-from counterlight.gl.passes import Pass, ScreenPass, float_texture, integer_texture, picture_texture, table_texture
+from counterlight.gl.passes import Pass, ScreenPass, float_texture, integer_texture, picture_texture
 from counterlight.gl.paths import GlMaps, store_maps
 from counterlight.gl.planes import Planes
 from counterlight.media.frames import PixelFormat
 from counterlight.pipeline.device import NearLight, Owner
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.pipeline.room import Room
-from counterlight.response import Response
+from counterlight.response import RasterResponse
 
 BLOCK = 16
 
@@ -52,7 +52,7 @@ class GlDevice:
     ) -> Adapter:
         return Adapter(self._context, near_light, ambient, most, white)
 
-    def encoder(self, shape: tuple[int, int], response: Response, scale: float, dither: str) -> "_Encoder":
+    def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> "_Encoder":
         return _Encoder(self._context, shape, response, scale, dither)
 
     def stepper(
@@ -75,22 +75,29 @@ class _Encoder:
     """encode.frag."""
 
     def __init__(
-        self, context: moderngl.Context, shape: tuple[int, int], response: Response, scale: float, dither: str
+        self, context: moderngl.Context, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str
     ) -> None:
-        defines: dict[str, int | None] = {} if dither == "none" else {f"DITHER_{dither.upper()}": None}
-        target = context.texture((shape[1], shape[0]), 4, dtype="f1")
-        self._table = table_texture(context, response.inverse_table())
-        self._pass = Pass(context, "encode.frag", target, defines, scale=scale)
-        self._noisy = dither == "noise"
+        self._owner, self._noisy = Owner(), dither == "noise"
+        own, defines = self._owner.own, {} if dither == "none" else {f"DITHER_{dither.upper()}": None}
+        try:
+            self._inputs = {"inverse_response": own(picture_texture(context, response.inverse_tables()))}
+            if len(response.distinct) > 1:
+                defines["SEVERAL"] = None
+                columns = response.of_column.astype(np.uint32)[None]
+                self._inputs["response_of_column"] = own(integer_texture(context, columns))
+            target = context.texture((shape[1], shape[0]), 4, dtype="f1")
+            self._pass = own(Pass(context, "encode.frag", target, defines, scale=scale))
+        except BaseException:
+            self.release()
+            raise
 
     def run(self, light: moderngl.Texture, frame: int) -> moderngl.Texture:
         if self._noisy:
             self._pass.set(frame=frame & 0xFFFFFFFF)
-        return self._pass.run(picture=light, inverse_response=self._table)
+        return self._pass.run(picture=light, **self._inputs)
 
     def release(self) -> None:
-        self._pass.release()
-        self._table.release()
+        self._owner.release()
 
 
 class _Stepper:

@@ -1,8 +1,10 @@
 """Products of sparse rows with pictures, compiled by Numba on first use and kept for the next start.
 
-Large ones run on all cores; for small ones, waking the other cores would take longer than the product.
+Large ones run on all cores; for small ones, waking the other cores would take longer than the product. Cores that wait
+for each other sleep: OpenMP's spin, and where other programs are at work they hold up the one that is waited for.
 """
 
+import os
 from collections.abc import Callable
 from types import FunctionType
 from typing import Any, TypeVar
@@ -14,6 +16,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.floating]
 F = TypeVar("F", bound=Callable[..., object])
 LARGE = 1 << 16  # entries or values
+
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # read when the first loop starts its threads
 
 
 def kept(**options: Any) -> Callable[[Any], Any]:

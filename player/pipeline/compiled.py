@@ -335,11 +335,21 @@ def clip_sums(
         out[i] = total
 
 
-@kernel(f"{PICTURE}, {PLANE}, float32, int64, uint32, {PLANE}, uint8[:, :, ::1]")
+@kernel(f"{PICTURE}, {PICTURE}, int32[::1], float32, int64, uint32, {PLANE}, uint8[:, :, ::1]")
 def encode(
-    light: Picture, codes: Picture, scale: Any, dither: Any, frame: Any, thresholds: Picture, out: NDArray[np.uint8]
+    light: Picture,
+    codes: Picture,
+    response_of_column: Whole,
+    scale: Any,
+    dither: Any,
+    frame: Any,
+    thresholds: Picture,
+    out: NDArray[np.uint8],
 ) -> None:
-    """Linear light -> code values (encode).  codes : (3, samples) over √light.  thresholds : of ORDERED, repeated."""
+    """Linear light -> code values (encode).
+
+    codes : (responses, 3, samples) over √light.  thresholds : of ORDERED, repeated.
+    """
     for y in numba.prange(out.shape[0]):
         for x in range(out.shape[1]):
             seed = np.uint32(0)
@@ -353,7 +363,7 @@ def encode(
                     hashed = _scrambled(seed + np.uint32(i)) >> np.uint32(9)
                     threshold = np.float32((np.float64(hashed) + 0.5) / 8388608.0)
                 root = np.sqrt(within(light[y, x, i] / scale, np.float32(0), np.float32(1)))
-                value = _looked_up(codes[i], root) * np.float32(255) + threshold
+                value = _looked_up(codes[response_of_column[x], i], root) * np.float32(255) + threshold
                 out[y, x, i] = np.uint8(min(value, np.float32(255)))
 
 

@@ -20,7 +20,7 @@ from counterlight.pipeline.reference_renderer import FLAGS, Adapter, Function, H
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
-from counterlight.response import Response
+from counterlight.response import RasterResponse
 
 COMBINE = {
     "": compiled.REPLACE,
@@ -60,7 +60,7 @@ class CpuDevice(ReferenceDevice):
         """Near light is asked for in this device's pictures, and kept while the next is drawn."""
         return Adapter(lambda light: near_light(self.picture(light)).copy(), ambient, most, white, clip_sums)
 
-    def encoder(self, shape: tuple[int, int], response: Response, scale: float, dither: str) -> Operation:
+    def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> Operation:
         return _Encoder(shape, response, scale, dither)
 
     def stepper(
@@ -178,15 +178,16 @@ def _samples(length: int, count: int, every: int, offset: float) -> tuple[Whole,
 
 
 class _Encoder(Held):
-    def __init__(self, shape: tuple[int, int], response: Response, scale: float, dither: str) -> None:
-        self._codes = np.ascontiguousarray(response.inverse_table().T)
+    def __init__(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> None:
+        self._codes = np.ascontiguousarray(response.inverse_tables().swapaxes(1, 2))
+        self._response_of_column = response.of_column
         self._scale, self._dither = np.float32(scale), DITHERS[dither]
         self._thresholds = reference.bayer(8, 8)[..., 0].astype(np.float32)
         self._target = np.zeros((*shape, 3), np.uint8)
 
     def run(self, light: Picture, frame: int) -> NDArray[np.uint8]:
         dithered = self._dither, np.uint32(frame & 0xFFFFFFFF), self._thresholds
-        compiled.encode(light, self._codes, self._scale, *dithered, self._target)
+        compiled.encode(light, self._codes, self._response_of_column, self._scale, *dithered, self._target)
         return self._target
 
 

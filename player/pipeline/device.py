@@ -17,7 +17,7 @@ from counterlight.maps.row_map import RowMap
 from counterlight.media.frames import PixelFormat
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.room import Room
-from counterlight.response import Response
+from counterlight.response import RasterResponse
 
 PATHS = ("auto", "fragment", "compute", "words", "compute-words")
 LONG_BYTES = 16  # an entry: three weights of 32 bits and an index
@@ -179,8 +179,8 @@ class Device(Protocol):
 
     def adapter(self, near_light: NearLight, ambient: Light, most: Light, white: float) -> Adapter: ...
 
-    def encoder(self, shape: tuple[int, int], response: Response, scale: float, dither: str) -> Operation:
-        """run(light, frame) -> 8 bit through an inverse response."""
+    def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> Operation:
+        """run(light, frame) -> 8 bit through the inverse response of each column."""
 
     def stepper(self, shape: tuple[int, int], step_size: NDArray[np.float32], prior: Mapping[str, Light]) -> Operation:
         """run(step, descent, y, p) -> the next p and y, valid until the step after the next."""

@@ -28,6 +28,7 @@ from counterlight.pipeline.views import (
     UNDER,
     error_colours,
 )
+from counterlight.response import RasterResponse
 
 FloatArray = NDArray[np.floating]
 MOST_TAPS = 32  # along an axis; a filter that is wider takes every second sample, or every third …
@@ -251,21 +252,35 @@ def split(left: FloatArray, right: FloatArray, line: float) -> FloatArray:
 
 
 def encode(
-    light: FloatArray, inverse_response: FloatArray, scale: float = 1.0, dither: str = "none", frame: int = 0
+    light: FloatArray,
+    inverse_response: FloatArray,
+    scale: float = 1.0,
+    dither: str = "none",
+    frame: int = 0,
+    response_of_column: NDArray[np.int32] | None = None,
 ) -> NDArray[np.uint8]:
     """Linear light -> 8-bit code values (encode.frag).
 
-    inverse_response : (samples, 3) code values over √light 0..1.  scale : light of a white pixel.
-    dither : "ordered", "noise" or "none".
+    inverse_response : (samples, 3) code values over √light 0..1, or (responses, samples, 3) where columns differ, and
+    response_of_column says which one each has.  scale : light of a white pixel.  dither : "ordered", "noise" or "none".
     """
-    grid = np.linspace(0, 1, len(inverse_response))
     root = np.sqrt(np.clip(light / scale, 0, 1))
-    codes = np.stack([np.interp(root[..., i], grid, inverse_response[:, i]) for i in range(3)], axis=-1)
+    codes = np.empty(root.shape)
+    for number, table in enumerate(inverse_response if inverse_response.ndim == 3 else inverse_response[None]):
+        own = slice(None) if response_of_column is None else response_of_column == number
+        grid = np.linspace(0, 1, len(table))
+        for i in range(3):
+            codes[:, own, i] = np.interp(root[:, own, i], grid, table[:, i])
     height, width = light.shape[:2]
     threshold: float | NDArray[np.float64] = 0.5
     if dither != "none":
         threshold = bayer(height, width) if dither == "ordered" else _noise(height, width, frame)
     return np.asarray(np.floor(np.minimum(codes * 255 + threshold, 255)), np.uint8)
+
+
+def encoded_drive(drive: FloatArray, response: RasterResponse) -> NDArray[np.uint8]:
+    """The code values of a raster's drive, without dithering."""
+    return encode(drive, response.inverse_tables(), response_of_column=response.of_column)
 
 
 def reach_of(

@@ -20,7 +20,7 @@ from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
-from counterlight.response import Response, transfer_table
+from counterlight.response import RasterResponse, transfer_table
 
 FloatArray = NDArray[np.floating]
 NO_TONE = np.array([1.0, 0.0])
@@ -93,9 +93,9 @@ class ReferenceDevice:
     def adapter(self, near_light: NearLight, ambient: FloatArray, most: FloatArray, white: float) -> "Adapter":
         return Adapter(near_light, ambient.astype(np.float64), most, white)
 
-    def encoder(self, shape: tuple[int, int], response: Response, scale: float, dither: str) -> Operation:
-        table = response.inverse_table()
-        return Function(lambda light, frame: reference.encode(light, table, scale, dither, frame))
+    def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> Operation:
+        tables, columns = response.inverse_tables(), response.of_column
+        return Function(lambda light, frame: reference.encode(light, tables, scale, dither, frame, columns))
 
     def stepper(
         self, shape: tuple[int, int], step_size: FloatArray, prior: Mapping[str, NDArray[np.float32]]

@@ -69,8 +69,8 @@ class Renderer:
         self._maps = own(MapViews(device, stored, ambient, mixer))
         self._request = own(Request(device, room, ambient, self._maps, self._near_light, mixer))
         self._moved = None if room.drift is None or not room.drift.moves else own(_Moved(device, room, room.drift))
-        self._projector_view = own(device.encoder(projector, calibration.projector.response, 1.0, room.dither))
-        self._camera_view = own(device.encoder(camera, Response("srgb"), room.white, "none"))
+        self._projector_view = own(device.encoder(projector, calibration.response, 1.0, room.dither))
+        self._camera_view = own(device.encoder(camera, Response("srgb").over(camera[1]), room.white, "none"))
 
     @cached_property
     def _observers(self) -> list[Observer]:
@@ -144,7 +144,7 @@ class Renderer:
         self._encoded = encoder.run(self._linear, frame)
 
     def encoded(self) -> NDArray[np.uint8]:
-        """The rendered view as 8-bit code values: the projector's response, or sRGB with white = 1 for the camera."""
+        """The rendered view as 8-bit code values: each projector's response, or sRGB with white = 1 for the camera."""
         return self._device.read(self._encoded, np.uint8)
 
     def linear(self) -> NDArray[np.float32]:

@@ -16,9 +16,10 @@ from counterlight.media.frames import radiance_frame
 from counterlight.pipeline import reference
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.reference import PreparedRows
+from counterlight.pipeline.room import DITHERS
 from counterlight.response import parse_response
 from tests.renderers import both, read
-from tests.rooms import CAMERA, PROJECTOR, random_map, random_room, rgb_frame, yuv_frame
+from tests.rooms import CAMERA, PROJECTOR, UNLIKE, in_strips, random_map, random_room, rgb_frame, yuv_frame
 
 FLOAT_ATOL = 1e-5  # the bound; float32 sums of at most 20 terms of size 3 are far below
 CODE_ATOL = 1  # a float32 rounding may tip one code value
@@ -196,6 +197,27 @@ def test_encoding_equals_its_twin(
     expected = reference.encode(light, table, 1.0, dither, 77)
     assert np.abs(result - expected).max() <= CODE_ATOL
     assert np.mean(result != expected) < 0.01  # tips are rare: a threshold within 1e-6 of the code
+
+
+@pytest.mark.parametrize("dither", DITHERS)
+def test_each_part_of_a_raster_is_encoded_for_its_own_projector(
+    gl_context: moderngl.Context, rng: np.random.Generator, dither: str
+) -> None:
+    alone = random_room(rng, far=False, dither=dither)
+    frame, shown = yuv_frame(rng, (9, 15)), {}
+    for name, strips in (("unlike", UNLIKE), ("alike", tuple((width, "srgb") for width, _ in UNLIKE))):
+        with both(gl_context, in_strips(alone, strips), frame) as (gl, twin):
+            for renderer in (gl, twin):
+                renderer.render("projector", compensate=True, frame=7)
+            assert np.mean(gl.encoded() != twin.encoded()) < 0.01  # tips, as above
+            shown[name] = gl.encoded()
+    with both(gl_context, alone, frame) as (gl, _):
+        gl.render("projector", compensate=True, frame=7)
+        np.testing.assert_array_equal(gl.encoded(), shown["alike"])
+    other = np.any(shown["unlike"] != shown["alike"], axis=(0, 2))
+    assert other[4:10].all()
+    assert not other[:4].any()
+    assert not other[10:].any()
 
 
 @pytest.mark.parametrize("dither", ["ordered", "noise"])

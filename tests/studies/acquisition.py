@@ -123,13 +123,15 @@ def rooms(
         scene = load_scene(path).resized(camera, projector)
         simulated = simulate(scene)
         yield StudyRoom(
-            SimulatedRoom(name, simulated.transport, simulated.ambient, projector, scene.projector.response)
+            SimulatedRoom(
+                name, simulated.transport, simulated.ambient, projector, scene.projector.response.over(projector[1])
+            )
         )
     if wanted and not {"out of focus", "mirror"} & set(wanted):
         return
     rng = np.random.default_rng(2006)
     ambient = np.full((*camera, 3), 0.004, np.float32)
-    linear = Response("linear")
+    linear = Response("linear").over(projector[1])
     blurred = blurred_strips(rng, camera, projector, 1.3)
     yield StudyRoom(SimulatedRoom("out of focus", Transport.from_matrices((blurred,) * 3), ambient, projector, linear))
     sharp = blurred_strips(rng, camera, projector, 0.5)

@@ -77,11 +77,9 @@ def nothing(room: Calibration) -> Drift:
 
 def registration_codes(room: Calibration, region: Region) -> Codes:
     """The random picture of one projector, the others black: (height, width, 3)."""
-    field = random_field((region.height, region.width))
-    grey = np.repeat(field[..., None], 3, axis=2)
-    codes = np.zeros((*room.projector.shape, 3), np.uint8)
-    codes[region.part] = reference.encode(grey, room.projector.response.inverse_table())
-    return codes
+    drive = np.zeros((*room.projector.shape, 3))
+    drive[region.part] = random_field((region.height, region.width))[..., None]
+    return reference.encoded_drive(drive, room.response)
 
 
 class _Looked:
@@ -176,7 +174,7 @@ class _Looked:
 
 def _found(looked: _Looked, region: Region, codes: Codes, seen: FloatArray) -> Registration:
     registrar = Registrar(looked.transport, region, looked.counts)
-    drive = looked.room.projector.response.to_linear(codes[region.part] / 255.0)
+    drive = looked.room.response.to_linear(codes)[region.part]
     return registrar.find(drive, (seen - looked.black).reshape(-1, 3), looked.noise)
 
 

@@ -111,9 +111,9 @@ class Verification:
         drive = self._box.solve(light).drive if self._T_pinv is None else self._T_pinv.apply(light)
         drive = np.clip(drive, 0, 1).reshape(*self._room.projector.shape, 3)
         shown = self._drift.shown(drive, self._room.regions)
-        return reference.encode(shown, self._room.projector.response.inverse_table())
+        return reference.encoded_drive(shown, self._room.response)
 
     def _arriving(self, codes: Codes) -> FloatArray:
         """What the projector makes of whole code values, where it lands in the calibrated raster."""
-        drive = self._room.projector.response.to_linear(codes / 255.0)
+        drive = self._room.response.to_linear(codes)
         return self._drift.landed(drive, self._room.regions) if self._drift.moves else drive

@@ -26,7 +26,7 @@ from counterlight.tools.inverse.direct import direct_mapping
 from counterlight.tools.inverse.method import LEAST_DAMPING, Method, choose_method
 from counterlight.tools.inverse.noise import noise_of_matrix
 from counterlight.tools.inverse.pieces import Piece, Truncation, join
-from counterlight.tools.inverse.price import price_of_clusters, price_of_windows
+from counterlight.tools.inverse.price import Objection, price_of_clusters, price_of_windows
 from counterlight.tools.inverse.priors import prior_matrices
 from counterlight.tools.inverse.windowed import FINEST_TOLERANCE, WindowedChannel, plan_windows, windowed_jobs
 from counterlight.tools.jobs import run_jobs
@@ -186,6 +186,7 @@ def invert_near_light(
     regions: Sequence[Region] = (),
     weights: FloatArray | None = None,
     prior: Prior | None = None,
+    step: float = 0.0,
 ) -> Inverse:
     """(TᵀWT + P + λ²I)⁻¹TᵀW of the near light inside the mask; the result's columns outside the mask are empty.
 
@@ -193,7 +194,7 @@ def invert_near_light(
     reach : (camera pixels, 3), the largest |c − e| of a picture; within it the certified bound holds.
     white : the radiance of a white picture.  regions : of several projectors in one raster.
     weights : W's diagonal, (camera pixels,), 1 if nobody says; 0 outside the mask.
-    prior : P; the plain inverse (λ = 0) knows none.
+    prior : P; the plain inverse (λ = 0) knows none.  step : entries that a step of refinement reads, if play makes any.
     """
     weights = mask.ravel().astype(np.float64) if weights is None else weights
     roots = np.sqrt(weights)
@@ -203,15 +204,16 @@ def invert_near_light(
     if whole.nnz == 0:
         raise InputError("no camera pixel inside the mask sees the projector; check the mask and the transport")
     _check_max_cluster(options, near.columns)
-    work = _Work(scaled, whole, mask, projector_shape, reach * roots[:, None], white, options, regions, roots, prior)
+    shapes = mask, projector_shape
+    work = _Work(scaled, whole, *shapes, reach * roots[:, None], white, options, regions, roots, prior, step)
     chosen, reason, found = options.asked, "", None
     if chosen in ("auto", "whole"):
         found = work.inverted(scaled, None, must_pay=chosen == "auto")
-        chosen, reason = ("cut", found) if isinstance(found, str) else ("whole", "")
+        chosen, reason = (found.instead, found.reason) if isinstance(found, Objection) else ("whole", "")
     if chosen in ("cut", "thesis"):
         found = work.cut(must_pay=options.asked == "auto")
-        if isinstance(found, str):
-            chosen, reason = "none", f"{reason}; cut, {found}"
+        if isinstance(found, Objection):
+            chosen, reason = "none", f"{reason}; cut, {found.reason}"
     if not isinstance(found, Inverse):
         found = _directly_mapped(near.inside(roots > 0), whole, weights, prior)
     return replace(found, chosen=chosen, reason=reason)
@@ -244,14 +246,15 @@ class _Work:
     regions: Sequence[Region]
     roots: FloatArray
     prior: Prior | None
+    step: float
 
-    def cut(self, *, must_pay: bool) -> "Inverse | str":
+    def cut(self, *, must_pay: bool) -> "Inverse | Objection":
         """T⁺ of T cut into clusters; a reason against it if it has to pay."""
         try:
             parameters, cut = self._decomposed()
         except InputError as error:
             if must_pay:
-                return str(error)
+                return Objection(str(error))
             raise
         return self.inverted(cut.near, (parameters, cut.report), must_pay=must_pay)
 
@@ -264,7 +267,7 @@ class _Work:
 
     def inverted(
         self, near: SparseRows, decomposition: tuple[Parameters, Report] | None, *, must_pay: bool
-    ) -> "Inverse | str":
+    ) -> "Inverse | Objection":
         """T⁺ of these rows; a reason against it, before the work, if it has to pay."""
         light = self.whole if near is self.near else luminance_matrix(near)
         clusters = find_clusters(light)
@@ -287,7 +290,7 @@ class _Work:
             if must_pay:
                 green = matrices[1], float(lambdas[1]), None if priors is None else priors[1]
                 price = price + price_of_windows(*green, member, truncation, tolerance, self.regions)
-                if objection := price.objection():
+                if objection := price.objection(self.step):
                     return objection
             jobs.append(_windowed(matrices, lambdas, priors, member, truncation, tolerance, self.regions))
         pieces = _run(list(chain(*jobs)), int(clusters.projector_sizes.sum()))

@@ -1,6 +1,7 @@
 """What the whole T⁺ of a room would take on this machine, and whether that pays (docs/size.md).
 
-Refinement's steps bring a picture further than any inverse of equal bytes, so T⁺ may cost a minute, not an hour.
+Refinement's steps bring a picture further than any inverse of equal bytes, so T⁺ may cost a minute, not an hour, and
+no more of each frame than the steps that play makes.
 """
 
 import os
@@ -21,13 +22,25 @@ from counterlight.tools.transport.transport import CHANNELS, Csr
 MOST_SECONDS = 60.0
 SHARE_OF_MEMORY = 0.5  # of what is available
 MOST_FAILING = 0.2  # of the sampled windows
+MOST_IN_STEPS = 16.0  # the most that play makes by default; 4.9 on `wall`, 13.6 out of focus, 44 of two projectors
 OPERATIONS_A_SECOND = 5e9  # of one core, in blocks inverted whole: solving, truncating, joining
 SECONDS_A_CLUSTER = 10e-6  # beside
 
 
 @dataclass(frozen=True)
+class Objection:
+    """reason : in words.  instead : of choices.INVERSES, what may be better."""
+
+    reason: str
+    instead: str = "cut"
+
+
+@dataclass(frozen=True)
 class Price:
-    """seconds : of this machine's cores together.  entries : of T⁺.  needed : bytes.  failing : share of windows."""
+    """seconds : of this machine's cores together.  entries : of T⁺ through windows.  needed : bytes.
+
+    failing : share of the windows.
+    """
 
     seconds: float = 0.0
     entries: float = 0.0
@@ -42,14 +55,20 @@ class Price:
             max(self.failing, other.failing),
         )
 
-    def objection(self) -> str | None:
-        """What speaks against it, None if nothing does."""
+    def objection(self, step: float = 0.0) -> Objection | None:
+        """What speaks against it, None if nothing does.
+
+        step : entries that a step of refinement reads, 0 where none is made.
+        """
+        if step and self.entries > MOST_IN_STEPS * step:
+            reads = f"a frame would read as much of it as of {self.entries / step:.0f} steps of refinement"
+            return Objection(f"{reads}, which come nearer", "none")
         if self.failing > MOST_FAILING:
-            return f"{100 * self.failing:.0f} % of its windows would miss their tolerance"
+            return Objection(f"{100 * self.failing:.0f} % of its windows would miss their tolerance")
         if self.seconds > MOST_SECONDS:
-            return f"it would take {spoken(self.seconds)}"
+            return Objection(f"it would take {spoken(self.seconds)}")
         if self.needed > SHARE_OF_MEMORY * available_bytes():
-            return f"it would need {self.needed / 2**30:.1f} GiB"
+            return Objection(f"it would need {self.needed / 2**30:.1f} GiB")
         return None
 
 
@@ -58,7 +77,7 @@ def price_of_clusters(clusters: Clusters, chosen: NDArray[np.bool_]) -> Price:
     m, n = (sizes[chosen].astype(np.float64) for sizes in (clusters.camera_sizes, clusters.projector_sizes))
     operations = len(CHANNELS) * float(np.sum(2 * m * n**2 + n**3 + 40 * m * n))
     seconds = operations / OPERATIONS_A_SECOND + SECONDS_A_CLUSTER * m.size
-    return Price(seconds / _cores(), float(np.sum(m * n)))
+    return Price(seconds / _cores())
 
 
 def price_of_windows(

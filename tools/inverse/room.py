@@ -108,7 +108,7 @@ def build_maps(
     else:
         mask = (objective.weights > 0).reshape(camera)
         beside = calibration.regions, objective.weights, objective.prior
-        inverse = invert_near_light(transport.near, mask, *common, *beside)
+        inverse = invert_near_light(transport.near, mask, *common, *beside, _step(transport) if refine else 0.0)
     correction = pack(inverse.T_pinv, projector, camera)
     far, undo = _pack_far_light(transport, inverse, camera, projector)
     details = _details(inverse, correction, transport, options, aims)
@@ -122,6 +122,11 @@ def build_maps(
         packed = replace(packed, details=details | found.to_toml())
     packed = replace(packed, words=words_of(packed, options.max_error))
     return BuiltRoom(tier, inverse, packed, _summary(inverse, packed, outside), outside, found)
+
+
+def _step(transport: Transport) -> float:
+    """Entries that a step of refinement reads: of T and of its transpose."""
+    return 2.0 * (transport.near.indices.size + (transport.far.entries if transport.far else 0))
 
 
 def _recommended(objective: Objective, inverse: Inverse, packed: RoomMaps, further: RefinementMaps) -> Recommendation:

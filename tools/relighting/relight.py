@@ -16,7 +16,7 @@ import numpy as np
 
 from counterlight import calibration as calibrations
 from counterlight.arrays import FloatArray
-from counterlight.calibration import Calibration, Device, StoredCalibration
+from counterlight.calibration import Calibration, Raster, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.maps.room_maps import RoomMaps, read_maps
 from counterlight.pipeline.operators import compensation
@@ -87,7 +87,7 @@ def _inverse_view(maps: RoomMaps, picture: FloatArray, view: str) -> FloatArray:
     return np.asarray(mixing.asked_transpose(T_pinv.apply_transpose(picture)), np.float64)
 
 
-def _lit_from(calibration: Calibration, view: str) -> Device:
+def _lit_from(calibration: Calibration, view: str) -> Raster:
     return calibration.projector if view in LIT_BY_PROJECTOR else calibration.camera
 
 

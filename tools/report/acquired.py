@@ -190,7 +190,7 @@ def _response(calibration: Calibration, report: AcquisitionReport) -> dict[str, 
         "off_readings": light.fitted, "noise": light.noise, "unadded": light.unadded.tolist(),
         "crosstalk": light.crosstalk,
     }  # fmt: skip
-    return {"curves": calibration.projector.response.to_linear(codes).T.tolist(), **measured}
+    return {"curves": calibration.projectors[0].response.to_linear(codes).T.tolist(), **measured}
 
 
 def _light(figures: dict[str, Any]) -> Section:

@@ -7,7 +7,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
 from counterlight.arrays import FloatArray
@@ -19,6 +18,7 @@ from counterlight.maps.mixing import Mixing
 from counterlight.maps.room_maps import RoomMaps, read_maps
 from counterlight.pipeline import reference
 from counterlight.pipeline.operators import compensation
+from counterlight.response import RasterResponse
 from counterlight.tools.choices import COMPENSATIONS
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.colour.tiers import Tier, tier_of
@@ -209,7 +209,7 @@ def compensate(folder: Path, picture: Path, output: Path | None, options: Compen
     yield HEADER
     for found in task.run(plain):
         if found.solver in outputs:
-            _write(outputs[found.solver], found.drive, calibration.projector.response.inverse_table())
+            _write(outputs[found.solver], found.drive, calibration.response)
         yield str(found)
         yield from (f"    {note}" for note in found.notes)
     yield from (f"{path}: written" for path in outputs.values())
@@ -228,9 +228,9 @@ def _outputs(path: Path, solvers: tuple[str, ...]) -> dict[str, Path]:
     return {name: path.with_name(f"{path.stem}-{name}{path.suffix}") for name in solvers}
 
 
-def _write(path: Path, drive: FloatArray, inverse_response: NDArray[np.float32]) -> None:
+def _write(path: Path, drive: FloatArray, response: RasterResponse) -> None:
     with replacing_file(path) as temporary:
         if path.suffix.lower() == ".exr":
             exr.write_rgb(temporary, drive.astype(np.float32))
         else:
-            write_png(temporary, reference.encode(drive, inverse_response))
+            write_png(temporary, reference.encoded_drive(drive, response))

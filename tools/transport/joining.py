@@ -2,6 +2,7 @@
 
 With p = (p₁, p₂, …) the pictures in one raster, T p = Σ T_k p_k: the columns of the T_k stand where the raster has
 their pixels, and of the far light M is block-diagonal, D has the cells of all below each other, U beside each other.
+Cells of the same surfaces, as simulated rooms have them, are the same: U M (D₁ p₁ + D₂ p₂).
 """
 
 from collections.abc import Sequence
@@ -19,14 +20,12 @@ from counterlight.pipeline.colour import LUMINANCE
 from counterlight.pipeline.content import BRIGHT_PERCENTILE
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.factoring.factoring import Factoring, factored
-from counterlight.tools.hdr.response_table import NODES, table_response
 from counterlight.tools.transport.mask import FRACTION_OF_AMBIENT
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, stacked
 
 # Of the brightest floodlit pixels: a display's black level, which one measurement may hold and another not.
 FRACTION_OF_BRIGHT = 0.005
-MOST_APART = 0.02  # of white: measured responses of projectors of one kind
 
 
 def join_rooms(
@@ -42,7 +41,7 @@ def join_rooms(
 
     monitors : names, one for each projector, in the order of the folders; none to keep what the folders say.
     tolerance : dB that pictures may lose where a dense T is factored, 0 for T as it is.
-    Raises InputError for cameras of different sizes, responses that differ, and ambient light that does.
+    Raises InputError for cameras of different sizes, and ambient light that differs.
     """
     if len(folders) < 2:
         raise InputError(f"{len(folders)} calibration to join: give at least two, of one projector each")
@@ -66,7 +65,7 @@ def _join(
     stored = [calibrations.read(folder) for folder in folders]
     rooms = [one.calibration for one in stored]
     _check_cameras(stored)
-    projectors = _sharing(_with_monitors([device for room in rooms for device in room.projectors], monitors))
+    projectors = _with_monitors([device for room in rooms for device in room.projectors], monitors)
     provenance = "joined by counterlight join: " + "; ".join(f"{room.name} ({room.provenance})" for room in rooms)
     first = rooms[0]
     mask = np.any([room.mask for room in rooms], axis=0)
@@ -115,21 +114,34 @@ def _columns_at(matrix: Csr, places: NDArray[np.int64], columns: int) -> Csr:
 def _join_far(
     transports: Sequence[Transport], shapes: Sequence[tuple[int, int]], places: NDArray[np.int64], columns: int
 ) -> FarLight | None:
-    """Cells of all projectors; one without far light has none."""
+    """Cells of all projectors, each once; one without far light has none."""
     ends = np.cumsum([0, *(height * width for height, width in shapes)])
-    parts = [
-        (far, places[start:end])
-        for far, start, end in zip((t.far for t in transports), ends, ends[1:], strict=False)
-        if far is not None
-    ]
-    if not parts:
+    found: list[tuple[FarLight, list[Csr]]] = []  # of different cells, and D of all projectors that light them
+    for transport, start, end in zip(transports, ends, ends[1:], strict=False):
+        if (far := transport.far) is None:
+            continue
+        gather = [_columns_at(D, places[start:end], columns) for D in channels(far.gather)]
+        same = next((number for number, (other, _) in enumerate(found) if _same_cells(far, other)), None)
+        if same is None:
+            found.append((far, gather))
+        else:
+            found[same] = far, [Csr(D + more) for D, more in zip(found[same][1], gather, strict=True)]
+    if not found:
         return None
-    gathers = zip(*([_columns_at(D, at, columns) for D in channels(far.gather)] for far, at in parts), strict=True)
-    scatters = zip(*(channels(far.scatter) for far, _ in parts), strict=True)
-    mix = np.stack([sparse.block_diag([far.mix[i] for far, _ in parts]).toarray() for i in range(3)])
+    gathers = zip(*(gather for _, gather in found), strict=True)
+    scatters = zip(*(channels(far.scatter) for far, _ in found), strict=True)
+    mix = np.stack([sparse.block_diag([far.mix[i] for far, _ in found]).toarray() for i in range(3)])
     return FarLight.from_matrices(
         [Csr(sparse.vstack(each)) for each in gathers], mix, [Csr(sparse.hstack(each)) for each in scatters]
     )
+
+
+def _same_cells(far: FarLight, other: FarLight) -> bool:
+    """Whether what two projectors light indirectly is the same from the cells on."""
+    pairs = [(far.mix, other.mix)] + [
+        (getattr(far.scatter, name), getattr(other.scatter, name)) for name in ("indptr", "indices", "weights")
+    ]
+    return all(np.array_equal(one, another) for one, another in pairs)
 
 
 def _check_cameras(stored: Sequence[StoredCalibration]) -> None:
@@ -143,17 +155,6 @@ def _check_cameras(stored: Sequence[StoredCalibration]) -> None:
             )
 
 
-def _sharing(projectors: Sequence[Device]) -> tuple[Device, ...]:
-    """Responses that were measured are never quite the same: those that nearly are become their mean."""
-    codes = np.repeat(np.linspace(0, 1, NODES)[:, None], 3, axis=1)
-    curves = np.stack([device.response.to_linear(codes) for device in projectors])
-    same = all(device.response == projectors[0].response for device in projectors)
-    if same or np.abs(curves - curves.mean(axis=0)).max() > MOST_APART:
-        return tuple(projectors)  # a calibration refuses what differs
-    shared = table_response(curves.mean(axis=0))
-    return tuple(replace(device, response=shared) for device in projectors)
-
-
 def _with_monitors(projectors: Sequence[Device], monitors: Sequence[str]) -> tuple[Device, ...]:
     if not monitors:
         return tuple(projectors)
@@ -161,10 +162,7 @@ def _with_monitors(projectors: Sequence[Device], monitors: Sequence[str]) -> tup
         raise InputError(
             f"--monitor: {len(monitors)} given for {len(projectors)} projectors; give one for each, or none"
         )
-    return tuple(
-        Device(device.height, device.width, device.response, monitor)
-        for device, monitor in zip(projectors, monitors, strict=True)
-    )
+    return tuple(replace(device, monitor=monitor) for device, monitor in zip(projectors, monitors, strict=True))
 
 
 def _check_ambient(stored: Sequence[StoredCalibration], composition: NDArray[np.float64]) -> float:

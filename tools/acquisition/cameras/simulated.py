@@ -12,7 +12,7 @@ from counterlight import calibration
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.maps.mixing import mixed
-from counterlight.response import Response
+from counterlight.response import RasterResponse, Response
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Exposures, Shot
 from counterlight.tools.acquisition.cameras.live import LiveCamera, Screen
 from counterlight.tools.acquisition.plan import Codes
@@ -60,7 +60,7 @@ class CameraSettings:
 class SimulatedRoom:
     """What is in front of the camera.
 
-    ambient : (camera height, camera width, 3).  projector : (height, width).  response : of the projector.
+    ambient : (camera height, camera width, 3).  projector : (height, width).  response : of its raster.
     mixing : (camera height, camera width, 3, 3), or one for all, what the camera's channels see of the light that the
     transport gives of each primary; None for their own alone.  sensor : the scene's own, if it describes one.
     """
@@ -69,7 +69,7 @@ class SimulatedRoom:
     transport: Transport
     ambient: NDArray[np.float32]
     projector: tuple[int, int]
-    response: Response
+    response: RasterResponse
     mixing: FloatArray | None = None
     sensor: Sensor | None = None
 
@@ -109,7 +109,6 @@ class SimulatedEye:
 
     def __init__(self, room: SimulatedRoom, settings: CameraSettings, screen: VisibleScreen) -> None:
         self._room, self._settings, self._screen = room, settings, screen
-        self._drive = room.response.to_linear(np.repeat(np.linspace(0, 1, 256)[:, None], 3, axis=1))
         self._pictures = deque([screen.look()], settings.lag + 1)
         self._rng, self._time = np.random.default_rng(settings.seed), 1.0
 
@@ -132,8 +131,7 @@ class SimulatedEye:
 
     def radiance(self, codes: Codes) -> FloatArray:
         """T p + e of a picture's code values."""
-        drive = np.stack([self._drive[codes[..., i].ravel(), i] for i in range(3)], axis=1)
-        return self._room.seen(drive)
+        return self._room.seen(self._room.response.to_linear(codes).reshape(-1, 3))
 
     def _shot(self, light: FloatArray) -> Shot:
         """Code values of light, 1 being full scale; stored so that the top code fills the container."""
@@ -162,9 +160,8 @@ def simulated_room(source: Path) -> SimulatedRoom:
     if source.is_dir():
         stored = calibration.read(source)
         room, tier = stored.calibration, tier_of(stored.calibration, read_transport(stored))
-        projector = room.projector
         return SimulatedRoom(
-            room.name, tier.transport, room.ambient, projector.shape, projector.response, tier.mixing.of_camera
+            room.name, tier.transport, room.ambient, room.projector.shape, room.response, tier.mixing.of_camera
         )
     scene = load_scene(source)
     result = simulate(scene)
@@ -174,7 +171,7 @@ def simulated_room(source: Path) -> SimulatedRoom:
         result.transport if light is None else light.transport,
         result.ambient,
         (scene.projector.height, scene.projector.width),
-        scene.projector.response,
+        scene.projector.response.over(scene.projector.width),
         None if light is None else light.mixing,
         scene.camera.sensor,
     )
