@@ -260,7 +260,10 @@ def _to_toml(calibration: Calibration, files: dict[str, Any]) -> dict[str, Any]:
 
 
 def _projector_to_toml(projector: Device) -> dict[str, Any]:
-    table = {"width": projector.width, "height": projector.height, "response": projector.response.to_toml()}
+    response = projector.response
+    table: dict[str, Any] = {"width": projector.width, "height": projector.height, "response": response.to_toml()}
+    if response.segment is not None:
+        table["white_segment"] = [list(row) for row in response.segment.samples]
     return table if projector.monitor is None else table | {"monitor": projector.monitor}
 
 

@@ -5,7 +5,7 @@ an analytic curve and a measured one take the same path; player/pipeline/referen
 """
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TypeGuard
@@ -19,8 +19,60 @@ from counterlight.files.tables import Table
 
 TABLE_SIZE = 1024
 FIX = "a response file holds: response = [[0, 0, 0], …, [1, 1, 1]], as in a calibration.toml"
+MOST_SAMPLES = 1 << 12  # of a white segment
+BRIGHTEST = 20.0  # times the primaries' own white, that of a white segment
 MOST_ROWS = 1 << 16  # of a measured table: one for each code of a 16-bit camera
 _SRGB_KNEE = 0.04045
+
+
+@dataclass(frozen=True)
+class WhiteSegment:
+    """A projector's white segment: light that grey has beside its red, green and blue.
+
+    Of codes whose primaries are p, the darkest m = min p, such a projector shows p + s(m), s rising from s(0) = 0. With
+    c = p − s(m) in the place of p, m the least of the m_l that solve m_l + s_l(m_l) = p_l, the darkest of c is m and
+    the light is p: it adds up, as T needs it to. What is given up is white beyond the sum of the primaries.
+
+    samples : (samples, 3), s at equal steps of m from 0 to 1, in units of each primary's full light.
+
+    Raises InputError unless s begins at 0 and m + s(m) rises.
+    """
+
+    samples: tuple[tuple[float, ...], ...]
+
+    def __post_init__(self) -> None:
+        if not (2 <= len(self.samples) <= MOST_SAMPLES and {len(row) for row in self.samples} == {3}):
+            raise InputError(f"white segment: expected 2 to {MOST_SAMPLES} rows of three numbers")
+        table = np.array(self.samples, np.float64)
+        if (
+            not np.isfinite(table).all()
+            or table[0].any()
+            or np.abs(table).max() > BRIGHTEST
+            or np.any(np.diff(table + self._levels[:, None], axis=0) <= 0)
+        ):
+            raise InputError(
+                f"white segment: expected light from 0 to at most {BRIGHTEST:g} that never falls faster than the "
+                "primaries rise"
+            )
+
+    def beside(self, darkest: NDArray[np.floating]) -> NDArray[np.float64]:
+        """s(m): (…) -> (…, 3)."""
+        return np.stack([np.interp(darkest, self._levels, column) for column in np.array(self.samples).T], axis=-1)
+
+    def white(self) -> NDArray[np.float64]:
+        """1 + s(1), full white in units of the primaries: (3,)."""
+        return 1 + np.array(self.samples[-1])
+
+    def tables(self) -> NDArray[np.float32]:
+        """(2, samples, 3) at equal steps of a root: m_l of √p_l, and s_l of √m."""
+        at = np.linspace(0, 1, TABLE_SIZE) ** 2
+        whole = self._levels[:, None] + np.array(self.samples)
+        darkest = np.stack([np.interp(at, column, self._levels) for column in whole.T], axis=-1)
+        return np.stack([darkest, self.beside(at)]).astype(np.float32)
+
+    @property
+    def _levels(self) -> NDArray[np.float64]:
+        return np.linspace(0, 1, len(self.samples))
 
 
 @dataclass(frozen=True)
@@ -28,12 +80,14 @@ class Response:
     """A monotone curve per channel, code value -> linear light, both 0..1.
 
     kind : "linear", "srgb", "gamma" (with `gamma`) or "table" (with `table`: (samples, 1 or 3), equally spaced codes).
+    segment : a projector's white segment, whose light is beside that of the curves.
     Raises InputError when the curve cannot be inverted: gamma out of 0.1..10, a table that falls or stays within 0..1.
     """
 
     kind: str
     gamma: float = 1.0
     table: tuple[tuple[float, ...], ...] = ()
+    segment: WhiteSegment | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in ("linear", "srgb", "gamma", "table"):
@@ -44,7 +98,12 @@ class Response:
             _check_table(self.table)
 
     def to_linear(self, codes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Linear light of code values; the last axis is the channel."""
+        """Linear light of code values; the last axis is the channel. With a white segment, white is more than 1."""
+        light = self._primaries(codes)
+        return light if self.segment is None else light + self.segment.beside(light.min(axis=-1))
+
+    def _primaries(self, codes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """By the curves alone."""
         if self.kind == "table":
             table = np.array(self.table, np.float64)
             grid = np.linspace(0, 1, len(table))
@@ -71,7 +130,7 @@ class Response:
         return RasterResponse((self,), (width,))
 
     def to_toml(self) -> object:
-        """What calibration.toml holds: a name, a gamma or a table."""
+        """What calibration.toml holds as `response`: a name, a gamma or a table."""
         return {"gamma": self.gamma, "table": [list(row) for row in self.table]}.get(self.kind, self.kind)
 
 
@@ -96,17 +155,29 @@ class RasterResponse:
 
     def to_linear(self, codes: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Linear drive of a raster's 8-bit code values, (height, width, 3)."""
-        return np.asarray(self._light[self.of_column[:, None], codes, np.arange(3)])
+        light = np.asarray(self._light[self.of_column[:, None], codes, np.arange(3)])
+        for number, response in enumerate(self.distinct):
+            if response.segment is not None:
+                own = self.of_column == number
+                light[:, own] += response.segment.beside(light[:, own].min(axis=-1))
+        return light
 
     def inverse_tables(self) -> NDArray[np.float32]:
         """`Response.inverse_table` of each distinct response: (responses, samples, 3)."""
         return np.stack([response.inverse_table() for response in self.distinct])
 
+    def segment_tables(self) -> NDArray[np.float32] | None:
+        """`WhiteSegment.tables` of each distinct response, (responses, 2, samples, 3); None if no projector has one."""
+        if all(response.segment is None for response in self.distinct):
+            return None
+        none = WhiteSegment(((0.0, 0.0, 0.0),) * 2)
+        return np.stack([(response.segment or none).tables() for response in self.distinct])
+
     @cached_property
     def _light(self) -> NDArray[np.float64]:
-        """Drive of every 8-bit code: (responses, 256, 3)."""
+        """Drive of every 8-bit code by the curves alone: (responses, 256, 3)."""
         codes = np.repeat(np.linspace(0, 1, 256)[:, None], 3, axis=1)
-        return np.stack([response.to_linear(codes) for response in self.distinct])
+        return np.stack([replace(response, segment=None).to_linear(codes) for response in self.distinct])
 
 
 def parse_response(value: object) -> Response:
@@ -127,16 +198,27 @@ def parse_response(value: object) -> Response:
 
 
 def read_response(table: Table, folder: Path | None = None) -> Response:
-    """A table's `response`, linear where it says nothing.
+    """A table's `response`, linear where it says nothing, with its `white_segment`, if it has one.
 
     folder : where response files may be named, there or below; None for a table that names none.
     """
-    if folder is not None and _names_file(table.values.get("response")):
-        return named_response(str(table.path("response", folder)))
     try:
-        return parse_response(table.raw("response", "linear"))
+        if folder is not None and _names_file(table.values.get("response")):
+            response = named_response(str(table.path("response", folder)))
+        else:
+            response = parse_response(table.raw("response", "linear"))
+        if "white_segment" not in table:
+            return response
+        return replace(response, segment=_parse_segment(table.raw("white_segment", None)))
     except InputError as error:
         raise table.refusal(f": {error}") from None
+
+
+def _parse_segment(value: object) -> WhiteSegment:
+    rows = value if isinstance(value, list) else []
+    if not rows or not all(isinstance(row, list) and all(_is_number(v) for v in row) for row in rows):
+        raise InputError("white segment: expected rows of three numbers, from [0, 0, 0]")
+    return WhiteSegment(tuple(tuple(float(v) for v in row) for row in rows))
 
 
 def named_response(text: str) -> Response:

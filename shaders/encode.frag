@@ -3,13 +3,18 @@
 //
 // Inputs: `picture`, linear RGB; `inverse_response`, code values over √light 0..1 (width samples, a row a response);
 // `response_of_column` (width of the picture, height 1), which row each column has, if they are SEVERAL.
-// Defines: SEVERAL, for projectors of different responses; DITHER_ORDERED (8×8 Bayer), DITHER_NOISE (a hash of pixel, channel and frame), or neither: rounding.
+// Defines: SEVERAL, for projectors of different responses; SEGMENT, if one has a white segment, whose light is taken out of
+// the primaries: `segments`, two rows a response, the darkest primary over √light and what is beside it over its root;
+// DITHER_ORDERED (8×8 Bayer), DITHER_NOISE (a hash of pixel, channel and frame), or neither: rounding.
 // Output: code / 255.
 // CPU twin: encode in player/pipeline/reference.py.
 uniform sampler2D picture;
 uniform sampler2D inverse_response;
 #ifdef SEVERAL
 uniform usampler2D response_of_column;
+#endif
+#ifdef SEGMENT
+uniform sampler2D segments;
 #endif
 uniform float scale;      // light of a white pixel, 1 for drive
 #ifdef DITHER_NOISE
@@ -18,17 +23,27 @@ uniform uint frame;
 
 out vec4 encoded;
 
-vec3 code_of(vec3 light, int row) {
-    int last = textureSize(inverse_response, 0).x - 1;
-    vec3 position = sqrt(clamp(light, 0.0, 1.0)) * float(last);
+vec3 looked_up(sampler2D table, vec3 root, int row) {
+    int last = textureSize(table, 0).x - 1;
+    vec3 position = root * float(last);
     ivec3 low = min(ivec3(position), last - 1);
     vec3 share = position - vec3(low);
-    vec3 code;
+    vec3 found;
     for (int i = 0; i < 3; ++i) {
-        code[i] = mix(texelFetch(inverse_response, ivec2(low[i], row), 0)[i],
-                      texelFetch(inverse_response, ivec2(low[i] + 1, row), 0)[i], share[i]);
+        found[i] = mix(texelFetch(table, ivec2(low[i], row), 0)[i],
+                       texelFetch(table, ivec2(low[i] + 1, row), 0)[i], share[i]);
     }
-    return code;
+    return found;
+}
+
+vec3 code_of(vec3 light, int row) {
+    vec3 root = sqrt(clamp(light, 0.0, 1.0));
+#ifdef SEGMENT
+    vec3 each = looked_up(segments, root, 2 * row);
+    vec3 beside = looked_up(segments, vec3(sqrt(min(min(each.r, each.g), each.b))), 2 * row + 1);
+    root = sqrt(max(root * root - beside, 0.0));
+#endif
+    return looked_up(inverse_response, root, row);
 }
 
 #if defined(DITHER_ORDERED)

@@ -12,13 +12,15 @@ from counterlight.maps.room_maps import FarMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack
 from counterlight.media.video import Frame, PixelFormat, PlaneShape
 from counterlight.pipeline.room import Room
-from counterlight.response import Response, parse_response
+from counterlight.response import Response, WhiteSegment, parse_response
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import FarLight, Transport
 
 CAMERA, PROJECTOR = (11, 17), (7, 13)
 CELLS = (1, 6)
 UNLIKE = (4, "srgb"), (6, [[0, 0, 0], [0.1, 0.4, 0.2], [1, 1, 1]]), (3, "srgb")  # columns of projectors, responses
+SEGMENT = WhiteSegment(((0, 0, 0), (0.1, 0.05, 0.02), (0.5, 0.4, 0.3)))
+SEGMENTED = (4, "srgb"), (6, Response("gamma", 2.2, segment=SEGMENT)), (3, "srgb")
 
 
 def random_map(
@@ -60,7 +62,8 @@ def random_room(rng: np.random.Generator, *, far: bool, dither: str = "ordered",
 def in_strips(room: Room, strips: tuple[tuple[int, object], ...]) -> Room:
     """The room with several projectors in its raster, of these columns and responses each."""
     height = room.calibration.projector.height
-    devices = tuple(Device(height, width, parse_response(response)) for width, response in strips)
+    responses = (each if isinstance(each, Response) else parse_response(each) for _, each in strips)
+    devices = tuple(Device(height, width, each) for (width, _), each in zip(strips, responses, strict=True))
     assert sum(width for width, _ in strips) == room.calibration.projector.width
     return replace(room, calibration=replace(room.calibration, projectors=devices))
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from counterlight import calibration
 from counterlight.arrays import FloatArray
+from counterlight.pipeline.reference import encoded_drive
 from counterlight.response import Response
 from counterlight.tools import acquire_transport
 from counterlight.tools.acquisition import store
@@ -137,12 +138,31 @@ def dimmed(codes: FloatArray) -> FloatArray:
 
 
 def with_white_segment(codes: FloatArray) -> FloatArray:
-    return np.asarray((srgb(codes) + 0.4 * codes.min(axis=1, keepdims=True) ** 2) / 1.4)
+    """A warm one: s = (0.5, 0.4, 0.3) m², m the darkest primary; full white is 1."""
+    light = srgb(codes)
+    return np.asarray((light + np.array([0.5, 0.4, 0.3]) * light.min(axis=1, keepdims=True) ** 2) / 1.5)
 
 
-@pytest.mark.parametrize("light", [dimmed, with_white_segment])
-def test_light_that_does_not_add_up_is_told_with_what_to_switch_off(rng: np.random.Generator, light: Light) -> None:
-    done = acquired(rng, light)
+@pytest.mark.parametrize("mixing", [np.eye(3), MIXED], ids=["separate", "mixed"])
+def test_a_white_segment_is_measured_and_taken_out(rng: np.random.Generator, mixing: FloatArray) -> None:
+    """T is then of red, green and blue alone, and codes of any light up to theirs give that light."""
+    wall = sharp_wall(rng)
+    done = acquired(rng, with_white_segment, mixing=mixing, transport=wall)
+    assert done.light is not None
+    assert report_on(done).warnings == []
+    response = done.light.response
+    np.testing.assert_allclose(response.to_linear(GREY), 1.5 * with_white_segment(GREY), atol=0.01)
+    ratio = done.measured.transport.composition().sum() / wall.composition().sum()
+    assert ratio == pytest.approx((1 - BLACK) / 1.5, rel=0.01)
+    drive = rng.random((16, 64, 3))
+    codes = encoded_drive(drive, response.over(64))
+    shown = 1.5 * with_white_segment(codes.reshape(-1, 3) / 255).reshape(drive.shape)
+    assert np.abs(shown - drive).mean() < 0.004  # half a code is 0.2 % of white, and as much as s is known to
+    assert np.abs(shown - drive).max() < 0.02
+
+
+def test_light_that_does_not_add_up_is_told_with_what_to_switch_off(rng: np.random.Generator) -> None:
+    done = acquired(rng, dimmed)
     assert done.light is not None
     assert not done.light.adds_up
     warnings = " ".join(report_on(done).warnings)

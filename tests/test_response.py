@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from counterlight.errors import InputError
+from counterlight.files.tables import Table
 from counterlight.pipeline.reference import encode, encoded_drive
-from counterlight.response import RasterResponse, parse_response, transfer_table
+from counterlight.response import RasterResponse, parse_response, read_response, transfer_table
 
 
 @pytest.mark.parametrize("value", ["linear", "srgb", 0.6, 1.0, 1.8, 2.2, 2.4, "2.2", [[0.0], [0.1], [0.5], [1.0]]])
@@ -17,6 +18,46 @@ def test_encoding_then_the_response_gives_the_light_back(value: object) -> None:
     # The code is the nearest one: half a code to either side brackets the light; 0.01 for the table's interpolation.
     assert np.all(neighbours[0] <= light + 1e-9)
     assert np.all(light <= neighbours[1] + 1e-9)
+
+
+@pytest.mark.parametrize(
+    "samples",
+    [
+        [[0, 0, 0], [0.4, 0.4, 0.4]],
+        [[0, 0, 0], [0.02, 0.05, 0], [0.3, 0.2, 0.9]],
+        [[0, 0, 0], [0.3, 0.3, 0.3], [0.3, 0.3, 0.3]],
+    ],
+)
+def test_what_a_white_segment_adds_is_taken_out(rng: np.random.Generator, samples: list[list[float]]) -> None:
+    """A projector that shows p + s(min p), written down here anew."""
+    table = Table({"response": "linear", "white_segment": samples}, "here", "fix")
+    response = read_response(table)
+    levels = np.linspace(0, 1, len(samples))
+    wanted = rng.uniform(size=(40, 30, 3)) ** np.array([1, 2, 3])
+    codes = encoded_drive(wanted, response.over(30)) / 255
+    darkest = codes.min(axis=2)
+    shown = codes + np.stack([np.interp(darkest, levels, column) for column in np.transpose(samples)], axis=2)
+    assert np.abs(shown - wanted).max() < 2.5 / 255  # half a code, and what half a code does to the segment
+    np.testing.assert_allclose(response.to_linear(codes), shown, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "samples",
+    [
+        5,
+        [],
+        [[0, 0, 0]],
+        [[0, 0], [1, 1]],
+        [[0.1, 0, 0], [1, 1, 1]],
+        [[0, 0, 0], [0, float("nan"), 1]],
+        [[0, 0, 0], [1, 1, 1], [0.2, 1, 1]],
+        [[0, 0, 0], [99, 1, 1]],
+        [[0, 0, 0], ["a", 1, 1]],
+    ],
+)
+def test_a_white_segment_that_cannot_be_is_refused(samples: object) -> None:
+    with pytest.raises(InputError, match=r"^here: white segment: expected"):
+        read_response(Table({"white_segment": samples}, "here", "fix"))
 
 
 def test_a_raster_is_encoded_and_read_back_strip_by_strip(rng: np.random.Generator) -> None:

@@ -114,7 +114,7 @@ def test_photographs_repeat_and_do_not_saturate() -> None:
 
 def test_codes_and_light_are_each_other_s_inverse(rng: np.random.Generator) -> None:
     codes = rng.integers(0, 256, (5, 7, 3), np.uint8)
-    for projector in (Projector(), Projector(gammas=None, black=0.0), Projector(lamp=0.7)):
+    for projector in (Projector(), Projector(gammas=None, black=0.0), Projector(white_segment=0.4, lamp=0.7)):
         assert np.array_equal(projector.nearest_codes(projector.light(codes), (5, 7)), codes)
     assert Projector(gammas=None).curve(np.array([0.5, 0.5, 0.5])) == pytest.approx(0.21404, abs=1e-5)
 

@@ -85,6 +85,10 @@ class _Encoder:
                 defines["SEVERAL"] = None
                 columns = response.of_column.astype(np.uint32)[None]
                 self._inputs["response_of_column"] = own(integer_texture(context, columns))
+            segments = response.segment_tables()
+            if segments is not None:
+                defines["SEGMENT"] = None
+                self._inputs["segments"] = own(picture_texture(context, segments.reshape(-1, *segments.shape[2:])))
             target = context.texture((shape[1], shape[0]), 4, dtype="f1")
             self._pass = own(Pass(context, "encode.frag", target, defines, scale=scale))
         except BaseException:

@@ -335,11 +335,12 @@ def clip_sums(
         out[i] = total
 
 
-@kernel(f"{PICTURE}, {PICTURE}, int32[::1], float32, int64, uint32, {PLANE}, uint8[:, :, ::1]")
+@kernel(f"{PICTURE}, {PICTURE}, int32[::1], float32[:, :, :, ::1], float32, int64, uint32, {PLANE}, uint8[:, :, ::1]")
 def encode(
     light: Picture,
     codes: Picture,
     response_of_column: Whole,
+    segments: Picture,
     scale: Any,
     dither: Any,
     frame: Any,
@@ -348,13 +349,17 @@ def encode(
 ) -> None:
     """Linear light -> code values (encode).
 
-    codes : (responses, 3, samples) over √light.  thresholds : of ORDERED, repeated.
+    codes : (responses, 3, samples) over √light.  segments : (responses, 2, 3, samples), or none.
+    thresholds : of ORDERED, repeated.
     """
     for y in numba.prange(out.shape[0]):
         for x in range(out.shape[1]):
-            seed = np.uint32(0)
+            seed, row = np.uint32(0), response_of_column[x]
             if dither == NOISE:
                 seed = _scrambled(np.uint32(x) + _scrambled(np.uint32(y) + _scrambled(frame)))
+            roots = _root(light[y, x, 0], scale), _root(light[y, x, 1], scale), _root(light[y, x, 2], scale)
+            if segments.shape[0] > 0:
+                roots = _without_segment(roots, segments[row])
             threshold = np.float32(0.5)
             if dither == ORDERED:
                 threshold = thresholds[y % thresholds.shape[0], x % thresholds.shape[1]]
@@ -362,9 +367,25 @@ def encode(
                 if dither == NOISE:
                     hashed = _scrambled(seed + np.uint32(i)) >> np.uint32(9)
                     threshold = np.float32((np.float64(hashed) + 0.5) / 8388608.0)
-                root = np.sqrt(within(light[y, x, i] / scale, np.float32(0), np.float32(1)))
-                value = _looked_up(codes[response_of_column[x], i], root) * np.float32(255) + threshold
+                value = _looked_up(codes[row, i], roots[i]) * np.float32(255) + threshold
                 out[y, x, i] = np.uint8(min(value, np.float32(255)))
+
+
+@inlined
+def _root(light: Any, scale: Any) -> Any:
+    return np.sqrt(within(light / scale, np.float32(0), np.float32(1)))
+
+
+@inlined
+def _without_segment(roots: Any, tables: Any) -> Any:
+    """√p -> √(p − s(m)) of the three primaries."""
+    each = _looked_up(tables[0, 0], roots[0]), _looked_up(tables[0, 1], roots[1]), _looked_up(tables[0, 2], roots[2])
+    darkest = np.sqrt(min(each[0], min(each[1], each[2])))
+    return (
+        np.sqrt(max(roots[0] * roots[0] - _looked_up(tables[1, 0], darkest), np.float32(0))),
+        np.sqrt(max(roots[1] * roots[1] - _looked_up(tables[1, 1], darkest), np.float32(0))),
+        np.sqrt(max(roots[2] * roots[2] - _looked_up(tables[1, 2], darkest), np.float32(0))),
+    )
 
 
 @inlined

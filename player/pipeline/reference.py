@@ -258,16 +258,20 @@ def encode(
     dither: str = "none",
     frame: int = 0,
     response_of_column: NDArray[np.int32] | None = None,
+    segments: FloatArray | None = None,
 ) -> NDArray[np.uint8]:
     """Linear light -> 8-bit code values (encode.frag).
 
     inverse_response : (samples, 3) code values over √light 0..1, or (responses, samples, 3) where columns differ, and
     response_of_column says which one each has.  scale : light of a white pixel.  dither : "ordered", "noise" or "none".
+    segments : (responses, 2, samples, 3), as `WhiteSegment.tables`, light that is taken out of the primaries.
     """
     root = np.sqrt(np.clip(light / scale, 0, 1))
     codes = np.empty(root.shape)
     for number, table in enumerate(inverse_response if inverse_response.ndim == 3 else inverse_response[None]):
         own = slice(None) if response_of_column is None else response_of_column == number
+        if segments is not None:
+            root[:, own] = _without_segment(root[:, own], segments[number])
         grid = np.linspace(0, 1, len(table))
         for i in range(3):
             codes[:, own, i] = np.interp(root[:, own, i], grid, table[:, i])
@@ -278,9 +282,19 @@ def encode(
     return np.asarray(np.floor(np.minimum(codes * 255 + threshold, 255)), np.uint8)
 
 
+def _without_segment(root: FloatArray, tables: FloatArray) -> FloatArray:
+    """√p, (…, 3) -> √(p − s(m)), m the darkest level at which that is what is left."""
+    grid = np.linspace(0, 1, tables.shape[1])
+    each = [np.interp(root[..., i], grid, tables[0, :, i]) for i in range(3)]
+    darkest = np.sqrt(np.min(each, axis=0))
+    beside = np.stack([np.interp(darkest, grid, tables[1, :, i]) for i in range(3)], axis=-1)
+    return np.asarray(np.sqrt(np.maximum(root**2 - beside, 0)))
+
+
 def encoded_drive(drive: FloatArray, response: RasterResponse) -> NDArray[np.uint8]:
     """The code values of a raster's drive, without dithering."""
-    return encode(drive, response.inverse_tables(), response_of_column=response.of_column)
+    tables, segments = response.inverse_tables(), response.segment_tables()
+    return encode(drive, tables, response_of_column=response.of_column, segments=segments)
 
 
 def reach_of(

@@ -19,7 +19,7 @@ from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.room import DITHERS
 from counterlight.response import parse_response
 from tests.renderers import both, read
-from tests.rooms import CAMERA, PROJECTOR, UNLIKE, in_strips, random_map, random_room, rgb_frame, yuv_frame
+from tests.rooms import CAMERA, PROJECTOR, SEGMENTED, UNLIKE, in_strips, random_map, random_room, rgb_frame, yuv_frame
 
 FLOAT_ATOL = 1e-5  # the bound; float32 sums of at most 20 terms of size 3 are far below
 CODE_ATOL = 1  # a float32 rounding may tip one code value
@@ -200,13 +200,14 @@ def test_encoding_equals_its_twin(
 
 
 @pytest.mark.parametrize("dither", DITHERS)
+@pytest.mark.parametrize("strips", [UNLIKE, SEGMENTED], ids=["curves", "white segment"])
 def test_each_part_of_a_raster_is_encoded_for_its_own_projector(
-    gl_context: moderngl.Context, rng: np.random.Generator, dither: str
+    gl_context: moderngl.Context, rng: np.random.Generator, dither: str, strips: tuple[tuple[int, object], ...]
 ) -> None:
     alone = random_room(rng, far=False, dither=dither)
     frame, shown = yuv_frame(rng, (9, 15)), {}
-    for name, strips in (("unlike", UNLIKE), ("alike", tuple((width, "srgb") for width, _ in UNLIKE))):
-        with both(gl_context, in_strips(alone, strips), frame) as (gl, twin):
+    for name, each in (("unlike", strips), ("alike", tuple((width, "srgb") for width, _ in strips))):
+        with both(gl_context, in_strips(alone, each), frame) as (gl, twin):
             for renderer in (gl, twin):
                 renderer.render("projector", compensate=True, frame=7)
             assert np.mean(gl.encoded() != twin.encoded()) < 0.01  # tips, as above

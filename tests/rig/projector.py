@@ -41,7 +41,15 @@ class Projector:
         return self.lamp * (self.black + (1 - self.black) * (1 + self.white_segment))
 
     def nearest_codes(self, light: FloatArray, raster: tuple[int, int]) -> NDArray[np.uint8]:
-        """The codes whose light is nearest, without the white segment: (projector pixels, 3) -> (height, width, 3)."""
+        """The codes whose light is nearest: (projector pixels, 3) -> (height, width, 3).
+
+        Under a white segment codes of which the darkest gives m show w m² more: the darkest light is m + w m².
+        """
+        if self.white_segment:
+            lowest = light.min(axis=1, keepdims=True) / self.lamp - self.black
+            share = np.maximum(lowest, 0) / (1 - self.black)
+            darkest = (np.sqrt(1 + 4 * self.white_segment * share) - 1) / (2 * self.white_segment)
+            light = light - self.lamp * (1 - self.black) * self.white_segment * darkest**2
         table = self.black + (1 - self.black) * self.curve(np.repeat(FINE_CODES[:, None], 3, axis=1))
         middles = (table[1:] + table[:-1]) / 2
         codes = [np.searchsorted(middles[:, i], light[:, i] / self.lamp) for i in range(3)]

@@ -9,7 +9,8 @@ pictures that no scheme has seen, black and white and coloured: how well they ar
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import overload
 
 import numpy as np
@@ -40,6 +41,7 @@ CLEARLY_LIT = 10  # times the noise of all captures together
 MOST_UNCLOSED = 0.02  # of the clearly lit camera pixels may miss so much of a floodlight, of blocks and of codes:
 UNCLOSED, UNCLOSED_CODE = 0.5, 0.35  # a code's pattern lights about half of everything
 LEAST_LIT, LEAST_RISE = 0.001, 10  # of the camera's pixels rise by so many times the noise
+EXPLAINED = 0.5  # of the coloured check's unexplained error may be left if a white segment is what does not add up
 AGAIN = "fix them, acquire again with other --captures"
 
 
@@ -88,14 +90,18 @@ def acquire(
     last = [np.asarray(seen, np.float64) for seen in recorder.capture(Level("floodlight and check", shown, further=0))]
     before, after = (room.above_black(picture) for picture in (room.floodlight, last[0]))
     refuse_moved(before, after, room.noise, 1 + 1 / REPEATS, AGAIN)
-    coloured = by_measured = None
+    T, coloured, by_measured = measured.transport, None, None
     if light:
-        by_measured = check_coloured(measured.transport, room, colours, last[2], light.response, light.primaries)
-        coloured = by_measured
-        if given:
-            coloured = check_coloured(measured.transport, room, colours, last[2], given, light.primaries)
+        predicted = partial(check_coloured, room=room, codes=colours, capture=last[2], primaries=light.primaries)
+        by_measured = predicted(T, response=light.response)
+        if light.segment:
+            primary, response = light.without_segment(T, light.segment), replace(light.response, segment=light.segment)
+            tried = predicted(primary, response=response)
+            if tried.excess < EXPLAINED * by_measured.excess:
+                T, light, by_measured = primary, replace(light, response=response), tried
+        coloured = predicted(T, response=light.curve(given)) if given else by_measured
     return Acquisition(
-        measured,
+        replace(measured, transport=T),
         room,
         light,
         recorder.count,

@@ -109,7 +109,7 @@ def _acquire(
 def _response(given: Response | None, light: ProjectorLight | None) -> tuple[Response, str]:
     """The projector's response, and where it comes from."""
     if given is not None:
-        return given, "given"
+        return light.curve(given) if light else given, "given"
     return (light.response, light.fit) if light else (ASSUMED, "sRGB assumed")
 
 

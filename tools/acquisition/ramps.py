@@ -6,16 +6,21 @@ camera and all pixels that are well lit. So channels that mix do not matter, and
 Code 0 is the black, and grey 255 the floodlight, that are measured already.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import isotonic_regression
 
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
-from counterlight.response import Response
+from counterlight.response import Response, WhiteSegment
 from counterlight.tools.acquisition.plan import REPEATS, Captures, Codes, LazyPatterns, Level, Reference
 from counterlight.tools.hdr.projector_response import fit_projector_response
+from counterlight.tools.transport.transport import Transport
 
 CODES = np.rint(np.linspace(0, 255, 17)).astype(np.uint8)
 INNER = CODES[1:-1]
@@ -25,6 +30,8 @@ PRIMARIES = len(INNER) * len(COLOURS)  # the first capture of these, after the r
 WELL_LIT = 10  # times the noise of a dark capture
 MOST_UNADDED = 0.03  # of white, and so many times the noise:
 SURELY = 4
+SAMPLES = 65  # of a white segment
+UNSEEN = 1e-6  # of the brightest primary's squared light
 EXACT = 1e-6  # of the brightest light: no capture is nearer to the truth
 
 
@@ -36,6 +43,7 @@ class ProjectorLight:
     primaries : (3, camera height, camera width, 3) float32, radiance above black with red, green or blue alone at full.
     fitted : the largest change that made the readings rise.  noise : the largest standard deviation of a reading.
     unadded : (17,), grey at each of `CODES` less the sum of the primaries at that code.  unadded_noise : of these.
+    segment : a white segment that would explain what does not add up; None if it does, or no segment can be it.
     All shares of white. crosstalk : the share of a camera channel's light that neighbouring primaries give.
     """
 
@@ -46,6 +54,7 @@ class ProjectorLight:
     noise: float
     unadded: FloatArray
     unadded_noise: float
+    segment: WhiteSegment | None
     crosstalk: float
 
     @property
@@ -57,9 +66,21 @@ class ProjectorLight:
             f"{100 * self.fitted:.2g} % of white, their noise {100 * self.noise:.2g} %"
         )
 
+    def curve(self, given: Response) -> Response:
+        """Another response with the white segment of the measured one."""
+        return replace(given, segment=self.response.segment)
+
     @property
     def adds_up(self) -> bool:
-        return bool(np.abs(self.unadded).max() <= MOST_UNADDED + SURELY * self.unadded_noise)
+        return _adds_up(self.unadded, self.unadded_noise)
+
+    def without_segment(self, transport: Transport, segment: WhiteSegment) -> Transport:
+        """T as measured with white -> T of the sum of the primaries, which is what a drive of 1 gives."""
+        lights = np.maximum(self.primaries.reshape(3, -1, 3).astype(np.float64), 0)
+        primaries = lights.sum(axis=0)
+        white = np.einsum("l,lik->ik", segment.white(), lights)
+        share = np.divide(primaries, white, out=np.full_like(white, 1 / segment.white().mean()), where=white > 0)
+        return transport.scaled(share)
 
 
 def light_level(projector: tuple[int, int]) -> Level:
@@ -85,22 +106,49 @@ def measure_light(captures: Captures, room: Reference) -> ProjectorLight:
     own, whole = (np.ones((len(CODES), len(COLOURS))) for _ in range(2))  # by its own template, and as a share of white
     own[0], whole[0] = 0, 0
     whole[-1] = [white.share(light) for light in (room.light, *primaries)]
-    for number in range(PRIMARIES):
-        at = 1 + number // len(COLOURS), number % len(COLOURS)
-        light = room.above_black(captures[number])
-        own[at], whole[at] = templates[at[1]].share(light), white.share(light)
+    parts = _Primaries(room, primaries)
+    beside = np.zeros((len(CODES), 3))
+    beside[-1] = parts.shares(room.light - sum(primaries))
+    for code in range(1, len(INNER) + 1):
+        first = (code - 1) * len(COLOURS)
+        lights = [room.above_black(captures[first + colour]) for colour in range(len(COLOURS))]
+        own[code] = [template.share(light) for template, light in zip(templates, lights, strict=True)]
+        whole[code] = [white.share(light) for light in lights]
+        beside[code] = parts.shares(lights[0] - sum(lights[1:]))
     told = [colour if templates[colour].tells else 0 for colour in (1, 2, 3)]  # one that is not seen is like grey
     fitted = fit_projector_response(CODES / 255.0, own[:, told], np.where(np.isin(CODES, INNER), 1, REPEATS))
+    unadded, noise = whole[:, 0] - whole[:, 1:].sum(axis=1), 2 * white.noise  # of four captures
     return ProjectorLight(
         fitted.response,
         fitted.gammas,
         np.stack(primaries).reshape(3, *room.black.shape).astype(np.float32),
         fitted.pooled,
         max(templates[colour].noise for colour in told),
-        whole[:, 0] - whole[:, 1:].sum(axis=1),
-        2 * white.noise,  # of four captures
+        unadded,
+        noise,
+        None if _adds_up(unadded, noise) else _segment(fitted.response, beside),
         _crosstalk(np.stack(primaries), room),
     )
+
+
+def _adds_up(unadded: FloatArray, noise: float) -> bool:
+    return bool(np.abs(unadded).max() <= MOST_UNADDED + SURELY * noise)
+
+
+def _segment(response: Response, beside: FloatArray) -> WhiteSegment | None:
+    """The white segment that gives this light, (17, 3), at grey of each of `CODES`; None if none does."""
+    levels, places = np.unique(response.to_linear(_grey(CODES)).min(axis=1), return_inverse=True)
+    rising = np.stack([isotonic_regression(column).x for column in beside.T], axis=1)
+    light = np.stack([np.bincount(places, column) / np.bincount(places) for column in np.maximum(rising, 0).T], axis=1)
+    light -= light[0]
+    with suppress(InputError):
+        table = PchipInterpolator(levels, light)(np.linspace(0, 1, SAMPLES))
+        return WhiteSegment(tuple(tuple(float(value) for value in row) for row in table))
+    return None
+
+
+def _grey(codes: NDArray[np.uint8]) -> FloatArray:
+    return np.repeat(codes[:, None] / 255.0, 3, axis=1)
 
 
 def _mean(room: Reference, captures: Captures, numbers: range) -> FloatArray:
@@ -129,6 +177,21 @@ class _Template:
     def share(self, light: FloatArray) -> float:
         """How much of the template light is, the least squares by its noise; 0 if the template tells nothing."""
         return float(np.vdot(self._weights, light)) / self._whole if self.tells else 0.0
+
+
+class _Primaries:
+    """What of a light each primary would have to give: least squares by the noise, where white is well lit."""
+
+    def __init__(self, room: Reference, primaries: Sequence[FloatArray]) -> None:
+        lit = (room.light >= WELL_LIT * room.noise.dark) & (room.light > 0) & ~room.saturated.reshape(-1, 1)
+        variance = np.maximum(room.noise.sigma(room.light) ** 2, (EXACT * room.light.max()) ** 2)
+        self._weighted = np.stack([np.divide(each, variance, out=np.zeros_like(each), where=lit) for each in primaries])
+        self._squares = np.einsum("lik,mik->lm", self._weighted, np.stack(primaries))
+
+    def shares(self, light: FloatArray) -> FloatArray:
+        """(3,), of each primary at full."""
+        sums = np.einsum("lik,ik->l", self._weighted, light)
+        return np.asarray(np.linalg.lstsq(self._squares, sums, rcond=UNSEEN)[0])
 
 
 def _crosstalk(primaries: FloatArray, room: Reference) -> float:

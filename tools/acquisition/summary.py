@@ -80,7 +80,14 @@ class AcquisitionReport:
         lit = ~room.saturated & np.any(room.floodlight - room.black > room.floodlight.max() / 10, axis=2)
         contrast = float(room.floodlight[lit].mean() / max(room.black[lit].mean(), np.finfo(float).tiny))
         said = [response, f"contrast: white is {contrast:.3g} times as bright as black and the room's light"]
-        if light:
+        if light and light.response.segment:
+            white = float(light.response.segment.white().mean())
+            said.append(
+                f"colour: grey is up to {100 * (white - 1):.0f} % brighter than its red, green and blue: a white "
+                f"segment, which is taken out, so that white is {100 / white:.0f} % of the projector's; "
+                f"{100 * light.crosstalk:.1f} % of a camera channel's light is its neighbours'"
+            )
+        elif light:
             apart = 100 * float(np.abs(light.unadded).max())
             said.append(
                 f"colour: red, green and blue add up to grey within {apart:.2g} % of white; "
@@ -103,7 +110,7 @@ class AcquisitionReport:
     def warnings(self) -> list[str]:
         """What a user should mend, a line each."""
         light = self.acquisition.light
-        of_light = [] if light is None or light.adds_up else [_not_adding(light)]
+        of_light = [] if light is None or light.adds_up or light.response.segment else [_not_adding(light)]
         of_light += self._other_response()
         if self.off_colour and not of_light:
             of_light.append(OFF)
@@ -115,7 +122,8 @@ class AcquisitionReport:
         if not (self.given and done.light and done.coloured and done.by_measured):
             return []
         codes = np.repeat(np.linspace(0, 1, 256)[:, None], 3, axis=1)
-        apart = float(np.abs(self.given.to_linear(codes) - done.light.response.to_linear(codes)).max())
+        given = done.light.curve(self.given)
+        apart = float(np.abs(given.to_linear(codes) - done.light.response.to_linear(codes)).max())
         if apart <= MOST_OTHER:
             return []
         return [

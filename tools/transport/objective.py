@@ -69,11 +69,7 @@ class Objective:
     @cached_property
     def dual(self) -> Transport:
         """Tᵀ W."""
-        weighted = replace(self.T, near=self.T.near.scaled(self.weights))
-        if self.T.far is not None:
-            far = replace(self.T.far, scatter=self.T.far.scatter.scaled(self.weights))
-            weighted = replace(weighted, far=far)
-        return weighted.T
+        return self.T.scaled(self.weights).T
 
     def bounded(self, b: FloatArray) -> FloatArray:
         """b, of what is not trusted no more than it can have."""

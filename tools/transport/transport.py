@@ -135,6 +135,11 @@ class Transport:
         far = None if self.far is None else replace(self.far, scatter=self.far.scatter.inside(mask.ravel()))
         return replace(self, near=self.near.inside(mask.ravel()), far=far)
 
+    def scaled(self, factors: FloatArray) -> "Transport":
+        """Each camera pixel's light times its factor, (camera pixels,) or (camera pixels, 3)."""
+        far = None if self.far is None else replace(self.far, scatter=self.far.scatter.scaled(factors))
+        return replace(self, near=self.near.scaled(factors), far=far)
+
 
 def in_one(transport: Transport) -> SparseRows:
     """S + U M D entry by entry, float32, nothing left out but zeros: with far light, (almost) dense."""
