@@ -58,6 +58,9 @@ def assert_same(room: Room, frame: Frame, adjustments: Adjustments = NEUTRAL, *,
         {"full_range": True, "chroma_siting": "center", "rotation": 90},
         {"chroma_siting": "topleft", "depth": 12, "rotation": 180},
         {"transfer": "srgb", "rotation": 270, "pixel_aspect": 1.5},
+        {"transfer": "pq", "primaries": "bt2020", "matrix": "bt2020", "depth": 10},
+        {"transfer": "hlg", "primaries": "bt2020", "matrix": "bt2020", "depth": 12, "rotation": 90},
+        {"primaries": "p3"},
     ],
 )
 def test_every_view_of_every_format_is_the_twins(rng: np.random.Generator, changes: dict[str, object]) -> None:
@@ -83,6 +86,14 @@ def test_pictures_in_rgb_and_radiance_are_the_twins(rng: np.random.Generator) ->
 )
 def test_adjusted_pictures_are_the_twins(rng: np.random.Generator, adjustments: Adjustments) -> None:
     assert_same(physical_room(rng).room, yuv_frame(rng, (90, 150)), adjustments)
+
+
+@pytest.mark.parametrize("transfer", ["pq", "hlg"])
+def test_adjusted_hdr_is_the_twins(rng: np.random.Generator, transfer: str) -> None:
+    frame = yuv_frame(rng, (90, 150), transfer=transfer, primaries="bt2020", depth=10)
+    controls = Adjustments(brightness=5, saturation=30, gamma=-10, hdr_peak=4000, target_peak=100)
+    for adjustments in (controls, Adjustments(tone_mapping="clip")):
+        assert_same(random_room(rng, far=False), frame, adjustments)
 
 
 @pytest.mark.parametrize("start", STARTS)
@@ -189,8 +200,8 @@ for kernel, signatures in compiled.KERNELS:
     assert len(kernel.signatures) == len(signatures), kernel
 rng = np.random.default_rng(1)
 renderer = CpuRenderer(physical_room(rng).room)
-for depth in (8, 10):
-    frame = yuv_frame(rng, (9, 15), depth=depth)
+for depth, transfer in ((8, "srgb"), (10, "hlg")):
+    frame = yuv_frame(rng, (9, 15), depth=depth, transfer=transfer)
     renderer.open(frame.format)
     for adjustments in (Adjustments(), Adjustments(adapt=3, flicker=0.5, clipping=True, corners=PINNED)):
         renderer.adjust(adjustments)

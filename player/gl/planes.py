@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from counterlight.gl.passes import Pass, Uniform, float_texture, plane_texture, table_texture
 from counterlight.media.video import PixelFormat
-from counterlight.pipeline.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
-from counterlight.pipeline.colour import decoding_of
+from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.device import Owner
 from counterlight.pipeline.placement import shown_shape
-from counterlight.response import transfer_table
+from counterlight.pipeline.signal import Signal, signal_of
 
 LAYOUTS = {"yuv": "LAYOUT_YUV", "rgb": "LAYOUT_RGB", "radiance": "LAYOUT_RADIANCE"}
 
@@ -29,21 +28,28 @@ class Planes:
             own(plane_texture(context, (plane.height, plane.stride_samples), dtype)) for plane in pixels.planes
         ]
         self._inputs = {f"plane_{i}": texture for i, texture in enumerate(self._planes)}
-        self._codes = pixels.layout != "radiance"
-        if self._codes:
-            self._transfer = transfer_table(pixels.transfer)
-            self._inputs["transfer"] = own(table_texture(context, self._transfer))
-        target, defines = float_texture(context, shown_shape(pixels)), {LAYOUTS[pixels.layout]: None}
-        self._pass = own(Pass(context, "planes_to_linear.frag", target, defines, **_uniforms(pixels)))
+        signal = signal_of(pixels)
+        defines: dict[str, int | None] = {LAYOUTS[pixels.layout]: None}
+        if signal is not None:
+            self._inputs["transfer"] = own(table_texture(context, signal.transfer))
+            if signal.rendition is not None:
+                self._inputs["gain"] = own(table_texture(context, signal.rendition.gain))
+                defines["RENDITION"] = None
+        target = float_texture(context, shown_shape(pixels))
+        self._pass = own(Pass(context, "planes_to_linear.frag", target, defines, **_uniforms(pixels, signal)))
         self.adjust(NEUTRAL)
 
     def adjust(self, adjustments: Adjustments) -> None:
-        """Take over brightness, contrast, gamma and saturation; radiance has no codes that they could change."""
-        if not self._codes:
+        """Take over what changes codes and what becomes of them; radiance has none."""
+        signal = signal_of(self._pixels, adjustments)
+        if signal is None:
             return
-        decoding, lift = adjusted_decoding(decoding_of(self._pixels), self._pixels, adjustments)
-        self._pass.set(to_rgb=tuple(decoding.to_rgb.T.ravel()), lift=lift)  # column by column, as OpenGL wants it
-        self._inputs["transfer"].write(adjusted_transfer(self._transfer, adjustments))
+        self._pass.set(to_rgb=_by_columns(signal.decoding.to_rgb), lift=signal.lift)
+        self._inputs["transfer"].write(signal.transfer)
+        if signal.rendition is not None:
+            self._pass.set(ootf=signal.rendition.ootf, top=signal.rendition.top)
+            self._pass.set(to_screen=_by_columns(signal.rendition.matrix))
+            self._inputs["gain"].write(signal.rendition.gain)
 
     def upload(self, planes: Sequence[NDArray[Any]]) -> None:
         for texture, plane in zip(self._planes, planes, strict=True):
@@ -56,11 +62,16 @@ class Planes:
         self._owner.release()
 
 
-def _uniforms(pixels: PixelFormat) -> dict[str, Uniform]:
+def _by_columns(matrix: NDArray[np.float64]) -> tuple[float, ...]:
+    """As OpenGL wants it."""
+    return tuple(matrix.T.ravel())
+
+
+def _uniforms(pixels: PixelFormat, signal: Signal | None) -> dict[str, Uniform]:
     luma, chroma = pixels.planes[:2]
     uniforms: dict[str, Uniform] = {"stored_size": (luma.width, luma.height), "quarter_turns": pixels.rotation // 90}
-    if pixels.layout != "radiance":
-        decoding = decoding_of(pixels)
+    if signal is not None:
+        decoding = signal.decoding
         uniforms |= {"black": tuple(decoding.black), "span": tuple(decoding.span)}
         if pixels.layout == "yuv":
             uniforms |= {

@@ -30,6 +30,7 @@ class Adjustments:
     """All that can be changed live; as it is made, nothing is. See PARAMETERS.
 
     adapt : see player/pipeline/content.py.  flicker : weight of the previous frame's drive.
+    target_peak, hdr_peak, tone_mapping : see player/pipeline/rendition.py.
     card : one of counterlight.pipeline.test_cards.CARDS instead of the picture, uncompensated.
     corners : of the picture in the camera's view; None fits it in.
     Raises InputError for a value out of its range.
@@ -43,6 +44,9 @@ class Adjustments:
     adapt: float = PARAMETERS["adapt"].default
     flicker: float = PARAMETERS["flicker"].default
     clipping: bool = PARAMETERS["clipping"].default
+    target_peak: float = PARAMETERS["target-peak"].default
+    hdr_peak: float | str = PARAMETERS["hdr-peak"].default
+    tone_mapping: str = PARAMETERS["tone-mapping"].default
     card: str | None = None
     corners: Corners | None = None
 

@@ -62,7 +62,7 @@ def _between(first: Any, second: Any, share: Any) -> Any:
 
 
 @inlined
-def _looked_up(table: Any, share: Any) -> Any:
+def looked_up(table: Any, share: Any) -> Any:
     """Of (samples,) over 0..1, linear between them."""
     at = share * np.float32(table.size - 1)
     low = min(np.int32(at), np.int32(table.size - 2))
@@ -116,7 +116,7 @@ def decode(
             code, at = np.float32(luma[y, x]), start + y * below + x * right
             for i in range(3):
                 value = matrix[i, 0] * code + matrix[i, 1] * cb + matrix[i, 2] * cr + lift[i]
-                out[at, i] = _looked_up(transfer, within(value, np.float32(0), np.float32(1)))
+                out[at, i] = looked_up(transfer, within(value, np.float32(0), np.float32(1)))
 
 
 @kernel(f"{PICTURE}, int32[::1], {PLANE}, {PICTURE}")
@@ -353,7 +353,7 @@ def encode(
                     hashed = _scrambled(seed + np.uint32(i)) >> np.uint32(9)
                     threshold = np.float32((np.float64(hashed) + 0.5) / 8388608.0)
                 root = np.sqrt(within(light[y, x, i] / scale, np.float32(0), np.float32(1)))
-                value = _looked_up(codes[i], root) * np.float32(255) + threshold
+                value = looked_up(codes[i], root) * np.float32(255) + threshold
                 out[y, x, i] = np.uint8(min(value, np.float32(255)))
 
 

@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 
 from counterlight.maps.row_map import RowMap, unpack
 from counterlight.media.frames import PixelFormat
-from counterlight.pipeline import compiled, reference
+from counterlight.pipeline import compiled, compiled_rendition, reference
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.compiled_passes import NOTHING, PASSES, Drawn, Picture, Whole, clip_sums, flat
 from counterlight.pipeline.device import NearLight, Operation, Pass, Planes, StoredMaps
 from counterlight.pipeline.placement import shown_shape
-from counterlight.pipeline.reference_renderer import FLAGS, Adapter, Function, Held, Maps, ReferenceDevice, signal
+from counterlight.pipeline.reference_renderer import FLAGS, Adapter, Function, Held, Maps, ReferenceDevice
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
+from counterlight.pipeline.signal import signal_of
 from counterlight.response import Response
 
 COMBINE = {
@@ -129,10 +130,11 @@ class _Planes(Held):
         self.adjust(NEUTRAL)
 
     def adjust(self, adjustments: Adjustments) -> None:
-        self._drawn = False
-        if self._pixels.layout == "radiance":
+        self._drawn, self._rendition = False, None
+        signal = signal_of(self._pixels, adjustments)
+        if signal is None:
             return
-        decoding, lift, transfer = signal(self._pixels, adjustments)
+        decoding, rendition = signal.decoding, signal.rendition
         luma, chroma = self._pixels.planes[:2]
         (across, down), (left, above) = decoding.subsampling, decoding.chroma_offset
         matrix = decoding.to_rgb / decoding.span
@@ -140,9 +142,12 @@ class _Planes(Held):
             *_samples(luma.height, chroma.height, down, above),
             *_samples(luma.width, chroma.width, across, left),
             matrix.astype(np.float32),
-            (lift - matrix @ decoding.black).astype(np.float32),
-            transfer,
+            (signal.lift - matrix @ decoding.black).astype(np.float32),
+            signal.transfer,
         )
+        if rendition is not None:
+            numbers = np.float32(rendition.ootf), np.float32(rendition.top)
+            self._rendition = *numbers, rendition.gain, rendition.matrix.astype(np.float32)
 
     def upload(self, planes: Sequence[NDArray[Any]]) -> None:
         self._drawn = False
@@ -158,6 +163,8 @@ class _Planes(Held):
     def _draw(self) -> None:
         if self._pixels.layout != "radiance":
             compiled.decode(*self._planes, *self._told, *_walk(self._upright, self._stored), _pixels(self._upright))
+            if self._rendition is not None:
+                compiled_rendition.on_screen(_pixels(self._upright), *self._rendition)
             return
         for i, plane in enumerate(self._planes):
             self._stored[..., i] = plane[: self._pixels.height, : self._pixels.width]

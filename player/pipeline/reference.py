@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from counterlight.maps.mixing import grey_reach, mixed
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import RowMap, unpack
+from counterlight.media.frames import PixelFormat
 from counterlight.pipeline.colour import Decoding
+from counterlight.pipeline.signal import Signal
 from counterlight.pipeline.views import (
     CLIP_FAINT,
     CLIP_SPAN,
@@ -55,30 +57,26 @@ class PreparedRows:
 
 
 def planes_to_linear(
-    planes: Sequence[NDArray[np.generic]],
-    size: tuple[int, int],
-    chroma_size: tuple[int, int],
-    decoding: Decoding | None,
-    transfer: FloatArray,
-    rotation: int,
-    lift: float = 0.0,
+    planes: Sequence[NDArray[np.generic]], pixels: PixelFormat, signal: Signal | None
 ) -> NDArray[np.float64]:
     """Decoded planes -> linear RGB, upright (planes_to_linear.frag).
 
-    planes : three (rows, stride).  size, chroma_size : (height, width) in use.  decoding : None for linear radiance.
-    transfer : (samples,) linear light over the code value 0..1.  rotation : degrees counter-clockwise.
-    lift : added to every code value.
+    planes : three (rows, stride).  signal : None for linear radiance.
     """
-    first = planes[0][: size[0], : size[1]].astype(np.float64)
-    others = [plane[: chroma_size[0], : chroma_size[1]].astype(np.float64) for plane in planes[1:]]
-    if decoding is None:
+    first, *others = (
+        plane[: shape.height, : shape.width].astype(np.float64)
+        for plane, shape in zip(planes, pixels.planes, strict=True)
+    )
+    if signal is None:
         linear = np.stack([first, *others], axis=-1)
     else:
-        others = [_upsample(plane, size, decoding) for plane in others]
+        decoding, grid = signal.decoding, np.linspace(0, 1, signal.transfer.size)
+        others = [_upsample(plane, first.shape, decoding) for plane in others]
         samples = (np.stack([first, *others], axis=-1) - decoding.black) / decoding.span
-        codes = np.clip(samples @ decoding.to_rgb.T + lift, 0, 1)
-        linear = np.interp(codes, np.linspace(0, 1, transfer.size), transfer)
-    return np.rot90(linear, rotation // 90)
+        codes = np.clip(samples @ decoding.to_rgb.T + signal.lift, 0, 1)
+        linear = np.interp(codes, grid, signal.transfer)
+        linear = linear if signal.rendition is None else signal.rendition.on_screen(linear)
+    return np.rot90(linear, pixels.rotation // 90)
 
 
 def resample(picture: FloatArray, target: tuple[int, int], placement: tuple[int, int, int, int]) -> FloatArray:
@@ -333,7 +331,7 @@ def clipping(view: FloatArray, asked: FloatArray, most: FloatArray | float, whit
     return np.asarray(view + weight * (colour - view))
 
 
-def _upsample(plane: FloatArray, size: tuple[int, int], decoding: Decoding) -> NDArray[np.float64]:
+def _upsample(plane: FloatArray, size: tuple[int, ...], decoding: Decoding) -> NDArray[np.float64]:
     """Chroma at every luma pixel, bilinear between samples, clamped at the borders."""
     result = np.asarray(plane, np.float64)
     for axis in (0, 1):

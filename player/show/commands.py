@@ -299,7 +299,8 @@ def _adjustments(session: Session) -> dict[str, Property]:
         return None if found is None else [list(corner) for corner in found]
 
     names = "brightness", "contrast", "gamma", "saturation", "black-level", "adapt", "flicker", "clipping"
-    return {name: field(name) for name in names} | {
+    light = "target-peak", "hdr-peak", "tone-mapping"
+    return {name: field(name) for name in (*names, *light)} | {
         "test-card": _named(
             "test-card",
             lambda: session.adjustments.card or "no",

@@ -180,6 +180,7 @@ def _add_compensation(parser: argparse.ArgumentParser) -> None:
 
 def _add_adjustments(parser: argparse.ArgumentParser) -> None:
     _offer(parser, "brightness", "contrast", "gamma", "saturation", "black-level", "adapt", "flicker", "clipping")
+    _offer(parser, "target-peak", "hdr-peak", "tone-mapping")
     parser.add_argument("--test-card", dest="card", choices=CARDS, help=PARAMETERS["test-card"].help)
 
 

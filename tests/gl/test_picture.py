@@ -74,6 +74,29 @@ def test_every_property_equals_its_twin(
         assert gl.desired().tobytes() == unchanged[1].tobytes()
 
 
+HDR = Adjustments(hdr_peak=4000, target_peak=100, brightness=5, gamma=-10)
+RENDITIONS = NEUTRAL, HDR, Adjustments(tone_mapping="clip"), NEUTRAL
+
+
+@pytest.mark.parametrize("transfer", ["pq", "hlg", "srgb"])
+@pytest.mark.parametrize("layout", ["yuv", "rgb"])
+def test_hdr_and_wide_primaries_equal_their_twin(
+    gl_context: moderngl.Context, rng: np.random.Generator, transfer: str, layout: str
+) -> None:
+    changes = {"transfer": transfer, "primaries": "bt2020"}
+    frame = yuv_frame(rng, (9, 15), matrix="bt2020", depth=10, rotation=90, **changes)
+    if layout == "rgb":
+        frame = scene(rng)
+        frame = replace(frame, format=replace(frame.format, **changes))  # type: ignore[arg-type]
+    with both(gl_context, random_room(rng, far=False), frame) as (gl, cpu):
+        for adjustments in RENDITIONS:
+            for renderer in (gl, cpu):
+                renderer.adjust(adjustments)
+                renderer.render("camera", compensate=True)
+            np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=ATOL)
+            np.testing.assert_allclose(gl.desired(), cpu.desired(), atol=ATOL)
+
+
 @pytest.mark.parametrize("name", ["brightness", "black level", "adapt", "adapt, much"])
 def test_radiance_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator, name: str) -> None:
     frame = radiance_frame(rng.uniform(0, 1.5, (*CAMERA, 3)).astype(np.float32))
