@@ -89,6 +89,7 @@ def _check_outputs(options: argparse.Namespace) -> None:
     if options.output is options.stats is heartbeat is None:
         return
     inputs = [path for medium in (*options.lists, *options.media) for path in files_of(medium)]
+    inputs += [] if options.lut is None else [options.lut]
     if options.output is not None:
         check_output(options.output, inputs=inputs)
     if options.stats is not None:

@@ -4,6 +4,7 @@
 // Inputs: three single-channel planes, integer codes (or float radiance), row 0 at the top; `transfer`, a table of linear
 //   light over the code value 0..1 (width samples, height 1).
 // Defines: LAYOUT_YUV, LAYOUT_RGB or LAYOUT_RADIANCE.
+//   LUT takes codes through `lut`, a table by red, green and blue whose first sample stands for the code `lut_low`.
 //   RENDITION brings HDR or wide primaries to the screen, as player/pipeline/rendition.py says: `gain`, a table over
 //   the fourth root of light in shares of `top`.
 // Output: linear RGB, 0..1 (radiance as it is), one texel a displayed pixel.
@@ -15,6 +16,10 @@ uniform usampler2D plane_0, plane_1, plane_2;
 #endif
 #ifndef LAYOUT_RADIANCE
 uniform sampler2D transfer;
+#endif
+#ifdef LUT
+uniform sampler3D lut;
+uniform vec3 lut_low, lut_span;
 #endif
 #ifdef RENDITION
 uniform sampler2D gain;
@@ -65,6 +70,21 @@ float looked_up(sampler2D table, float share) {
 }
 #endif
 
+#ifdef LUT
+vec3 tetrahedral(vec3 code) {
+    int last = textureSize(lut, 0).x - 1;
+    vec3 position = float(last) * clamp((code - lut_low) / lut_span, 0.0, 1.0);
+    ivec3 corner = min(ivec3(position), last - 1);
+    vec3 share = position - vec3(corner);
+    float most = max(max(share.r, share.g), share.b), least = min(min(share.r, share.g), share.b);
+    float middle = share.r + share.g + share.b - most - least;
+    ivec3 first = share.r == most ? ivec3(1, 0, 0) : share.g == most ? ivec3(0, 1, 0) : ivec3(0, 0, 1);
+    ivec3 not_last = share.b == least ? ivec3(1, 1, 0) : share.g == least ? ivec3(1, 0, 1) : ivec3(0, 1, 1);
+    return (1.0 - most) * texelFetch(lut, corner, 0).rgb + (most - middle) * texelFetch(lut, corner + first, 0).rgb
+         + (middle - least) * texelFetch(lut, corner + not_last, 0).rgb + least * texelFetch(lut, corner + 1, 0).rgb;
+}
+#endif
+
 #ifdef RENDITION
 const vec3 LUMINANCE = vec3(0.2126, 0.7152, 0.0722), LUMINANCE_2020 = vec3(0.2627, 0.6780, 0.0593);
 const float LEAST = 1e-6;  // of a denominator
@@ -97,6 +117,9 @@ void main() {
     linear_rgb = vec4(samples, 1.0);
 #else
     vec3 code = to_rgb * ((samples - black) / span) + lift;
+#ifdef LUT
+    code = tetrahedral(clamp(code, 0.0, 1.0));
+#endif
     vec3 light = vec3(looked_up(transfer, code.r), looked_up(transfer, code.g), looked_up(transfer, code.b));
 #ifdef RENDITION
     light = on_screen(light);

@@ -2,11 +2,14 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
 import pytest
 
+from counterlight.files.cube import read_cube
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
@@ -20,6 +23,7 @@ from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import DITHERS, Room
 from counterlight.pipeline.views import VIEWS
 from tests.coloured_rooms import with_mixing
+from tests.cubes import UNIT, write_cube
 from tests.programs import python
 from tests.refined_rooms import physical_room
 from tests.rooms import CAMERA, random_room, rgb_frame, yuv_frame
@@ -94,6 +98,14 @@ def test_adjusted_hdr_is_the_twins(rng: np.random.Generator, transfer: str) -> N
     controls = Adjustments(brightness=5, saturation=30, gamma=-10, hdr_peak=4000, target_peak=100)
     for adjustments in (controls, Adjustments(tone_mapping="clip")):
         assert_same(random_room(rng, far=False), frame, adjustments)
+
+
+@pytest.mark.parametrize("domain", [UNIT, ((-0.1, 0.0, 0.1), (1.1, 0.9, 1.0))])
+def test_a_table_is_the_twins(rng: np.random.Generator, domain: Any, tmp_path: Path) -> None:
+    cube = read_cube(write_cube(tmp_path / "look.cube", rng, 9, domain))
+    frame = yuv_frame(rng, (9, 15), transfer="pq", primaries="bt2020", depth=10)
+    for lut_type in ("native", "conversion"):
+        assert_same(random_room(rng, far=False), frame, Adjustments(lut=cube, lut_type=lut_type, saturation=20))
 
 
 @pytest.mark.parametrize("start", STARTS)
@@ -192,6 +204,8 @@ from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.views import VIEWS
 from tests.refined_rooms import physical_room
 from tests.rooms import yuv_frame
+from pathlib import Path
+from counterlight.files.cube import Cube
 from tests.test_compiled import PINNED
 for _ in compiled.prepare():
     pass
@@ -203,7 +217,8 @@ renderer = CpuRenderer(physical_room(rng).room)
 for depth, transfer in ((8, "srgb"), (10, "hlg")):
     frame = yuv_frame(rng, (9, 15), depth=depth, transfer=transfer)
     renderer.open(frame.format)
-    for adjustments in (Adjustments(), Adjustments(adapt=3, flicker=0.5, clipping=True, corners=PINNED)):
+    cube = Cube(Path("grey"), np.full((2, 2, 2, 3), 0.5, np.float32), np.zeros(3), np.ones(3))
+    for adjustments in (Adjustments(lut=cube), Adjustments(adapt=3, flicker=0.5, clipping=True, corners=PINNED)):
         renderer.adjust(adjustments)
         for view in VIEWS:
             renderer.upload(frame)

@@ -1,13 +1,13 @@
 """Planes -> linear picture, upright (shaders/planes_to_linear.frag), with the viewer's controls of the coded signal."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.gl.passes import Pass, Uniform, float_texture, plane_texture, table_texture
+from counterlight.gl.passes import Pass, Uniform, cube_texture, float_texture, plane_texture, table_texture
 from counterlight.media.video import PixelFormat
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.device import Owner
@@ -21,22 +21,14 @@ class Planes:
     """The planes of one pixel format and the pass that reads them."""
 
     def __init__(self, context: moderngl.Context, pixels: PixelFormat) -> None:
-        self._owner, self._pixels = Owner(), pixels
-        own = self._owner.own
+        self._context, self._pixels = context, pixels
+        self._owner, self._drawing = Owner(), Owner()
         dtype = np.dtype({8: np.uint8, 32: np.float32}.get(pixels.depth, np.uint16))
         self._planes = [
-            own(plane_texture(context, (plane.height, plane.stride_samples), dtype)) for plane in pixels.planes
+            self._owner.own(plane_texture(context, (plane.height, plane.stride_samples), dtype))
+            for plane in pixels.planes
         ]
-        self._inputs = {f"plane_{i}": texture for i, texture in enumerate(self._planes)}
-        signal = signal_of(pixels)
-        defines: dict[str, int | None] = {LAYOUTS[pixels.layout]: None}
-        if signal is not None:
-            self._inputs["transfer"] = own(table_texture(context, signal.transfer))
-            if signal.rendition is not None:
-                self._inputs["gain"] = own(table_texture(context, signal.rendition.gain))
-                defines["RENDITION"] = None
-        target = float_texture(context, shown_shape(pixels))
-        self._pass = own(Pass(context, "planes_to_linear.frag", target, defines, **_uniforms(pixels, signal)))
+        self._build(signal_of(pixels))
         self.adjust(NEUTRAL)
 
     def adjust(self, adjustments: Adjustments) -> None:
@@ -44,12 +36,14 @@ class Planes:
         signal = signal_of(self._pixels, adjustments)
         if signal is None:
             return
+        if (signal.lut, signal.rendition is None) != self._built_for:
+            self._build(signal)
         self._pass.set(to_rgb=_by_columns(signal.decoding.to_rgb), lift=signal.lift)
-        self._inputs["transfer"].write(signal.transfer)
+        self._tables["transfer"].write(signal.transfer)
         if signal.rendition is not None:
             self._pass.set(ootf=signal.rendition.ootf, top=signal.rendition.top)
             self._pass.set(to_screen=_by_columns(signal.rendition.matrix))
-            self._inputs["gain"].write(signal.rendition.gain)
+            self._tables["gain"].write(signal.rendition.gain)
 
     def upload(self, planes: Sequence[NDArray[Any]]) -> None:
         for texture, plane in zip(self._planes, planes, strict=True):
@@ -59,7 +53,38 @@ class Planes:
         return self._pass.run(**self._inputs)
 
     def release(self) -> None:
+        self._drawing.release()
         self._owner.release()
+
+    def _build(self, signal: Signal | None) -> None:
+        """The pass for what a signal asks for, in place of another, which stays where this one cannot be."""
+        drawing = Owner()
+        try:
+            self._make(signal, drawing.own)
+        except BaseException:
+            drawing.release()
+            raise
+        self._drawing.release()
+        self._drawing = drawing
+
+    def _make(self, signal: Signal | None, own: Callable[[Any], Any]) -> None:
+        context, pixels = self._context, self._pixels
+        defines: dict[str, int | None] = {LAYOUTS[pixels.layout]: None}
+        uniforms, tables, cubes = _uniforms(pixels, signal), {}, {}
+        if signal is not None:
+            tables["transfer"] = own(table_texture(context, signal.transfer))
+            if signal.lut is not None:
+                cubes["lut"], defines["LUT"] = own(cube_texture(context, signal.lut.table)), None
+                low, high = signal.lut.low, signal.lut.high
+                uniforms |= {"lut_low": tuple(low), "lut_span": tuple(high - low)}
+            if signal.rendition is not None:
+                tables["gain"] = own(table_texture(context, signal.rendition.gain))
+                defines["RENDITION"] = None
+        target = float_texture(context, shown_shape(pixels))
+        made: Pass = own(Pass(context, "planes_to_linear.frag", target, defines, **uniforms))
+        planes = {f"plane_{i}": texture for i, texture in enumerate(self._planes)}
+        self._pass, self._tables, self._inputs = made, tables, planes | tables | cubes
+        self._built_for = None if signal is None else (signal.lut, signal.rendition is None)
 
 
 def _by_columns(matrix: NDArray[np.float64]) -> tuple[float, ...]:

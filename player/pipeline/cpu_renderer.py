@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from counterlight.maps.row_map import RowMap, unpack
 from counterlight.media.frames import PixelFormat
-from counterlight.pipeline import compiled, compiled_rendition, reference
+from counterlight.pipeline import compiled, compiled_colour, reference
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.compiled_passes import NOTHING, PASSES, Drawn, Picture, Whole, clip_sums, flat
 from counterlight.pipeline.device import NearLight, Operation, Pass, Planes, StoredMaps
@@ -29,6 +29,7 @@ COMBINE = {
     "SUBTRACT_FROM_BASE": compiled.SUBTRACT,
     "CLAMP": compiled.CLAMP,
 }
+AS_IT_IS = np.array([0, 1], np.float32)  # a transfer table that leaves codes codes
 DITHERS = {"none": compiled.NO_DITHER, "ordered": compiled.ORDERED, "noise": compiled.NOISE}
 
 
@@ -130,7 +131,7 @@ class _Planes(Held):
         self.adjust(NEUTRAL)
 
     def adjust(self, adjustments: Adjustments) -> None:
-        self._drawn, self._rendition = False, None
+        self._drawn, self._cube, self._rendition = False, None, None
         signal = signal_of(self._pixels, adjustments)
         if signal is None:
             return
@@ -143,8 +144,11 @@ class _Planes(Held):
             *_samples(luma.width, chroma.width, across, left),
             matrix.astype(np.float32),
             (signal.lift - matrix @ decoding.black).astype(np.float32),
-            signal.transfer,
+            signal.transfer if signal.lut is None else AS_IT_IS,
         )
+        if signal.lut is not None:
+            low, span, last = signal.lut.low, signal.lut.high - signal.lut.low, len(signal.lut.table) - 1
+            self._cube = signal.lut.table, low.astype(np.float32), (last / span).astype(np.float32), signal.transfer
         if rendition is not None:
             numbers = np.float32(rendition.ootf), np.float32(rendition.top)
             self._rendition = *numbers, rendition.gain, rendition.matrix.astype(np.float32)
@@ -163,8 +167,10 @@ class _Planes(Held):
     def _draw(self) -> None:
         if self._pixels.layout != "radiance":
             compiled.decode(*self._planes, *self._told, *_walk(self._upright, self._stored), _pixels(self._upright))
+            if self._cube is not None:
+                compiled_colour.through_table(_pixels(self._upright), *self._cube)
             if self._rendition is not None:
-                compiled_rendition.on_screen(_pixels(self._upright), *self._rendition)
+                compiled_colour.on_screen(_pixels(self._upright), *self._rendition)
             return
         for i, plane in enumerate(self._planes):
             self._stored[..., i] = plane[: self._pixels.height, : self._pixels.width]

@@ -28,6 +28,7 @@ class Parameter:
 
 
 LISTED_IMAGE_S = 5.0  # how long a picture in a list is shown if nobody says
+LUT_TYPES = ("native", "conversion")
 TONE_MAPPINGS = ("bt.2390", "clip")
 OSD = ("off", "on", "notices")
 FLAG, CONTROL = Flag(), Number(-100, 100, whole=True)
@@ -70,6 +71,11 @@ PARAMETERS = {
         "how HDR is brought below white: bt.2390 bends what is bright, clip cuts it off",
         Choice(TONE_MAPPINGS),
         "bt.2390",
+    ),
+    "lut-type": Parameter(
+        "native: a medium's codes become others of its own curve; conversion: of BT.1886 and BT.709",
+        Choice(LUT_TYPES),
+        "native",
     ),
     "test-card": Parameter("test card instead of the picture", Choice(("no", *CARDS)), "no"),
     "view": Parameter("what is shown", Choice(VIEWS), "projector"),

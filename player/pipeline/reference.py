@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.files.cube import Cube
 from counterlight.maps.mixing import grey_reach, mixed
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import RowMap, unpack
@@ -74,9 +75,32 @@ def planes_to_linear(
         others = [_upsample(plane, first.shape, decoding) for plane in others]
         samples = (np.stack([first, *others], axis=-1) - decoding.black) / decoding.span
         codes = np.clip(samples @ decoding.to_rgb.T + signal.lift, 0, 1)
+        codes = codes if signal.lut is None else tetrahedral(signal.lut, codes)
         linear = np.interp(codes, grid, signal.transfer)
         linear = linear if signal.rendition is None else signal.rendition.on_screen(linear)
     return np.rot90(linear, pixels.rotation // 90)
+
+
+def tetrahedral(cube: Cube, codes: FloatArray) -> NDArray[np.float64]:
+    """What codes (…, 3) become by a table: linear within six tetrahedra around each cell's grey diagonal.
+
+    From the cell's darkest corner along the axis of the largest share, then of the next, to the brightest one.
+    """
+    last = len(cube.table) - 1
+    position = last * np.clip((codes - cube.low) / (cube.high - cube.low), 0, 1)
+    corner = np.minimum(position.astype(int), last - 1)
+    shares = position - corner
+    found = _sample(cube, corner)
+    order = np.argsort(-shares, axis=-1)
+    for rank in range(3):
+        axis = order[..., rank : rank + 1]
+        before, corner = _sample(cube, corner), corner + (np.arange(3) == axis)
+        found = found + np.take_along_axis(shares, axis, -1) * (_sample(cube, corner) - before)
+    return found
+
+
+def _sample(cube: Cube, corner: NDArray[np.int64]) -> NDArray[np.float64]:
+    return cube.table[corner[..., 2], corner[..., 1], corner[..., 0]].astype(np.float64)
 
 
 def resample(picture: FloatArray, target: tuple[int, int], placement: tuple[int, int, int, int]) -> FloatArray:

@@ -11,6 +11,7 @@ from typing import Any
 from counterlight.calibration import RADIANCE
 from counterlight.command import Parser
 from counterlight.errors import InputError
+from counterlight.files.cube import read_cube
 from counterlight.media.frames import MediaInfo
 from counterlight.media.medium import Border, Medium
 from counterlight.pipeline.adjustments import Adjustments
@@ -57,10 +58,9 @@ def read_options(argv: Sequence[str] | None, description: str) -> argparse.Names
 
 
 def adjustments_of(options: argparse.Namespace) -> Adjustments:
-    """The viewer's settings among the options."""
-    return Adjustments(
-        **{field.name: getattr(options, field.name) for field in fields(Adjustments) if field.name in options}
-    )
+    """The viewer's settings among the options; InputError for a colour table that cannot be read."""
+    values = {field.name: getattr(options, field.name) for field in fields(Adjustments) if field.name in options}
+    return Adjustments(**values | {"lut": None if options.lut is None else read_cube(options.lut)})
 
 
 def monitors_of(options: argparse.Namespace) -> list[str]:
@@ -181,6 +181,8 @@ def _add_compensation(parser: argparse.ArgumentParser) -> None:
 def _add_adjustments(parser: argparse.ArgumentParser) -> None:
     _offer(parser, "brightness", "contrast", "gamma", "saturation", "black-level", "adapt", "flicker", "clipping")
     _offer(parser, "target-peak", "hdr-peak", "tone-mapping")
+    parser.add_argument("--lut", type=Path, metavar="FILE.cube", help="colour table that codes go through")
+    _offer(parser, "lut-type")
     parser.add_argument("--test-card", dest="card", choices=CARDS, help=PARAMETERS["test-card"].help)
 
 
