@@ -272,6 +272,9 @@ def _playing(session: Session) -> dict[str, Property]:
             lambda: "inf" if session.image_display_duration is None else session.image_display_duration,
             hold,
         ),
+        "in-step": Property(
+            "how a leader or a follower is doing, null if neither", lambda: session.stats.facts.get("in_step")
+        ),
         "volume": _named("volume", *_attribute(audio, "volume")),
         "mute": _named("mute", *_attribute(audio, "mute")),
     }

@@ -3,8 +3,9 @@
 import argparse
 import os
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +23,26 @@ from counterlight.pipeline.refinement import STARTS
 from counterlight.pipeline.room import DITHERS
 from counterlight.pipeline.test_cards import CARDS
 from counterlight.show.headless import BACKENDS
+from counterlight.show.in_step import begins_at
 from counterlight.show.keys import KEYS, MEANINGS
 from counterlight.show.playlist import expand
 from counterlight.show.settings import Several, apply_settings, default_path
+from counterlight.unattended.cues import PORT, read_address
 from counterlight.unattended.supervisor import SAFE
 
 WINDOW_ONLY = (
     *("fullscreen", "monitor", "any_size", "vsync", "audio", "volume", "mute", "blackout", "osd"),
-    *("screenshot_directory", "speed", "image_display_duration", "control", "heartbeat", "playlist_start"),
+    *(
+        "lead",
+        "follow",
+        "at",
+        "screenshot_directory",
+        "speed",
+        "image_display_duration",
+        "control",
+        "heartbeat",
+        "playlist_start",
+    ),
 )
 
 
@@ -99,7 +112,7 @@ def _parser(description: str) -> argparse.ArgumentParser:
         formatter_class=argparse.RawTextHelpFormatter,
         allow_abbrev=False,
     )
-    for add in (_add_what, _add_border, _add_compensation, _add_adjustments, _add_window, _add_output):
+    for add in (_add_what, _add_border, _add_compensation, _add_adjustments, _add_window, _add_step, _add_output):
         add(parser)
     return parser
 
@@ -203,6 +216,33 @@ def _add_window(parser: argparse.ArgumentParser) -> None:
     add("--screenshot-directory", type=Path, default=Path(), metavar="DIR", help="for the key s (default: here)")
     add("--config", type=Path, metavar="FILE", help="settings (default ~/.config/counterlight/player.toml)")
     add("--no-config", action="store_true", help="read no settings")
+
+
+def _add_step(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    text = "tell followers where the show is, on this UDP port"
+    add("--lead", type=_address(host=""), metavar="[HOST:]PORT", help=text)
+    text = f"go where the leader on another machine is\n(its port: {PORT} if left out)"
+    add("--follow", type=_address(port=PORT), metavar="HOST[:PORT]", help=text)
+    add("--at", type=_time_of_day, metavar="HH:MM:SS", help="begin at this time of the day, black until then")
+
+
+def _address(**defaults: Any) -> Callable[[str], tuple[str, int]]:
+    def read(word: str) -> tuple[str, int]:
+        try:
+            return read_address(word, **defaults)
+        except ValueError:
+            expected = "[HOST:]PORT" if "host" in defaults else "HOST[:PORT]"
+            raise argparse.ArgumentTypeError(f"expected {expected}, found {word!r}") from None
+
+    return read
+
+
+def _time_of_day(word: str) -> datetime:
+    try:
+        return begins_at(word, datetime.now())
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected a time such as 20:00:00, found {word!r}") from None
 
 
 def _add_output(parser: argparse.ArgumentParser) -> None:
