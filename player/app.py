@@ -21,6 +21,7 @@ from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room, read_room
 from counterlight.show.control import ControlServer
 from counterlight.show.headless import headless_renderer, render_to_file
+from counterlight.show.in_step import Curtain, Follower, Leader
 from counterlight.show.media import Media
 from counterlight.show.options import (
     adjustments_of,
@@ -37,6 +38,7 @@ from counterlight.show.room_in_use import RoomInUse
 from counterlight.show.session import Session
 from counterlight.show.show import Show
 from counterlight.show.stats import Stats
+from counterlight.unattended.cues import Beacon, Listener
 from counterlight.unattended.heartbeat import Heartbeat, Notifier
 from counterlight.unattended.room_checks import RoomChecks
 from counterlight.unattended.supervisor import supervise
@@ -89,6 +91,7 @@ def _check_outputs(options: argparse.Namespace) -> None:
     if options.output is options.stats is heartbeat is None:
         return
     inputs = [path for medium in (*options.lists, *options.media) for path in files_of(medium)]
+    inputs += [] if options.lut is None else [options.lut]
     if options.output is not None:
         check_output(options.output, inputs=inputs)
     if options.stats is not None:
@@ -186,6 +189,22 @@ def _checks(options: argparse.Namespace) -> RoomChecks | None:
     return RoomChecks(verify, every_s)
 
 
+def _in_step(options: argparse.Namespace, session: Session, stack: ExitStack) -> list[Callable[[], None]]:
+    """What keeps a show in step with others, on the stack."""
+    beside: list[Callable[[], None]] = []
+    if options.lead is not None:
+        beacon = Beacon(options.lead)
+        stack.callback(beacon.close)
+        beside.append(Leader(session, beacon).poll)
+    if options.follow is not None:
+        listener = Listener(options.follow)
+        stack.callback(listener.close)
+        beside.append(Follower(session, listener).poll)
+    if options.at is not None:
+        beside.append(Curtain(session, options.at).poll)
+    return beside
+
+
 def play_in_window(
     options: argparse.Namespace,
     room: Room,
@@ -266,7 +285,8 @@ def play_in_window(
 
         window.attach(shown, lambda: session.rendered_view == "projector")
         checks = _checks(options)
-        show = Show(session, bindings=options.keys, remotes=remotes, heartbeat=heartbeat, checks=checks)
+        beside = _in_step(options, session, stack)
+        show = Show(session, bindings=options.keys, remotes=remotes, heartbeat=heartbeat, checks=checks, beside=beside)
         return show.run(options.frames)
 
 

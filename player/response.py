@@ -23,6 +23,10 @@ MOST_SAMPLES = 1 << 12  # of a white segment
 BRIGHTEST = 20.0  # times the primaries' own white, that of a white segment
 MOST_ROWS = 1 << 16  # of a measured table: one for each code of a 16-bit camera
 _SRGB_KNEE = 0.04045
+PQ_PEAK = 10_000.0  # cd/m² of the highest code
+_PQ_M = 2610 / 16384, 2523 / 4096 * 128
+_PQ_C = 3424 / 4096, 2413 / 4096 * 32, 2392 / 4096 * 32
+_HLG_A, _HLG_B, _HLG_C = 0.17883277, 0.28466892, 0.55991073
 
 
 @dataclass(frozen=True)
@@ -252,11 +256,33 @@ def _is_number(value: object) -> TypeGuard[int | float]:
 
 
 def transfer_table(transfer: str) -> NDArray[np.float32]:
-    """Linear light of picture code values i / (n − 1): (n,). BT.1886 with zero black is a gamma of 2.4."""
+    """Linear light of picture code values i / (n − 1): (n,). BT.1886 with zero black is a gamma of 2.4.
+
+    That of PQ is in shares of PQ_PEAK, that of HLG the scene's.
+    """
     gammas = {"bt1886": 2.4, "gamma22": 2.2, "gamma28": 2.8}
     codes = np.linspace(0, 1, TABLE_SIZE)
+    if transfer in ("pq", "hlg"):
+        return (pq_light(codes) if transfer == "pq" else _hlg_light(codes)).astype(np.float32)
     kind = "gamma" if transfer in gammas else transfer
     return _analytic(kind, gammas.get(transfer, 1.0), codes).astype(np.float32)
+
+
+def pq_light(codes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """SMPTE ST 2084's EOTF, in shares of PQ_PEAK."""
+    power = np.asarray(codes) ** (1 / _PQ_M[1])
+    return np.asarray((np.maximum(power - _PQ_C[0], 0) / (_PQ_C[1] - _PQ_C[2] * power)) ** (1 / _PQ_M[0]))
+
+
+def pq_codes(light: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Its inverse."""
+    power = np.asarray(light, np.float64) ** _PQ_M[0]
+    return np.asarray(((_PQ_C[0] + _PQ_C[1] * power) / (1 + _PQ_C[2] * power)) ** _PQ_M[1])
+
+
+def _hlg_light(codes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The inverse of HLG's OETF (ITU-R BT.2100-2), the scene's light, 0..1."""
+    return np.where(codes <= 0.5, codes**2 / 3, (np.exp((codes - _HLG_C) / _HLG_A) + _HLG_B) / 12)
 
 
 def _analytic(kind: str, gamma: float, codes: NDArray[np.float64]) -> NDArray[np.float64]:

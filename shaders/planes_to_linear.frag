@@ -4,6 +4,9 @@
 // Inputs: three single-channel planes, integer codes (or float radiance), row 0 at the top; `transfer`, a table of linear
 //   light over the code value 0..1 (width samples, height 1).
 // Defines: LAYOUT_YUV, LAYOUT_RGB or LAYOUT_RADIANCE.
+//   LUT takes codes through `lut`, a table by red, green and blue whose first sample stands for the code `lut_low`.
+//   RENDITION brings HDR or wide primaries to the screen, as player/pipeline/rendition.py says: `gain`, a table over
+//   the fourth root of light in shares of `top`.
 // Output: linear RGB, 0..1 (radiance as it is), one texel a displayed pixel.
 // CPU twin: planes_to_linear in player/pipeline/reference.py.
 #ifdef LAYOUT_RADIANCE
@@ -13,6 +16,15 @@ uniform usampler2D plane_0, plane_1, plane_2;
 #endif
 #ifndef LAYOUT_RADIANCE
 uniform sampler2D transfer;
+#endif
+#ifdef LUT
+uniform sampler3D lut;
+uniform vec3 lut_low, lut_span;
+#endif
+#ifdef RENDITION
+uniform sampler2D gain;
+uniform float ootf, top;       // of HLG: the system gamma less 1; the medium's peak
+uniform mat3 to_screen;        // primaries
 #endif
 uniform ivec2 stored_size;     // of plane 0, before rotation
 uniform ivec2 chroma_size;     // of planes 1 and 2
@@ -49,12 +61,47 @@ vec2 chroma(ivec2 at) {
 #endif
 
 #ifndef LAYOUT_RADIANCE
-float light(float code) {
-    int last = textureSize(transfer, 0).x - 1;
-    float position = clamp(code, 0.0, 1.0) * float(last);
+float looked_up(sampler2D table, float share) {
+    int last = textureSize(table, 0).x - 1;
+    float position = clamp(share, 0.0, 1.0) * float(last);
     int low = min(int(position), last - 1);
-    return mix(texelFetch(transfer, ivec2(low, 0), 0).r, texelFetch(transfer, ivec2(low + 1, 0), 0).r,
+    return mix(texelFetch(table, ivec2(low, 0), 0).r, texelFetch(table, ivec2(low + 1, 0), 0).r,
                position - float(low));
+}
+#endif
+
+#ifdef LUT
+vec3 tetrahedral(vec3 code) {
+    int last = textureSize(lut, 0).x - 1;
+    vec3 position = float(last) * clamp((code - lut_low) / lut_span, 0.0, 1.0);
+    ivec3 corner = min(ivec3(position), last - 1);
+    vec3 share = position - vec3(corner);
+    float most = max(max(share.r, share.g), share.b), least = min(min(share.r, share.g), share.b);
+    float middle = share.r + share.g + share.b - most - least;
+    ivec3 first = share.r == most ? ivec3(1, 0, 0) : share.g == most ? ivec3(0, 1, 0) : ivec3(0, 0, 1);
+    ivec3 not_last = share.b == least ? ivec3(1, 1, 0) : share.g == least ? ivec3(1, 0, 1) : ivec3(0, 1, 1);
+    return (1.0 - most) * texelFetch(lut, corner, 0).rgb + (most - middle) * texelFetch(lut, corner + first, 0).rgb
+         + (middle - least) * texelFetch(lut, corner + not_last, 0).rgb + least * texelFetch(lut, corner + 1, 0).rgb;
+}
+#endif
+
+#ifdef RENDITION
+const vec3 LUMINANCE = vec3(0.2126, 0.7152, 0.0722), LUMINANCE_2020 = vec3(0.2627, 0.6780, 0.0593);
+const float LEAST = 1e-6;  // of a denominator
+
+vec3 within_gamut(vec3 colour) {
+    float grey = clamp(dot(colour, LUMINANCE), 0.0, 1.0);
+    float least = min(min(colour.r, colour.g), colour.b), most = max(max(colour.r, colour.g), colour.b);
+    float low = least < 0.0 ? grey / max(grey - least, LEAST) : 1.0;
+    float high = most > 1.0 ? (1.0 - grey) / max(most - grey, LEAST) : 1.0;
+    return clamp(grey + min(low, high) * (colour - grey), 0.0, 1.0);
+}
+
+vec3 on_screen(vec3 light) {
+    if (ootf != 0.0) light *= pow(max(dot(light, LUMINANCE_2020), LEAST), ootf);
+    float brightest = max(max(light.r, light.g), light.b);
+    light *= looked_up(gain, sqrt(sqrt(brightest / top))) * top / max(brightest, top);
+    return within_gamut(to_screen * light);
 }
 #endif
 
@@ -70,6 +117,13 @@ void main() {
     linear_rgb = vec4(samples, 1.0);
 #else
     vec3 code = to_rgb * ((samples - black) / span) + lift;
-    linear_rgb = vec4(light(code.r), light(code.g), light(code.b), 1.0);
+#ifdef LUT
+    code = tetrahedral(clamp(code, 0.0, 1.0));
+#endif
+    vec3 light = vec3(looked_up(transfer, code.r), looked_up(transfer, code.g), looked_up(transfer, code.b));
+#ifdef RENDITION
+    light = on_screen(light);
+#endif
+    linear_rgb = vec4(light, 1.0);
 #endif
 }

@@ -1,5 +1,6 @@
 """Decoded colours of real clips against FFmpeg's own conversion, and the numbers behind them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -9,8 +10,8 @@ from av.video.reformatter import ColorRange, Colorspace
 
 from counterlight.media.video import Frame, MediaReader
 from counterlight.pipeline import reference
-from counterlight.pipeline.colour import decoding_of
 from counterlight.pipeline.placement import place, shown_shape
+from counterlight.pipeline.signal import signal_of
 from counterlight.response import transfer_table
 from counterlight.tools.shipped import CLIP
 from tests.rooms import yuv_frame
@@ -24,15 +25,9 @@ CODES = transfer_table("srgb")  # any monotone curve: codes go in and come out a
 
 def code_values(frame: Frame) -> np.ndarray:
     """The frame's R'G'B' code values, 0..255, through the CPU twin (the shader equals it: tests/gl)."""
-    luma, chroma = frame.format.planes[:2]
-    linear = reference.planes_to_linear(
-        frame.planes,
-        (luma.height, luma.width),
-        (chroma.height, chroma.width),
-        decoding_of(frame.format),
-        CODES,
-        frame.format.rotation,
-    )
+    signal = signal_of(frame.format)
+    assert signal is not None
+    linear = reference.planes_to_linear(frame.planes, frame.format, replace(signal, transfer=CODES))
     return 255 * np.interp(linear, CODES, np.linspace(0, 1, CODES.size))
 
 

@@ -2,11 +2,14 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
 import pytest
 
+from counterlight.files.cube import read_cube
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
@@ -20,6 +23,7 @@ from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import DITHERS, Room
 from counterlight.pipeline.views import VIEWS
 from tests.coloured_rooms import with_mixing
+from tests.cubes import UNIT, write_cube
 from tests.programs import python
 from tests.refined_rooms import physical_room
 from tests.rooms import CAMERA, SEGMENTED, UNLIKE, in_strips, random_room, rgb_frame, yuv_frame
@@ -58,6 +62,9 @@ def assert_same(room: Room, frame: Frame, adjustments: Adjustments = NEUTRAL, *,
         {"full_range": True, "chroma_siting": "center", "rotation": 90},
         {"chroma_siting": "topleft", "depth": 12, "rotation": 180},
         {"transfer": "srgb", "rotation": 270, "pixel_aspect": 1.5},
+        {"transfer": "pq", "primaries": "bt2020", "matrix": "bt2020", "depth": 10},
+        {"transfer": "hlg", "primaries": "bt2020", "matrix": "bt2020", "depth": 12, "rotation": 90},
+        {"primaries": "p3"},
     ],
 )
 def test_every_view_of_every_format_is_the_twins(rng: np.random.Generator, changes: dict[str, object]) -> None:
@@ -83,6 +90,22 @@ def test_pictures_in_rgb_and_radiance_are_the_twins(rng: np.random.Generator) ->
 )
 def test_adjusted_pictures_are_the_twins(rng: np.random.Generator, adjustments: Adjustments) -> None:
     assert_same(physical_room(rng).room, yuv_frame(rng, (90, 150)), adjustments)
+
+
+@pytest.mark.parametrize("transfer", ["pq", "hlg"])
+def test_adjusted_hdr_is_the_twins(rng: np.random.Generator, transfer: str) -> None:
+    frame = yuv_frame(rng, (90, 150), transfer=transfer, primaries="bt2020", depth=10)
+    controls = Adjustments(brightness=5, saturation=30, gamma=-10, hdr_peak=4000, target_peak=100)
+    for adjustments in (controls, Adjustments(tone_mapping="clip")):
+        assert_same(random_room(rng, far=False), frame, adjustments)
+
+
+@pytest.mark.parametrize("domain", [UNIT, ((-0.1, 0.0, 0.1), (1.1, 0.9, 1.0))])
+def test_a_table_is_the_twins(rng: np.random.Generator, domain: Any, tmp_path: Path) -> None:
+    cube = read_cube(write_cube(tmp_path / "look.cube", rng, 9, domain))
+    frame = yuv_frame(rng, (9, 15), transfer="pq", primaries="bt2020", depth=10)
+    for lut_type in ("native", "conversion"):
+        assert_same(random_room(rng, far=False), frame, Adjustments(lut=cube, lut_type=lut_type, saturation=20))
 
 
 @pytest.mark.parametrize("start", STARTS)
@@ -185,6 +208,8 @@ from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.views import VIEWS
 from tests.refined_rooms import physical_room
 from tests.rooms import yuv_frame
+from pathlib import Path
+from counterlight.files.cube import Cube
 from tests.test_compiled import PINNED
 for _ in compiled.prepare():
     pass
@@ -193,10 +218,11 @@ for kernel, signatures in compiled.KERNELS:
     assert len(kernel.signatures) == len(signatures), kernel
 rng = np.random.default_rng(1)
 renderer = CpuRenderer(physical_room(rng).room)
-for depth in (8, 10):
-    frame = yuv_frame(rng, (9, 15), depth=depth)
+for depth, transfer in ((8, "srgb"), (10, "hlg")):
+    frame = yuv_frame(rng, (9, 15), depth=depth, transfer=transfer)
     renderer.open(frame.format)
-    for adjustments in (Adjustments(), Adjustments(adapt=3, flicker=0.5, clipping=True, corners=PINNED)):
+    cube = Cube(Path("grey"), np.full((2, 2, 2, 3), 0.5, np.float32), np.zeros(3), np.ones(3))
+    for adjustments in (Adjustments(lut=cube), Adjustments(adapt=3, flicker=0.5, clipping=True, corners=PINNED)):
         renderer.adjust(adjustments)
         for view in VIEWS:
             renderer.upload(frame)

@@ -7,6 +7,7 @@ import av
 import numpy as np
 import pytest
 
+from counterlight.errors import InputError
 from counterlight.media.video import MediaReader
 from tests.media import (
     RATE,
@@ -90,14 +91,22 @@ def test_colour_tags(tags: dict[str, int], matrix: str, full_range: bool, transf
     assert_equal(planes, numbered(3))  # the range is described, never applied
 
 
-def test_hdr_video_brings_a_notice(tmp_path: Path) -> None:
-    path = write_video(tmp_path / "clip.mkv", [numbered(0)] * 2, tags={"color_trc": 16, "colorspace": 9})
+def test_pq_that_names_no_peak_brings_a_notice(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "clip.mkv", [numbered(0)] * 2, tags={"color_trc": 16})
     with MediaReader.open(path) as reader:
         (notice,) = reader.notices()
-        assert reader.info.format.transfer == "bt1886"
+        told = reader.info.format
+        assert (told.transfer, told.matrix, told.primaries) == ("pq", "bt2020", "bt2020")
         assert reader.notices() == []
     assert "PQ" in notice
-    assert "tone mapping" in notice
+    assert "--hdr-peak" in notice
+
+
+@pytest.mark.parametrize(("matrix", "name"), [(8, "YCgCo"), (14, "ICtCp")])
+def test_a_matrix_that_is_not_known_is_refused(matrix: int, name: str, tmp_path: Path) -> None:
+    path = write_video(tmp_path / "clip.mkv", [numbered(0)] * 2, tags={"colorspace": matrix})
+    with pytest.raises(InputError, match=f"its {name} colour matrix is not supported; convert it to"):
+        MediaReader.open(path)
 
 
 @pytest.mark.parametrize("name", ["clip.mp4", "clip.mkv", "clip.ts", "clip.avi", "clip.h264"])

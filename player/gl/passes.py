@@ -40,6 +40,16 @@ def table_texture(context: moderngl.Context, table: NDArray[np.float32]) -> mode
     return _texture(context, (1, len(columns)), columns.shape[1], "f4", np.ascontiguousarray(columns))
 
 
+def cube_texture(context: moderngl.Context, table: NDArray[np.float32]) -> moderngl.Texture3D:
+    """A table (size, size, size, 3), by blue, green and red, read by texel."""
+    size = len(table)
+    texture = context.texture3d((size, size, size), 3, np.ascontiguousarray(table), dtype="f4")
+    if context.error != "GL_NO_ERROR":
+        texture.release()
+        raise InputError(f"the GPU has no memory for a table of {size}³ colours; export a smaller .cube file")
+    return texture
+
+
 def integer_texture(context: moderngl.Context, data: NDArray[np.uint32]) -> moderngl.Texture:
     """Unsigned integers (height, width) or (height, width, channels)."""
     components = 1 if data.ndim == 2 else data.shape[2]
@@ -95,7 +105,7 @@ class ScreenPass:
         for name, value in uniforms.items():
             self._program[name] = value
 
-    def draw(self, **inputs: moderngl.Texture) -> None:
+    def draw(self, **inputs: moderngl.Texture | moderngl.Texture3D) -> None:
         """Draw with the given textures, one for each sampler."""
         for name, texture in inputs.items():
             if name not in self._units:
@@ -125,7 +135,7 @@ class Pass(ScreenPass):
         self._context = context
         self._framebuffer = context.framebuffer([target])
 
-    def run(self, **inputs: moderngl.Texture) -> moderngl.Texture:
+    def run(self, **inputs: moderngl.Texture | moderngl.Texture3D) -> moderngl.Texture:
         """Draw with the given textures; returns the target."""
         self._framebuffer.use()
         self.draw(**inputs)

@@ -1,19 +1,18 @@
 """Planes -> linear picture, upright (shaders/planes_to_linear.frag), with the viewer's controls of the coded signal."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.gl.passes import Pass, Uniform, float_texture, plane_texture, table_texture
+from counterlight.gl.passes import Pass, Uniform, cube_texture, float_texture, plane_texture, table_texture
 from counterlight.media.video import PixelFormat
-from counterlight.pipeline.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
-from counterlight.pipeline.colour import decoding_of
+from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.device import Owner
 from counterlight.pipeline.placement import shown_shape
-from counterlight.response import transfer_table
+from counterlight.pipeline.signal import Signal, signal_of
 
 LAYOUTS = {"yuv": "LAYOUT_YUV", "rgb": "LAYOUT_RGB", "radiance": "LAYOUT_RADIANCE"}
 
@@ -22,28 +21,29 @@ class Planes:
     """The planes of one pixel format and the pass that reads them."""
 
     def __init__(self, context: moderngl.Context, pixels: PixelFormat) -> None:
-        self._owner, self._pixels = Owner(), pixels
-        own = self._owner.own
+        self._context, self._pixels = context, pixels
+        self._owner, self._drawing = Owner(), Owner()
         dtype = np.dtype({8: np.uint8, 32: np.float32}.get(pixels.depth, np.uint16))
         self._planes = [
-            own(plane_texture(context, (plane.height, plane.stride_samples), dtype)) for plane in pixels.planes
+            self._owner.own(plane_texture(context, (plane.height, plane.stride_samples), dtype))
+            for plane in pixels.planes
         ]
-        self._inputs = {f"plane_{i}": texture for i, texture in enumerate(self._planes)}
-        self._codes = pixels.layout != "radiance"
-        if self._codes:
-            self._transfer = transfer_table(pixels.transfer)
-            self._inputs["transfer"] = own(table_texture(context, self._transfer))
-        target, defines = float_texture(context, shown_shape(pixels)), {LAYOUTS[pixels.layout]: None}
-        self._pass = own(Pass(context, "planes_to_linear.frag", target, defines, **_uniforms(pixels)))
+        self._build(signal_of(pixels))
         self.adjust(NEUTRAL)
 
     def adjust(self, adjustments: Adjustments) -> None:
-        """Take over brightness, contrast, gamma and saturation; radiance has no codes that they could change."""
-        if not self._codes:
+        """Take over what changes codes and what becomes of them; radiance has none."""
+        signal = signal_of(self._pixels, adjustments)
+        if signal is None:
             return
-        decoding, lift = adjusted_decoding(decoding_of(self._pixels), self._pixels, adjustments)
-        self._pass.set(to_rgb=tuple(decoding.to_rgb.T.ravel()), lift=lift)  # column by column, as OpenGL wants it
-        self._inputs["transfer"].write(adjusted_transfer(self._transfer, adjustments))
+        if (signal.lut, signal.rendition is None) != self._built_for:
+            self._build(signal)
+        self._pass.set(to_rgb=_by_columns(signal.decoding.to_rgb), lift=signal.lift)
+        self._tables["transfer"].write(signal.transfer)
+        if signal.rendition is not None:
+            self._pass.set(ootf=signal.rendition.ootf, top=signal.rendition.top)
+            self._pass.set(to_screen=_by_columns(signal.rendition.matrix))
+            self._tables["gain"].write(signal.rendition.gain)
 
     def upload(self, planes: Sequence[NDArray[Any]]) -> None:
         for texture, plane in zip(self._planes, planes, strict=True):
@@ -53,14 +53,50 @@ class Planes:
         return self._pass.run(**self._inputs)
 
     def release(self) -> None:
+        self._drawing.release()
         self._owner.release()
 
+    def _build(self, signal: Signal | None) -> None:
+        """The pass for what a signal asks for, in place of another, which stays where this one cannot be."""
+        drawing = Owner()
+        try:
+            self._make(signal, drawing.own)
+        except BaseException:
+            drawing.release()
+            raise
+        self._drawing.release()
+        self._drawing = drawing
 
-def _uniforms(pixels: PixelFormat) -> dict[str, Uniform]:
+    def _make(self, signal: Signal | None, own: Callable[[Any], Any]) -> None:
+        context, pixels = self._context, self._pixels
+        defines: dict[str, int | None] = {LAYOUTS[pixels.layout]: None}
+        uniforms, tables, cubes = _uniforms(pixels, signal), {}, {}
+        if signal is not None:
+            tables["transfer"] = own(table_texture(context, signal.transfer))
+            if signal.lut is not None:
+                cubes["lut"], defines["LUT"] = own(cube_texture(context, signal.lut.table)), None
+                low, high = signal.lut.low, signal.lut.high
+                uniforms |= {"lut_low": tuple(low), "lut_span": tuple(high - low)}
+            if signal.rendition is not None:
+                tables["gain"] = own(table_texture(context, signal.rendition.gain))
+                defines["RENDITION"] = None
+        target = float_texture(context, shown_shape(pixels))
+        made: Pass = own(Pass(context, "planes_to_linear.frag", target, defines, **uniforms))
+        planes = {f"plane_{i}": texture for i, texture in enumerate(self._planes)}
+        self._pass, self._tables, self._inputs = made, tables, planes | tables | cubes
+        self._built_for = None if signal is None else (signal.lut, signal.rendition is None)
+
+
+def _by_columns(matrix: NDArray[np.float64]) -> tuple[float, ...]:
+    """As OpenGL wants it."""
+    return tuple(matrix.T.ravel())
+
+
+def _uniforms(pixels: PixelFormat, signal: Signal | None) -> dict[str, Uniform]:
     luma, chroma = pixels.planes[:2]
     uniforms: dict[str, Uniform] = {"stored_size": (luma.width, luma.height), "quarter_turns": pixels.rotation // 90}
-    if pixels.layout != "radiance":
-        decoding = decoding_of(pixels)
+    if signal is not None:
+        decoding = signal.decoding
         uniforms |= {"black": tuple(decoding.black), "span": tuple(decoding.span)}
         if pixels.layout == "yuv":
             uniforms |= {

@@ -31,11 +31,13 @@ class PixelFormat:
     layout : "yuv" (Y, Cb, Cr), "rgb" (R, G, B), "radiance" (R, G, B, linear).
     depth : bits a sample; 8 is uint8, 9 to 16 uint16 in the low bits, 32 (radiance) float32.
     matrix : "bt601", "bt709", "bt2020"; "identity" unless yuv.
-    transfer : "bt1886", "srgb", "linear", "gamma22", "gamma28".
+    transfer : "bt1886", "srgb", "linear", "gamma22", "gamma28", "pq", "hlg".
     chroma_siting : "left", "center", "topleft".
     rotation : 0, 90, 180 or 270 degrees counter-clockwise that bring the stored picture upright. At 90, the stored
         right column becomes the top row: displayed[y, x] = stored[x, width − 1 − y], that is numpy.rot90(stored).
     pixel_aspect : width / height of a stored sample; 1 when unknown.
+    primaries : "bt709", "bt2020", "p3".
+    peak_nits : cd/m² of the brightest light of PQ; 0 when it does not say.
     """
 
     width: int
@@ -49,6 +51,8 @@ class PixelFormat:
     chroma_siting: str
     rotation: int
     pixel_aspect: float
+    primaries: str = "bt709"
+    peak_nits: float = 0.0
 
     @property
     def dtype(self) -> np.dtype[Any]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.errors import InputError
+from counterlight.files.cube import Cube
 from counterlight.media.frames import PixelFormat
 from counterlight.pipeline.colour import LUMA_WEIGHTS, Decoding
 from counterlight.pipeline.kinds import UnreadError
@@ -30,8 +31,10 @@ class Adjustments:
     """All that can be changed live; as it is made, nothing is. See PARAMETERS.
 
     adapt : see player/pipeline/content.py.  flicker : weight of the previous frame's drive.
+    target_peak, hdr_peak, tone_mapping : see player/pipeline/rendition.py.
     card : one of counterlight.pipeline.test_cards.CARDS instead of the picture, uncompensated.
     corners : of the picture in the camera's view; None fits it in.
+    lut : a table that codes go through; see player/pipeline/signal.py.
     Raises InputError for a value out of its range.
     """
 
@@ -43,12 +46,17 @@ class Adjustments:
     adapt: float = PARAMETERS["adapt"].default
     flicker: float = PARAMETERS["flicker"].default
     clipping: bool = PARAMETERS["clipping"].default
+    target_peak: float = PARAMETERS["target-peak"].default
+    hdr_peak: float | str = PARAMETERS["hdr-peak"].default
+    tone_mapping: str = PARAMETERS["tone-mapping"].default
+    lut_type: str = PARAMETERS["lut-type"].default
+    lut: Cube | None = None
     card: str | None = None
     corners: Corners | None = None
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if name not in ("card", "corners"):
+            if name not in ("card", "corners", "lut"):
                 _check(name.replace("_", "-"), value)
         _check("test-card", self.card or "no")
         if self.corners is not None:

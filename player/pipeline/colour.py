@@ -10,6 +10,13 @@ from counterlight.media.frames import PixelFormat
 # Kr, Kb of ITU-R BT.601, BT.709 and BT.2020 (non-constant luminance).
 LUMA_WEIGHTS = {"bt601": (0.299, 0.114), "bt709": (0.2126, 0.0722), "bt2020": (0.2627, 0.0593)}
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear RGB, ITU-R BT.709
+# CIE xy of red, green and blue: ITU-R BT.709 and BT.2020, SMPTE EG 432-1. White is D65 in all three.
+PRIMARIES = {
+    "bt709": ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06)),
+    "bt2020": ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046)),
+    "p3": ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060)),
+}
+D65 = 0.3127, 0.3290
 # Chroma coordinate of luma pixel 0 when two luma pixels share a sample: on it, or a quarter beside it.
 SITED, BETWEEN = 0.0, -0.25
 
@@ -46,6 +53,19 @@ def decoding_of(pixels: PixelFormat) -> Decoding:
     else:
         black, span = [16 * unit, middle, middle], [219 * unit, 224 * unit, 224 * unit]
     return Decoding(np.array(black), np.array(span), _to_rgb(pixels.matrix), ratio, offset)
+
+
+def to_screen(primaries: str) -> NDArray[np.float64]:
+    """(3, 3), linear RGB of PRIMARIES -> that of the screen, which has BT.709's; the identity for these."""
+    if primaries == "bt709":
+        return np.eye(3)
+    return np.asarray(np.linalg.solve(_to_xyz(PRIMARIES["bt709"]), _to_xyz(PRIMARIES[primaries])), np.float64)
+
+
+def _to_xyz(primaries: tuple[tuple[float, float], ...]) -> NDArray[np.float64]:
+    """The normalised primary matrix, whose white has Y = 1 (SMPTE RP 177)."""
+    columns, white = (np.array([(x / y, 1, (1 - x - y) / y) for x, y in points]).T for points in (primaries, [D65]))
+    return np.asarray(columns * np.linalg.solve(columns, white[:, 0]))
 
 
 def _to_rgb(matrix: str) -> NDArray[np.float64]:

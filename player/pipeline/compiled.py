@@ -62,7 +62,7 @@ def _between(first: Any, second: Any, share: Any) -> Any:
 
 
 @inlined
-def _looked_up(table: Any, share: Any) -> Any:
+def looked_up(table: Any, share: Any) -> Any:
     """Of (samples,) over 0..1, linear between them."""
     at = share * np.float32(table.size - 1)
     low = min(np.int32(at), np.int32(table.size - 2))
@@ -116,7 +116,7 @@ def decode(
             code, at = np.float32(luma[y, x]), start + y * below + x * right
             for i in range(3):
                 value = matrix[i, 0] * code + matrix[i, 1] * cb + matrix[i, 2] * cr + lift[i]
-                out[at, i] = _looked_up(transfer, within(value, np.float32(0), np.float32(1)))
+                out[at, i] = looked_up(transfer, within(value, np.float32(0), np.float32(1)))
 
 
 @kernel(f"{PICTURE}, int32[::1], {PLANE}, {PICTURE}")
@@ -367,7 +367,7 @@ def encode(
                 if dither == NOISE:
                     hashed = _scrambled(seed + np.uint32(i)) >> np.uint32(9)
                     threshold = np.float32((np.float64(hashed) + 0.5) / 8388608.0)
-                value = _looked_up(codes[row, i], roots[i]) * np.float32(255) + threshold
+                value = looked_up(codes[row, i], roots[i]) * np.float32(255) + threshold
                 out[y, x, i] = np.uint8(min(value, np.float32(255)))
 
 
@@ -379,12 +379,12 @@ def _root(light: Any, scale: Any) -> Any:
 @inlined
 def _without_segment(roots: Any, tables: Any) -> Any:
     """√p -> √(p − s(m)) of the three primaries."""
-    each = _looked_up(tables[0, 0], roots[0]), _looked_up(tables[0, 1], roots[1]), _looked_up(tables[0, 2], roots[2])
+    each = looked_up(tables[0, 0], roots[0]), looked_up(tables[0, 1], roots[1]), looked_up(tables[0, 2], roots[2])
     darkest = np.sqrt(min(each[0], min(each[1], each[2])))
     return (
-        np.sqrt(max(roots[0] * roots[0] - _looked_up(tables[1, 0], darkest), np.float32(0))),
-        np.sqrt(max(roots[1] * roots[1] - _looked_up(tables[1, 1], darkest), np.float32(0))),
-        np.sqrt(max(roots[2] * roots[2] - _looked_up(tables[1, 2], darkest), np.float32(0))),
+        np.sqrt(max(roots[0] * roots[0] - looked_up(tables[1, 0], darkest), np.float32(0))),
+        np.sqrt(max(roots[1] * roots[1] - looked_up(tables[1, 1], darkest), np.float32(0))),
+        np.sqrt(max(roots[2] * roots[2] - looked_up(tables[1, 2], darkest), np.float32(0))),
     )
 
 

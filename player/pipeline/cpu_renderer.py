@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 
 from counterlight.maps.row_map import RowMap, unpack
 from counterlight.media.frames import PixelFormat
-from counterlight.pipeline import compiled, reference
+from counterlight.pipeline import compiled, compiled_colour, reference
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.compiled_passes import NOTHING, PASSES, Drawn, Picture, Whole, clip_sums, flat
 from counterlight.pipeline.device import NearLight, Operation, Pass, Planes, StoredMaps
 from counterlight.pipeline.placement import shown_shape
-from counterlight.pipeline.reference_renderer import FLAGS, Adapter, Function, Held, Maps, ReferenceDevice, signal
+from counterlight.pipeline.reference_renderer import FLAGS, Adapter, Function, Held, Maps, ReferenceDevice
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
+from counterlight.pipeline.signal import signal_of
 from counterlight.response import RasterResponse
 
 COMBINE = {
@@ -28,6 +29,7 @@ COMBINE = {
     "SUBTRACT_FROM_BASE": compiled.SUBTRACT,
     "CLAMP": compiled.CLAMP,
 }
+AS_IT_IS = np.array([0, 1], np.float32)  # a transfer table that leaves codes codes
 DITHERS = {"none": compiled.NO_DITHER, "ordered": compiled.ORDERED, "noise": compiled.NOISE}
 
 
@@ -129,10 +131,11 @@ class _Planes(Held):
         self.adjust(NEUTRAL)
 
     def adjust(self, adjustments: Adjustments) -> None:
-        self._drawn = False
-        if self._pixels.layout == "radiance":
+        self._drawn, self._cube, self._rendition = False, None, None
+        signal = signal_of(self._pixels, adjustments)
+        if signal is None:
             return
-        decoding, lift, transfer = signal(self._pixels, adjustments)
+        decoding, rendition = signal.decoding, signal.rendition
         luma, chroma = self._pixels.planes[:2]
         (across, down), (left, above) = decoding.subsampling, decoding.chroma_offset
         matrix = decoding.to_rgb / decoding.span
@@ -140,9 +143,15 @@ class _Planes(Held):
             *_samples(luma.height, chroma.height, down, above),
             *_samples(luma.width, chroma.width, across, left),
             matrix.astype(np.float32),
-            (lift - matrix @ decoding.black).astype(np.float32),
-            transfer,
+            (signal.lift - matrix @ decoding.black).astype(np.float32),
+            signal.transfer if signal.lut is None else AS_IT_IS,
         )
+        if signal.lut is not None:
+            low, span, last = signal.lut.low, signal.lut.high - signal.lut.low, len(signal.lut.table) - 1
+            self._cube = signal.lut.table, low.astype(np.float32), (last / span).astype(np.float32), signal.transfer
+        if rendition is not None:
+            numbers = np.float32(rendition.ootf), np.float32(rendition.top)
+            self._rendition = *numbers, rendition.gain, rendition.matrix.astype(np.float32)
 
     def upload(self, planes: Sequence[NDArray[Any]]) -> None:
         self._drawn = False
@@ -158,6 +167,10 @@ class _Planes(Held):
     def _draw(self) -> None:
         if self._pixels.layout != "radiance":
             compiled.decode(*self._planes, *self._told, *_walk(self._upright, self._stored), _pixels(self._upright))
+            if self._cube is not None:
+                compiled_colour.through_table(_pixels(self._upright), *self._cube)
+            if self._rendition is not None:
+                compiled_colour.on_screen(_pixels(self._upright), *self._rendition)
             return
         for i, plane in enumerate(self._planes):
             self._stored[..., i] = plane[: self._pixels.height, : self._pixels.width]

@@ -28,6 +28,8 @@ class Parameter:
 
 
 LISTED_IMAGE_S = 5.0  # how long a picture in a list is shown if nobody says
+LUT_TYPES = ("native", "conversion")
+TONE_MAPPINGS = ("bt.2390", "clip")
 OSD = ("off", "on", "notices")
 FLAG, CONTROL = Flag(), Number(-100, 100, whole=True)
 STEPS = Number(0, MOST_STEPS, whole=True, words=("auto",), noun="a number of steps")
@@ -50,6 +52,31 @@ PARAMETERS = {
     "adapt": Parameter("percent of the light that may clip; 0 adapts nothing", Number(0, 100), 0.0, "PERCENT", "%"),
     "flicker": Parameter("weight of the frame before, against flicker", Number(0, 0.95), 0.0, "WEIGHT"),
     "clipping": Parameter("colour what clips", FLAG, False),
+    "target-peak": Parameter(
+        "cd/m² of HDR that the room's white stands for; 203 is graphics white",
+        Number(50, 10_000, noun="cd/m²"),
+        203.0,
+        "NITS",
+        "cd/m²",
+    ),
+    "hdr-peak": Parameter(
+        "cd/m² of the brightest light of an HDR medium; auto, as it says itself, else 1000",
+        Number(50, 10_000, words=("auto",), noun="cd/m²"),
+        "auto",
+        "auto|NITS",
+        "cd/m²",
+        "auto",
+    ),
+    "tone-mapping": Parameter(
+        "how HDR is brought below white: bt.2390 bends what is bright, clip cuts it off",
+        Choice(TONE_MAPPINGS),
+        "bt.2390",
+    ),
+    "lut-type": Parameter(
+        "native: a medium's codes become others of its own curve; conversion: of BT.1886 and BT.709",
+        Choice(LUT_TYPES),
+        "native",
+    ),
     "test-card": Parameter("test card instead of the picture", Choice(("no", *CARDS)), "no"),
     "view": Parameter("what is shown", Choice(VIEWS), "projector"),
     "compensation": Parameter("whether the room is compensated", FLAG, True),

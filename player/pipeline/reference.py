@@ -12,10 +12,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.files.cube import Cube
 from counterlight.maps.mixing import grey_reach, mixed
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import RowMap, unpack
+from counterlight.media.frames import PixelFormat
 from counterlight.pipeline.colour import Decoding
+from counterlight.pipeline.signal import Signal
 from counterlight.pipeline.views import (
     CLIP_FAINT,
     CLIP_SPAN,
@@ -56,30 +59,49 @@ class PreparedRows:
 
 
 def planes_to_linear(
-    planes: Sequence[NDArray[np.generic]],
-    size: tuple[int, int],
-    chroma_size: tuple[int, int],
-    decoding: Decoding | None,
-    transfer: FloatArray,
-    rotation: int,
-    lift: float = 0.0,
+    planes: Sequence[NDArray[np.generic]], pixels: PixelFormat, signal: Signal | None
 ) -> NDArray[np.float64]:
     """Decoded planes -> linear RGB, upright (planes_to_linear.frag).
 
-    planes : three (rows, stride).  size, chroma_size : (height, width) in use.  decoding : None for linear radiance.
-    transfer : (samples,) linear light over the code value 0..1.  rotation : degrees counter-clockwise.
-    lift : added to every code value.
+    planes : three (rows, stride).  signal : None for linear radiance.
     """
-    first = planes[0][: size[0], : size[1]].astype(np.float64)
-    others = [plane[: chroma_size[0], : chroma_size[1]].astype(np.float64) for plane in planes[1:]]
-    if decoding is None:
+    first, *others = (
+        plane[: shape.height, : shape.width].astype(np.float64)
+        for plane, shape in zip(planes, pixels.planes, strict=True)
+    )
+    if signal is None:
         linear = np.stack([first, *others], axis=-1)
     else:
-        others = [_upsample(plane, size, decoding) for plane in others]
+        decoding, grid = signal.decoding, np.linspace(0, 1, signal.transfer.size)
+        others = [_upsample(plane, first.shape, decoding) for plane in others]
         samples = (np.stack([first, *others], axis=-1) - decoding.black) / decoding.span
-        codes = np.clip(samples @ decoding.to_rgb.T + lift, 0, 1)
-        linear = np.interp(codes, np.linspace(0, 1, transfer.size), transfer)
-    return np.rot90(linear, rotation // 90)
+        codes = np.clip(samples @ decoding.to_rgb.T + signal.lift, 0, 1)
+        codes = codes if signal.lut is None else tetrahedral(signal.lut, codes)
+        linear = np.interp(codes, grid, signal.transfer)
+        linear = linear if signal.rendition is None else signal.rendition.on_screen(linear)
+    return np.rot90(linear, pixels.rotation // 90)
+
+
+def tetrahedral(cube: Cube, codes: FloatArray) -> NDArray[np.float64]:
+    """What codes (…, 3) become by a table: linear within six tetrahedra around each cell's grey diagonal.
+
+    From the cell's darkest corner along the axis of the largest share, then of the next, to the brightest one.
+    """
+    last = len(cube.table) - 1
+    position = last * np.clip((codes - cube.low) / (cube.high - cube.low), 0, 1)
+    corner = np.minimum(position.astype(int), last - 1)
+    shares = position - corner
+    found = _sample(cube, corner)
+    order = np.argsort(-shares, axis=-1)
+    for rank in range(3):
+        axis = order[..., rank : rank + 1]
+        before, corner = _sample(cube, corner), corner + (np.arange(3) == axis)
+        found = found + np.take_along_axis(shares, axis, -1) * (_sample(cube, corner) - before)
+    return found
+
+
+def _sample(cube: Cube, corner: NDArray[np.int64]) -> NDArray[np.float64]:
+    return cube.table[corner[..., 2], corner[..., 1], corner[..., 0]].astype(np.float64)
 
 
 def resample(picture: FloatArray, target: tuple[int, int], placement: tuple[int, int, int, int]) -> FloatArray:
@@ -362,7 +384,7 @@ def clipping(view: FloatArray, asked: FloatArray, most: FloatArray | float, whit
     return np.asarray(view + weight * (colour - view))
 
 
-def _upsample(plane: FloatArray, size: tuple[int, int], decoding: Decoding) -> NDArray[np.float64]:
+def _upsample(plane: FloatArray, size: tuple[int, ...], decoding: Decoding) -> NDArray[np.float64]:
     """Chroma at every luma pixel, bilinear between samples, clamped at the borders."""
     result = np.asarray(plane, np.float64)
     for axis in (0, 1):

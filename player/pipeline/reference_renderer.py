@@ -11,8 +11,7 @@ from counterlight.maps.row_map import RowMap
 from counterlight.media.frames import PixelFormat
 from counterlight.pipeline import adaptation, device, reference
 from counterlight.pipeline.adaptation import Limits, SumsOf
-from counterlight.pipeline.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
-from counterlight.pipeline.colour import Decoding, decoding_of
+from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.content import Succession, approach
 from counterlight.pipeline.device import LONG_BYTES, NearLight, Operation, Pass, PathReport, StoredMap, StoredMaps
 from counterlight.pipeline.drift import moved
@@ -20,7 +19,8 @@ from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
-from counterlight.response import RasterResponse, transfer_table
+from counterlight.pipeline.signal import signal_of
+from counterlight.response import RasterResponse
 
 FloatArray = NDArray[np.floating]
 NO_TONE = np.array([1.0, 0.0])
@@ -180,21 +180,9 @@ class Planes(Held):
 
     def run(self) -> FloatArray:
         if self._upright is None:
-            self._upright = self._decode()
+            signal = signal_of(self._pixels, self._adjustments)
+            self._upright = reference.planes_to_linear(self._planes, self._pixels, signal)
         return self._upright
-
-    def _decode(self) -> FloatArray:
-        pixels, decoding, lift, transfer = self._pixels, None, 0.0, transfer_table("linear")
-        if pixels.layout != "radiance":
-            decoding, lift, transfer = signal(pixels, self._adjustments)
-        luma, chroma = ((plane.height, plane.width) for plane in pixels.planes[:2])
-        return reference.planes_to_linear(self._planes, luma, chroma, decoding, transfer, pixels.rotation, lift)
-
-
-def signal(pixels: PixelFormat, adjustments: Adjustments) -> tuple[Decoding, float, NDArray[np.float32]]:
-    """How codes become light, as adjusted: their decoding, what is added to each, and the light of each."""
-    decoding, lift = adjusted_decoding(decoding_of(pixels), pixels, adjustments)
-    return decoding, lift, adjusted_transfer(transfer_table(pixels.transfer), adjustments)
 
 
 class Adapter(Held):

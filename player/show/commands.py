@@ -10,6 +10,7 @@ from typing import Any
 from counterlight.command import tell
 from counterlight.pipeline.kinds import Anything, Choice, Number
 from counterlight.pipeline.parameters import FLAG, PARAMETERS
+from counterlight.show.look import look_properties, read_again
 from counterlight.show.output import write_picture
 from counterlight.show.placing import Placing
 from counterlight.show.playback import Playback
@@ -27,7 +28,10 @@ LOADS = Choice(("replace", "append"))
 def commands_of(session: Session) -> Commands:
     """Everything that can be done with a session."""
     actions = _Actions(session)
-    return Commands(_commands(actions), {**_playing(session), **_adjustments(session), **_showing(session)})
+    return Commands(
+        _commands(actions),
+        {**_playing(session), **_adjustments(session), **look_properties(session), **_showing(session)},
+    )
 
 
 def _commands(do: "_Actions") -> dict[str, Command]:
@@ -46,7 +50,7 @@ def _commands(do: "_Actions") -> dict[str, Command]:
         "show-progress": Command("write where the medium is over the picture", do.progress),
         "show-text": Command("write a line over the picture", do.show_text, "TEXT [MILLISECONDS]"),
         "identify": Command("write its name on every monitor", do.identify),
-        "reload": Command("read the maps and compile the shaders again; what is damaged changes nothing", do.reload),
+        "reload": Command("read maps, lut and shaders again; what is damaged changes nothing", do.reload),
         "place": Command("begin to place the picture in the camera's view", do.place),
         "place-move": Command("move the picture or the selected corner, in shares of the view", do.place_move, "DX DY"),
         "place-scale": Command("scale the picture about its middle", do.place_scale, "FACTOR"),
@@ -136,7 +140,10 @@ class _Actions:
         """Whatever goes wrong with files, shaders or memory, the show goes on with what it has."""
         session = self._session
         try:
+            lut = session.adjustments.lut and read_again(session.adjustments.lut)
             session.replace_renderer(session.room.reload())
+            if lut is not None:
+                session.adjust(replace(session.adjustments, lut=lut))
         except Exception as error:  # an edited shader can go wrong in any way
             line = session.not_reloaded(error)
             session.stats.notice(line)
@@ -265,6 +272,9 @@ def _playing(session: Session) -> dict[str, Property]:
             lambda: "inf" if session.image_display_duration is None else session.image_display_duration,
             hold,
         ),
+        "in-step": Property(
+            "how a leader or a follower is doing, null if neither", lambda: session.stats.facts.get("in_step")
+        ),
         "volume": _named("volume", *_attribute(audio, "volume")),
         "mute": _named("mute", *_attribute(audio, "mute")),
     }
@@ -299,7 +309,8 @@ def _adjustments(session: Session) -> dict[str, Property]:
         return None if found is None else [list(corner) for corner in found]
 
     names = "brightness", "contrast", "gamma", "saturation", "black-level", "adapt", "flicker", "clipping"
-    return {name: field(name) for name in names} | {
+    light = "target-peak", "hdr-peak", "tone-mapping", "lut-type"
+    return {name: field(name) for name in (*names, *light)} | {
         "test-card": _named(
             "test-card",
             lambda: session.adjustments.card or "no",

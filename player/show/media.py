@@ -1,5 +1,8 @@
 """The media of a show: found within a border, opened by processes of their own."""
 
+from pathlib import Path
+
+from counterlight.files.cube import Cube, read_cube
 from counterlight.media.medium import Border, Medium
 from counterlight.media.video import MediaReader
 from counterlight.show.playlist import is_list, read_list
@@ -23,6 +26,10 @@ class Media:
             return read_list(medium, self._border)
         medium.look()
         return [medium]
+
+    def cube(self, name: str) -> Cube:
+        """The colour table that a key or a remote names; InputError for none, or one that it may not name."""
+        return read_cube(self.medium(name).file(Path(name)))
 
     def begin(self, medium: Medium, *, loop: bool) -> MediaReader:
         """Begin to open a medium, without waiting."""

@@ -3,14 +3,16 @@
 import argparse
 import os
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from counterlight.calibration import RADIANCE
 from counterlight.command import Parser
 from counterlight.errors import InputError
+from counterlight.files.cube import read_cube
 from counterlight.media.frames import MediaInfo
 from counterlight.media.medium import Border, Medium
 from counterlight.pipeline.adjustments import Adjustments
@@ -21,14 +23,26 @@ from counterlight.pipeline.refinement import STARTS
 from counterlight.pipeline.room import DITHERS
 from counterlight.pipeline.test_cards import CARDS
 from counterlight.show.headless import BACKENDS
+from counterlight.show.in_step import begins_at
 from counterlight.show.keys import KEYS, MEANINGS
 from counterlight.show.playlist import expand
 from counterlight.show.settings import Several, apply_settings, default_path
+from counterlight.unattended.cues import PORT, read_address
 from counterlight.unattended.supervisor import SAFE
 
 WINDOW_ONLY = (
     *("fullscreen", "monitor", "any_size", "vsync", "audio", "volume", "mute", "blackout", "osd"),
-    *("screenshot_directory", "speed", "image_display_duration", "control", "heartbeat", "playlist_start"),
+    *(
+        "lead",
+        "follow",
+        "at",
+        "screenshot_directory",
+        "speed",
+        "image_display_duration",
+        "control",
+        "heartbeat",
+        "playlist_start",
+    ),
 )
 
 
@@ -57,10 +71,9 @@ def read_options(argv: Sequence[str] | None, description: str) -> argparse.Names
 
 
 def adjustments_of(options: argparse.Namespace) -> Adjustments:
-    """The viewer's settings among the options."""
-    return Adjustments(
-        **{field.name: getattr(options, field.name) for field in fields(Adjustments) if field.name in options}
-    )
+    """The viewer's settings among the options; InputError for a colour table that cannot be read."""
+    values = {field.name: getattr(options, field.name) for field in fields(Adjustments) if field.name in options}
+    return Adjustments(**values | {"lut": None if options.lut is None else read_cube(options.lut)})
 
 
 def monitors_of(options: argparse.Namespace) -> list[str]:
@@ -99,7 +112,7 @@ def _parser(description: str) -> argparse.ArgumentParser:
         formatter_class=argparse.RawTextHelpFormatter,
         allow_abbrev=False,
     )
-    for add in (_add_what, _add_border, _add_compensation, _add_adjustments, _add_window, _add_output):
+    for add in (_add_what, _add_border, _add_compensation, _add_adjustments, _add_window, _add_step, _add_output):
         add(parser)
     return parser
 
@@ -180,6 +193,9 @@ def _add_compensation(parser: argparse.ArgumentParser) -> None:
 
 def _add_adjustments(parser: argparse.ArgumentParser) -> None:
     _offer(parser, "brightness", "contrast", "gamma", "saturation", "black-level", "adapt", "flicker", "clipping")
+    _offer(parser, "target-peak", "hdr-peak", "tone-mapping")
+    parser.add_argument("--lut", type=Path, metavar="FILE.cube", help="colour table that codes go through")
+    _offer(parser, "lut-type")
     parser.add_argument("--test-card", dest="card", choices=CARDS, help=PARAMETERS["test-card"].help)
 
 
@@ -200,6 +216,33 @@ def _add_window(parser: argparse.ArgumentParser) -> None:
     add("--screenshot-directory", type=Path, default=Path(), metavar="DIR", help="for the key s (default: here)")
     add("--config", type=Path, metavar="FILE", help="settings (default ~/.config/counterlight/player.toml)")
     add("--no-config", action="store_true", help="read no settings")
+
+
+def _add_step(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    text = "tell followers where the show is, on this UDP port"
+    add("--lead", type=_address(host=""), metavar="[HOST:]PORT", help=text)
+    text = f"go where the leader on another machine is\n(its port: {PORT} if left out)"
+    add("--follow", type=_address(port=PORT), metavar="HOST[:PORT]", help=text)
+    add("--at", type=_time_of_day, metavar="HH:MM:SS", help="begin at this time of the day, black until then")
+
+
+def _address(**defaults: Any) -> Callable[[str], tuple[str, int]]:
+    def read(word: str) -> tuple[str, int]:
+        try:
+            return read_address(word, **defaults)
+        except ValueError:
+            expected = "[HOST:]PORT" if "host" in defaults else "HOST[:PORT]"
+            raise argparse.ArgumentTypeError(f"expected {expected}, found {word!r}") from None
+
+    return read
+
+
+def _time_of_day(word: str) -> datetime:
+    try:
+        return begins_at(word, datetime.now())
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected a time such as 20:00:00, found {word!r}") from None
 
 
 def _add_output(parser: argparse.ArgumentParser) -> None:

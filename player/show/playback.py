@@ -69,6 +69,27 @@ class Playback:
         return self._media_time()
 
     @property
+    def now_s(self) -> float | None:
+        """The same within the medium."""
+        now_s = self._media_time()
+        return None if now_s is None else self._in_medium(now_s)
+
+    @property
+    def is_heard(self) -> bool:
+        return self._sound is not None and self._sound.time_s() is not None
+
+    def shift(self, seconds: float) -> None:
+        """Put media time right: what is overtaken is left out, what comes again is waited for."""
+        self._hold_now()
+        if self._anchor is None:
+            return
+        clock_s, media_s = self._anchor
+        self._anchor = clock_s, media_s + seconds
+        if self._sound is not None:
+            self._sound.seek(self._in_medium(media_s + seconds), self._speed)
+            self._let_hear()
+
+    @property
     def paused(self) -> bool:
         return self._paused
 

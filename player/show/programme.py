@@ -64,7 +64,7 @@ class Programme:
         notice: Callable[[str], None],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.playlist, self._opener, self._notice, self._clock = playlist, opener, notice, clock
+        self.playlist, self.opener, self._notice, self._clock = playlist, opener, notice, clock
         self._lasting, self._looping = lasting, looping
         self.over, self.done, self.on = True, False, playlist.position
         self.failure: InputError | None = None
@@ -157,8 +157,8 @@ class Programme:
 
         If it turns out later that nothing of it can be played, the list is as before.
         """
-        medium = self._opener.medium(name)
-        media = LookUp(partial(self._opener.find, medium)).result(LOOK_S) or [medium]
+        medium = self.opener.medium(name)
+        media = LookUp(partial(self.opener.find, medium)).result(LOOK_S) or [medium]
         before = self._here()._replace(media=self.playlist.media)
         self.playlist.add(media, replace=replace)
         if replace:
@@ -201,7 +201,7 @@ class Programme:
         medium, self._open_at_s, self._opened_at_s = self.playlist.current, None, self._clock()
         try:
             if is_list(medium):
-                self._list = LookUp(partial(self._opener.find, medium)), self._clock() + LIST_S
+                self._list = LookUp(partial(self.opener.find, medium)), self._clock() + LIST_S
             elif self._ahead is not None and (self._ahead.medium, self._ahead.loop) == (medium, self._looping()):
                 self._opening, self._ahead = self._ahead, None
             else:
@@ -212,7 +212,7 @@ class Programme:
 
     def _begin(self, medium: Medium) -> Opening:
         loop = self._looping()
-        return Opening(medium, self._opener.begin(medium, loop=loop), loop)
+        return Opening(medium, self.opener.begin(medium, loop=loop), loop)
 
     def _forget_ahead(self) -> None:
         if self._ahead is not None:

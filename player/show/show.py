@@ -1,7 +1,7 @@
 """A show from loop to loop: what keys and remotes command, what the session shows, what is written over it and told."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +28,7 @@ class Show:
     """A session and all that it answers to.
 
     bindings : of the settings file, see Keys.  checks : of the room; None for none.
+    beside : what else is done from loop to loop, without waiting.
     """
 
     def __init__(
@@ -38,12 +39,13 @@ class Show:
         remotes: Sequence[ControlServer] = (),
         heartbeat: Heartbeat | None = None,
         checks: RoomChecks | None = None,
+        beside: Sequence[Callable[[], None]] = (),
     ) -> None:
         self.session, self.commands = session, commands_of(session)
         self._keys = Keys(self.commands, bindings)
         self._overlay = Overlay(session, self._keys)
         self._remotes, self._heartbeat = remotes, heartbeat
-        self._told_at = float("-inf")
+        self._told_at, self._beside = float("-inf"), beside
         self._checked = None if checks is None else CheckedRoom(session, self.commands, checks)
 
     def run(self, limit: int | None = None) -> Stats:
@@ -70,6 +72,8 @@ class Show:
                 self.point(pointer)
             for remote in self._remotes:
                 remote.poll(self.commands)
+            for act in self._beside:
+                act()
             self.step()
             if self._heartbeat is not None and self._heartbeat.due:
                 self._heartbeat.beat(facts(session))

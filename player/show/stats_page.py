@@ -80,6 +80,7 @@ def facts(session: Session) -> dict[str, Any]:
         "gap_db": gap.get("below_optimum_db"),
         "light_outside": gap.get("light_outside"),
         "drift": session.room.drifted,
+        "in_step": stats.facts.get("in_step"),
     }
 
 

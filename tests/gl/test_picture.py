@@ -1,11 +1,13 @@
 """What a viewer changes, on the GPU against its CPU twin; and that a picture nobody changed is what it always was."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import moderngl
 import numpy as np
 import pytest
 
+from counterlight.files.cube import read_cube
 from counterlight.gl import shaders
 from counterlight.gl.adaptation import Adapter
 from counterlight.gl.device import GlDevice
@@ -22,6 +24,8 @@ from counterlight.pipeline.content import approach
 from counterlight.pipeline.fitting import Fitter
 from counterlight.pipeline.test_cards import CARDS, card
 from counterlight.pipeline.views import VIEWS
+from tests.cubes import UNIT, write_cube
+from tests.gl_objects import live_objects
 from tests.refined_rooms import physical_room
 from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, random_room, rgb_frame, yuv_frame
@@ -72,6 +76,56 @@ def test_every_property_equals_its_twin(
         gl.render("camera", compensate=True)
         assert gl.linear().tobytes() == unchanged[0].tobytes()
         assert gl.desired().tobytes() == unchanged[1].tobytes()
+
+
+HDR = Adjustments(hdr_peak=4000, target_peak=100, brightness=5, gamma=-10)
+RENDITIONS = NEUTRAL, HDR, Adjustments(tone_mapping="clip"), NEUTRAL
+
+
+@pytest.mark.parametrize("transfer", ["pq", "hlg", "srgb"])
+@pytest.mark.parametrize("layout", ["yuv", "rgb"])
+def test_hdr_and_wide_primaries_equal_their_twin(
+    gl_context: moderngl.Context, rng: np.random.Generator, transfer: str, layout: str
+) -> None:
+    changes = {"transfer": transfer, "primaries": "bt2020"}
+    frame = yuv_frame(rng, (9, 15), matrix="bt2020", depth=10, rotation=90, **changes)
+    if layout == "rgb":
+        frame = scene(rng)
+        frame = replace(frame, format=replace(frame.format, **changes))  # type: ignore[arg-type]
+    with both(gl_context, random_room(rng, far=False), frame) as (gl, cpu):
+        for adjustments in RENDITIONS:
+            for renderer in (gl, cpu):
+                renderer.adjust(adjustments)
+                renderer.render("camera", compensate=True)
+            np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=ATOL)
+            np.testing.assert_allclose(gl.desired(), cpu.desired(), atol=ATOL)
+
+
+@pytest.mark.parametrize("transfer", ["srgb", "pq"])
+def test_a_table_equals_its_twin(
+    gl_context: moderngl.Context, rng: np.random.Generator, transfer: str, tmp_path: Path
+) -> None:
+    """On and off again, another one, another type: each is built when it is first asked for, and nothing is left."""
+    domains = UNIT, ((-0.1, 0.0, 0.1), (1.1, 0.9, 1.0))
+    cubes = [read_cube(write_cube(tmp_path / f"{n}.cube", rng, 5 + 12 * n, domains[n])) for n in range(2)]
+    frame = yuv_frame(rng, (9, 15), transfer=transfer, primaries="bt2020" if transfer == "pq" else "bt709", depth=10)
+    looks = [Adjustments(lut=cubes[0]), Adjustments(lut=cubes[1], brightness=7), NEUTRAL]
+    looks += [Adjustments(lut=cubes[0], lut_type="conversion"), NEUTRAL]
+    with both(gl_context, random_room(rng, far=False), frame) as (gl, cpu):
+        gl.render("camera", compensate=True)
+        unchanged, objects = gl.desired().tobytes(), live_counts()
+        for look in looks:
+            for renderer in (gl, cpu):
+                renderer.adjust(look)
+                renderer.render("camera", compensate=True)
+            np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=ATOL)
+            np.testing.assert_allclose(gl.desired(), cpu.desired(), atol=ATOL)
+            assert (gl.desired().tobytes() == unchanged) == (look is NEUTRAL)
+        assert live_counts() == objects
+
+
+def live_counts() -> dict[str, int]:
+    return {kind: len(names) for kind, names in live_objects().items()}
 
 
 @pytest.mark.parametrize("name", ["brightness", "black level", "adapt", "adapt, much"])

@@ -9,11 +9,11 @@ from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.files.png import write_png
-from counterlight.media.video import Frame, MediaReader
+from counterlight.media.video import MediaReader
 from counterlight.pipeline import reference
-from counterlight.pipeline.colour import decoding_of
 from counterlight.pipeline.placement import place
-from counterlight.response import Response, transfer_table
+from counterlight.pipeline.signal import signal_of
+from counterlight.response import Response
 from counterlight.show.headless import FRAME_TIMEOUT_S
 
 SUFFIXES = (".png", ".exr")
@@ -37,7 +37,7 @@ def read_placed(path: Path, target: tuple[int, int]) -> FloatArray:
                 f"{path}: an OpenEXR picture of {found[1]}x{found[0]} pixels, expected {target[1]}x{target[0]}: it is "
                 "taken pixel by pixel, so resize it or save it as PNG"
             )
-        linear = _linear(frame)
+        linear = reference.planes_to_linear(frame.planes, pixels, signal_of(pixels))
         reader.release(frame)
     spot = place(pixels, target)
     placed = reference.resample(linear, target, (spot.left, spot.top, spot.width, spot.height))
@@ -62,17 +62,3 @@ def write_view(path: Path, linear_rgb: FloatArray, white: float) -> None:
         exr.write_rgb(path, linear_rgb.astype(np.float32))
     else:
         write_png(path, encoded(linear_rgb, white))
-
-
-def _linear(frame: Frame) -> FloatArray:
-    pixels = frame.format
-    luma, chroma = pixels.planes[:2]
-    radiance = pixels.layout == "radiance"
-    return reference.planes_to_linear(
-        frame.planes,
-        (luma.height, luma.width),
-        (chroma.height, chroma.width),
-        None if radiance else decoding_of(pixels),
-        transfer_table("linear" if radiance else pixels.transfer),
-        pixels.rotation,
-    )

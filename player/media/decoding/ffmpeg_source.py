@@ -15,9 +15,10 @@ from counterlight.media.decoding.pixels import (
     UNTAGGED,
     Samples,
     Tags,
+    brightest_nits,
     describe,
     display_rotation,
-    hdr_notice,
+    peak_notice,
     unpack,
 )
 from counterlight.media.decoding.source import TIME_SLACK_S, Decoded, Sequence, is_wanted
@@ -139,7 +140,7 @@ class FfmpegSource:
         except InputError as error:
             raise InputError(f"{self.path}: {error}") from None
         self._plan = (pixels.layout, pixels.depth, pixels.planes)
-        notice = hdr_notice(tags.transfer)
+        notice = peak_notice(pixels)
         self.notices += [f"{self.path}: {notice}"] if notice else []
         duration = None if self._still else self._declared_s()
         count = self._declared_frames() or (1 if self._still else None)
@@ -237,6 +238,8 @@ class FfmpegSource:
                 int(frame.color_trc or UNTAGGED),
                 self._picture,
                 self._is_centered(),
+                int(frame.color_primaries or UNTAGGED),
+                brightest_nits(frame),
             )
         try:
             return unpack(frame, picture=self._picture)

@@ -6,6 +6,7 @@ yuvj formats to limited range without being asked, and its threads sometimes ove
 
 import ctypes
 import re
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import atan2, degrees
@@ -23,11 +24,13 @@ Plane = NDArray[Any]
 MAX_PIXELS = 1 << 26  # 8192², 800 MB as float32 RGB: more is taken for a damaged or hostile header
 _MATRICES = {1: "bt709", 4: "bt601", 5: "bt601", 6: "bt601", 7: "bt709", 9: "bt2020", 10: "bt2020"}  # 7: SMPTE 240M
 _TRANSFERS = {1: "bt1886", 4: "gamma22", 5: "gamma28", 6: "bt1886", 7: "bt1886", 8: "linear", 11: "bt1886"}
-_TRANSFERS |= {13: "srgb", 14: "bt1886", 15: "bt1886", 16: "bt1886", 18: "bt1886"}
-_HDR = {16: "PQ", 18: "HLG"}
-UNTAGGED = 2  # of all three kinds of tags
+_TRANSFERS |= {13: "srgb", 14: "bt1886", 15: "bt1886", 16: "pq", 18: "hlg"}
+_PRIMARIES = {9: "bt2020", 11: "p3", 12: "p3"}  # DCI-P3's white is taken for the screen's
+_REFUSED = {8: "YCgCo", 14: "ICtCp", 15: "IPT-C2", 16: "YCgCo-Re", 17: "YCgCo-Ro"}
+UNTAGGED = 2  # of all kinds of tags
 _FULL = 2  # AVCOL_RANGE_JPEG
 _LIMITED = 1
+_MASTERING_MOST = 2 * 8 * 4 + 8  # AVMasteringDisplayMetadata: eight chromaticities and the least luminance before it
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,8 @@ class Tags:
     transfer: int
     picture: bool  # a still or a sequence of stills: sRGB and JFIF's BT.601 when untagged
     centered: bool  # chroma lies between the luma samples (JPEG, MPEG-1, WebP)
+    primaries: int = UNTAGGED
+    peak_nits: float = 0.0  # see PixelFormat
 
 
 def unpack(frame: av.VideoFrame, *, picture: bool) -> Samples:
@@ -64,18 +69,22 @@ def unpack(frame: av.VideoFrame, *, picture: bool) -> Samples:
 def describe(samples: Samples, tags: Tags, *, rotation: int, pixel_aspect: float) -> PixelFormat:
     """Everything that a shader needs to turn `samples` into linear RGB."""
     height, width = samples.planes[0].shape
+    transfer = _transfer(tags) if samples.layout != "radiance" else "linear"
+    hdr = transfer in ("pq", "hlg")
     return PixelFormat(
         width=width,
         height=height,
         layout=samples.layout,
         depth=samples.depth,
         planes=tuple(PlaneShape(p.shape[1], p.shape[0], p.shape[1]) for p in samples.planes),
-        matrix=_matrix(tags) if samples.layout == "yuv" else "identity",
+        matrix=_matrix(tags, hdr=hdr) if samples.layout == "yuv" else "identity",
         full_range=samples.full_range,
-        transfer=_transfer(tags) if samples.layout != "radiance" else "linear",
+        transfer=transfer,
         chroma_siting="center" if tags.centered else "left",
         rotation=rotation,
         pixel_aspect=pixel_aspect,
+        primaries=_primaries(tags, hdr=hdr) if samples.layout != "radiance" else "bt709",
+        peak_nits=tags.peak_nits if transfer == "pq" else 0.0,
     )
 
 
@@ -99,11 +108,23 @@ def check_finite(planes: tuple[Plane, ...], names: str = "RGB") -> None:
     raise InputError(f"{count} values are NaN or infinite, {where}; replace them by finite radiance")
 
 
-def hdr_notice(transfer: int) -> str | None:
-    """The one line that warns of a transfer function that is not honoured, or None."""
-    if transfer not in _HDR:
+def peak_notice(pixels: PixelFormat) -> str | None:
+    """The one line that warns of HDR whose brightest light has to be guessed, or None."""
+    if pixels.transfer != "pq" or pixels.peak_nits:
         return None
-    return f"{_HDR[transfer]} (HDR) video is shown without tone mapping, as if it were BT.1886"
+    return "PQ (HDR) that does not say how bright it gets; 1000 cd/m² are assumed, --hdr-peak says otherwise"
+
+
+def brightest_nits(frame: av.VideoFrame) -> float:
+    """cd/m² of the brightest pixel of a medium (MaxCLL), else of the display that it was made on; 0 where unsaid."""
+    light = _side_data(frame, "CONTENT_LIGHT_LEVEL")
+    if light is not None and (most := struct.unpack_from("=I", light)[0]):
+        return float(most)
+    display = _side_data(frame, "MASTERING_DISPLAY_METADATA")
+    if display is None:
+        return 0.0
+    numerator, denominator, _, known = struct.unpack_from("=4i", display, _MASTERING_MOST)
+    return numerator / denominator if known and numerator > 0 and denominator > 0 else 0.0
 
 
 def display_rotation(frame: av.VideoFrame) -> tuple[int, bool]:
@@ -112,21 +133,30 @@ def display_rotation(frame: av.VideoFrame) -> tuple[int, bool]:
     The display matrix maps x' = a x + c y, y' = b x + d y. A mirrored one (ad − bc < 0) is a rotation after the rows
     were flipped; both share a and b, from which the angle comes.
     """
-    try:
-        side_data: list[Any] = list(frame.side_data)  # of SideData; PyAV's annotation says str
-        matrix = next((bytes(data) for data in side_data if data.type.name == "DISPLAYMATRIX"), None)
-    except ValueError:  # PyAV 18 does not know EXIF side data, and then lists none at all: a mirrored EXIF stays so
-        matrix = None
+    matrix = _side_data(frame, "DISPLAYMATRIX")
     if matrix is None:
         return round(frame.rotation / 90) * 90 % 360, False
     a, b, _, c, d = (int(v) for v in np.frombuffer(matrix, "<i4")[:5])
     return round(-degrees(atan2(b, a)) / 90) * 90 % 360, a * d - b * c < 0
 
 
-def _matrix(tags: Tags) -> str:
-    if tags.matrix == 8:
-        raise InputError("its YCgCo colour matrix is not supported; convert it to BT.709")
-    return _MATRICES.get(tags.matrix, "bt601" if tags.picture else "bt709")
+def _side_data(frame: av.VideoFrame, name: str) -> bytes | None:
+    try:
+        side_data: list[Any] = list(frame.side_data)  # of SideData; PyAV's annotation says str
+    except ValueError:  # PyAV 18 does not know EXIF side data, and then lists none at all: a mirrored EXIF stays so
+        return None
+    return next((bytes(data) for data in side_data if data.type.name == name), None)
+
+
+def _matrix(tags: Tags, *, hdr: bool) -> str:
+    if tags.matrix in _REFUSED:
+        raise InputError(f"its {_REFUSED[tags.matrix]} colour matrix is not supported; convert it to BT.709 or BT.2020")
+    return _MATRICES.get(tags.matrix, "bt2020" if hdr else "bt601" if tags.picture else "bt709")
+
+
+def _primaries(tags: Tags, *, hdr: bool) -> str:
+    unsaid = "bt2020" if hdr and tags.primaries == UNTAGGED else "bt709"
+    return _PRIMARIES.get(tags.primaries, unsaid)
 
 
 def _transfer(tags: Tags) -> str:

@@ -1,0 +1,111 @@
+"""From a medium's own light to the room's screen: HDR brought within white, wide primaries within the screen's.
+
+A medium's light is 1 at its brightest code. That of PQ is 10 000 cd/m² there; that of HLG is the scene's, which becomes
+a display's by Y_S^(γ − 1) of its luminance (ITU-R BT.2100-2, table 5). Then, of a colour whose brightest channel is x,
+
+    colour ← gain(x) · colour,   gain(x) = EETF(x) / (target x)       (ITU-R BT.2390-10, 5.4.1, black at 0)
+
+so that hue and saturation stay, the primaries are the screen's (BT.709's) by one matrix, and what these cannot show is
+mixed with grey of its luminance until they can. Shaders and compiled passes read gain(x) from a table over ⁴√x.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.media.frames import PixelFormat
+from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.colour import LUMINANCE, to_screen
+from counterlight.response import PQ_PEAK, TABLE_SIZE, pq_codes, pq_light
+
+FloatArray = NDArray[np.floating]
+UNSAID_PEAK = 1000.0  # cd/m²: BT.2100's reference display, HLG's nominal one, and what most PQ is graded on
+LUMINANCE_2020 = (0.2627, 0.6780, 0.0593)
+HLG_RANGE = 400.0, 2000.0  # cd/m², of BT.2100's formula for γ; beyond it, γ of the nearer end
+LEAST = 1e-6  # of a denominator
+
+
+@dataclass(frozen=True, eq=False)
+class Rendition:
+    """What a picture's light goes through after its transfer curve.
+
+    ootf : γ − 1 of HLG, 0 for none.  top : light of the medium's peak; what is brighter is taken for as bright.
+    gain : (samples,) over ⁴√(light / top), 0..1.  matrix : (3, 3), the medium's primaries -> the screen's.
+    """
+
+    ootf: float
+    top: float
+    gain: NDArray[np.float32]
+    matrix: NDArray[np.float64]
+
+    def on_screen(self, light: FloatArray) -> NDArray[np.float64]:
+        """(…, 3), 0..1 at the medium's peak -> 0..1 at white, as planes_to_linear.frag does it."""
+        if self.ootf:
+            luminance = np.maximum(light @ LUMINANCE_2020, LEAST)
+            light = light * luminance[..., None] ** self.ootf
+        brightest = light.max(axis=-1, keepdims=True)
+        position = np.clip(brightest / self.top, 0, 1) ** 0.25
+        gain = np.interp(position, np.linspace(0, 1, self.gain.size), self.gain)
+        light = light * gain * self.top / np.maximum(brightest, self.top)
+        return within_gamut(light @ self.matrix.T)
+
+
+def within_gamut(linear_rgb: FloatArray) -> NDArray[np.float64]:
+    """Mix each colour with the grey of its luminance, as little as brings every channel into 0..1."""
+    grey = np.clip(linear_rgb @ LUMINANCE, 0, 1)[..., None]
+    least, most = linear_rgb.min(axis=-1, keepdims=True), linear_rgb.max(axis=-1, keepdims=True)
+    low = np.where(least < 0, grey / np.maximum(grey - least, LEAST), 1)
+    high = np.where(most > 1, (1 - grey) / np.maximum(most - grey, LEAST), 1)
+    return np.asarray(np.clip(grey + np.minimum(low, high) * (linear_rgb - grey), 0, 1))
+
+
+def rendition_of(pixels: PixelFormat, adjustments: Adjustments) -> Rendition | None:
+    """What a medium's light goes through; None where it is the screen's as it is, and for radiance."""
+    matrix = to_screen(pixels.primaries)
+    unit = PQ_PEAK if pixels.transfer == "pq" else peak_of(pixels, adjustments)
+    if pixels.transfer not in ("pq", "hlg"):
+        if pixels.primaries == "bt709":
+            return None
+        return Rendition(0.0, 1.0, np.ones(TABLE_SIZE, np.float32), matrix)
+    peak = peak_of(pixels, adjustments)
+    ootf = _gamma(peak) - 1 if pixels.transfer == "hlg" else 0.0
+    gain = tone_curve(unit, peak, adjustments.target_peak, adjustments.tone_mapping)
+    return Rendition(ootf, min(peak / unit, 1.0), gain, matrix)
+
+
+def peak_of(pixels: PixelFormat, adjustments: Adjustments) -> float:
+    """The brightest light of an HDR medium in cd/m²: as somebody says, as the medium does, or as is usual."""
+    if adjustments.hdr_peak != "auto":
+        return float(adjustments.hdr_peak)
+    said = pixels.peak_nits if pixels.transfer == "pq" else 0.0  # HLG has none of its own
+    return said or UNSAID_PEAK
+
+
+def tone_curve(unit: float, peak: float, target: float, tone_mapping: str) -> NDArray[np.float32]:
+    """Gain of light whose 1 is `unit` cd/m², (samples,) over ⁴√(light / top); white is `target` cd/m²."""
+    nits = min(peak, unit) * np.linspace(0, 1, TABLE_SIZE)[1:] ** 4
+    shown = np.minimum(nits, target) if tone_mapping == "clip" else eetf(nits, min(peak, unit), target)
+    gain = shown / nits * (unit / target)
+    return np.concatenate([[unit / target], gain]).astype(np.float32)
+
+
+def eetf(nits: FloatArray, peak: float, target: float) -> NDArray[np.float64]:
+    """BT.2390's electrical-electrical transfer function, from a display of `peak` cd/m² to one of `target`.
+
+    Below a knee nothing changes; above it, a Hermite spline over PQ codes reaches the target with slope 0.
+    """
+    whole = pq_codes(np.array(peak / PQ_PEAK))
+    most = float(pq_codes(np.array(target / PQ_PEAK)) / whole)
+    if most >= 1:
+        return np.asarray(nits, np.float64)
+    code = np.clip(pq_codes(nits / PQ_PEAK) / whole, 0, 1)
+    knee = 1.5 * most - 0.5
+    t = np.maximum(code - knee, 0) / (1 - knee)
+    spline = (2 * t**3 - 3 * t**2 + 1) * knee + (t**3 - 2 * t**2 + t) * (1 - knee) + (3 * t**2 - 2 * t**3) * most
+    return np.where(code < knee, nits, PQ_PEAK * pq_light(spline * whole))
+
+
+def _gamma(peak: float) -> float:
+    """BT.2100's system gamma of HLG on a display of `peak` cd/m²."""
+    return float(1.2 + 0.42 * np.log10(np.clip(peak, *HLG_RANGE) / 1000))
