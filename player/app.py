@@ -19,7 +19,7 @@ from counterlight.pipeline.placement import read_placement
 from counterlight.pipeline.refinement import STEPS_OF_A_STILL
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room, read_room
-from counterlight.show.control import ControlServer
+from counterlight.show.control import ControlServer, Remote
 from counterlight.show.headless import headless_renderer, render_to_file
 from counterlight.show.in_step import Curtain, Follower, Leader
 from counterlight.show.media import Media
@@ -34,6 +34,7 @@ from counterlight.show.options import (
 )
 from counterlight.show.output import check_output
 from counterlight.show.playlist import Playlist, files_of
+from counterlight.show.remotes import open_remotes
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.show.session import Session
 from counterlight.show.show import Show
@@ -109,12 +110,14 @@ def _room_told(options: argparse.Namespace) -> Room:
 
 
 @contextmanager
-def _attached(options: argparse.Namespace) -> Iterator[tuple[list[ControlServer], Heartbeat, Callable[[], None]]]:
+def _attached(options: argparse.Namespace) -> Iterator[tuple[list[Remote], Heartbeat, Callable[[], None]]]:
     """Who commands the show from elsewhere, who is told how it goes, and what tells both that it is over."""
     with ExitStack() as stack:
         heartbeat = Heartbeat(options.heartbeat, Notifier(os.environ.get("NOTIFY_SOCKET")))
         stack.callback(heartbeat.close)
-        remotes = [] if options.control is None else [ControlServer(options.control)]
+        remotes: list[Remote] = [] if options.control is None else [ControlServer(options.control)]
+        process = open_remotes(options.remote, options.osc)
+        remotes += [] if process is None else [process]
         for remote in remotes:
             stack.callback(remote.close)
         yield remotes, heartbeat, stack.close
@@ -210,7 +213,7 @@ def play_in_window(
     room: Room,
     adjustments: Adjustments,
     *,
-    remotes: Sequence[ControlServer] = (),
+    remotes: Sequence[Remote] = (),
     heartbeat: Heartbeat | None = None,
     farewell: Callable[[], None] = lambda: None,
 ) -> Stats:

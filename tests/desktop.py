@@ -20,10 +20,10 @@ Box = tuple[int, int, int, int]  # left, top, width, height
 
 
 def playing(
-    display: str, *arguments: object, folder: Path | None = None
+    display: str, *arguments: object, folder: Path | None = None, **environment: str
 ) -> AbstractContextManager[subprocess.Popen[str]]:
     """A player in a window, on the path that files are rendered on, so that pixels can be compared one by one."""
-    return running(*verb("play"), "--path", "fragment", *arguments, folder=folder, **on(display))
+    return running(*verb("play"), "--path", "fragment", *arguments, folder=folder, **on(display), **environment)
 
 
 def expected_picture(room: Path, medium: Path, tmp_path: Path, *options: str) -> np.ndarray:

@@ -11,6 +11,8 @@ ARGUMENTS: dict[str, list[object]] = {
     "show-text": ["hello", 200],
     "place-move": [0.1, 0],
     "place-scale": [0.9],
+    "place-grab": [0.5, 0.5],
+    "place-drag": [0.5, 0.45],
     "set": ["view", "camera"],
     "cycle": ["pause"],
     "add": ["contrast", 2],

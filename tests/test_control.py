@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterlight.show.control import MAX_CLIENTS, MAX_LINE, MAX_OBSERVED, MAX_UNSENT, ControlServer, as_text
+from counterlight.show.client import MAX_LINE, MAX_OBSERVED, MAX_UNSENT, as_text
+from counterlight.show.control import MAX_CLIENTS, ControlServer
 from counterlight.unattended.json_lines import encode
 
 ENOUGH_POLLS = 4000
@@ -30,6 +31,12 @@ class Lamp:
 
     def names(self) -> Mapping[str, str]:
         return {"add": "add to brightness", "break": "a fault of ours", "tell": "give a long text"}
+
+    def usage(self, name: str) -> str:
+        return {"add": "NUMBER", "break": "", "tell": "SIZE"}[name]
+
+    def info(self, name: str) -> dict[str, Any]:
+        return {"name": name, "type": "any", "writable": self.writable(name)}
 
     def properties(self) -> Mapping[str, str]:
         return dict.fromkeys(self.values, "")
@@ -147,7 +154,14 @@ def test_properties_and_commands_as_mpv_answers_them(client: Client, lamp: Lamp)
     assert client.ask("client_name")["data"] == "ipc-1"
     assert client.ask("get_version")["data"] == 65536
     assert {entry["name"] for entry in client.ask("get_property", "command-list")["data"]} == set(lamp.names())
+    assert client.ask("get_property", "command-list")["data"][0] == {
+        "name": "add",
+        "help": "add to brightness",
+        "usage": "NUMBER",
+    }
     assert client.ask("get_property", "property-list")["data"] == list(lamp.values)
+    told = client.ask("get_property", "property-info")["data"]
+    assert [(each["name"], each["writable"]) for each in told] == [(name, lamp.writable(name)) for name in lamp.values]
 
 
 @pytest.mark.parametrize(
@@ -237,7 +251,7 @@ def test_a_client_that_does_not_read_costs_a_bounded_number_of_bytes(
         server.poll(lamp)
     else:
         raise AssertionError("a client that reads nothing is read for ever")
-    (kept,) = [peer for peer in server._clients if peer._name == "ipc-1"]
+    (kept,) = [peer for peer in server._clients._clients if peer._name == "ipc-1"]
     assert MAX_UNSENT <= len(kept._unsent) <= MAX_UNSENT + 10_100
     assert len(kept._arrived) <= MAX_LINE + (16 << 10)
     assert quick.ask("add", 1)["data"] == 1

@@ -1,14 +1,22 @@
 """Pages of docs/: one a task, walked as a reader would; the index reaches all of them, and no link leads nowhere."""
 
+import os
 import re
 import shlex
+import socket
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from pythonosc.osc_message import OscMessage
 
-from tests.programs import ROOT, command
+from tests.programs import PATIENCE_S, ROOT, command, running
+from tests.web_remote import free_port
 
 DOCS = ROOT / "docs"
 LINK = re.compile(r"\]\(([^)#:]+?)(?:#[^)]*)?\)")
@@ -29,6 +37,59 @@ def test_who_has_a_matrix_gets_pictures(tmp_path: Path, monkeypatch: pytest.Monk
         assert "--view" not in arguments or (quality and float(quality[1]) > 35), done.stdout  # wallpaper is gone
     assert cv2.imread("drive.png").shape == (18, 24, 3)
     assert cv2.imread("seen.png").shape == (24, 32, 3)
+
+
+@contextmanager
+def bridge(number: int, folder: Path, *words: object) -> Iterator[tuple[socket.socket, int]]:
+    """A script of docs/remote.md: what it sends arrives at the socket that is yielded, Art-Net at the port."""
+    script = re.findall(r"```python\n(.*?)```", (DOCS / "remote.md").read_text(), re.DOTALL)[number]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as heard:
+        heard.bind(("127.0.0.1", 0))
+        heard.settimeout(PATIENCE_S)
+        port = free_port(socket.SOCK_DGRAM)
+        text = script.replace("9000", str(heard.getsockname()[1])).replace("6454", str(port))
+        (folder / "bridge.py").write_text(text)
+        with running(sys.executable, folder / "bridge.py", *words):
+            yield heard, port
+
+
+def told(heard: socket.socket) -> tuple[str, float]:
+    message = OscMessage(heard.recv(1000))
+    return message.address.removeprefix("/counterlight/share/"), message.params[0]
+
+
+def test_a_midi_desk_commands_the_show(tmp_path: Path) -> None:
+    """A fader, running status with a clock in between, a note that is no fader, another channel's fader."""
+    os.mkfifo(tmp_path / "desk")
+    with bridge(0, tmp_path, tmp_path / "desk") as (heard, _), (tmp_path / "desk").open("wb", buffering=0) as desk:
+        desk.write(bytes([0xB0, 1, 127, 2, 0xF8, 0, 0x90, 1, 100, 0xC0, 5, 0xB3, 99, 3, 64, 127]))
+        assert [told(heard) for _ in range(3)] == [("brightness", 1.0), ("contrast", 0.0), ("blackout", 1.0)]
+
+
+def test_a_lighting_desk_commands_the_show(tmp_path: Path) -> None:
+    """Only what changes of a universe is passed on; other universes and other packets are not."""
+
+    def dmx(universe: int, *levels: int) -> bytes:
+        head = b"Art-Net\0" + bytes([0, 0x50, 0, 14, 0, 0]) + universe.to_bytes(2, "little")
+        return head + len(levels).to_bytes(2, "big") + bytes(levels)
+
+    with bridge(1, tmp_path) as (heard, port), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as desk:
+        desk.connect(("127.0.0.1", port))
+        heard.setblocking(False)
+        deadline = time.monotonic() + PATIENCE_S
+        while True:  # until the bridge listens
+            assert time.monotonic() < deadline
+            with suppress(OSError):
+                desk.send(dmx(0, 255, 0))
+            time.sleep(0.05)
+            with suppress(BlockingIOError):
+                first = told(heard)
+                break
+        heard.settimeout(PATIENCE_S)
+        assert [first, told(heard)] == [("brightness", 1.0), ("contrast", 0.0)]
+        for packet in (dmx(1, 7, 7), b"Art-Poll", b"", dmx(0, 255, 51)):
+            desk.send(packet)
+        assert told(heard) == ("contrast", pytest.approx(0.2))
 
 
 def test_every_page_is_in_the_index() -> None:

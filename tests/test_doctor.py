@@ -45,6 +45,7 @@ def test_every_part_of_the_machine_is_reported(xvfb: str) -> None:
     packages = {"numpy", "scipy", "moderngl", "glfw", "OpenEXR", "opencv-contrib-python-headless", "av", "tomli-w"}
     rest = {"Python", "OpenGL through EGL", "window system", "monitor", "FFmpeg", "OpenEXR files", "cores"}
     rest |= {"plots of studies", "camera RAW", "machine-vision cameras", "letters"}
+    rest |= {"remote in a browser", "its address as a QR code", "Open Sound Control"}
     assert packages | rest <= set(states)
 
 

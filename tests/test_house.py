@@ -131,8 +131,9 @@ ROOMS = {  # of the player, and which others each may know
     "pipeline": "arrays calibration errors files maps media response writing",
     "overlay": "maps pipeline",
     "unattended": "command errors",
+    "remote": "command errors unattended",
     "gl": "calibration command errors maps media overlay pipeline response unattended",
-    "show": "calibration command errors files gl maps media overlay pipeline unattended writing",
+    "show": "calibration command errors files gl maps media overlay pipeline remote unattended writing",
     "app": "calibration command errors gl media overlay pipeline show unattended writing",
 }
 

@@ -1,5 +1,6 @@
 """Checks of the room beside a show: when one begins, what becomes of what it says, and that none outlives it."""
 
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from counterlight.show.options import check_of, read_options
+from counterlight.show.registry import CommandError
 from counterlight.unattended.room_checks import LONGEST_S, Outcome, RoomChecks
 from tests.programs import PATIENCE_S, fail
 from tests.stage import Clock, Reader, Screen, Stage
@@ -143,6 +145,33 @@ def test_a_room_that_is_lost_is_told_and_the_show_goes_on() -> None:
     assert not show.paused
 
 
+def test_a_check_that_is_asked_for_begins_at_once_and_its_outcome_is_told() -> None:
+    """Whatever is due, and although there are several media."""
+    show = Shown(Reader("a", count=1000), Reader("b"), code="print('nothing has changed')")
+    commands = show.stage.commands
+    assert commands.get("checking") is False
+    assert commands.run("check-room") == "checking the room"
+    with pytest.raises(CommandError, match="a check is running"):
+        commands.run("check-room")
+    show.stage.advance(0.02)
+    assert commands.get("checking") is True
+    assert show.paused
+    with pytest.raises(CommandError, match="a check is running"):
+        commands.run("check-room")
+    show.go_on()
+    assert not show.paused
+    assert commands.get("notices") == ["nothing has changed"]
+    assert commands.run("check-room") == "checking the room"
+    show.checks.close()
+
+
+def test_without_a_camera_nothing_is_checked() -> None:
+    stage = Stage(Reader())
+    with pytest.raises(CommandError, match="start with --check-with"):
+        stage.commands.run("check-room")
+    assert stage.commands.get("checking") is False
+
+
 def test_a_check_that_cannot_begin_is_told_and_the_show_goes_on() -> None:
     show = Shown(Reader(count=1000))
     show.checks._command = ["/nowhere"]
@@ -164,16 +193,16 @@ def test_options_say_how_often_and_with_which_camera() -> None:
     ]
     assert check_of(read_options(words, "")) == (["--camera", "folder:my room", "--wait", "60"], 600.0)
     assert check_of(read_options(words[:3], "")) is None
+    assert check_of(read_options([*words[:3], *words[-2:]], ""))[1] == math.inf  # only when it is asked for
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--check-every", "10"], "belong together"),
-        (["--check-with", "--camera v4l2:0"], "belong together"),
+        (["--check-every", "10"], "needs --check-with"),
         (["--check-every", "0", "--check-with", "x"], "--check-every"),
         (["--check-every", "1", "--check-with", "'--camera"], "quote it as for a shell"),
-        (["--check-every", "1", "--check-with", "--camera v4l2:0", "--output", "x.png"], "--output"),
+        (["--check-with", "--camera v4l2:0", "--output", "x.png"], "--output"),
     ],
 )
 def test_what_cannot_be_checked_with_is_refused(tmp_path: Path, arguments: list[str], says: str) -> None:

@@ -15,7 +15,7 @@ from counterlight.show.options import adjustments_of, read_options
 from counterlight.show.registry import CommandError, Commands
 
 LOOPS_BETWEEN = 4
-NOT_WATCHED = ("volume", "mute", "gap", "psnr", "frames", "dropped", "fps", "monitor")
+NOT_WATCHED = ("volume", "mute", "gap", "psnr", "frames", "dropped", "fps", "late-frames", "monitor")
 
 
 class Watcher:

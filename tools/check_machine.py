@@ -33,11 +33,15 @@ IMPORT_NAMES = {
     "scikit-image": "skimage",
     "colour-science": "colour",
     "Pillow": "PIL",
+    "python-osc": "pythonosc",
 }
 EXTRAS = (  # what for, package, extra of pyproject.toml
     ("camera RAW", "rawpy", "raw"),
     ("machine-vision cameras", "pypylon", "pylon"),
     ("plots of studies", "matplotlib", "study"),
+    ("remote in a browser", "websockets", "remote"),
+    ("its address as a QR code", "segno", "remote"),
+    ("Open Sound Control", "python-osc", "osc"),
 )
 
 
@@ -273,12 +277,12 @@ def check_sound() -> list[Finding]:
 
 
 def check_extras() -> list[Finding]:
-    """Packages that only one kind of input or output needs."""
+    """Packages that only one kind of input, output or remote needs."""
     return [_extra_package(*extra) for extra in EXTRAS]
 
 
 def _extra_package(subject: str, package: str, extra: str) -> Finding:
-    if importlib.util.find_spec(package) is None:
+    if importlib.util.find_spec(IMPORT_NAMES.get(package, package)) is None:
         return Finding(subject, "note", f"{package} is not installed", _extra(extra))
     return Finding(subject, "ok", f"{package} {metadata.version(package)}")
 

@@ -20,6 +20,9 @@ class Kind(Protocol):
     def next(self, value: Any, direction: int) -> Any:
         """The value that `cycle` goes to, 1 up or -1 down."""
 
+    def info(self) -> dict[str, Any]:
+        """For JSON, so that somebody far away can offer a control: `type`, and what belongs to it."""
+
 
 @dataclass(frozen=True)
 class Flag:
@@ -38,6 +41,9 @@ class Flag:
 
     def next(self, value: bool, direction: int) -> bool:
         return not value
+
+    def info(self) -> dict[str, Any]:
+        return {"type": "flag"}
 
 
 @dataclass(frozen=True)
@@ -79,6 +85,15 @@ class Number:
         bounded = min(max(number, self.low), self.high)
         return round(bounded) if self.whole else bounded
 
+    def info(self) -> dict[str, Any]:
+        """`max` is null where there is no end; `choices` are words beside the numbers."""
+        return {
+            "type": "integer" if self.whole else "number",
+            "min": self.low,
+            "max": None if self._endless else self.high,
+            "choices": list(self.words),
+        }
+
     @property
     def _endless(self) -> bool:
         return self.high >= MANY
@@ -101,6 +116,9 @@ class Choice:
     def next(self, value: str, direction: int) -> str:
         return self.words[(self.words.index(value) + direction) % len(self.words)]
 
+    def info(self) -> dict[str, Any]:
+        return {"type": "choice", "choices": list(self.words)}
+
 
 @dataclass(frozen=True)
 class Anything:
@@ -116,6 +134,9 @@ class Anything:
 
     def next(self, value: Any, direction: int) -> Any:
         raise UnreadError("has no next value")
+
+    def info(self) -> dict[str, Any]:
+        return {"type": "any"}
 
 
 ANYTHING = Anything()

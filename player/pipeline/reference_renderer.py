@@ -28,6 +28,7 @@ PERCENT = 0.01
 # With what shaders are told as uniforms and textures; colours and thresholds the twins take from views.py themselves.
 TWINS: dict[str, Callable[..., FloatArray]] = {
     "blend.frag": reference.blend,
+    "block_sum.frag": lambda source, side, target: reference.block_sum(source, side)[: target[0], : target[1]],
     "clipping.frag": lambda view, asked, white, most=None, **_: reference.clipping(
         view, asked, 1.0 if most is None else most[..., :3], white
     ),
@@ -49,8 +50,8 @@ TWINS: dict[str, Callable[..., FloatArray]] = {
     "weighted.frag": reference.weighted,
 }
 # Of twins that are told by a word what shaders are by a define.
-FLAGS = {"ABOVE": "above", "CLAMP": "clamp", "SQUARED": "squared"}
-PLACING = "pinned.frag", "resample.frag"  # which need to know the shape of what they draw
+FLAGS = {"ABOVE": "above", "CLAMP": "clamp", "SIDE": "side", "SQUARED": "squared"}
+PLACING = "block_sum.frag", "pinned.frag", "resample.frag"  # which need to know the shape of what they draw
 COMBINE: dict[str, Callable[[Any, Any], FloatArray]] = {
     "": lambda base, product: product,
     "ADD_TO_BASE": lambda base, product: base + product,
@@ -79,7 +80,8 @@ class ReferenceDevice:
     def make_pass(
         self, shader: str, shape: tuple[int, int], defines: Mapping[str, int | None] | None = None, **uniforms: Any
     ) -> Pass:
-        uniforms |= {FLAGS[define]: True for define in defines or {} if define in FLAGS}
+        told = {FLAGS[name]: value for name, value in (defines or {}).items() if name in FLAGS}
+        uniforms |= {name: True if value is None else value for name, value in told.items()}
         if shader in PLACING:
             uniforms["target"] = shape
         return Twin(TWINS[shader], shape, uniforms)

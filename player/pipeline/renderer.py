@@ -26,6 +26,7 @@ from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.refiner import Refiner
 from counterlight.pipeline.request import Request
 from counterlight.pipeline.room import Room
+from counterlight.pipeline.small_pictures import SmallPicture
 from counterlight.pipeline.starts import DirectStart, GreyStart, MapStart, PreviousStart, Start
 from counterlight.response import Response
 
@@ -42,6 +43,7 @@ class Renderer:
         self._owner, self._medium = Owner(), Owner()
         self._adjustments = NEUTRAL
         self._opened = False
+        self._view = ""  # that was rendered last; none since a medium was opened
         self._damper: Damper | None = None
         try:
             self._build(path)
@@ -83,6 +85,14 @@ class Renderer:
             self._device.make_pass("split.frag", self._room.calibration.camera.shape, line=self._room.white)
         )
 
+    @cached_property
+    def _small_projector(self) -> SmallPicture:
+        return self._owner.own(SmallPicture(self._device, self._room.calibration.projector.shape, 1.0))
+
+    @cached_property
+    def _small_camera(self) -> SmallPicture:
+        return self._owner.own(SmallPicture(self._device, self._room.calibration.camera.shape, self._room.white))
+
     def _make_start(self, stored: StoredMaps, maps: RefinementMaps) -> Start:
         device, projector = self._device, self._room.calibration.projector.shape
         start = self._room.start
@@ -104,7 +114,7 @@ class Renderer:
         self._planes.adjust(self._adjustments)
         self._request.open(pixels, self._adjustments)
         self._cuts = SceneCuts()
-        self._opened = True
+        self._opened, self._view = True, ""
 
     def adjust(self, adjustments: Adjustments) -> None:
         """Take over what the viewer changed, from the next render on; stays when another medium is opened.
@@ -139,9 +149,10 @@ class Renderer:
         """
         self._decoded = self._planes.run()
         self._compensated: tuple[Light, Light] | None = None
+        self._sent: Light | None = None
         self._linear = self._shown(view, compensate=compensate and self._adjustments.card is None, steps=steps)
         encoder = self._projector_view if view == "projector" else self._camera_view
-        self._encoded = encoder.run(self._linear, frame)
+        self._encoded, self._view = encoder.run(self._linear, frame), view
 
     def encoded(self) -> NDArray[np.uint8]:
         """The rendered view as 8-bit code values: each projector's response, or sRGB with white = 1 for the camera."""
@@ -154,6 +165,27 @@ class Renderer:
     def desired(self) -> NDArray[np.float32]:
         """What is asked for, as adapted and placed: (camera height, camera width, 3), in screen primaries."""
         return self._request.desired(self._planes.run())
+
+    def small(self) -> NDArray[np.uint8] | None:
+        """The rendered view as a small sRGB picture; None before the first frame of a medium.
+
+        Costs a look at every pixel of it.
+        """
+        if not self._view:
+            return None
+        made = self._small_projector if self._view == "projector" else self._small_camera
+        return self._device.read(made.run(self._linear), np.uint8)
+
+    def small_seen(self) -> NDArray[np.uint8] | None:
+        """What the camera sees of the drive of the rendered view, as a small sRGB picture; None if it has no drive.
+
+        Costs a product with T as well, unless that is the view.
+        """
+        if self._view == "camera":
+            return self.small()
+        if not self._view or self._sent is None:
+            return None
+        return self._device.read(self._small_camera.run(self._observers[0].run(self._sent)), np.uint8)
 
     def finish(self) -> None:
         """Wait until everything asked for has been computed."""
@@ -179,23 +211,29 @@ class Renderer:
         if view == "projector":
             return self._shown_to_projector(compensate=compensate, steps=steps)
         if self._adjustments.card is not None:
-            return self._observers[0].run(self._request.plain(self._decoded))
+            return self._seen(self._request.plain(self._decoded))
         b = self._request.light(self._decoded)
         if view == "split":
             drives = self._request.plain(self._decoded), self._drive(b, steps)
+            self._sent = drives[1]
             plain, corrected = (observe.run(drive) for observe, drive in zip(self._observers, drives, strict=True))
             seen = self._split.run(left=plain, right=corrected)
         else:
-            seen = self._observers[0].run(self._drive(b, steps) if compensate else self._request.plain(self._decoded))
+            seen = self._seen(self._drive(b, steps) if compensate else self._request.plain(self._decoded))
         if view == "error":
             seen = self._maps.error(seen, b)
         return self._maps.over_camera(seen, self._near_light(b)) if self._adjustments.clipping else seen
 
+    def _seen(self, drive: Light) -> Light:
+        self._sent = drive
+        return self._observers[0].run(drive)
+
     def _shown_to_projector(self, *, compensate: bool, steps: int) -> Light:
         if not compensate:
-            return self._request.plain(self._decoded)
+            self._sent = self._request.plain(self._decoded)
+            return self._sent
         b = self._request.light(self._decoded)
-        drive = self._drive(b, steps)
+        drive = self._sent = self._drive(b, steps)
         if self._adjustments.clipping:
             drive = self._maps.over_projector(drive, self._unclamped(b))
         return drive if self._moved is None else self._moved.run(drive)

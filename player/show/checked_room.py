@@ -15,6 +15,18 @@ class CheckedRoom:
     def __init__(self, session: Session, commands: Commands, checks: RoomChecks) -> None:
         self._session, self._commands, self._checks = session, commands, checks
         self._playing, self._paused = session.playback, False
+        self._asked = False
+
+    @property
+    def running(self) -> bool:
+        return self._checks.running
+
+    def ask(self) -> str:
+        """Have the room looked at now, whether or not that is due."""
+        if self._checks.running or self._asked:
+            raise CommandError("check-room: a check is running")
+        self._asked = True
+        return "checking the room"
 
     def poll(self) -> None:
         """Begin the check that is due, end the one that is done."""
@@ -25,7 +37,7 @@ class CheckedRoom:
             outcome = checks.outcome()
             if outcome is not None:
                 self._take(outcome)
-        elif checks.due and between and session.playback is not None:
+        elif self._asked or (checks.due and between and session.playback is not None):
             self._begin()
 
     def close(self) -> None:
@@ -37,18 +49,21 @@ class CheckedRoom:
             self._checks.begin()
         except OSError as error:
             session.notice(f"the room's check: {error}")
+            self._asked = False
             return
         self._paused, session.manner.paused = session.manner.paused, True
 
     def _take(self, outcome: Outcome) -> None:
-        session = self._session
-        session.manner.paused = self._paused
+        session, asked = self._session, self._asked
+        session.manner.paused, self._asked = self._paused, False
         if outcome.code:
             session.notice(f"the room's check: {outcome.said}")
             return
         try:
             if session.room.drifts:
                 self._commands.run("reload")
-                session.stats.notice(outcome.said)
+            elif not asked:
+                return
+            session.stats.notice(outcome.said)
         except (CommandError, InputError, OSError) as error:
             session.notice(str(error))

@@ -1,4 +1,4 @@
-"""The commands and properties of a session (docs/player.md lists them): what keys, settings and remotes can do."""
+"""The commands of a session (docs/player.md lists them): what keys, settings and remotes can do."""
 
 import sys
 import time
@@ -8,33 +8,31 @@ from pathlib import Path
 from typing import Any
 
 from counterlight.command import tell
-from counterlight.pipeline.kinds import Anything, Choice, Number
-from counterlight.pipeline.parameters import FLAG, PARAMETERS
-from counterlight.show.look import look_properties, read_again
+from counterlight.pipeline.kinds import Choice, Number
+from counterlight.show.look import read_again
 from counterlight.show.output import write_picture
 from counterlight.show.placing import Placing
-from counterlight.show.playback import Playback
-from counterlight.show.registry import Command, CommandError, Commands, Property
+from counterlight.show.previews import PREVIEWS, Previews
+from counterlight.show.properties import TIME, playback_of, properties_of
+from counterlight.show.registry import Command, CommandError, Commands
 from counterlight.show.session import Session
 from counterlight.show.stats_page import position
 from counterlight.writing.replacing import replacing_file
 
 ANY_NUMBER = Number(-1e9, 1e9)
-TIME = Number(0, 1e9)
 SEEKS = Choice(("relative", "absolute", "absolute-percent"))
 LOADS = Choice(("replace", "append"))
 
 
-def commands_of(session: Session) -> Commands:
-    """Everything that can be done with a session."""
-    actions = _Actions(session)
-    return Commands(
-        _commands(actions),
-        {**_playing(session), **_adjustments(session), **look_properties(session), **_showing(session)},
-    )
+def commands_of(session: Session, check: Callable[[], object], checking: Callable[[], bool]) -> Commands:
+    """Everything that can be done with a session.
+
+    check : begins a check of the room.  checking : whether one runs.
+    """
+    return Commands(_commands(_Actions(session), check), properties_of(session, checking))
 
 
-def _commands(do: "_Actions") -> dict[str, Command]:
+def _commands(do: "_Actions", check: Callable[[], object]) -> dict[str, Command]:
     return {
         "seek": Command(
             "go forward, or back, or to a time or a percentage", do.seek, "SECONDS [relative|absolute|absolute-percent]"
@@ -45,6 +43,12 @@ def _commands(do: "_Actions") -> dict[str, Command]:
         "playlist-prev": Command("play the medium before", lambda: do.playlist(-1)),
         "loadfile": Command("play a medium or a list, or put it at the end", do.load, "PATH [replace|append]"),
         "ab-loop": Command("set point A, then B, then clear both", do.ab_loop),
+        "preview": Command(
+            "a small picture of what the screen shows, or of what the camera will see; null if it is that of SERIAL, "
+            "or if there is no time for it now",
+            do.preview,
+            "[screen|camera] [SERIAL]",
+        ),
         "screenshot": Command("save the view as a PNG picture; its path is the result", do.screenshot),
         "show-keys": Command("the page of keys, the next one if there are more, or none after the last", do.keys),
         "show-progress": Command("write where the medium is over the picture", do.progress),
@@ -54,11 +58,15 @@ def _commands(do: "_Actions") -> dict[str, Command]:
         "place": Command("begin to place the picture in the camera's view", do.place),
         "place-move": Command("move the picture or the selected corner, in shares of the view", do.place_move, "DX DY"),
         "place-scale": Command("scale the picture about its middle", do.place_scale, "FACTOR"),
+        "place-grab": Command("take hold of the corner there, or of the whole picture", do.place_grab, "X Y"),
+        "place-drag": Command("pull what is held there, in shares of the view", do.place_drag, "X Y"),
+        "place-release": Command("let go", lambda: do.placing().let_go()),
         "place-corner": Command("select the next corner, or the whole picture", do.place_corner),
         "place-undo": Command("take the last change back", do.place_undo),
         "place-fit": Command("as large as fits, as nobody had placed it", do.place_fit),
         "place-save": Command("keep the placement beside the calibration", do.place_save),
         "place-cancel": Command("leave the placement as it was", do.place_cancel),
+        "check-room": Command("look at the room with its camera, and correct what has moved", check),
         "quit": Command("end the player", do.quit),
     }
 
@@ -67,10 +75,10 @@ class _Actions:
     """What commands do; a text that is returned is also said on the screen when a key did it."""
 
     def __init__(self, session: Session) -> None:
-        self._session = session
+        self._session, self._previews = session, Previews(session)
 
     def seek(self, seconds: object, how: object = "relative") -> str:
-        playback = _playback(self._session)
+        playback = playback_of(self._session)
         info, amount, mode = playback.reader.info, ANY_NUMBER.read(seconds), SEEKS.read(how)
         if info.still or info.live:
             return ""
@@ -83,8 +91,8 @@ class _Actions:
         return position(self._session)
 
     def step(self, direction: int) -> None:
-        if not _playback(self._session).reader.info.still:
-            _playback(self._session).step(direction)
+        if not playback_of(self._session).reader.info.still:
+            playback_of(self._session).step(direction)
 
     def playlist(self, by: int) -> str:
         session = self._session
@@ -99,7 +107,7 @@ class _Actions:
         return Path(medium.name).name
 
     def ab_loop(self) -> str:
-        playback = _playback(self._session)
+        playback = playback_of(self._session)
         if playback.a_s is None:
             playback.a_s = playback.position_s
             return f"A-B loop from {playback.a_s:.2f} s"
@@ -121,12 +129,15 @@ class _Actions:
         tell(f"saved {path}", sys.stdout)
         return str(path)
 
+    def preview(self, name: object = "screen", serial: object = -1) -> dict[str, object] | None:
+        return self._previews.take(PREVIEWS.read(name), ANY_NUMBER.read(serial))
+
     def keys(self) -> None:
         self._session.help_page += 1
         self._session.changed()
 
     def progress(self) -> None:
-        _playback(self._session)
+        playback_of(self._session)
         self._session.say(position(self._session))
 
     def show_text(self, text: object, milliseconds: object = 1000) -> None:
@@ -156,34 +167,43 @@ class _Actions:
             session.placing = Placing(session.adjustments.corners or self._fitted(), session.adjustments.corners)
 
     def place_move(self, dx: object, dy: object) -> None:
-        placing = self._placing()
+        placing = self.placing()
         placing.move(ANY_NUMBER.read(dx), ANY_NUMBER.read(dy))
         self._apply(placing)
 
     def place_scale(self, factor: object) -> None:
-        placing = self._placing()
+        placing = self.placing()
         placing.scale(Number(0.01, 100).read(factor))
         self._apply(placing)
 
+    def place_grab(self, x: object, y: object) -> None:
+        self.placing().grab(ANY_NUMBER.read(x), ANY_NUMBER.read(y))
+        self._session.changed()
+
+    def place_drag(self, x: object, y: object) -> None:
+        placing = self.placing()
+        if placing.drag(ANY_NUMBER.read(x), ANY_NUMBER.read(y)):
+            self._apply(placing)
+
     def place_corner(self) -> str:
-        placing = self._placing()
+        placing = self.placing()
         placing.select_next()
         return placing.selected
 
     def place_undo(self) -> str:
-        placing = self._placing()
+        placing = self.placing()
         if not placing.undo():
             return "nothing to take back"
         self._apply(placing)
         return ""
 
     def place_fit(self) -> None:
-        placing = self._placing()
+        placing = self.placing()
         placing.put(self._fitted())
         self._apply(placing)
 
     def place_save(self) -> str:
-        session, placing = self._session, self._placing()
+        session, placing = self._session, self.placing()
         corners = None if placing.corners == self._fitted() else placing.corners
         saved = session.room.keep(corners)
         session.adjust(replace(session.adjustments, corners=corners))
@@ -191,7 +211,7 @@ class _Actions:
         return "placement: as large as fits" if corners is None else f"saved {saved}"
 
     def place_cancel(self) -> str:
-        session, placing = self._session, self._placing()
+        session, placing = self._session, self.placing()
         session.adjust(replace(session.adjustments, corners=placing.before))
         session.placing = None
         return "placement as it was"
@@ -199,192 +219,13 @@ class _Actions:
     def quit(self) -> None:
         self._session.done = True
 
-    def _placing(self) -> Placing:
+    def placing(self) -> Placing:
         if self._session.placing is None:
             raise CommandError("the picture is not being placed; begin with: place")
         return self._session.placing
 
     def _fitted(self) -> Any:
-        return self._session.room.fit(_playback(self._session).reader.info.format)
+        return self._session.room.fit(playback_of(self._session).reader.info.format)
 
     def _apply(self, placing: Placing) -> None:
         self._session.adjust(replace(self._session.adjustments, corners=placing.corners))
-
-
-def _named(name: str, get: Callable[[], Any], put: Callable[[Any], None]) -> Property:
-    """A parameter of a show."""
-    row = PARAMETERS[name]
-    return Property(row.help, get, put, row.kind, row.unit)
-
-
-def _attribute(of: Callable[[], Any], name: str) -> tuple[Callable[[], Any], Callable[[Any], None]]:
-    """What reads and what sets an attribute of what there is then."""
-    return lambda: getattr(of(), name), lambda value: setattr(of(), name, value)
-
-
-def _playing(session: Session) -> dict[str, Property]:
-    """Of the medium and the list."""
-
-    def now() -> Playback:
-        return _playback(session)
-
-    def audio() -> Any:
-        if session.audio is None:
-            raise CommandError("no audio")
-        return session.audio
-
-    def go_to(index: int) -> None:
-        if not 0 <= index < len(session.playlist.media):
-            raise CommandError(f"playlist-pos: expected 0 to {len(session.playlist.media) - 1}, found {index}")
-        session.programme.select(index)
-
-    def hold(seconds: float | str) -> None:
-        session.image_display_duration = None if seconds == "inf" else float(seconds)
-        if session.playback is not None:
-            session.playback.hold_s = session.image_display_duration
-
-    def manner() -> Any:
-        return session.manner
-
-    playlist = session.playlist
-    return {
-        "pause": Property("whether time stands still", *_attribute(manner, "paused"), FLAG),
-        "speed": _named("speed", *_attribute(manner, "speed")),
-        "time-pos": Property(
-            "seconds from the medium's beginning", lambda: now().position_s, lambda t: now().seek(t), TIME, "s"
-        ),
-        "duration": Property("seconds, null if unknown or a still", lambda: now().reader.info.duration_s),
-        "path": Property("the medium that plays", lambda: str(now().reader.info.path)),
-        "playlist": Property("the media of the list", lambda: [medium.name for medium in playlist.media]),
-        "playlist-pos": Property(
-            "position in the list, of what plays or is being opened",
-            lambda: playlist.position,
-            go_to,
-            Number(0, 1e6, whole=True),
-        ),
-        "playlist-playing-pos": Property("position of what plays", lambda: session.programme.on),
-        "loop-file": Property("begin the medium again at its end", *_attribute(manner, "loop"), FLAG),
-        "loop-playlist": Property("begin the list again at its end", *_attribute(lambda: playlist, "loop"), FLAG),
-        "ab-loop-a": _point(now, "a_s", "where the A-B loop begins"),
-        "ab-loop-b": _point(now, "b_s", "where it ends; the end of the medium if that comes before"),
-        "image-display-duration": _named(
-            "image-display-duration",
-            lambda: "inf" if session.image_display_duration is None else session.image_display_duration,
-            hold,
-        ),
-        "in-step": Property(
-            "how a leader or a follower is doing, null if neither", lambda: session.stats.facts.get("in_step")
-        ),
-        "volume": _named("volume", *_attribute(audio, "volume")),
-        "mute": _named("mute", *_attribute(audio, "mute")),
-    }
-
-
-def _point(now: Callable[[], Playback], name: str, text: str) -> Property:
-    def read() -> float | str:
-        value = getattr(now(), name)
-        return "no" if value is None else float(value)
-
-    return Property(
-        text,
-        read,
-        lambda value: setattr(now(), name, None if value == "no" else value),
-        Number(0, 1e9, words=("no",)),
-        "s",
-    )
-
-
-def _adjustments(session: Session) -> dict[str, Property]:
-    """Of counterlight.pipeline.adjustments.Adjustments."""
-
-    def field(name: str) -> Property:
-        attribute = name.replace("-", "_")
-        return _named(name, lambda: getattr(session.adjustments, attribute), lambda value: put(**{attribute: value}))
-
-    def put(**changed: Any) -> None:
-        session.adjust(replace(session.adjustments, **changed))
-
-    def corners() -> Any:
-        found = session.adjustments.corners
-        return None if found is None else [list(corner) for corner in found]
-
-    names = "brightness", "contrast", "gamma", "saturation", "black-level", "adapt", "flicker", "clipping"
-    light = "target-peak", "hdr-peak", "tone-mapping", "lut-type"
-    return {name: field(name) for name in (*names, *light)} | {
-        "test-card": _named(
-            "test-card",
-            lambda: session.adjustments.card or "no",
-            lambda card: put(card=None if card == "no" else card),
-        ),
-        "corners": Property(
-            "corners of the picture in the camera's view from the upper left, clockwise, in shares of it; "
-            "null fits the picture in",
-            corners,
-            lambda value: put(corners=_corners(value)),
-            Anything("null, four pairs"),
-        ),
-    }
-
-
-def _showing(session: Session) -> dict[str, Property]:
-    """Of the window, the view and the pages."""
-
-    def put(name: str, value: object) -> None:
-        setattr(session, name, value)
-        session.changed()
-
-    def attribute(name: str) -> tuple[Callable[[], Any], Callable[[Any], None]]:
-        return lambda: getattr(session, name), lambda value: put(name, value)
-
-    display = session.display
-
-    def gap() -> float | None:
-        certificate = session.certificate()
-        return None if certificate is None else certificate.relative
-
-    def psnr() -> float | None:
-        certificate = session.certificate()
-        return None if certificate is None else session.room.psnr(certificate)
-
-    def refine(steps: Any) -> None:
-        if steps and not session.room.refinable:
-            raise CommandError("no refinement: the maps were built without it; counterlight build adds it")
-        session.set_refine(steps)
-
-    return {
-        **{name: _named(name, *attribute(name)) for name in ("view", "compensation", "blackout")},
-        "refine": _named("refine", lambda: session.refine, refine),
-        "stats": Property("the page of statistics", *attribute("show_stats"), FLAG),
-        "help": Property("the page of keys", lambda: session.help_page > 0, lambda on: put("help_page", int(on)), FLAG),
-        "osd": _named("osd", *attribute("osd")),
-        "message": Property("what the screen says, empty once it has faded", lambda: session.message.text),
-        "placing": Property("whether the picture is being placed", lambda: session.placing is not None),
-        "fullscreen": _named("fullscreen", lambda: display.fullscreen, display.set_fullscreen),
-        "monitor": Property(
-            "where the window is; another one moves it",
-            lambda: display.monitor,
-            display.move_to,
-            Anything("a name or number"),
-        ),
-        "gap": Property("relative gap to the best picture, null if unknown", gap),
-        "psnr": Property("dB of the camera's predicted picture against the desired one, null if unknown", psnr),
-        "frames": Property("frames shown", lambda: session.stats.frames),
-        "dropped": Property("frames dropped", lambda: session.stats.dropped),
-        "fps": Property("frames a second on the screen", lambda: session.stats.frames_per_second),
-    }
-
-
-def _playback(session: Session) -> Playback:
-    if session.playback is None:
-        raise CommandError("no medium is open")
-    return session.playback
-
-
-def _corners(value: Any) -> Any:
-    if value is None or value == "no":
-        return None
-    try:
-        a, b, c, d = ((float(x), float(y)) for x, y in value)
-    except (TypeError, ValueError):
-        raise CommandError(f"corners: expected four pairs of numbers or null, found {value!r}") from None
-    return a, b, c, d

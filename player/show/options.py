@@ -1,11 +1,13 @@
 """The options of counterlight play, what they take, and the settings file that gives their defaults."""
 
 import argparse
+import math
 import os
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,27 +24,20 @@ from counterlight.pipeline.parameters import LISTED_IMAGE_S, PARAMETERS
 from counterlight.pipeline.refinement import STARTS
 from counterlight.pipeline.room import DITHERS
 from counterlight.pipeline.test_cards import CARDS
+from counterlight.remote.addresses import LOOPBACK, Address, parse_address
 from counterlight.show.headless import BACKENDS
 from counterlight.show.in_step import begins_at
 from counterlight.show.keys import KEYS, MEANINGS
 from counterlight.show.playlist import expand
+from counterlight.show.remotes import PORT as PAGE_PORT
 from counterlight.show.settings import Several, apply_settings, default_path
 from counterlight.unattended.cues import PORT, read_address
 from counterlight.unattended.supervisor import SAFE
 
 WINDOW_ONLY = (
     *("fullscreen", "monitor", "any_size", "vsync", "audio", "volume", "mute", "blackout", "osd"),
-    *(
-        "lead",
-        "follow",
-        "at",
-        "screenshot_directory",
-        "speed",
-        "image_display_duration",
-        "control",
-        "heartbeat",
-        "playlist_start",
-    ),
+    *("screenshot_directory", "speed", "image_display_duration", "playlist_start"),
+    *("control", "remote", "osc", "heartbeat", "lead", "follow", "at"),
 )
 
 
@@ -65,7 +60,8 @@ def read_options(argv: Sequence[str] | None, description: str) -> argparse.Names
     options.keys, options.lists = keys, [Medium(name) for name in options.media]
     roots = [options.media_root] if isinstance(options.media_root, Path) else options.media_root or []
     options.border = Border.around(options.lists, roots, live=options.allow_live)
-    options.lasting = options.loop or options.supervised or options.control is not None
+    remotes = options.control, options.remote, options.osc
+    options.lasting = options.loop or options.supervised or any(remote is not None for remote in remotes)
     options.media = expand(options.lists, options.border, patient=options.lasting)
     return options
 
@@ -82,18 +78,19 @@ def monitors_of(options: argparse.Namespace) -> list[str]:
 
 
 def check_of(options: argparse.Namespace) -> tuple[list[str], float] | None:
-    """What a check of the room is told beside its folder, and every how many seconds one is due; None for no checks."""
+    """What a check of the room is told beside its folder, and every how many seconds one is due, inf for when it is
+    asked for; None for no checks."""
     if options.check_every is None and options.check_with is None:
         return None
-    if options.check_every is None or options.check_with is None:
-        raise InputError("--check-every MINUTES and --check-with '--camera CAMERA …' belong together; give both")
+    if options.check_with is None:
+        raise InputError("--check-every MINUTES needs --check-with '--camera CAMERA …'; give both")
     if options.output is not None:
-        raise InputError("--check-every is for a window; with --output leave it out")
+        raise InputError("--check-with is for a window; with --output leave it out")
     try:
         words = shlex.split(options.check_with)
     except ValueError as error:
         raise InputError(f"--check-with {options.check_with}: {error}; quote it as for a shell") from None
-    return words, 60 * options.check_every
+    return words, math.inf if options.check_every is None else 60 * options.check_every
 
 
 def image_display_duration(options: argparse.Namespace) -> float | None:
@@ -270,11 +267,25 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
     )
     add("--dither", choices=DITHERS, default="ordered", help="how 8-bit steps are hidden (default ordered)")
     add("--control", type=Path, metavar="SOCKET", help="take commands there, JSON lines as mpv's IPC")
+    add(
+        "--remote",
+        type=partial(parse_address, port=PAGE_PORT),
+        nargs="?",
+        const=Address(LOOPBACK, PAGE_PORT),
+        metavar="HOST:PORT",
+        help=f"serve a page for browsers there (default {LOOPBACK}:{PAGE_PORT}, this machine\n"
+        "alone; 0.0.0.0: the network); it prints its address, with the token",
+    )
+    add("--osc", type=parse_address, metavar="[HOST:]PORT", help="take Open Sound Control there (UDP)")
     add("--heartbeat", metavar="FILE|-", help="add a JSON line a second: frames, drops, memory, position")
     minutes = Number(1 / 60, 1e6, noun="minutes")
     text = "look at the room again so often, between two media if there\nare several, and correct what has moved"
     _number(parser, "check-every", minutes, "MINUTES", text)
-    add("--check-with", metavar="'OPTIONS'", help="of counterlight verify: --camera CAMERA and what belongs to it")
+    add(
+        "--check-with",
+        metavar="'OPTIONS'",
+        help="of counterlight verify: --camera CAMERA and what belongs to it;\nalone: for check-room",
+    )
     _flag(parser, "supervise", False, "start the player again whenever it dies or hangs")
     add("--supervised", action="store_true", help=argparse.SUPPRESS)  # said by the supervisor
     add("--safe", choices=SAFE, default="black", help="what --supervise shows after too many crashes (default black)")

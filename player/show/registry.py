@@ -22,13 +22,17 @@ class CommandError(ValueError):
 
 @dataclass(frozen=True)
 class Property:
-    """get : a JSON-able value.  set : None if read-only.  unit : said after the value on the screen."""
+    """get : a JSON-able value.  set : None if read-only.  unit : said after the value on the screen.
+
+    costly : whether reading it costs the show a part of a frame's time.
+    """
 
     help: str
     get: Callable[[], Any]
     set: Callable[[Any], None] | None = None
     kind: Kind = ANYTHING
     unit: str = ""
+    costly: bool = False
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,12 @@ class Commands:
     def takes(self, name: str) -> str:
         """The values of a property, in words."""
         return str(_named(self._properties, name, "property").kind) if self.writable(name) else "read-only"
+
+    def info(self, name: str) -> dict[str, Any]:
+        """A property for JSON: what is said of it, whether it can be set, and what its kind says of its values."""
+        row: Property = _named(self._properties, name, "property")
+        told = {"name": name, "help": row.help, "unit": row.unit, "costly": row.costly, "writable": row.set is not None}
+        return {**told, **row.kind.info()}
 
     def writable(self, name: str) -> bool:
         return _named(self._properties, name, "property").set is not None

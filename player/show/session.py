@@ -296,9 +296,9 @@ class Session:
         return self._certificate
 
     @property
-    def rendered(self) -> bool:
-        """Whether there is a view to save."""
-        return self._draws > 0
+    def rendered(self) -> int:
+        """How many views have been: whether there is one to save, and whether it is another one."""
+        return self._draws
 
     def _upload(self, frame: Frame, playback: Playback) -> None:
         start = time.perf_counter()

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -10,10 +9,11 @@ from counterlight.command import status
 from counterlight.overlay.pointer import Pointer
 from counterlight.show.checked_room import CheckedRoom
 from counterlight.show.commands import commands_of
-from counterlight.show.control import ControlServer
+from counterlight.show.control import Remote
 from counterlight.show.keys import Keys
 from counterlight.show.memory import short_collections
 from counterlight.show.overlay import Overlay
+from counterlight.show.registry import CommandError
 from counterlight.show.session import Session
 from counterlight.show.stats import Stats
 from counterlight.show.stats_page import facts, status_line
@@ -36,12 +36,12 @@ class Show:
         session: Session,
         *,
         bindings: Mapping[str, str] | None = None,
-        remotes: Sequence[ControlServer] = (),
+        remotes: Sequence[Remote] = (),
         heartbeat: Heartbeat | None = None,
         checks: RoomChecks | None = None,
         beside: Sequence[Callable[[], None]] = (),
     ) -> None:
-        self.session, self.commands = session, commands_of(session)
+        self.session, self.commands = session, commands_of(session, self._check, self._checking)
         self._keys = Keys(self.commands, bindings)
         self._overlay = Overlay(session, self._keys)
         self._remotes, self._heartbeat = remotes, heartbeat
@@ -70,11 +70,11 @@ class Show:
                 self.press(key)
             for pointer in session.display.pointers():
                 self.point(pointer)
-            for remote in self._remotes:
-                remote.poll(self.commands)
             for act in self._beside:
                 act()
             self.step()
+            for remote in self._remotes:  # now, for the next frame is as far away as it will be
+                remote.poll(self.commands)
             if self._heartbeat is not None and self._heartbeat.due:
                 self._heartbeat.beat(facts(session))
             self._tell_terminal()
@@ -87,6 +87,14 @@ class Show:
             self._told_at = now_s
             status(status_line(session))
 
+    def _check(self) -> str:
+        if self._checked is None:
+            raise CommandError("check-room: no camera is named; start with --check-with '--camera CAMERA …'")
+        return self._checked.ask()
+
+    def _checking(self) -> bool:
+        return self._checked is not None and self._checked.running
+
     def step(self) -> None:
         """Show what is due, with what is written over it."""
         self.session.step(self._overlay.page)
@@ -95,21 +103,17 @@ class Show:
 
     def point(self, pointer: Pointer) -> None:
         """Pull the picture that is being placed; otherwise the mouse does nothing but click."""
-        session, placing = self.session, self.session.placing
-        if placing is None:
+        session = self.session
+        if session.placing is None:
             return
         if pointer.action == "release":
-            placing.let_go()
+            self.commands.run("place-release")
             return
         at = np.array([[pointer.x, pointer.y]])
         x, y = (session.room.on_camera(at) if session.view == "projector" else at)[0]
         if not np.isfinite((x, y)).all():  # where the projector lights nothing that counts
             return
-        if pointer.action == "press":
-            placing.grab(x, y)
-            session.changed()
-        elif placing.drag(x, y):
-            session.adjust(replace(session.adjustments, corners=placing.corners))
+        self.commands.run("place-grab" if pointer.action == "press" else "place-drag", float(x), float(y))
 
     def press(self, key: str) -> None:
         """Do what a key stands for and say on the screen what it changed; unknown keys do nothing."""

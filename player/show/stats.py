@@ -10,7 +10,7 @@ import numpy as np
 from counterlight.writing.replacing import replacing_file
 
 RECENT = 10_000  # frames whose times are kept: minutes of playback, a fixed amount of memory
-MOST_NOTICES = 1000
+MOST_NOTICES, LATEST_NOTICES = 1000, 20
 FEW = 120  # the frames that the rate is measured over
 LATE_EDGES_MS = (1, 2, 4, 8, 16, 32, 64)
 LATE_LABELS = ("<1 ms", "1-2", "2-4", "4-8", "8-16", "16-32", "32-64", ">64")
@@ -42,6 +42,9 @@ class Stats:
         """Something went wrong without stopping the show; the most recent lines are kept."""
         self.notices.append(text)
         del self.notices[:-MOST_NOTICES]
+
+    def latest_notices(self) -> list[str]:
+        return self.notices[-LATEST_NOTICES:]
 
     def shown(self, at_s: float, due_s: float) -> None:
         """A frame that was due at clock time `due_s` stands on the screen at `at_s`."""

@@ -20,7 +20,8 @@ RANDOM_LINES, OUTSTANDING = 10_000, 100
 def test_every_documented_command_and_property_by_the_socket(xvfb: str, small_room: Path, folder: Path) -> None:
     commands, properties = (dict(row[:2] for row in table(name)) for name in ("Commands", "Properties"))
     arguments = ARGUMENTS | {"cycle": ["osd"]}
-    with show(xvfb, folder, small_room, "clip.mkv", "clip.mkv", "--loop", "--refine", "4") as (process, client):
+    told = "--loop", "--refine", "4", "--check-with", f"--camera folder:{folder / 'no-camera'}"
+    with show(xvfb, folder, small_room, "clip.mkv", "clip.mkv", *told) as (process, client):
         assert sorted(client.get("property-list")) == sorted(properties)
         assert {entry["name"] for entry in client.get("command-list")} == commands.keys()
         for number, name in enumerate(properties):

@@ -153,8 +153,8 @@ def arrival(words: str) -> Callable[[State, State], bool]:
 def test_every_documented_command_and_property(xvfb: str, small_room: Path, folder: Path) -> None:
     calls: list[list[object]] = []
     for name, *_ in table("Commands"):
-        if name.startswith("place-"):
-            calls.append(["run", "place"])
+        if name.startswith("place-"):  # which the next medium would end
+            calls += [["set", "pause", True], ["run", "place"]]
         if name != "quit":
             calls.append(["run", name, *ARGUMENTS.get(name, [])])
     calls += [["run", "place"], ["run", "place-move", 0.1, 0], ["run", "place-save"]]
@@ -185,7 +185,7 @@ def test_every_documented_command_and_property(xvfb: str, small_room: Path, fold
 
 
 def answers(display: str, folder: Path, room: Path) -> list[dict[str, Any]]:
-    options = "--loop", "--refine", "4"
+    options = "--loop", "--refine", "4", "--check-with", f"--camera folder:{folder / 'no-camera'}"
     with walking(display, folder, "run", folder / "calls.json", room, "clip.mkv", "clip.mkv", *options) as process:
         out, _ = process.communicate(timeout=3 * PATIENCE_S)
     assert process.returncode == 0

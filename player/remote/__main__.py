@@ -1,0 +1,65 @@
+"""The process that serves a show's remotes: `python -m counterlight.remote`, started by the player alone.
+
+Its standard input holds one line of JSON: `link`, the file descriptor of its connection to the show, and whichever of
+`web`, a TCP socket that listens, with its `token`, and `osc`, a UDP socket, are wanted. It ends when the show does.
+"""
+
+import asyncio
+import json
+import logging
+import signal
+import socket
+import sys
+from contextlib import AsyncExitStack
+from typing import Any
+
+from counterlight.remote.link import Link
+
+GOODBYE_S = 0.25  # in which everybody hears what the show told last
+
+
+async def serve(told: dict[str, Any]) -> None:
+    """Until the show ends the connection. told : what standard input says."""
+    link = Link(_inherited(told["link"]))
+    talking, serving = asyncio.create_task(link.run()), asyncio.create_task(_serve_others(link, told))
+    await asyncio.wait([talking, serving], return_when=asyncio.FIRST_COMPLETED)
+    if talking.done():
+        await asyncio.sleep(GOODBYE_S)
+        serving.cancel()
+    await asyncio.gather(talking, serving, return_exceptions=talking.done())
+
+
+async def _serve_others(link: Link, told: dict[str, Any]) -> None:
+    await link.learn()
+    async with AsyncExitStack() as stack:
+        if "web" in told:
+            from counterlight.remote.web import Web
+
+            web = Web(_inherited(told["web"]), told["token"], link)
+            link.hear = web.hear
+            await stack.enter_async_context(await web.begin())
+        if "osc" in told:
+            from counterlight.remote.osc import Osc
+
+            osc = Osc(link)
+            receiver, loop = _inherited(told["osc"]), asyncio.get_running_loop()
+            transport, _ = await loop.create_datagram_endpoint(lambda: osc, sock=receiver)
+            stack.callback(transport.close)
+            await osc.run()
+        await asyncio.Event().wait()
+
+
+def _inherited(descriptor: int) -> socket.socket:
+    inherited = socket.socket(fileno=descriptor)
+    inherited.setblocking(False)
+    return inherited
+
+
+def main() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the show, which then ends the connection
+    logging.disable()  # what strangers do, of which the packages say much, is no line of a show's log
+    asyncio.run(serve(json.loads(sys.stdin.readline())))
+
+
+if __name__ == "__main__":
+    main()

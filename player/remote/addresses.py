@@ -1,0 +1,122 @@
+"""HOST:PORT: what is said of it on the command line, the socket there, and who may name it.
+
+A page of a stranger's, open in a browser, can reach what that browser's machine can: by a form, a WebSocket, or a name
+that its owner points here after it was loaded (DNS rebinding). So a request has to name this machine by a number or one
+of its own names, and a WebSocket has to come from this page.
+"""
+
+import argparse
+import ipaddress
+import os
+import socket
+from dataclasses import dataclass
+
+from counterlight.errors import InputError
+
+LOOPBACK = "127.0.0.1"
+BACKLOG = 64
+_DOCUMENTATION = "192.0.2.1", 9  # nobody is there, and nothing is sent: only the way there is looked up
+
+
+@dataclass(frozen=True)
+class Address:
+    """host : a name, or a number as `ipaddress` takes it."""
+
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+    def listen(self, option: str) -> socket.socket:
+        """A TCP socket that listens here; InputError where the system refuses."""
+        listener = self._bound(option, socket.SOCK_STREAM)
+        listener.listen(BACKLOG)
+        return listener
+
+    def receive(self, option: str) -> socket.socket:
+        """A UDP socket here; InputError where the system refuses."""
+        return self._bound(option, socket.SOCK_DGRAM)
+
+    def _bound(self, option: str, kind: socket.SocketKind) -> socket.socket:
+        try:
+            family, _, _, _, place = socket.getaddrinfo(self.host, self.port, type=kind, flags=socket.AI_PASSIVE)[0]
+            bound = socket.socket(family, kind)
+        except OSError as error:
+            raise InputError(f"{option} {self}: {error.strerror}; name an address of this machine") from None
+        try:
+            if kind == socket.SOCK_STREAM:  # so that a player that was started again need not wait for old connections
+                bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            bound.bind(place)
+        except OSError as error:
+            bound.close()
+            reason = os.strerror(error.errno) if error.errno else str(error)
+            raise InputError(f"{option} {self}: {reason}; give another port, or an address of this machine") from None
+        bound.setblocking(False)
+        return bound
+
+
+def parse_address(text: str, port: int | None = None) -> Address:
+    """`HOST:PORT`, `PORT`, or, where there is a usual port, `HOST`; without a host, this machine alone.
+
+    ArgumentTypeError for what is neither.
+    """
+    host, colon, number = text.rpartition(":")
+    if not colon and text.isdecimal():
+        host, number = "", text
+    elif port is not None and (not colon or text.endswith("]") or (text.count(":") > 1 and not text.startswith("["))):
+        host, number = text, str(port)
+    host = host.removeprefix("[").removesuffix("]") or LOOPBACK
+    if not (text and number.isdecimal() and len(number) <= 5 and 0 < int(number) < 1 << 16) or not _could_be_host(host):
+        expected = "HOST:PORT" if port is None else "HOST, PORT or HOST:PORT"
+        raise argparse.ArgumentTypeError(
+            f"expected {'[HOST:]PORT' if port is None else expected}, such as 0.0.0.0:8642, found {text!r}"
+        )
+    return Address(host, int(number))
+
+
+def is_loopback(bound: socket.socket) -> bool:
+    """Whether only this machine reaches a socket."""
+    return ipaddress.ip_address(bound.getsockname()[0].partition("%")[0]).is_loopback
+
+
+def reachable(bound: socket.socket) -> Address:
+    """Where others find a socket: its own address, or that of this machine if it listens at all of them."""
+    host, port = bound.getsockname()[:2]
+    if ipaddress.ip_address(host.partition("%")[0]).is_unspecified:
+        host = _own_address() or socket.gethostname()
+    return Address(host, port)
+
+
+def names_this_machine(host: str, *, local: bool) -> bool:
+    """Whether the Host header of a request is a number, or a name that nobody else can point here.
+
+    local : whether only this machine is meant.
+    """
+    name = host.rpartition(":")[0] if host.rpartition(":")[2].isdecimal() and not host.endswith("]") else host
+    name = name.removeprefix("[").removesuffix("]").rstrip(".").lower()
+    try:
+        number = ipaddress.ip_address(name)
+    except ValueError:
+        own = socket.gethostname().lower()
+        return name == "localhost" or (not local and name in (own, f"{own}.local"))
+    return number.is_loopback or not local
+
+
+def comes_from(origin: str, host: str) -> bool:
+    """Whether a page of `origin` (a request's header) was loaded from `host`, ours."""
+    return origin in (f"http://{host}", f"https://{host}")
+
+
+def _own_address() -> str | None:
+    """Of the way out of this machine; None if there is none."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(_DOCUMENTATION)
+        except OSError:
+            return None
+        return str(probe.getsockname()[0])
+
+
+def _could_be_host(host: str) -> bool:
+    return all(character.isalnum() or character in ".-:%_" for character in host)

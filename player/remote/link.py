@@ -1,0 +1,94 @@
+"""The show, as its remotes know it: requests and their answers, and the values of its properties while somebody looks.
+
+One connection for all: what twenty browsers see costs the show as much as what one sees.
+"""
+
+import asyncio
+import itertools
+import json
+import socket
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from counterlight.unattended.json_lines import encode
+
+PATIENCE_S = 30.0  # for a show that is stopped, or reads its maps again
+LONGEST_LINE = 64 << 20  # bytes; a list of a hundred thousand media is 8 MiB
+_OBSERVED = 1  # the number under which everything is observed
+
+Answer = dict[str, Any]
+
+
+class Link:
+    """hear : is told whatever the show tells without being asked."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+        self.hear: Callable[[Answer], None] = lambda told: None
+        self._connected, self._over = asyncio.Event(), False
+        self._numbers = itertools.count(1)
+        self._waiting: dict[int, asyncio.Future[Answer]] = {}
+        self.properties: Mapping[str, Answer] = {}  # what is to be known of each
+        self.commands: Mapping[str, Answer] = {}
+        self.values: dict[str, object] = {}  # as told last, while they are observed
+
+    async def run(self) -> None:
+        """Until the show ends the connection."""
+        reader, self._writer = await asyncio.open_unix_connection(sock=self._connection, limit=LONGEST_LINE)
+        self._connected.set()
+        try:
+            while line := await reader.readline():
+                self._take(json.loads(line))
+        finally:
+            self._writer.close()
+            self._over = True
+            for answer in self._waiting.values():
+                if not answer.done():
+                    answer.set_result(_unanswered("the show has gone"))
+
+    async def learn(self) -> None:
+        """Ask what there is to be asked."""
+        await self._connected.wait()
+        self.commands = {each["name"]: each for each in (await self.ask("get_property", "command-list"))["data"]}
+        self.properties = {each["name"]: each for each in (await self.ask("get_property", "property-info"))["data"]}
+
+    async def ask(self, *words: object) -> Answer:
+        """A request of the control socket and its answer."""
+        if self._over:
+            return _unanswered("the show has gone")
+        number, answer = next(self._numbers), asyncio.get_running_loop().create_future()
+        self._waiting[number] = answer
+        try:
+            self._writer.write(encode({"command": words, "request_id": number}))
+            async with asyncio.timeout(PATIENCE_S):
+                await self._writer.drain()
+                told: Answer = await answer
+                return told
+        except TimeoutError:
+            return _unanswered(f"the show has not answered for {PATIENCE_S:.0f} s")
+        finally:
+            del self._waiting[number]
+
+    async def observe(self) -> None:
+        """Have every property told that costs the show nothing to read."""
+        for name, info in self.properties.items():
+            if not info["costly"]:
+                await self.ask("observe_property", _OBSERVED, name)
+
+    async def look_away(self) -> None:
+        await self.ask("unobserve_property", _OBSERVED)
+        self.values.clear()
+
+    def _take(self, told: Answer) -> None:
+        if "event" in told:
+            if told["event"] == "property-change":
+                self.values[told["name"]] = told["data"]
+            self.hear(told)
+            return
+        answer = self._waiting.get(told.get("request_id", 0))
+        if answer is not None and not answer.done():
+            answer.set_result(told)
+
+
+def _unanswered(why: str) -> Answer:
+    return {"error": "error running command", "message": why, "data": None}

@@ -1,0 +1,1 @@
+"""The page: HTML, CSS and a script, which loads nothing from elsewhere and speaks as link.py and visitor.py do."""

@@ -1,0 +1,351 @@
+"use strict";
+// The remote of a show. Requests and properties are those of the control socket (docs/unattended.md); which controls
+// there are stands in the page, what each takes is told by the player.
+
+const PICTURE_MS = 250, DRAG_MS = 80, RETRY_MS = 1500, WINDOW_S = 10, REACH_PX = 34;
+const LATE = ["<1", "2", "4", "8", "16", "32", "64", ">64", "drop"], ON_TIME = 5; // labels in ms; the first five are on time
+
+const $ = (id) => document.getElementById(id);
+const make = (tag, settings = {}, ...children) => {
+  const element = Object.assign(document.createElement(tag), settings);
+  element.append(...children);
+  return element;
+};
+
+let socket, number = 0, known = {}, shown = "camera", over = false;
+let serial = { camera: -1, screen: -1 };
+const waiting = new Map(), values = {}, watchers = {}, held = new Set();
+
+// The connection
+
+function connect() {
+  const token = location.hash.slice(1);
+  if (!token) return ask("");
+  let opened = false;
+  socket = new WebSocket(location.origin.replace(/^http/, "ws") + "/socket", ["counterlight", token]);
+  socket.onopen = () => { opened = true; over = false; document.body.classList.remove("away"); };
+  socket.onmessage = (message) => hear(JSON.parse(message.data));
+  socket.onclose = () => {
+    document.body.classList.add("away");
+    badge(over ? "ended" : "no connection", "");
+    waiting.forEach((answer) => answer({ error: "no connection", data: null }));
+    waiting.clear();
+    serial = { camera: -1, screen: -1 };
+    if (opened) setTimeout(connect, RETRY_MS);
+    else fetch("/").then(() => ask("The player does not take this token, or has no room for one more."),
+      () => setTimeout(connect, RETRY_MS));
+  };
+}
+
+function ask(why) {
+  if (why) $("why").textContent = why;
+  $("token").value = "";
+  if (!$("door").open) $("door").showModal();
+}
+
+function send(...command) {
+  if (!socket || socket.readyState !== WebSocket.OPEN) return Promise.resolve({ error: "no connection", data: null });
+  number += 1;
+  socket.send(JSON.stringify({ command, request_id: number }));
+  return new Promise((answer) => waiting.set(number, answer));
+}
+
+async function run(...command) {
+  const answer = await send(...command);
+  if (answer.error !== "success") say(answer.message || answer.error, true);
+  else if (typeof answer.data === "string") say(answer.data);
+  return answer;
+}
+
+const set = (name, value) => run("set_property", name, value);
+
+function hear(told) {
+  if (told.event === "known") learn(told.properties);
+  else if (told.event === "properties") Object.entries(told.values).forEach(take);
+  else if (told.event === "shutdown") over = true;
+  else if (waiting.has(told.request_id)) {
+    waiting.get(told.request_id)(told);
+    waiting.delete(told.request_id);
+  }
+}
+
+function take([name, value]) {
+  values[name] = value;
+  (watchers[name] || []).forEach((watch) => watch(value));
+}
+
+const watch = (name, act) => (watchers[name] ||= []).push(act);
+const say = (text, wrong = false) => { $("message").textContent = text; $("message").classList.toggle("wrong", wrong); };
+const badge = (text, kind) => { $("health").textContent = text; $("health").className = `badge ${kind}`; };
+
+// A control for each property that the page names
+
+function learn(properties) {
+  known = properties;
+  document.querySelectorAll("[data-property]").forEach((place) => {
+    const info = known[place.dataset.property];
+    watchers[place.dataset.property] = (watchers[place.dataset.property] || []).filter((act) => !act.ofControl);
+    place.replaceChildren();
+    if (!info || !info.writable) return;
+    const act = { flag: flag, choice: choice, integer: range, number: range }[info.type](place, info);
+    act.ofControl = true;
+    watch(info.name, act);
+    if (info.name in values) act(values[info.name]);
+  });
+}
+
+function label(place, info, control) {
+  control.id = `set-${info.name}`;
+  const words = info.name.replaceAll("-", " ");
+  place.append(make("label", { htmlFor: control.id, title: info.help, textContent: words[0].toUpperCase() + words.slice(1) }));
+}
+
+function flag(place, info) {
+  const box = make("input", { type: "checkbox", onchange: () => set(info.name, box.checked) });
+  label(place, info, box);
+  place.append(box);
+  return (value) => { place.hidden = value === null; box.checked = Boolean(value); };
+}
+
+function choice(place, info) {
+  const list = make("select", { onchange: () => set(info.name, list.value) },
+    ...info.choices.map((word) => make("option", { value: word, textContent: word })));
+  label(place, info, list);
+  place.append(list);
+  return (value) => { list.value = value; };
+}
+
+function range(place, info) {
+  const top = info.max === null ? 100 : info.max, whole = info.type === "integer";
+  const steep = info.min > 0 && top / info.min > 1000; // such a range is gone through by factors
+  const at = steep ? Math.log10 : (value) => value, from = steep ? (place) => 10 ** place : (place) => place;
+  const slider = make("input", { type: "range", min: at(info.min), max: at(top), step: whole ? 1 : (at(top) - at(info.min)) / 200 });
+  const said = make("output");
+  const words = info.choices.map((word) => make("button", { textContent: word, onclick: () => set(info.name, word) }));
+  const value = () => Number(from(Number(slider.value)).toPrecision(3));
+  label(place, info, slider);
+  place.append(make("div", { className: "number" }, slider, ...words), said);
+  const tell = throttle(() => set(info.name, value()), DRAG_MS);
+  hold(slider, info.name);
+  slider.oninput = () => { said.textContent = text(value(), info.unit); tell(); };
+  slider.ondblclick = () => { if (info.min < 0) set(info.name, 0); };
+  return (told) => {
+    place.hidden = told === null; // no sound, say
+    words.forEach((button) => button.setAttribute("aria-pressed", button.textContent === told));
+    if (held.has(info.name)) return;
+    if (typeof told === "number") slider.value = at(told);
+    said.textContent = text(told, info.unit);
+  };
+}
+
+const text = (value, unit) => (typeof value === "number" ? `${Number(value.toPrecision(3))}${unit === "%" ? " %" : ""}` : String(value ?? ""));
+
+// While a finger holds a slider, what the player says of it is not put in its place.
+function hold(slider, name) {
+  slider.onpointerdown = () => held.add(name);
+  slider.onpointerup = slider.onpointercancel = slider.onblur = () => held.delete(name);
+}
+
+function throttle(act, milliseconds) {
+  let due = 0, timer = null;
+  return (...words) => {
+    clearTimeout(timer);
+    const wait = due - Date.now();
+    if (wait > 0) { timer = setTimeout(() => { due = Date.now() + milliseconds; act(...words); }, wait); return; }
+    due = Date.now() + milliseconds;
+    act(...words);
+  };
+}
+
+// What plays
+
+const clock = (seconds) => {
+  const whole = Math.floor(seconds || 0), minutes = Math.floor(whole / 60), rest = String(whole % 60).padStart(2, "0");
+  return minutes < 60 ? `${minutes}:${rest}` : `${Math.floor(minutes / 60)}:${String(minutes % 60).padStart(2, "0")}:${rest}`;
+};
+const base = (path) => path.split("/").pop();
+const seek = $("seek"), goTo = throttle(() => set("time-pos", Number(seek.value)), 200);
+
+hold(seek, "time-pos");
+seek.oninput = () => { $("now").textContent = clock(Number(seek.value)); goTo(); };
+watch("duration", (seconds) => { seek.disabled = !seconds; seek.max = seconds || 1; $("end").textContent = seconds ? clock(seconds) : ""; });
+watch("time-pos", (seconds) => { if (!held.has("time-pos")) { seek.value = seconds || 0; $("now").textContent = clock(seconds); } });
+watch("pause", (paused) => { document.body.classList.toggle("paused", paused); $("pause").ariaLabel = paused ? "Play" : "Pause"; });
+watch("path", (path) => { $("medium").textContent = path ? base(path) : "Counterlight"; document.title = $("medium").textContent; });
+watch("message", (message) => { if (message) say(message); });
+watch("playlist", listMedia);
+watch("playlist-playing-pos", () => listMedia(values.playlist || []));
+$("pause").onclick = () => set("pause", !values.pause);
+
+const MOST_LISTED = 500;
+function listMedia(media) {
+  const first = Math.max(0, Math.min((values["playlist-playing-pos"] || 0) - MOST_LISTED / 2, media.length - MOST_LISTED));
+  $("playlist").replaceChildren(...media.slice(first, first + MOST_LISTED).map((path, index) => {
+    const button = make("button", { textContent: base(path), title: path, onclick: () => set("playlist-pos", first + index) });
+    button.setAttribute("aria-current", first + index === values["playlist-playing-pos"]);
+    return make("li", {}, button);
+  }));
+}
+
+$("load").onsubmit = (event) => {
+  event.preventDefault();
+  if ($("path").value) run("loadfile", $("path").value, event.submitter?.value || "replace");
+};
+
+// Buttons that run a command, and those that are a flag
+
+document.querySelectorAll("[data-run]").forEach((button) => {
+  button.onclick = async () => {
+    if (button.dataset.sure && !confirm(button.dataset.sure)) return;
+    const [name, ...words] = button.dataset.run.split(" ");
+    await run(name, ...words.map(Number));
+    if (name === "place" && !values.corners) run("place-fit"); // so that there are corners to drag
+    if (name === "place") show("camera");
+  };
+});
+document.querySelectorAll("[data-flag]").forEach((button) => {
+  const name = button.dataset.flag;
+  button.onclick = () => set(name, !values[name]);
+  watch(name, (on) => { button.setAttribute("aria-pressed", on); veil(); });
+});
+$("door").onclose = () => { if ($("token").value.trim()) { location.hash = $("token").value.trim(); location.reload(); } };
+$("measure").onclick = async () => {
+  const { data } = await run("get_property", "psnr");
+  say(data === null ? "Not known without compensation, or for maps without refinement." : `Predicted: ${data.toFixed(1)} dB against the picture that is wanted.`);
+};
+
+// Previews: the next is asked for when the last has come, and only while somebody looks
+
+function show(name) {
+  shown = name;
+  document.querySelectorAll("[data-preview]").forEach((tab) => tab.setAttribute("aria-selected", tab.dataset.preview === name));
+  outline();
+}
+document.querySelectorAll("[data-preview]").forEach((tab) => { tab.onclick = () => show(tab.dataset.preview); });
+
+let painted = "";
+async function look() {
+  if (!document.hidden && socket?.readyState === WebSocket.OPEN) {
+    const name = shown, answer = await send("preview", name, painted === name ? serial[name] : -1);
+    if (answer.data && name === shown) {
+      serial[name] = answer.data.serial;
+      painted = name;
+      $("preview").src = `data:image/jpeg;base64,${answer.data.jpeg}`;
+    }
+  }
+  setTimeout(look, PICTURE_MS);
+}
+
+function veil() {
+  $("veil").textContent = values.blackout ? "the screen is black" : values.checking ? "the room is being checked" : "";
+  frame.classList.toggle("dark", Boolean(values.blackout || values.checking));
+}
+watch("checking", (on) => { $("check").disabled = Boolean(on); veil(); });
+
+// Placement: corners in shares of the camera's view
+
+const frame = $("frame"), handles = [0, 1, 2, 3].map(() => make("i"));
+$("handles").append(...handles);
+let grip = null; // how far the finger is from what it holds
+const drag = throttle((x, y) => send("place-drag", x, y), DRAG_MS);
+
+function outline() {
+  const corners = values.corners, placing = Boolean(values.placing);
+  document.body.classList.toggle("placing-now", placing);
+  frame.classList.toggle("placing", placing && Boolean(corners) && shown === "camera");
+  if (!corners) return;
+  $("quad").setAttribute("points", corners.map(([x, y]) => `${x},${y}`).join(" "));
+  corners.forEach(([x, y], index) => {
+    handles[index].style.left = `${100 * Math.min(Math.max(x, 0), 1)}%`;
+    handles[index].style.top = `${100 * Math.min(Math.max(y, 0), 1)}%`;
+  });
+}
+watch("corners", outline);
+watch("placing", outline);
+
+const inView = (event) => {
+  const box = frame.getBoundingClientRect();
+  return [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height, box];
+};
+frame.onpointerdown = (event) => {
+  if (!frame.classList.contains("placing")) return;
+  const [x, y, box] = inView(event);
+  const away = values.corners.map(([a, b]) => Math.hypot(
+    (Math.min(Math.max(a, 0), 1) - x) * box.width, (Math.min(Math.max(b, 0), 1) - y) * box.height));
+  const nearest = away.indexOf(Math.min(...away)), near = away[nearest] < REACH_PX;
+  grip = near ? [values.corners[nearest][0] - x, values.corners[nearest][1] - y] : [0, 0];
+  frame.setPointerCapture(event.pointerId);
+  send("place-grab", x + grip[0], y + grip[1]);
+};
+frame.onpointermove = (event) => {
+  if (!grip) return;
+  const [x, y] = inView(event);
+  drag(x + grip[0], y + grip[1]);
+};
+frame.onpointerup = frame.onpointercancel = (event) => {
+  if (!grip) return;
+  const [x, y] = inView(event), at = [x + grip[0], y + grip[1]];
+  grip = null;
+  drag(...at);
+  setTimeout(() => send("place-release"), 2 * DRAG_MS);
+};
+
+// How the show goes
+
+let past = [];
+function weigh() {
+  const late = values["late-frames"];
+  if (!late) return;
+  const counts = [...late, values.dropped || 0], now = Date.now() / 1000;
+  if (past.length && counts.some((count, index) => count < past[0].counts[index])) past = []; // another player
+  past = [...past.filter(({ at }) => now - at < WINDOW_S), { at: now, counts }];
+  const recent = counts.map((count, index) => count - past[0].counts[index]);
+  const all = recent.reduce((a, b) => a + b, 0), behind = recent.slice(ON_TIME).reduce((a, b) => a + b, 0);
+  const share = all ? behind / all : 0, still = !all;
+  if (!document.body.classList.contains("away")) {
+    badge(values.pause ? "paused" : still ? "still" : share < 0.02 ? "on time" : share < 0.2 ? "late at times" : "too slow",
+      values.pause || still ? "" : share < 0.02 ? "good" : share < 0.2 ? "fair" : "bad");
+  }
+  const most = Math.max(1, ...recent);
+  $("late").replaceChildren(...recent.map((count, index) => {
+    const bar = make("i");
+    bar.style.height = `${50 * count / most}px`;
+    return make("div", { title: `${count} frames` }, bar, LATE[index]);
+  }));
+  $("late").ariaLabel = `Frames of the last ${WINDOW_S} s by how many milliseconds late they were: ${recent.join(", ")}`;
+  tellFacts(recent.at(-1), behind, all);
+}
+
+function tellFacts(dropped, behind, all) {
+  const drift = values.drift, monitor = values.monitor;
+  const rows = {
+    Rate: `${(values.fps || 0).toFixed(1)} frames a second`,
+    Frames: `${values.frames} shown, ${values.dropped} dropped`,
+    "Last 10 s": `${all ? Math.round(100 * behind / all) : 0} % late or dropped (${dropped} dropped)`,
+    Steps: `${values.refine}`,
+    Monitor: `${monitor}${values.fullscreen ? ", full screen" : ", in a window"}`,
+    Drift: values.checking ? "the room is being checked" : drift ? driftText(drift) : "nobody has checked the room",
+  };
+  $("facts").replaceChildren(...Object.entries(rows).flatMap(([name, said]) => [make("dt", { textContent: name }), make("dd", { textContent: said })]));
+}
+
+const driftText = ({ checked, moved = [], gain = [] }) => {
+  const shifts = moved.map(([x, y]) => `${Math.hypot(x, y).toFixed(2)} px`).join(", ");
+  const light = gain.flat().map((factor) => `${Math.round(100 * factor)} %`).join(", ");
+  return `${[shifts && `moved by ${shifts}`, light && `light ${light}`].filter(Boolean).join("; ")} (${new Date(checked).toLocaleString()})`;
+};
+
+const heard = new Map(); // a line of the log, and when this page saw it first
+watch("notices", (lines) => {
+  $("log").replaceChildren(...[...(lines || [])].reverse().map((line) => {
+    if (!heard.has(line)) heard.set(line, new Date().toLocaleTimeString());
+    return make("li", {}, make("time", { textContent: heard.get(line) }), line);
+  }));
+});
+
+$("seek").disabled = true;
+show("camera");
+setInterval(weigh, 1000);
+window.onhashchange = () => location.reload();
+connect();
+look();

@@ -1,0 +1,112 @@
+"""One browser: what it asks is answered in its order, what it is told of the show is what is newest when it reads.
+
+    in    {"command": ["set_property", "pause", true], "request_id": 7}       as at the control socket
+    out   {"request_id": 7, "error": "success", "data": null}
+    out   {"event": "properties", "values": {"pause": true, "time-pos": 3.2}}  what has changed
+    out   {"event": "known", "commands": {…}, "properties": {…}}               at first
+
+Whoever does not read is not read either, and is sent away after a while; whoever asks too often is read more slowly.
+"""
+
+import asyncio
+import json
+import time
+from typing import Any
+
+from websockets.asyncio.server import ServerConnection
+from websockets.exceptions import ConnectionClosed
+
+from counterlight.remote.link import Answer, Link
+from counterlight.remote.pictures import Pictures
+from counterlight.unattended.json_lines import encode
+
+INTERVAL_S = 0.1  # between two tellings of what has changed
+PATIENCE_S = 15.0  # for one who does not read
+MOST_EVENTS = 3  # that wait for one who does not read
+A_SECOND, AT_ONCE = 30.0, 60.0  # requests
+REQUESTS = ("get_property", "set_property")  # beside the commands; what is told to all is nobody's to change
+
+
+class Visitor:
+    def __init__(self, connection: ServerConnection, link: Link, pictures: Pictures) -> None:
+        self._connection, self._link, self._pictures = connection, link, pictures
+        self._news: dict[str, object] = dict(link.values)
+        known: Answer = {"commands": dict(link.commands), "properties": dict(link.properties)}
+        self._events: list[Answer] = [{"event": "known"} | known]
+        self._awake = asyncio.Event()
+        self._pace = Pace(A_SECOND, AT_ONCE)
+        self._awake.set()
+
+    async def serve(self) -> None:
+        """Until it goes, or does not read."""
+        telling = asyncio.create_task(self._tell())
+        try:
+            async for message in self._connection:
+                await asyncio.sleep(self._pace.wait_s())
+                await self._send(await self._answer(message))
+        except (ConnectionClosed, TimeoutError):
+            pass
+        finally:
+            telling.cancel()
+            self._connection.transport.abort()  # what it has not read is nobody's any more
+
+    def hear(self, told: Answer) -> None:
+        """An event of the show's, to be passed on as soon as what went before has been read."""
+        if told["event"] == "property-change":
+            self._news[told["name"]] = told["data"]
+        else:
+            self._events = [*self._events[-MOST_EVENTS:], told]
+        self._awake.set()
+
+    async def _tell(self) -> None:
+        while True:
+            await self._awake.wait()
+            self._awake.clear()
+            events, self._events = self._events, []
+            news, self._news = self._news, {}
+            try:
+                for told in [*events, *([{"event": "properties", "values": news}] if news else [])]:
+                    await self._send(told)
+            except (ConnectionClosed, TimeoutError):
+                self._connection.transport.abort()
+                return
+            await asyncio.sleep(INTERVAL_S)
+
+    async def _send(self, told: Answer) -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            await self._connection.send(encode(told).decode())
+
+    async def _answer(self, message: str | bytes) -> Answer:
+        try:
+            request: Any = json.loads(message)
+            number = request.get("request_id", 0)
+            name, *arguments = request["command"]
+        except (ValueError, RecursionError, AttributeError, KeyError, TypeError):
+            return _refused(0, 'expected {"command": [NAME, ...], "request_id": N}')
+        number = number if isinstance(number, int) else 0
+        if name not in REQUESTS and not (isinstance(name, str) and name in self._link.commands):
+            return _refused(number, f"{str(name)[:80]}: no such command; get_property command-list names them")
+        if name == "preview" and len(arguments) == 2 and isinstance(arguments[0], str):
+            answer = await self._pictures.take(*arguments)
+        else:
+            answer = await self._link.ask(name, *arguments)
+        return answer | {"request_id": number}
+
+
+class Pace:
+    """So many a second, and at most so many at once."""
+
+    def __init__(self, a_second: float, at_once: float) -> None:
+        self._a_second, self._at_once = a_second, at_once
+        self._left, self._looked = at_once, time.monotonic()
+
+    def wait_s(self) -> float:
+        """Take one; how long to wait first."""
+        now = time.monotonic()
+        self._left = min(self._left + (now - self._looked) * self._a_second, self._at_once) - 1
+        self._looked = now
+        return max(-self._left / self._a_second, 0.0)
+
+
+def _refused(number: int, message: str) -> Answer:
+    return {"request_id": number, "error": "invalid parameter", "message": message}

@@ -1,0 +1,219 @@
+"""The properties of a session (docs/player.md lists them): what can be read and set of it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from counterlight.pipeline.kinds import Anything, Number
+from counterlight.pipeline.parameters import FLAG, PARAMETERS
+from counterlight.show.look import look_properties
+from counterlight.show.playback import Playback
+from counterlight.show.registry import CommandError, Property
+from counterlight.show.session import Session
+
+TIME = Number(0, 1e9)
+
+
+def properties_of(session: Session, checking: Callable[[], bool]) -> dict[str, Property]:
+    """checking : whether a check of the room runs."""
+    parts = _playing, _adjustments, look_properties, _showing
+    return {name: each for part in parts for name, each in part(session).items()} | _told(session, checking)
+
+
+def playback_of(session: Session) -> Playback:
+    """CommandError while there is none."""
+    if session.playback is None:
+        raise CommandError("no medium is open")
+    return session.playback
+
+
+def _named(name: str, get: Callable[[], Any], put: Callable[[Any], None]) -> Property:
+    """A parameter of a show."""
+    row = PARAMETERS[name]
+    return Property(row.help, get, put, row.kind, row.unit)
+
+
+def _attribute(of: Callable[[], Any], name: str) -> tuple[Callable[[], Any], Callable[[Any], None]]:
+    """What reads and what sets an attribute of what there is then."""
+    return lambda: getattr(of(), name), lambda value: setattr(of(), name, value)
+
+
+def _playing(session: Session) -> dict[str, Property]:
+    """Of the medium and the list."""
+
+    def now() -> Playback:
+        return playback_of(session)
+
+    def audio() -> Any:
+        if session.audio is None:
+            raise CommandError("no audio")
+        return session.audio
+
+    def go_to(index: int) -> None:
+        if not 0 <= index < len(session.playlist.media):
+            raise CommandError(f"playlist-pos: expected 0 to {len(session.playlist.media) - 1}, found {index}")
+        session.programme.select(index)
+
+    def hold(seconds: float | str) -> None:
+        session.image_display_duration = None if seconds == "inf" else float(seconds)
+        if session.playback is not None:
+            session.playback.hold_s = session.image_display_duration
+
+    def manner() -> Any:
+        return session.manner
+
+    playlist = session.playlist
+    return {
+        "pause": Property("whether time stands still", *_attribute(manner, "paused"), FLAG),
+        "speed": _named("speed", *_attribute(manner, "speed")),
+        "time-pos": Property(
+            "seconds from the medium's beginning", lambda: now().position_s, lambda t: now().seek(t), TIME, "s"
+        ),
+        "duration": Property("seconds, null if unknown or a still", lambda: now().reader.info.duration_s),
+        "path": Property("the medium that plays", lambda: str(now().reader.info.path)),
+        "playlist": Property("the media of the list", lambda: [medium.name for medium in playlist.media]),
+        "playlist-pos": Property(
+            "position in the list, of what plays or is being opened",
+            lambda: playlist.position,
+            go_to,
+            Number(0, 1e6, whole=True),
+        ),
+        "playlist-playing-pos": Property("position of what plays", lambda: session.programme.on),
+        "loop-file": Property("begin the medium again at its end", *_attribute(manner, "loop"), FLAG),
+        "loop-playlist": Property("begin the list again at its end", *_attribute(lambda: playlist, "loop"), FLAG),
+        "ab-loop-a": _point(now, "a_s", "where the A-B loop begins"),
+        "ab-loop-b": _point(now, "b_s", "where it ends; the end of the medium if that comes before"),
+        "image-display-duration": _named(
+            "image-display-duration",
+            lambda: "inf" if session.image_display_duration is None else session.image_display_duration,
+            hold,
+        ),
+        "in-step": Property(
+            "how a leader or a follower is doing, null if neither", lambda: session.stats.facts.get("in_step")
+        ),
+        "volume": _named("volume", *_attribute(audio, "volume")),
+        "mute": _named("mute", *_attribute(audio, "mute")),
+    }
+
+
+def _point(now: Callable[[], Playback], name: str, text: str) -> Property:
+    def read() -> float | str:
+        value = getattr(now(), name)
+        return "no" if value is None else float(value)
+
+    return Property(
+        text,
+        read,
+        lambda value: setattr(now(), name, None if value == "no" else value),
+        Number(0, 1e9, words=("no",)),
+        "s",
+    )
+
+
+def _adjustments(session: Session) -> dict[str, Property]:
+    """Of counterlight.pipeline.adjustments.Adjustments."""
+
+    def field(name: str) -> Property:
+        attribute = name.replace("-", "_")
+        return _named(name, lambda: getattr(session.adjustments, attribute), lambda value: put(**{attribute: value}))
+
+    def put(**changed: Any) -> None:
+        session.adjust(replace(session.adjustments, **changed))
+
+    def corners() -> Any:
+        found = session.adjustments.corners
+        return None if found is None else [list(corner) for corner in found]
+
+    names = "brightness", "contrast", "gamma", "saturation", "black-level", "adapt", "flicker", "clipping"
+    light = "target-peak", "hdr-peak", "tone-mapping", "lut-type"
+    return {name: field(name) for name in (*names, *light)} | {
+        "test-card": _named(
+            "test-card",
+            lambda: session.adjustments.card or "no",
+            lambda card: put(card=None if card == "no" else card),
+        ),
+        "corners": Property(
+            "corners of the picture in the camera's view from the upper left, clockwise, in shares of it; "
+            "null fits the picture in",
+            corners,
+            lambda value: put(corners=_corners(value)),
+            Anything("null, four pairs"),
+        ),
+    }
+
+
+def _showing(session: Session) -> dict[str, Property]:
+    """Of the window, the view and the pages."""
+
+    def put(name: str, value: object) -> None:
+        setattr(session, name, value)
+        session.changed()
+
+    def attribute(name: str) -> tuple[Callable[[], Any], Callable[[Any], None]]:
+        return lambda: getattr(session, name), lambda value: put(name, value)
+
+    display = session.display
+
+    def refine(steps: Any) -> None:
+        if steps and not session.room.refinable:
+            raise CommandError("no refinement: the maps were built without it; counterlight build adds it")
+        session.set_refine(steps)
+
+    return {
+        **{name: _named(name, *attribute(name)) for name in ("view", "compensation", "blackout")},
+        "refine": _named("refine", lambda: session.refine, refine),
+        "stats": Property("the page of statistics", *attribute("show_stats"), FLAG),
+        "help": Property("the page of keys", lambda: session.help_page > 0, lambda on: put("help_page", int(on)), FLAG),
+        "osd": _named("osd", *attribute("osd")),
+        "message": Property("what the screen says, empty once it has faded", lambda: session.message.text),
+        "placing": Property("whether the picture is being placed", lambda: session.placing is not None),
+        "fullscreen": _named("fullscreen", lambda: display.fullscreen, display.set_fullscreen),
+        "monitor": Property(
+            "where the window is; another one moves it",
+            lambda: display.monitor,
+            display.move_to,
+            Anything("a name or number"),
+        ),
+    }
+
+
+def _told(session: Session, checking: Callable[[], bool]) -> dict[str, Property]:
+    """How the show goes."""
+
+    def gap() -> float | None:
+        certificate = session.certificate()
+        return None if certificate is None else certificate.relative
+
+    def psnr() -> float | None:
+        certificate = session.certificate()
+        return None if certificate is None else session.room.psnr(certificate)
+
+    stats = session.stats
+    return {
+        "gap": Property("relative gap to the best picture, null if unknown", gap, costly=True),
+        "psnr": Property(
+            "dB of the camera's predicted picture against the desired one, null if unknown", psnr, costly=True
+        ),
+        "frames": Property("frames shown", lambda: stats.frames),
+        "dropped": Property("frames dropped", lambda: stats.dropped),
+        "fps": Property("frames a second on the screen", lambda: stats.frames_per_second),
+        "late-frames": Property(
+            "frames by how late they were shown: by less than 1, 2, 4, 8, 16, 32, 64 ms, and by more",
+            lambda: list(stats.late_counts),
+        ),
+        "notices": Property("what went wrong lately without stopping the show, at most 20 lines", stats.latest_notices),
+        "drift": Property(
+            "what the last check of the room found, null if nobody has checked", lambda: session.room.drifted
+        ),
+        "checking": Property("whether a check of the room is running", checking),
+    }
+
+
+def _corners(value: Any) -> Any:
+    if value is None or value == "no":
+        return None
+    try:
+        a, b, c, d = ((float(x), float(y)) for x, y in value)
+    except (TypeError, ValueError):
+        raise CommandError(f"corners: expected four pairs of numbers or null, found {value!r}") from None
+    return a, b, c, d

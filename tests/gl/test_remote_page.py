@@ -1,0 +1,145 @@
+"""The page of --remote in a real browser: it shows the show, its controls work, and it finds the player again."""
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.browser import Page, browser
+from tests.programs import PATIENCE_S, wait_until
+from tests.web_remote import Place, child, show_with_remote
+
+DESKTOP, PHONE = (1280, 900), (390, 844)
+
+
+@pytest.fixture(scope="module")
+def tabs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], Page]]:
+    with browser(tmp_path_factory.mktemp("browser")) as tab:
+        yield tab
+
+
+def opened(tabs: Callable[[], Page], place: Place) -> Page:
+    """The page, once it has a picture."""
+    page = tabs()
+    page.size(*DESKTOP)
+    page.open(place.address)
+    page.wait("document.querySelector('#preview').naturalWidth > 10")
+    return page
+
+
+def test_a_show_is_seen_and_commanded(tabs: Callable[[], Page], xvfb: str, small_room: Path, folder: Path) -> None:
+    with (
+        show_with_remote(xvfb, folder, small_room, "clip.mkv", "--loop") as (process, place),
+        place.visit() as visitor,
+    ):
+        page = opened(tabs, place)
+        assert page.ask("document.title") == "clip.mkv"
+        assert page.ask("[...document.querySelectorAll('#playlist button')].map(each => each.textContent)") == [
+            "clip.mkv"
+        ]
+        assert page.ask("document.querySelector('#preview').naturalWidth") == 40  # the camera's view
+        page.click("[data-preview=screen]")
+        page.wait("document.querySelector('#preview').naturalWidth === 36")
+
+        page.click("#pause")
+        wait_until(lambda: visitor.get("pause") is True, "pause", process)
+        page.wait("document.body.classList.contains('paused')")
+        page.click("[data-flag=blackout]")
+        wait_until(lambda: visitor.get("blackout") is True, "black", process)
+        page.wait("document.querySelector('#veil').textContent === 'the screen is black'")
+        choose = "(e => { e.value = 'split'; e.onchange(); })(document.querySelector('#set-view'))"
+        page.ask(choose)
+        wait_until(lambda: visitor.get("view") == "split", "the view", process)
+        x, y = page.middle("#set-brightness")
+        width = page.ask("document.querySelector('#set-brightness').getBoundingClientRect().width")
+        page.drag((x, y), (x + width / 4, y))
+        wait_until(lambda: 30 < visitor.get("brightness") < 70, "half of the way to the end", process)
+        x, y = page.middle("#seek")
+        page.drag((x, y))
+        wait_until(lambda: abs(visitor.get("time-pos") - 2.5) < 0.3, "the middle of five seconds", process)
+
+        visitor.ask("set_property", "contrast", -20)
+        page.wait("document.querySelector('#set-contrast').value === '-20'")
+        page.ask("document.querySelector('#path').value = 'no such film.mkv'")
+        page.click("#load button[value=append]")
+        page.wait("document.querySelector('#message').textContent.includes('no such film.mkv')")
+        page.click("#measure")
+        page.wait("/dB|Not known/.test(document.querySelector('#message').textContent)")
+        page.click("#check")
+        page.wait("document.querySelector('#message').textContent.includes('--check-with')")
+        assert page.complaints == []
+
+
+def test_a_corner_is_dragged_on_the_preview(
+    tabs: Callable[[], Page], xvfb: str, small_room: Path, folder: Path
+) -> None:
+    with (
+        show_with_remote(xvfb, folder, small_room, "clip.mkv", "--loop") as (process, place),
+        place.visit() as visitor,
+    ):
+        visitor.ask("set_property", "pause", True)  # the next lap would end it
+        page = opened(tabs, place)
+        page.click("[data-run=place]")
+        page.wait("document.querySelector('#frame').classList.contains('placing')")
+        before = np.array(visitor.get("corners"))
+        page.ask("scrollTo(0, 0)")
+        left, top, width, height = page.ask(
+            "(b => [b.left, b.top, b.width, b.height])(document.querySelector('#frame').getBoundingClientRect())"
+        )
+        start = np.array([left, top]) + before[2].clip(0.01, 0.99) * (width, height)  # a finger is never quite on it
+        moves = [start + share * np.array([-0.2 * width, -0.1 * height]) for share in (0, 0.3, 0.6, 1)]
+        page.drag(*((float(x), float(y)) for x, y in moves))
+        expected = before + np.array([[0, 0], [0, 0], [-0.2, -0.1], [0, 0]])
+
+        def arrived() -> bool:
+            return np.allclose(visitor.get("corners"), expected, atol=1 / min(width, height))  # a pixel of the page
+
+        wait_until(arrived, "the corner", process)
+        page.click("[data-run=place-undo]")
+        wait_until(lambda: np.allclose(visitor.get("corners"), before), "one drag is one change", process)
+        page.click("[data-run=place-cancel]")
+        page.wait("!document.body.classList.contains('placing-now')")
+        assert page.complaints == []
+
+
+@pytest.mark.parametrize("size", [DESKTOP, (1024, 700), PHONE, (320, 600)])
+def test_nothing_is_cut_off(
+    tabs: Callable[[], Page], xvfb: str, small_room: Path, folder: Path, size: tuple[int, int]
+) -> None:
+    long = folder / ("a name without an end " * 8 + ".mkv")
+    (folder / "clip.mkv").rename(long)
+    with show_with_remote(xvfb, folder, small_room, long.name, "--loop") as (_, place):
+        page = opened(tabs, place)
+        page.size(*size, phone=size[0] < 500)
+        page.wait("values['late-frames']")
+        wide = page.ask("[document.documentElement.scrollWidth, innerWidth]")
+        assert wide[0] <= wide[1]
+        too_small = page.ask(
+            "[...document.querySelectorAll('button')].filter(b => b.offsetHeight && b.offsetHeight < 32).length"
+        )
+        assert too_small == 0  # for a finger
+
+
+def test_it_finds_the_next_player_and_asks_for_a_token_that_is_wrong(
+    tabs: Callable[[], Page], xvfb: str, small_room: Path, folder: Path
+) -> None:
+    with show_with_remote(xvfb, folder, small_room, "clip.mkv", "--loop", "--supervise") as (process, place):
+        page = opened(tabs, place)
+        os.kill(child(process.pid, "counterlight.app"), signal.SIGKILL)
+        page.wait("document.body.classList.contains('away')")
+        page.wait("!document.body.classList.contains('away') && values.frames > 0")
+        stranger = tabs()
+        stranger.open(place.address.partition("#")[0])
+        stranger.wait("document.querySelector('#door').open")
+        stranger.open(f"{place.address[:-1]}.")
+        stranger.wait("document.querySelector('#why').textContent.includes('does not take this token')")
+        stranger.ask(f"document.querySelector('#token').value = {place.token!r}")
+        stranger.click("#door button")
+        stranger.wait("document.title === 'clip.mkv'")
+        with place.visit() as visitor:
+            visitor.ask("quit")
+        page.wait("document.querySelector('#health').textContent === 'ended'")
+        assert process.wait(PATIENCE_S) == 0
