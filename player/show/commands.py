@@ -9,11 +9,12 @@ from typing import Any
 
 from counterlight.command import tell
 from counterlight.pipeline.kinds import Anything, Choice, Number
-from counterlight.pipeline.parameters import FLAG, PARAMETERS
+from counterlight.pipeline.parameters import FLAG
 from counterlight.show.output import write_picture
 from counterlight.show.placing import Placing
 from counterlight.show.playback import Playback
-from counterlight.show.registry import Command, CommandError, Commands, Property
+from counterlight.show.refining import refining
+from counterlight.show.registry import Command, CommandError, Commands, Property, named
 from counterlight.show.session import Session
 from counterlight.show.stats_page import position
 from counterlight.writing.replacing import replacing_file
@@ -27,7 +28,9 @@ LOADS = Choice(("replace", "append"))
 def commands_of(session: Session) -> Commands:
     """Everything that can be done with a session."""
     actions = _Actions(session)
-    return Commands(_commands(actions), {**_playing(session), **_adjustments(session), **_showing(session)})
+    return Commands(
+        _commands(actions), {**_playing(session), **_adjustments(session), **_showing(session), **refining(session)}
+    )
 
 
 def _commands(do: "_Actions") -> dict[str, Command]:
@@ -204,12 +207,6 @@ class _Actions:
         self._session.adjust(replace(self._session.adjustments, corners=placing.corners))
 
 
-def _named(name: str, get: Callable[[], Any], put: Callable[[Any], None]) -> Property:
-    """A parameter of a show."""
-    row = PARAMETERS[name]
-    return Property(row.help, get, put, row.kind, row.unit)
-
-
 def _attribute(of: Callable[[], Any], name: str) -> tuple[Callable[[], Any], Callable[[Any], None]]:
     """What reads and what sets an attribute of what there is then."""
     return lambda: getattr(of(), name), lambda value: setattr(of(), name, value)
@@ -242,7 +239,7 @@ def _playing(session: Session) -> dict[str, Property]:
     playlist = session.playlist
     return {
         "pause": Property("whether time stands still", *_attribute(manner, "paused"), FLAG),
-        "speed": _named("speed", *_attribute(manner, "speed")),
+        "speed": named("speed", *_attribute(manner, "speed")),
         "time-pos": Property(
             "seconds from the medium's beginning", lambda: now().position_s, lambda t: now().seek(t), TIME, "s"
         ),
@@ -260,13 +257,13 @@ def _playing(session: Session) -> dict[str, Property]:
         "loop-playlist": Property("begin the list again at its end", *_attribute(lambda: playlist, "loop"), FLAG),
         "ab-loop-a": _point(now, "a_s", "where the A-B loop begins"),
         "ab-loop-b": _point(now, "b_s", "where it ends; the end of the medium if that comes before"),
-        "image-display-duration": _named(
+        "image-display-duration": named(
             "image-display-duration",
             lambda: "inf" if session.image_display_duration is None else session.image_display_duration,
             hold,
         ),
-        "volume": _named("volume", *_attribute(audio, "volume")),
-        "mute": _named("mute", *_attribute(audio, "mute")),
+        "volume": named("volume", *_attribute(audio, "volume")),
+        "mute": named("mute", *_attribute(audio, "mute")),
     }
 
 
@@ -289,7 +286,7 @@ def _adjustments(session: Session) -> dict[str, Property]:
 
     def field(name: str) -> Property:
         attribute = name.replace("-", "_")
-        return _named(name, lambda: getattr(session.adjustments, attribute), lambda value: put(**{attribute: value}))
+        return named(name, lambda: getattr(session.adjustments, attribute), lambda value: put(**{attribute: value}))
 
     def put(**changed: Any) -> None:
         session.adjust(replace(session.adjustments, **changed))
@@ -300,7 +297,7 @@ def _adjustments(session: Session) -> dict[str, Property]:
 
     names = "brightness", "contrast", "gamma", "saturation", "black-level", "adapt", "flicker", "clipping"
     return {name: field(name) for name in names} | {
-        "test-card": _named(
+        "test-card": named(
             "test-card",
             lambda: session.adjustments.card or "no",
             lambda card: put(card=None if card == "no" else card),
@@ -327,36 +324,20 @@ def _showing(session: Session) -> dict[str, Property]:
 
     display = session.display
 
-    def gap() -> float | None:
-        certificate = session.certificate()
-        return None if certificate is None else certificate.relative
-
-    def psnr() -> float | None:
-        certificate = session.certificate()
-        return None if certificate is None else session.room.psnr(certificate)
-
-    def refine(steps: Any) -> None:
-        if steps and not session.room.refinable:
-            raise CommandError("no refinement: the maps were built without it; counterlight build adds it")
-        session.set_refine(steps)
-
     return {
-        **{name: _named(name, *attribute(name)) for name in ("view", "compensation", "blackout")},
-        "refine": _named("refine", lambda: session.refine, refine),
+        **{name: named(name, *attribute(name)) for name in ("view", "compensation", "blackout")},
         "stats": Property("the page of statistics", *attribute("show_stats"), FLAG),
         "help": Property("the page of keys", lambda: session.help_page > 0, lambda on: put("help_page", int(on)), FLAG),
-        "osd": _named("osd", *attribute("osd")),
+        "osd": named("osd", *attribute("osd")),
         "message": Property("what the screen says, empty once it has faded", lambda: session.message.text),
         "placing": Property("whether the picture is being placed", lambda: session.placing is not None),
-        "fullscreen": _named("fullscreen", lambda: display.fullscreen, display.set_fullscreen),
+        "fullscreen": named("fullscreen", lambda: display.fullscreen, display.set_fullscreen),
         "monitor": Property(
             "where the window is; another one moves it",
             lambda: display.monitor,
             display.move_to,
             Anything("a name or number"),
         ),
-        "gap": Property("relative gap to the best picture, null if unknown", gap),
-        "psnr": Property("dB of the camera's predicted picture against the desired one, null if unknown", psnr),
         "frames": Property("frames shown", lambda: session.stats.frames),
         "dropped": Property("frames dropped", lambda: session.stats.dropped),
         "fps": Property("frames a second on the screen", lambda: session.stats.frames_per_second),

@@ -12,6 +12,7 @@ from typing import Any
 
 from counterlight.errors import InputError, nearest
 from counterlight.pipeline.kinds import ANYTHING, Kind, Number, UnreadError
+from counterlight.pipeline.parameters import PARAMETERS
 
 PROPERTY_COMMANDS = ("set", "cycle", "add", "multiply")
 
@@ -29,6 +30,12 @@ class Property:
     set: Callable[[Any], None] | None = None
     kind: Kind = ANYTHING
     unit: str = ""
+
+
+def named(name: str, get: Callable[[], Any], put: Callable[[Any], None]) -> Property:
+    """A parameter of a show."""
+    row = PARAMETERS[name]
+    return Property(row.help, get, put, row.kind, row.unit)
 
 
 @dataclass(frozen=True)
