@@ -20,6 +20,7 @@ from counterlight.pipeline.refinement import STEPS_OF_A_STILL
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room, read_room
 from counterlight.show.control import ControlServer, Remote
+from counterlight.show.governor import Governor
 from counterlight.show.headless import headless_renderer, render_to_file
 from counterlight.show.in_step import Curtain, Follower, Leader
 from counterlight.show.media import Media
@@ -127,14 +128,25 @@ def room_of(options: argparse.Namespace) -> Room:
     white = None if options.white == "auto" else options.white
     path = options.path or ("auto" if options.output is None else "fragment")
     words = path in ("auto", "words", "compute-words")
-    return read_room(options.calibration, white, options.dither, options.refine, options.refine_from, words=words)
+    limited = options.budget != "no" or options.within != "no"
+    if limited and options.refine not in (None, "auto"):
+        raise InputError(
+            f"--refine {options.refine}: --budget and --within choose the steps themselves; leave one of them out"
+        )
+    refine = "auto" if limited else options.refine
+    return read_room(options.calibration, white, options.dither, refine, options.refine_from, words=words)
 
 
 def _steps_into_file(options: argparse.Namespace, room: Room, *, still: bool) -> int:
-    """A still picture in a file has time for more than a frame of film in a window."""
-    if options.refine is not None:
-        return int(options.refine)
-    return STEPS_OF_A_STILL if still and room.default_steps else room.default_steps
+    """A still picture in a file has time for more than a frame of film in a window, if nobody says what is enough."""
+    return STEPS_OF_A_STILL if still and room.default_steps and options.within == "no" else room.default_steps
+
+
+def _governor(options: argparse.Namespace, room: Room, usual: int) -> Governor:
+    """usual : steps if nobody says how many.  A start that was given stays."""
+    offers = room.offers if options.refine_from is None else ()
+    told = {"budget": options.budget, "within": options.within, "start": room.start, "offers": offers}
+    return Governor(usual, options.refine, **told)
 
 
 def _render(options: argparse.Namespace, room: Room, adjustments: Adjustments) -> Stats:
@@ -156,8 +168,10 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
         raise InputError(f"{reader.info.path}: a live source never ends; add --frames N to --output")
     for line in ignored(options, reader.info):
         tell(line)
-    if options.refine == "auto":
-        raise InputError("--refine auto is for a window: a file has no time to keep; give a number of steps")
+    if options.refine == "auto" and options.budget == options.within == "no":
+        raise InputError(
+            "--refine auto is for a window: a file has no time to keep; give a number of steps, --budget or --within"
+        )
     if options.backend == "cpu" and options.path is not None:
         raise InputError(f"--path {options.path}: --backend cpu has no GPU to take it on; leave one of them out")
     backend = "gl" if options.path is not None and options.backend == "auto" else options.backend
@@ -167,13 +181,13 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
         stats = render_to_file(
             reader,
             renderer,
-            room.calibration,
+            room,
             options.output,
             options.view,
             compensate=options.compensation,
             frames=options.frames,
-            white=room.white,
-            steps=_steps_into_file(options, room, still=reader.info.still),
+            governor=_governor(options, room, _steps_into_file(options, room, still=reader.info.still)),
+            appraised=options.stats is not None,
         )
     if room.drifted is not None:
         stats.facts["drift"] = room.drifted
@@ -265,8 +279,8 @@ def play_in_window(
             RoomInUse(options.calibration, room, lambda: room_of(options), renewed),
             view=options.view,
             compensation=options.compensation,
-            refine=options.refine,
-            usual=room.default_steps,
+            governor=_governor(options, room, room.default_steps),
+            appraised=options.stats is not None,
             adjustments=adjustments,
             lasting=options.lasting or bool(remotes),
             loop_file=options.loop and len(options.media) == 1,

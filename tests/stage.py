@@ -16,12 +16,15 @@ from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.device import PathReport
 from counterlight.pipeline.placement import Corners
 from counterlight.pipeline.refinement import Certificate
+from counterlight.pipeline.shortfall import Shortfall, Snapshot
+from counterlight.show.governor import Governor
 from counterlight.show.playlist import Playlist, is_list, read_list
 from counterlight.show.registry import Commands
 from counterlight.show.session import Session
 from counterlight.show.show import Show
 
 MEASURED = PathReport("fragment", 16, None, {"fragment": 12.5, "compute": 25.0})
+GOVERNED = "refine", "budget", "within", "offers"
 SQUARE: Corners = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))
 
 
@@ -114,6 +117,9 @@ class Screen:
     pages: list[Page | None] = field(default_factory=list)
     state: tuple[str, bool] = ("", False)
     steps: list[int] = field(default_factory=list)
+    starts: list[str] = field(default_factory=list)
+    snapshots: int = 0
+    stage_s: dict[str, float] = field(default_factory=dict)
     adjusted: list[Adjustments] = field(default_factory=list)
     news: list[str] = field(default_factory=list)
     certified: int = 0
@@ -131,7 +137,15 @@ class Screen:
     def upload(self, frame: Any) -> None:
         self.uploaded.append(frame.index)
 
-    def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
+    def start_from(self, start: str) -> None:
+        self.starts.append(start)
+
+    def snapshot(self) -> Snapshot:
+        self.snapshots += 1
+        nothing = np.zeros((1, 1, 3), np.float32)
+        return Snapshot(self.certificate(), nothing, nothing, nothing, self.steps[-1], self.steps[-1])
+
+    def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0, timed: bool = False) -> None:
         self.state = view, compensate
         self.steps.append(steps)
 
@@ -184,10 +198,12 @@ class Stage:
         self.reader = next(iter(self.readers.values()))
         self.clock, self.screen = Clock(), Screen()
         self.saved: list[Corners | None] = []
+        self.below: Callable[[int], float] = lambda steps: 1 / (1 + steps)  # dB below the optimum
         self.fresh: list[Any] = []
         self.refinable, self.drifts = True, False
         self.drifted: dict[str, Any] | None = None
         told = {name: options.pop(name) for name in ("bindings", "remotes", "heartbeat", "checks") if name in options}
+        governed = {name: options.pop(name) for name in GOVERNED if name in options}
         self.session = Session(
             Playlist(list(self.readers), loop=loop_list),
             self,
@@ -195,6 +211,7 @@ class Stage:
             self.screen,
             self,  # type: ignore[arg-type]
             clock=self.clock,
+            governor=Governor(options.pop("usual", 0), **governed),
             **options,
         )
         self.show = Show(self.session, **told)
@@ -234,6 +251,9 @@ class Stage:
 
     def keep(self, corners: Corners | None) -> None:
         self.saved.append(corners)
+
+    def appraise(self, snapshot: Snapshot) -> Shortfall:
+        return Shortfall(self.below(snapshot.steps), self.below(snapshot.steps) / 2, snapshot.steps, 4, 4)
 
     def psnr(self, certificate: Certificate) -> float:
         return 40.0

@@ -23,7 +23,13 @@ LARGEST_FILE = 8 << 20
 TIMEOUT_S = 120.0  # a command's imports on a busy machine
 
 # Whose modules import Numba, which imports scipy: nothing else does before it multiplies.
-COMPILED = tuple(f"counterlight.{name}" for name in ("maps.products", "pipeline.compiled", "pipeline.cpu_renderer"))
+COMPILED = tuple(
+    f"counterlight.{name}"
+    for name in (
+        *("maps.products", "pipeline.compiled", "pipeline.cpu_renderer"),
+        *("pipeline.squares", "pipeline.survey"),
+    )
+)
 HEAVY = {"scipy", "numba", "moderngl", "glcontext", "glfw"}
 LOADED = "print(*(name for name in sys.modules if name.split('.')[0] in HEAVY or name.startswith(FOREIGN)))"
 FOLDERS = {"player": "counterlight", "tools": "counterlight.tools"}  # of modules, and what they are imported as

@@ -40,8 +40,8 @@ class SlowScreen(Screen):
             time.sleep(DECODER_S)
         return []
 
-    def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
-        super().render(view, compensate=compensate, frame=frame, steps=steps)
+    def render(self, view: str, **told: Any) -> None:
+        super().render(view, **told)
         self._clock.now += self._rendering_s
 
 
@@ -76,7 +76,7 @@ def played(clip: Path, rendering_s: float, limit: int | None = None, **setup: An
         Waiting(Border()),
         screen,  # type: ignore[arg-type]
         screen,
-        SimpleNamespace(drifted=None),  # type: ignore[arg-type]  # no room is asked for more
+        SimpleNamespace(drifted=None, appraise=None, psnr=None),  # type: ignore[arg-type]  # no room is asked for more
         **setup,
         clock=clock,
     )

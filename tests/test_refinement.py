@@ -167,7 +167,7 @@ def test_a_correction_map_of_many_entries_is_not_waited_for() -> None:
 def test_a_certificate_that_says_nothing_says_so() -> None:
     empty = Certificate(np.zeros(3), np.zeros(3))
     useless = Certificate(np.ones(3), np.full(3, 2.0))
-    assert useless.to_dict() == {"relative_gap": 4.0, "below_optimum_db": None, "light_outside": None}
+    assert useless.to_dict() == {"relative_gap": 4.0, "certified_db": None, "light_outside": None}
     assert "no bound" in str(useless)
     assert empty.relative == 0
 

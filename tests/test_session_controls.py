@@ -250,7 +250,7 @@ def test_reload_takes_the_new_renderer_with_its_first_frame_or_keeps_the_old(sta
 
 def test_a_reloaded_renderer_that_cannot_draw_leaves_the_old(stage: Stage) -> None:
     class Broken(Screen):
-        def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
+        def render(self, view: str, **told: Any) -> None:
             raise KeyError("scale")
 
     stage.advance(0.2)
@@ -308,19 +308,20 @@ def test_steps_that_follow_the_frame_time_are_counted() -> None:
     assert stage.screen.steps[-1] == stage.screen.steps[-2] == stage.session.steps == 5
     facts = stage.show.run(limit=len(stage.screen.uploaded)).facts["refinement"]
     assert facts["steps"] == pytest.approx(np.mean(stage.screen.steps), abs=0.05)
-    assert facts["below_optimum_db"] == pytest.approx(-20 * np.log10(0.99))
+    assert facts["certified_db"] == pytest.approx(-20 * np.log10(0.99))
     assert stage.reader.closed
 
 
 def test_the_certificate_is_measured_now_and_then_and_only_to_be_shown(stage: Stage) -> None:
     stage.advance(0.4)
-    assert stage.screen.certified == 0
+    assert stage.screen.certified == stage.screen.snapshots == 0
     stage.press("i")
     stage.advance(1.0)
     assert 2 <= stage.screen.certified <= 3
     page = stage.screen.pages[-1]
     assert page is not None
-    assert any("below the optimum" in line for line in page.lines)
+    assert any("dB below the optimum (estimated: all 4 squares" in line for line in page.lines)
+    assert any("certified: at most" in line for line in page.lines)
     assert page.histogram is not None
     assert page.histogram.counts[:-1] == stage.session.stats.late_counts
     assert stage.commands.get("gap") == pytest.approx(0.02)

@@ -107,11 +107,21 @@ class RoomMaps:
     @property
     def correction_in_steps(self) -> float:
         """What T⁺ b takes over what a step of refinement takes, T p and Tᵀ r, in entries; 0 without refinement."""
+        return (self.correction.count + (self.undo.count if self.undo else 0)) / self._entries_of_a_step
+
+    @property
+    def direct_in_steps(self) -> float:
+        """The same of direct mapping."""
+        return 0.0 if self.refinement is None else self.refinement.direct.count / self._entries_of_a_step
+
+    @property
+    def _entries_of_a_step(self) -> float:
+        """Infinite without refinement."""
         if self.refinement is None:
-            return 0.0
+            return float("inf")
         chains = self.far, self.refinement.far_dual
         step = self.transport.count + self.refinement.dual.count + sum(chain.count for chain in chains if chain)
-        return (self.correction.count + (self.undo.count if self.undo else 0)) / max(step, 1)
+        return float(max(step, 1))
 
     def named(self) -> dict[str, RowMap]:
         """Every distinct map with the folder it is stored in, relative to correction/."""

@@ -199,11 +199,23 @@ def unpack(packed: RowMap) -> SparseRows:
 
 def in_blocks(packed: RowMap) -> Iterator[tuple[slice, SparseRows]]:
     """The matrix, some of its rows at a time: which of all entries these are, and the rows."""
-    columns = packed.source_shape[0] * packed.source_shape[1]
     for some, indptr, texels in _places(packed):
-        entries = packed.entries.reshape(-1, 4)[texels]
-        indices = entries[:, 3] if packed.index is None else packed.index.ravel()[texels]
-        yield some, SparseRows(indptr, indices.astype(np.int32), np.ascontiguousarray(entries[:, :3]), columns)
+        yield some, _at(packed, indptr, texels)
+
+
+def _at(packed: RowMap, indptr: NDArray[np.int64], texels: NDArray[np.int64]) -> SparseRows:
+    """Rows that begin at `indptr` among the entries in `texels`."""
+    entries = packed.entries.reshape(-1, 4)[texels]
+    indices = entries[:, 3] if packed.index is None else packed.index.ravel()[texels]
+    columns = packed.source_shape[0] * packed.source_shape[1]
+    return SparseRows(indptr, indices.astype(np.int32), np.ascontiguousarray(entries[:, :3]), columns)
+
+
+def rows_of(packed: RowMap, part: tuple[slice, slice]) -> SparseRows:
+    """The rows of a part of the output's picture."""
+    x, y, lengths = packed.lookup[part].reshape(-1, 3).astype(np.int64).T
+    indptr, first = np.concatenate([[0], np.cumsum(lengths)]), y * packed.entries.shape[1] + x
+    return _at(packed, indptr, np.repeat(first - indptr[:-1], lengths) + np.arange(indptr[-1]))
 
 
 def _places(packed: RowMap) -> Iterator[tuple[slice, NDArray[np.int64], NDArray[np.int64]]]:

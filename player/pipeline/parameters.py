@@ -89,6 +89,22 @@ PARAMETERS = {
         unsaid="what the maps say, 4 to 16, in a window fewer\n"
         "where frames would come too late; 0: the correction map alone",
     ),
+    "budget": Parameter(
+        "milliseconds that drawing a frame may take: start and steps are what fits",
+        Number(0.01, 1e6, words=("no",), noun="milliseconds"),
+        "no",
+        "MS",
+        "ms",
+        "no",
+    ),
+    "within": Parameter(
+        "dB below the best picture that are allowed: start and steps are the least that keep it",
+        Number(0.001, 100, words=("no",), noun="decibels"),
+        "no",
+        "DB",
+        "dB",
+        "no",
+    ),
     "osd": Parameter(
         "on: what keys change, and in a window what went wrong; notices: that always; off: neither",
         Choice(OSD),

@@ -15,7 +15,7 @@ p starts from what the steps before changed, y as far from p as it was; after a 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ OVER_RELAXATION = 0.6
 LARGEST_MOMENTUM = 0.95  # below 1, every mode of an unclamped iteration decays however many steps are made
 
 MOST_STEPS = 256
+FINEST_DB, WORST_DB = 1e-3, 1e3  # of what a manifest says
 SHARE_OF_FRAME, PATIENCE = 0.8, 100
 
 
@@ -47,10 +48,42 @@ def default_steps(start: str) -> int:
 
 @dataclass(frozen=True)
 class Advice:
-    """How a room's maps say that they are best played: one of STARTS, and steps a frame from there."""
+    """How a room's maps say that they are best played: one of STARTS, and steps a frame from there.
+
+    curves : by start, dB below the optimum after so many steps, as the build measured them.
+    """
 
     start: str
     steps: int
+    curves: Mapping[str, "Curve"] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """dB below the optimum by steps; between those measured a power of steps + 1, beyond the last one as before it."""
+
+    steps: tuple[int, ...]
+    decibels: tuple[float, ...]
+
+    def at(self, steps: int) -> float:
+        x, y = np.log1p(self.steps), np.log(np.maximum(self.decibels, FINEST_DB))
+        if steps <= self.steps[-1]:
+            return float(np.exp(np.interp(np.log1p(steps), x, y)))
+        fall = min((y[-1] - y[-2]) / (x[-1] - x[-2]), 0.0)
+        return float(np.exp(y[-1] + fall * (np.log1p(steps) - x[-1])))
+
+    def least(self, decibels: float) -> int:
+        """The fewest steps that end within so many dB, at most MOST_STEPS."""
+        return next((steps for steps in range(MOST_STEPS) if self.at(steps) <= decibels), MOST_STEPS)
+
+
+@dataclass(frozen=True)
+class Offer:
+    """A start that may be chosen, what it takes in steps, and what steps from there lead to."""
+
+    start: str
+    in_steps: float
+    curve: Curve
 
 
 def advice_of(details: Mapping[str, Any], where: str, fix: str) -> Advice | None:
@@ -58,7 +91,21 @@ def advice_of(details: Mapping[str, Any], where: str, fix: str) -> Advice | None
     if "play" not in details:
         return None
     table = Table(details, where, fix).table("play")
-    return Advice(table.choice("start", STARTS), table.integer("steps", None, 0, MOST_STEPS))
+    measured = table.table("below_optimum_db", optional=True)
+    curves = _curves(measured) if measured.values else {}
+    return Advice(table.choice("start", STARTS), table.integer("steps", None, 0, MOST_STEPS), curves)
+
+
+def _curves(table: Table) -> dict[str, Curve]:
+    counts = table.raw("steps", None)
+    many = len(counts) if isinstance(counts, list) else 0
+    steps = table.numbers("steps", max(many, 2), None, 0, MOST_STEPS)
+    if np.any(np.diff(steps) <= 0):
+        raise table.wrong("steps", "rising numbers of steps")
+    named = [name for name in STARTS if name in table]
+    return {
+        name: Curve(tuple(map(int, steps)), tuple(table.numbers(name, steps.size, None, 0, WORST_DB))) for name in named
+    }
 
 
 def momentum(step: int) -> float:
@@ -106,17 +153,18 @@ class Certificate:
     def to_dict(self) -> dict[str, float | None]:
         """For JSON, which has no infinity."""
         bound = self.decibels if np.isfinite(self.decibels) else None
-        return {"relative_gap": self.relative, "below_optimum_db": bound, "light_outside": self.outside}
+        return {"relative_gap": self.relative, "certified_db": bound, "light_outside": self.outside}
 
     def __str__(self) -> str:
         bound = f"at most {self.decibels:.2g} dB below the optimum" if np.isfinite(self.decibels) else "no bound yet"
-        return f"{bound}, relative gap {self.relative:.2g}"
+        return f"certified: {bound}, relative gap {self.relative:.2g}"
 
 
 class StepBudget:
-    """As many steps as the time of a frame leaves (`--refine auto`).
+    """As many steps as some time leaves (`--refine auto`, `--budget`).
 
-    interval_s : from one frame to the next.  most : steps, with which it then begins; None for MOST_STEPS, from 1 on.
+    interval_s : from one frame to the next, or what a frame may take.  most : steps; it then begins with these, else
+    with one.
     The count grows by a quarter while frames end early; a quarter more than SHARE_OF_FRAME still ends in time. Once a
     frame has taken too long, the count that would have fitted is kept for PATIENCE frames before more is tried.
     """
@@ -124,7 +172,7 @@ class StepBudget:
     def __init__(self, interval_s: float, most: int | None = None) -> None:
         self._goal_s = SHARE_OF_FRAME * interval_s
         self._wait = 0
-        self._most = MOST_STEPS if most is None else most
+        self.most = MOST_STEPS if most is None else most
         self.steps = 1 if most is None else most
 
     def took(self, seconds: float) -> None:
@@ -135,4 +183,14 @@ class StepBudget:
         elif self._wait:
             self._wait -= 1
         else:
-            self.steps = min(self.steps + max(self.steps // 4, 1), self._most)
+            self.steps = min(self.steps + max(self.steps // 4, 1), self.most)
+
+    def measured(self, base_s: float, step_s: float) -> None:
+        """Tell what a frame takes without its steps, and each of them: it need not be found out by trial then."""
+        fitting = self.fitting(base_s, step_s)
+        if fitting < self.steps or fitting >= 2 * self.steps or not self._wait:  # twice: what took too long was no step
+            self.steps = min(fitting, self.most)
+
+    def fitting(self, base_s: float, step_s: float) -> int:
+        """Steps that such a frame has time for."""
+        return min(max(int((self._goal_s - base_s) / max(step_s, 1e-9)), 0), MOST_STEPS)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from counterlight.maps.room_maps import RefinementMaps
 from counterlight.pipeline.device import Device, FarPass, Light, Owner, StoredMaps
 from counterlight.pipeline.refinement import Certificate
+from counterlight.pipeline.shortfall import Snapshot
 from counterlight.pipeline.starts import Iterate
 
 SUBTRACT = "SUBTRACT_FROM_BASE"
@@ -27,7 +28,7 @@ class Refiner:
         maps: RefinementMaps,
         mask: NDArray[np.bool_],
     ) -> None:
-        self._owner = Owner()
+        self._owner, self._device = Owner(), device
         own, projector = self._owner.own, maps.dual.output_shape
         try:
             self._slope = own(_Slope(stored, maps))
@@ -50,6 +51,13 @@ class Refiner:
         """Measure a drive within 0..1; waits for the GPU.  plain : the drive without compensation."""
         residual, descent = self._slope.measured(p, b)
         return self._certifier.run(residual, descent, p, plain)
+
+    def snapshot(self, last: Iterate, b: Light, plain: Light, steps: int) -> Snapshot:
+        """The same of a drive after `steps` steps, with what an estimate needs; reads three pictures back."""
+        residual, descent = self._slope.measured(last.p, b)
+        certificate = self._certifier.run(residual, descent, last.p, plain)
+        p, y, d = (self._device.read(picture, np.float32) for picture in (last.p, last.y, descent))
+        return Snapshot(certificate, p, y, d, last.steps, steps)
 
     @cached_property
     def _certifier(self) -> "_Certifier":

@@ -6,7 +6,9 @@ Which view is shown, what drives the projector and how far from the best one tha
 (a view, an adjustment of the picture); a frame allocates nothing.
 """
 
+from collections.abc import Mapping
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +22,16 @@ from counterlight.pipeline.content import SceneCuts
 from counterlight.pipeline.damper import Damper
 from counterlight.pipeline.device import Device, FarPass, Light, Operation, Owner, Pass, StoredMaps
 from counterlight.pipeline.drift import Drift
+from counterlight.pipeline.laps import Laps
 from counterlight.pipeline.map_views import MapViews, Observer
 from counterlight.pipeline.mixer import Mixer
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.refiner import Refiner
 from counterlight.pipeline.request import Request
 from counterlight.pipeline.room import Room
+from counterlight.pipeline.shortfall import Snapshot
 from counterlight.pipeline.small_pictures import SmallPicture
-from counterlight.pipeline.starts import DirectStart, GreyStart, MapStart, PreviousStart, Start
+from counterlight.pipeline.starts import DirectStart, GreyStart, Iterate, MapStart, PreviousStart, Start, standing
 from counterlight.response import Response
 
 
@@ -45,6 +49,7 @@ class Renderer:
         self._opened = False
         self._view = ""  # that was rendered last; none since a medium was opened
         self._damper: Damper | None = None
+        self._laps = Laps(device.finish)
         try:
             self._build(path)
         except BaseException:
@@ -65,7 +70,8 @@ class Renderer:
         self._refiner = None
         if maps.refinement is not None:
             self._refiner = own(Refiner(device, stored, maps.refinement, calibration.mask))
-            self._start = own(self._make_start(stored, maps.refinement))
+            self._stored, self._starts = stored, dict[str, Start]()
+            self.start_from(room.start)
         mixer = own(Mixer(device, room))
         self._make_observer = partial(Observer, stored, ambient, mixer)
         self._maps = own(MapViews(device, stored, ambient, mixer))
@@ -93,9 +99,16 @@ class Renderer:
     def _small_camera(self) -> SmallPicture:
         return self._owner.own(SmallPicture(self._device, self._room.calibration.camera.shape, self._room.white))
 
-    def _make_start(self, stored: StoredMaps, maps: RefinementMaps) -> Start:
+    def start_from(self, start: str) -> None:
+        """Have refinement start there, one of STARTS, from the next render on."""
+        maps = self._room.maps.refinement
+        if maps is not None:
+            if start not in self._starts:
+                self._starts[start] = self._owner.own(self._make_start(self._stored, maps, start))
+            self._start = self._starts[start]
+
+    def _make_start(self, stored: StoredMaps, maps: RefinementMaps, start: str) -> Start:
         device, projector = self._device, self._room.calibration.projector.shape
-        start = self._room.start
         if start == "previous-direct":
             return PreviousStart(device, projector, self._owner.own(stored.of(maps.direct).product()).run)
         if start == "direct":
@@ -140,19 +153,29 @@ class Renderer:
         if self._damper is not None:
             self._damper.advance(cut=cut)
 
-    def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0) -> None:
+    def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0, timed: bool = False) -> None:
         """Compute a view of the uploaded frame, one of VIEWS.
 
         split shows the camera's view without | with compensation, error how far it is from what was asked, impossible
         what no picture can reach (views.py). A test card has no error: error shows the camera's view of it.
         steps : of refinement, if the room has its maps; 0 is clamp(T⁺ b), the thesis' method.
+        timed : wait after each stage; `stage_s` then says how long each took.
         """
+        self._laps.begin(timed=timed)
         self._decoded = self._planes.run()
-        self._compensated: tuple[Light, Light] | None = None
+        self._laps.end("linear")
+        self._compensated: _Compensated | None = None
         self._sent: Light | None = None
         self._linear = self._shown(view, compensate=compensate and self._adjustments.card is None, steps=steps)
+        self._laps.end("view")
         encoder = self._projector_view if view == "projector" else self._camera_view
         self._encoded, self._view = encoder.run(self._linear, frame), view
+        self._laps.end("encode")
+
+    @property
+    def stage_s(self) -> Mapping[str, float]:
+        """Seconds of each of laps.STAGES of the frame that was timed last."""
+        return self._laps.seconds
 
     def encoded(self) -> NDArray[np.uint8]:
         """The rendered view as 8-bit code values: each projector's response, or sRGB with white = 1 for the camera."""
@@ -198,7 +221,15 @@ class Renderer:
         """
         if self._refiner is None or self._compensated is None:
             return None
-        return self._refiner.certify(*self._compensated, self._request.plain(self._decoded))
+        last, b, _ = self._compensated
+        return self._refiner.certify(last.p, b, self._request.plain(self._decoded))
+
+    def snapshot(self) -> Snapshot | None:
+        """The same with what is needed to estimate it (survey.py): three pictures are read back as well."""
+        if self._refiner is None or self._compensated is None:
+            return None
+        last, b, steps = self._compensated
+        return self._refiner.snapshot(last, b, self._request.plain(self._decoded), steps)
 
     def release(self) -> None:
         """Give back what the renderer holds."""
@@ -212,7 +243,7 @@ class Renderer:
             return self._shown_to_projector(compensate=compensate, steps=steps)
         if self._adjustments.card is not None:
             return self._seen(self._request.plain(self._decoded))
-        b = self._request.light(self._decoded)
+        b = self._light()
         if view == "split":
             drives = self._request.plain(self._decoded), self._drive(b, steps)
             self._sent = drives[1]
@@ -232,23 +263,39 @@ class Renderer:
         if not compensate:
             self._sent = self._request.plain(self._decoded)
             return self._sent
-        b = self._request.light(self._decoded)
+        b = self._light()
         drive = self._sent = self._drive(b, steps)
         if self._adjustments.clipping:
             drive = self._maps.over_projector(drive, self._unclamped(b))
         return drive if self._moved is None else self._moved.run(drive)
 
+    def _light(self) -> Light:
+        b = self._request.light(self._decoded)
+        self._laps.end("place")
+        return b
+
     def _drive(self, b: Light, steps: int) -> Light:
         if self._refiner is None or not steps:
-            drive = self._correct(b)
+            last = standing(self._correct(b))
+            self._laps.end("start")
         else:
-            last = self._refiner.run(self._start.run(b), b, steps)
+            start = self._start.run(b)
+            self._laps.end("start")
+            last = self._refiner.run(start, b, steps)
             self._start.keep(last)
-            drive = last.p
+            self._laps.end("steps")
         if self._damper is not None and self._adjustments.flicker:
-            drive = self._damper.run(drive, self._adjustments.flicker)
-        self._compensated = drive, b
-        return drive
+            last = standing(self._damper.run(last.p, self._adjustments.flicker))
+        self._compensated = _Compensated(last, b, steps)
+        return last.p
+
+
+class _Compensated(NamedTuple):
+    """The drive of the rendered view, the light that it was asked for, and the steps of refinement."""
+
+    last: Iterate
+    b: Light
+    steps: int
 
 
 class _NearLight:

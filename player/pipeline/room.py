@@ -15,7 +15,7 @@ from counterlight.files.generation import read_steadily
 from counterlight.maps import room_maps as maps
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.pipeline.drift import Drift, read_drift
-from counterlight.pipeline.refinement import Advice, advice_of, default_start, default_steps
+from counterlight.pipeline.refinement import Advice, Offer, advice_of, default_start, default_steps
 
 DITHERS = ("ordered", "noise", "none")
 
@@ -54,6 +54,15 @@ class Room:
         advice = _advice(self.maps)
         return advice.steps if advice is not None and advice.start == self.start else default_steps(self.start)
 
+    @property
+    def offers(self) -> tuple[Offer, ...]:
+        """The starts that the build has measured, and what they cost in steps; none without refinement."""
+        advice, refinement = _advice(self.maps), self.maps.refinement
+        if advice is None or refinement is None:
+            return ()
+        costs = {"previous": self.maps.correction_in_steps, "previous-direct": self.maps.direct_in_steps}
+        return tuple(Offer(name, costs[name], curve) for name, curve in advice.curves.items() if name in costs)
+
 
 def read_room(
     folder: Path,
@@ -79,8 +88,8 @@ def read_room(
     )
     if (refine or start) and room_maps.refinement is None:
         raise InputError(
-            f"{folder}: its maps were built without what refinement needs; "
-            f"rebuild them with: counterlight build {folder}, or leave out --refine and --refine-from"
+            f"{folder}: its maps were built without what refinement needs; rebuild them with: "
+            f"counterlight build {folder}, or leave out --refine, --refine-from, --budget and --within"
         )
     reachable = room_maps.white * (1.0 if drift is None else drift.dimming)
     level = reachable if white is None else white

@@ -19,6 +19,11 @@ class Iterate(NamedTuple):
     steps: int
 
 
+def standing(drive: Light) -> Iterate:
+    """A drive without momentum."""
+    return Iterate(drive, drive, 0)
+
+
 class MapStart:
     """clamp(T⁺ b): the thesis' method.  correct : b -> that, p within 0..1."""
 
@@ -29,8 +34,7 @@ class MapStart:
         """Nothing is carried over."""
 
     def run(self, b: Light) -> Iterate:
-        drive = self._correct(b)
-        return Iterate(drive, drive, 0)
+        return standing(self._correct(b))
 
     def keep(self, last: Iterate) -> None:
         """Nothing is carried over."""

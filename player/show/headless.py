@@ -2,25 +2,31 @@
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from counterlight.calibration import Calibration
 from counterlight.command import tell, track
 from counterlight.errors import InputError
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.content import camera_psnr
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
+from counterlight.pipeline.shortfall import Shortfall
+from counterlight.show.governor import Governor
 from counterlight.show.output import open_output
 from counterlight.show.stats import Stats
 
+if TYPE_CHECKING:
+    from counterlight.pipeline.survey import Survey
+
 FRAME_TIMEOUT_S = 120.0
 BACKENDS = ("auto", "gl", "cpu")
+MOST_REDRAWS = 12  # of a frame, until its steps are what they should be
 PATIENCE_S = 1.0  # before compiling is worth a word
 
 
@@ -81,22 +87,24 @@ def _on_the_processor(room: Room) -> Renderer:
 def render_to_file(
     reader: MediaReader,
     renderer: Renderer,
-    calibration: Calibration,
+    room: Room,
     output: Path,
     view: str,
     *,
     compensate: bool,
     frames: int | None,
-    white: float,
-    steps: int = 0,
+    governor: Governor,
+    appraised: bool = False,
 ) -> Stats:
     """Render up to `frames` frames of an open medium into `output`; returns what was counted and timed.
 
     For the camera's view the stats hold the mean PSNR against the desired picture inside the mask; where the room has
-    the maps for it, the steps of refinement and how far the last frame can be from the optimum.
+    the maps for it, the steps of refinement, how far the last frame can be from the optimum and, if there is a promise
+    to keep or it is `appraised`, how far it is, and the worst frame, as estimated.
     Raises InputError if the medium breaks off; the output is then removed.
     """
-    stats, quality = Stats(), []
+    stats, quality = Stats(), list[float]()
+    drawing = _Drawing(renderer, room, governor, {"view": view, "compensate": compensate}, still=reader.info.still)
     with open_output(output, reader.info.frames_per_second) as sink:
         wanted = 1 if sink.single else frames
         for index in track(_count(wanted), "rendering", wanted):
@@ -108,30 +116,90 @@ def render_to_file(
             renderer.upload(frame)
             reader.release(frame)
             uploaded = time.perf_counter()
-            renderer.render(view, compensate=compensate, frame=index, steps=steps)
-            renderer.finish()
-            rendered = time.perf_counter()
+            drawing.draw(index, stats)
+            drawn = time.perf_counter()
             sink.write(renderer, frame.time_s)
             stats.frames += 1
             for stage, seconds in (
                 ("wait", decoded - start),
                 ("decode", frame.decode_s),
                 ("upload", uploaded - decoded),
-                ("gpu", rendered - uploaded),
-                ("write", time.perf_counter() - rendered),
+                ("write", time.perf_counter() - drawn),
             ):
                 stats.add(stage, seconds)
             if view == "camera":
-                quality.append(camera_psnr(renderer.desired(), renderer.linear(), calibration.mask, white))
+                desired, seen = renderer.desired(), renderer.linear()
+                quality.append(camera_psnr(desired, seen, room.calibration.mask, room.white))
         if stats.frames == 0:
             raise InputError(f"{reader.info.path}: no frame to render; check --start and --frames")
     stats.facts["gpu_path"] = renderer.path.to_dict()
     certificate = renderer.certificate()
     if certificate is not None:
-        stats.facts["refinement"] = {"steps": steps, **certificate.to_dict()}
+        stats.facts["refinement"] = {**certificate.to_dict(), **drawing.outcome(appraised=appraised)}
     if quality:
         stats.facts["camera_psnr_db"] = float(np.mean(quality))
     return stats
+
+
+class _Drawing:
+    """Draws frames with the steps that a governor wants; again while a picture misses what was promised, or is a still.
+
+    told : to the renderer.
+    """
+
+    def __init__(
+        self, renderer: Renderer, room: Room, governor: Governor, told: Mapping[str, Any], *, still: bool
+    ) -> None:
+        self._renderer, self._room, self._governor, self._told, self._still = renderer, room, governor, told, still
+        self._steps = 0
+        self._found: Shortfall | None = None
+        self._worst_db = float("-inf")
+        governor.looks = 1
+
+    def draw(self, index: int, stats: Stats) -> None:
+        governor = self._governor
+        for _ in range(MOST_REDRAWS):
+            self._draw_once(index, stats)
+            if governor.within != "no":
+                self._appraise()
+            missed = governor.within != "no" and self._found is not None and self._found.decibels > governor.within
+            if governor.steps <= self._steps or not (missed or (self._still and governor.governs)):
+                break
+        if self._found is not None:
+            self._worst_db = max(self._worst_db, self._found.decibels)
+
+    def outcome(self, *, appraised: bool) -> dict[str, Any]:
+        """For JSON.  appraised : estimate where the last frame stands, if that is not known."""
+        if appraised and self._found is None:
+            self._appraise()
+        if self._found is None:
+            return {"steps": self._steps}
+        worst_db = max(self._worst_db, self._found.decibels)
+        return {"steps": self._steps, **self._found.to_dict(), "worst_below_optimum_db": round(worst_db, 5)}
+
+    def _draw_once(self, index: int, stats: Stats) -> None:
+        renderer, governor, self._steps = self._renderer, self._governor, self._governor.steps
+        start = time.perf_counter()
+        renderer.start_from(governor.start)
+        renderer.render(**self._told, frame=index, steps=self._steps, timed=True)
+        renderer.finish()
+        seconds = time.perf_counter() - start
+        stats.add("gpu", seconds)
+        stats.add_stages(renderer.stage_s, self._steps)
+        governor.took(seconds, self._steps, renderer.stage_s)
+
+    def _appraise(self) -> None:
+        snapshot = self._renderer.snapshot()
+        if snapshot is not None and self._survey is not None:
+            self._found = self._survey.of(snapshot)
+            self._governor.judged(self._found)
+
+    @cached_property
+    def _survey(self) -> "Survey | None":
+        from counterlight.pipeline.survey import Survey  # Numba takes half a second: not before it is used
+
+        maps = self._room.maps.refinement
+        return None if maps is None else Survey(maps, self._room.white)
 
 
 def _count(limit: int | None) -> range:

@@ -178,7 +178,7 @@ def _add_compensation(parser: argparse.ArgumentParser) -> None:
     text = "camera radiance of a white picture (default auto:\nthe level that nine in ten camera pixels can reach)"
     white = Number(*RADIANCE, words=("auto",), noun="a radiance")
     _number(parser, "white", white, "auto|LEVEL", text, "auto")
-    _offer(parser, "refine")
+    _offer(parser, "refine", "budget", "within")
     parser.add_argument(
         "--refine-from",
         choices=STARTS,

@@ -1,6 +1,7 @@
 """One medium against a clock: which frame is due, pause, seek, step, speed, A-B loop. Knows no renderer, no window."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from counterlight.media.audio import Track
 from counterlight.media.frames import Frame
@@ -11,6 +12,15 @@ TOLERATED_S = 0.02  # frames may be that late whatever their rate
 DECODER_WAIT_S = 0.002  # between looks at a decoder that is behind
 HELD_S = 0.25  # how long an overtaken frame waits for the decoder to bring a newer one
 HURRIED_S = 2.0  # how long none waits after that was in vain
+
+
+@dataclass
+class Manner:
+    """How media are played: what a person has set stays from one to the next, and holds before there is any."""
+
+    loop: bool
+    speed: float
+    paused: bool = False
 
 
 class Playback:

@@ -5,10 +5,11 @@ from dataclasses import replace
 from typing import Any
 
 from counterlight.pipeline.kinds import Anything, Number
-from counterlight.pipeline.parameters import FLAG, PARAMETERS
+from counterlight.pipeline.parameters import FLAG
 from counterlight.show.look import look_properties
 from counterlight.show.playback import Playback
-from counterlight.show.registry import CommandError, Property
+from counterlight.show.refining import refining
+from counterlight.show.registry import CommandError, Property, named
 from counterlight.show.session import Session
 
 TIME = Number(0, 1e9)
@@ -16,7 +17,7 @@ TIME = Number(0, 1e9)
 
 def properties_of(session: Session, checking: Callable[[], bool]) -> dict[str, Property]:
     """checking : whether a check of the room runs."""
-    parts = _playing, _adjustments, look_properties, _showing
+    parts = _playing, _adjustments, look_properties, _showing, refining
     return {name: each for part in parts for name, each in part(session).items()} | _told(session, checking)
 
 
@@ -25,12 +26,6 @@ def playback_of(session: Session) -> Playback:
     if session.playback is None:
         raise CommandError("no medium is open")
     return session.playback
-
-
-def _named(name: str, get: Callable[[], Any], put: Callable[[Any], None]) -> Property:
-    """A parameter of a show."""
-    row = PARAMETERS[name]
-    return Property(row.help, get, put, row.kind, row.unit)
 
 
 def _attribute(of: Callable[[], Any], name: str) -> tuple[Callable[[], Any], Callable[[Any], None]]:
@@ -65,7 +60,7 @@ def _playing(session: Session) -> dict[str, Property]:
     playlist = session.playlist
     return {
         "pause": Property("whether time stands still", *_attribute(manner, "paused"), FLAG),
-        "speed": _named("speed", *_attribute(manner, "speed")),
+        "speed": named("speed", *_attribute(manner, "speed")),
         "time-pos": Property(
             "seconds from the medium's beginning", lambda: now().position_s, lambda t: now().seek(t), TIME, "s"
         ),
@@ -83,7 +78,7 @@ def _playing(session: Session) -> dict[str, Property]:
         "loop-playlist": Property("begin the list again at its end", *_attribute(lambda: playlist, "loop"), FLAG),
         "ab-loop-a": _point(now, "a_s", "where the A-B loop begins"),
         "ab-loop-b": _point(now, "b_s", "where it ends; the end of the medium if that comes before"),
-        "image-display-duration": _named(
+        "image-display-duration": named(
             "image-display-duration",
             lambda: "inf" if session.image_display_duration is None else session.image_display_duration,
             hold,
@@ -91,8 +86,8 @@ def _playing(session: Session) -> dict[str, Property]:
         "in-step": Property(
             "how a leader or a follower is doing, null if neither", lambda: session.stats.facts.get("in_step")
         ),
-        "volume": _named("volume", *_attribute(audio, "volume")),
-        "mute": _named("mute", *_attribute(audio, "mute")),
+        "volume": named("volume", *_attribute(audio, "volume")),
+        "mute": named("mute", *_attribute(audio, "mute")),
     }
 
 
@@ -115,7 +110,7 @@ def _adjustments(session: Session) -> dict[str, Property]:
 
     def field(name: str) -> Property:
         attribute = name.replace("-", "_")
-        return _named(name, lambda: getattr(session.adjustments, attribute), lambda value: put(**{attribute: value}))
+        return named(name, lambda: getattr(session.adjustments, attribute), lambda value: put(**{attribute: value}))
 
     def put(**changed: Any) -> None:
         session.adjust(replace(session.adjustments, **changed))
@@ -127,7 +122,7 @@ def _adjustments(session: Session) -> dict[str, Property]:
     names = "brightness", "contrast", "gamma", "saturation", "black-level", "adapt", "flicker", "clipping"
     light = "target-peak", "hdr-peak", "tone-mapping", "lut-type"
     return {name: field(name) for name in (*names, *light)} | {
-        "test-card": _named(
+        "test-card": named(
             "test-card",
             lambda: session.adjustments.card or "no",
             lambda card: put(card=None if card == "no" else card),
@@ -154,20 +149,14 @@ def _showing(session: Session) -> dict[str, Property]:
 
     display = session.display
 
-    def refine(steps: Any) -> None:
-        if steps and not session.room.refinable:
-            raise CommandError("no refinement: the maps were built without it; counterlight build adds it")
-        session.set_refine(steps)
-
     return {
-        **{name: _named(name, *attribute(name)) for name in ("view", "compensation", "blackout")},
-        "refine": _named("refine", lambda: session.refine, refine),
+        **{name: named(name, *attribute(name)) for name in ("view", "compensation", "blackout")},
         "stats": Property("the page of statistics", *attribute("show_stats"), FLAG),
         "help": Property("the page of keys", lambda: session.help_page > 0, lambda on: put("help_page", int(on)), FLAG),
-        "osd": _named("osd", *attribute("osd")),
+        "osd": named("osd", *attribute("osd")),
         "message": Property("what the screen says, empty once it has faded", lambda: session.message.text),
         "placing": Property("whether the picture is being placed", lambda: session.placing is not None),
-        "fullscreen": _named("fullscreen", lambda: display.fullscreen, display.set_fullscreen),
+        "fullscreen": named("fullscreen", lambda: display.fullscreen, display.set_fullscreen),
         "monitor": Property(
             "where the window is; another one moves it",
             lambda: display.monitor,
@@ -180,20 +169,8 @@ def _showing(session: Session) -> dict[str, Property]:
 def _told(session: Session, checking: Callable[[], bool]) -> dict[str, Property]:
     """How the show goes."""
 
-    def gap() -> float | None:
-        certificate = session.certificate()
-        return None if certificate is None else certificate.relative
-
-    def psnr() -> float | None:
-        certificate = session.certificate()
-        return None if certificate is None else session.room.psnr(certificate)
-
     stats = session.stats
     return {
-        "gap": Property("relative gap to the best picture, null if unknown", gap, costly=True),
-        "psnr": Property(
-            "dB of the camera's predicted picture against the desired one, null if unknown", psnr, costly=True
-        ),
         "frames": Property("frames shown", lambda: stats.frames),
         "dropped": Property("frames dropped", lambda: stats.dropped),
         "fps": Property("frames a second on the screen", lambda: stats.frames_per_second),

@@ -12,6 +12,7 @@ from typing import Any
 
 from counterlight.errors import InputError, nearest
 from counterlight.pipeline.kinds import ANYTHING, Kind, Number, UnreadError
+from counterlight.pipeline.parameters import PARAMETERS
 
 PROPERTY_COMMANDS = ("set", "cycle", "add", "multiply")
 
@@ -33,6 +34,12 @@ class Property:
     kind: Kind = ANYTHING
     unit: str = ""
     costly: bool = False
+
+
+def named(name: str, get: Callable[[], Any], put: Callable[[Any], None]) -> Property:
+    """A parameter of a show."""
+    row = PARAMETERS[name]
+    return Property(row.help, get, put, row.kind, row.unit)
 
 
 @dataclass(frozen=True)

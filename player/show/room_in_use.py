@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +17,10 @@ from counterlight.pipeline.placement import Corners, corners_of, place, write_pl
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
+from counterlight.pipeline.shortfall import Shortfall, Snapshot
+
+if TYPE_CHECKING:
+    from counterlight.pipeline.survey import Survey
 
 
 class RoomInUse:
@@ -26,6 +30,18 @@ class RoomInUse:
         self, folder: Path, room: Room, read: Callable[[], Room], make_renderer: Callable[[Room], Renderer]
     ) -> None:
         self._folder, self._room, self._read, self._make_renderer = folder, room, read, make_renderer
+        self._survey: tuple[Room, Survey] | None = None
+
+    def appraise(self, snapshot: Snapshot) -> Shortfall:
+        """Where a drive stands; InputError without the maps of refinement. Takes seconds: for a thread of its own."""
+        from counterlight.pipeline.survey import Survey  # Numba takes half a second: not before it is used
+
+        room = self._room
+        if room.maps.refinement is None:
+            raise InputError(f"{self._folder}: its maps were built without what refinement needs")
+        if self._survey is None or self._survey[0] is not room:
+            self._survey = room, Survey(room.maps.refinement, room.white)
+        return self._survey[1].of(snapshot)
 
     @property
     def refinable(self) -> bool:
@@ -58,7 +74,7 @@ class RoomInUse:
                 "start the player again"
             )
         renderer = self._make_renderer(fresh)
-        self._room = fresh
+        self._room, self._survey = fresh, None
         return renderer
 
     def fit(self, pixels: PixelFormat) -> Corners:

@@ -6,45 +6,37 @@ handed in.
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeAlias
 
 from counterlight.command import tell
 from counterlight.errors import InputError, printable
-from counterlight.media.audio import AudioOutput, Track
-from counterlight.media.frames import Frame, MediaInfo, PixelFormat
+from counterlight.media.audio import AudioOutput
+from counterlight.media.frames import Frame, PixelFormat
 from counterlight.media.medium import Medium
 from counterlight.overlay.osd import Message, Page
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
-from counterlight.pipeline.refinement import Certificate, StepBudget
+from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.renderer import Renderer
+from counterlight.show.appraisal import INTERVAL_S, Appraisal
 from counterlight.show.display import Display
+from counterlight.show.governor import Governor
+from counterlight.show.hearing import Hearing
 from counterlight.show.lateness import Lateness
 from counterlight.show.media import Media
 from counterlight.show.memory import give_back
 from counterlight.show.placing import Placing
-from counterlight.show.playback import Playback
+from counterlight.show.playback import Manner, Playback
 from counterlight.show.playlist import Playlist
 from counterlight.show.programme import Opening, Programme
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.show.stats import Stats
 
-CERTIFICATE_INTERVAL_S = 0.5
+TIMED_INTERVAL_S = 0.5  # between frames whose stages are timed
+MOST_REDRAWS = 12  # of a picture that stays, until its steps are what they should be
 LONGEST_WAIT_S = 0.05  # between looks at the decoder and the remotes; keys wake the window at once
 AHEAD_S = 3.0  # before a medium ends the next one is opened
 OPENING_WAIT_S = 0.01  # while a medium is being opened
 FADE_WAIT_S = 0.03
-Steps: TypeAlias = int | Literal["auto"]
-
-
-@dataclass
-class Manner:
-    """How media are played: what a person has set stays from one to the next, and holds before there is any."""
-
-    loop: bool
-    speed: float
-    paused: bool = False
 
 
 class Session:
@@ -53,7 +45,8 @@ class Session:
     opener : finds and opens media.  clock : seconds, monotonic.  lasting : whether the show goes on whatever becomes of
     its media.  image_display_duration : seconds that a still is shown; None for ever.
     unattended : whether nobody works on the show: what went wrong is then written over the picture only if `osd` asks.
-    refine : steps a frame; None: usual, of a room, or fewer where frames would come too late.
+    governor : says how many steps a frame gets; None: none.  appraised : whether every picture's standing is estimated,
+    not only while somebody looks or a promise needs it.
     silence : why there is no audio output, told when a medium has sound; None: nobody wants any.
     """
 
@@ -67,8 +60,8 @@ class Session:
         *,
         view: str = "projector",
         compensation: bool = True,
-        refine: Steps | None = None,
-        usual: int = 0,
+        governor: Governor | None = None,
+        appraised: bool = False,
         adjustments: Adjustments = NEUTRAL,
         lasting: bool = False,
         loop_file: bool = False,
@@ -85,26 +78,27 @@ class Session:
     ) -> None:
         self.playlist, self.renderer, self.display, self.room, self.audio = playlist, renderer, display, room, audio
         self.view, self.compensation, self.blackout = view, compensation, blackout
-        self.refine, self._usual, self._hurries = usual if refine is None else refine, usual, refine is None
+        self.governor = governor or Governor(0)
+        self.governor.notice = self.notice
+        self.appraisal, self._appraised = Appraisal(room.appraise, clock), appraised
         self.adjustments, self.osd, self.screenshots = adjustments, osd, screenshots
         self.image_display_duration, self.clock = image_display_duration, clock
         self.stats, self.message = Stats(), Message(clock)
         self.show_stats = self.done = False
         self.help_page = 0  # from 1; 0 for none
         self.placing: Placing | None = None
-        self._silence, self._lasting, self._unattended = silence, lasting, unattended
+        self._hearing = Hearing(audio, silence, self.notice)
+        self._lasting, self._unattended = lasting, unattended
         self._incoming: Renderer | None = None
         self._draws = self._steps_made = 0
-        self.rendered_view = self.view
+        self.rendered_view, self._steps_drawn, self._redraws = self.view, 0, 0
         self._changed = self._uploaded = self._uncovered = False
         self._shown: tuple[Page | None, bool] | None = None
-        self._certified_at = float("-inf")
-        self._certificate: Certificate | None = None
+        self._timed_at = float("-inf")
         self.playback: Playback | None = None
         self._manner = Manner(loop_file, speed)
         self._start: tuple[Medium, float] | None = playlist.current, start_s
         self._pixels: PixelFormat | None = None  # that the renderer is open for
-        self._budget: StepBudget | None = None
         self._lateness: Lateness | None = None
         self.programme = Programme(
             playlist,
@@ -122,10 +116,10 @@ class Session:
         if self.room.drifted is not None:
             self.stats.facts["drift"] = self.room.drifted
         if self._draws:
-            certificate = self.certificate(max_age_s=0.0)
-            certified = {} if certificate is None else certificate.to_dict()
+            self.certificate(max_age_s=0.0)
             self.stats.facts["gpu_path"] = self.renderer.path.to_dict()
-            self.stats.facts["refinement"] = {"steps": round(self._steps_made / self._draws, 1), **certified}
+            steps = round(self._steps_made / self._draws, 1)
+            self.stats.facts["refinement"] = {"steps": steps, **self.appraisal.to_dict()}
         return self.stats
 
     def close(self) -> None:
@@ -151,6 +145,7 @@ class Session:
         self.done = self.done or self.programme.done
         if not self.done:
             self._draw(frame, page)
+            self._appraise()
 
     def _due(self, playback: Playback) -> Frame | None:
         """The frame that is due, uploaded; the medium's end and its damage are the programme's to act on."""
@@ -199,17 +194,10 @@ class Session:
         self.adjustments = adjustments
         self._changed = True
 
-    def set_refine(self, steps: Steps) -> None:
-        self.refine, self._hurries = steps, False
-        self._budget = self._new_budget()
-        self._changed = True
-
     @property
     def steps(self) -> int:
         """Of refinement, a frame."""
-        if self._budget is not None:
-            return self._budget.steps
-        return self._usual if self.refine == "auto" else int(self.refine)
+        return self.governor.steps
 
     @property
     def manner(self) -> Playback | Manner:
@@ -241,7 +229,7 @@ class Session:
             hold_s=self.image_display_duration,
             paused=manner.paused,
             speed=manner.speed,
-            sound=self._sound(reader.info, medium),
+            sound=self._hearing.track(reader.info, medium),
         )
         if before is not None:
             before.close()
@@ -254,8 +242,9 @@ class Session:
             self._start = None
         self.programme.plays()
         self.placing = None
-        self._budget = self._new_budget()
         rate = None if reader.info.still else reader.info.frames_per_second
+        self.governor.begin(None if rate is None else 1 / rate)
+        self.appraisal.forget()
         self._lateness = None if rate is None else Lateness(self.stats, rate, self.clock())
         self.stats.interrupted()
         self.display.set_title(printable(f"{Path(medium.name).name} - Counterlight"))
@@ -289,11 +278,30 @@ class Session:
         known = isinstance(error, InputError | OSError | RuntimeError)
         return f"not reloaded: {' '.join((str(error) if known else repr(error)).split())}"
 
-    def certificate(self, max_age_s: float = CERTIFICATE_INTERVAL_S) -> Certificate | None:
-        """How far the picture is from the best one; measured again if what is known is older."""
-        if self._uploaded and self._draws and self.clock() - self._certified_at >= max_age_s:
-            self._certificate, self._certified_at = self.renderer.certificate(), self.clock()
-        return self._certificate
+    def certificate(self, max_age_s: float = INTERVAL_S) -> Certificate | None:
+        """How far the picture can be from the best one; measured again if what is known is older."""
+        if self._uploaded and self._draws:
+            self.appraisal.certify(self.renderer, max_age_s)
+        return self.appraisal.certificate
+
+    def _appraise(self) -> None:
+        """Have the picture's standing estimated where that is of use; draw again what stays if that helps."""
+        wanted = self._appraised or self.appraisal.asked or self.show_stats or self.governor.within != "no"
+        try:
+            if wanted and self._draws and self._uploaded:
+                self.appraisal.look(self.renderer)
+            self.appraisal.poll(self.governor)
+        except InputError as error:
+            self.notice(str(error))
+        if self._settles and self._steps_drawn != self.steps:
+            self._redraws += 1
+            self._changed = True
+
+    @property
+    def _settles(self) -> bool:
+        """Whether a picture stays on the screen that more or fewer steps may be better for."""
+        stays = self.playback is not None and (self.playback.reader.info.still or self.playback.paused)
+        return stays and self.governor.governs and self._draws > 0 and self._redraws < MOST_REDRAWS
 
     @property
     def rendered(self) -> int:
@@ -312,7 +320,7 @@ class Session:
         self.stats.add("decode", frame.decode_s)
         self.stats.add("upload", time.perf_counter() - start)
         self.stats.frames += 1
-        self._uploaded = self._changed = True
+        self._uploaded, self._changed, self._redraws = True, True, 0
         advice = None if self._lateness is None else self._lateness.advice(self.clock(), self.steps)
         if advice is not None:
             self.notice(advice)
@@ -329,6 +337,7 @@ class Session:
             return False
         self.renderer.release()
         self.renderer = incoming
+        self.appraisal.forget()
         give_back()
         return True
 
@@ -351,30 +360,22 @@ class Session:
 
     def _render(self) -> None:
         start, steps = time.perf_counter(), self.steps
-        self.renderer.render(self.view, compensate=self.compensation, frame=self.stats.frames, steps=steps)
+        timed = self._settles or self.clock() - self._timed_at >= TIMED_INTERVAL_S
+        self.renderer.start_from(self.governor.start)
+        view, frame = self.view, self.stats.frames
+        self.renderer.render(view, compensate=self.compensation, frame=frame, steps=steps, timed=timed)
         self.renderer.finish()
         seconds = time.perf_counter() - start
         self.stats.add("gpu", seconds)
-        if self._budget is not None:
-            self._budget.took(seconds)
+        stage_s = self.renderer.stage_s if timed else {}
+        if timed:
+            self._timed_at = self.clock()
+            self.stats.add_stages(stage_s, steps)
+        self.governor.took(seconds, steps, stage_s)
         self._draws += 1
-        self.rendered_view = self.view
+        self.rendered_view, self._steps_drawn = self.view, steps
         self._steps_made += steps
         self._changed = False
-
-    def _sound(self, info: MediaInfo, medium: Medium) -> Track | None:
-        """The sound of a medium that has one; why it is not heard is told once."""
-        if not info.sound or info.still or info.live:
-            return None
-        silence, self._silence = self._silence, None
-        if self.audio is not None:
-            try:
-                return self.audio.open(medium)
-            except InputError as error:
-                silence = str(error)
-        if silence is not None:
-            self.notice(silence)
-        return None
 
     def wait_s(self) -> float:
         """How long nothing will be due, if nobody acts."""
@@ -388,12 +389,3 @@ class Session:
         readers = [] if self.playback is None else self.playback.reader.notices()
         for text in [*readers, *self.display.notices()]:
             self.notice(text)
-
-    def _new_budget(self) -> StepBudget | None:
-        """What adapts the steps to the time of a frame; None where they are given, and for a still."""
-        if self.playback is None or self.playback.reader.info.still:
-            return None
-        interval_s = 1 / self.playback.reader.info.frames_per_second
-        if self.refine == "auto":
-            return StepBudget(interval_s)
-        return StepBudget(interval_s, self._usual) if self._hurries and self._usual else None

@@ -2,6 +2,7 @@
 
 import json
 from collections import deque
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,14 @@ class Stats:
     def add(self, stage: str, seconds: float) -> None:
         self._stages.setdefault(stage, deque(maxlen=RECENT)).append(1000 * seconds)
 
+    def add_stages(self, stage_s: Mapping[str, float], steps: int) -> None:
+        """Of a frame whose stages were timed (pipeline/laps.py); `step` is one of its steps."""
+        for stage, seconds in stage_s.items():
+            if stage != "steps":
+                self.add(stage, seconds)
+            elif steps:
+                self.add("step", seconds / steps)
+
     def notice(self, text: str) -> None:
         """Something went wrong without stopping the show; the most recent lines are kept."""
         self.notices.append(text)
@@ -71,6 +80,10 @@ class Stats:
         """The rate at which the last frames came to the screen; 0 before the second."""
         span = self._shown_at[-1] - self._shown_at[0] if len(self._shown_at) > 1 else 0.0
         return (len(self._shown_at) - 1) / span if span else 0.0
+
+    def has(self, stage: str) -> bool:
+        """Whether the stage has been timed."""
+        return stage in self._stages
 
     def median_ms(self, stage: str) -> float:
         return self.percentile_ms(stage, 50)

@@ -4,11 +4,13 @@ from pathlib import Path
 from typing import Any
 
 from counterlight.overlay.osd import Histogram, Page
+from counterlight.pipeline import laps
 from counterlight.pipeline.refinement import Certificate
 from counterlight.show.session import Session
 from counterlight.show.stats import LATE_LABELS
 
 STAGES = ("decode", "upload", "gpu", "present")
+DRAWING = [stage for stage in laps.STAGES if stage != "steps"]
 
 
 def stats_page(session: Session, message: str) -> Page:
@@ -17,7 +19,7 @@ def stats_page(session: Session, message: str) -> Page:
     assert playback is not None
     info = playback.reader.info
     size = f"{info.format.width}x{info.format.height}"
-    certificate = session.certificate()
+    certificate = session.appraisal.certificate
     compensation = "on" if session.compensation else "off"
     lines = [
         f"medium\t{Path(info.path).name}, {size}, {info.codec}, {info.frames_per_second:.3g} fps",
@@ -26,14 +28,35 @@ def stats_page(session: Session, message: str) -> Page:
         f"frames\t{stats.frames} shown at {stats.frames_per_second:.1f} fps, {stats.dropped} dropped"
         + (f", {stats.stalled_s:.1f} s stood still for the decoder" if stats.stalled_s else ""),
         "time\t" + ", ".join(f"{stage} {stats.median_ms(stage):.1f} ms" for stage in STAGES),
+        *_drawing(session),
         f"GPU path\t{session.renderer.path}",
-        f"refinement\t{session.steps} steps" + (f", {certificate}" if certificate is not None else ""),
+        *_refinement(session, certificate),
         *_outside(certificate),
         f"judder\tmedian {stats.median_ms('judder'):.1f} ms, 95 % below {stats.percentile_ms('judder', 95):.1f} ms",
         *([message] if message else []),
         "frames by how late they were shown:",
     ]
     return Page(tuple(lines), Histogram((*stats.late_counts, stats.dropped), (*LATE_LABELS, "dropped")))
+
+
+def _drawing(session: Session) -> list[str]:
+    """The stages of drawing, and what of it is each step."""
+    stats = session.stats
+    stages = [f"{stage} {stats.median_ms(stage):.1f} ms" for stage in (*DRAWING, "step") if stats.has(stage)]
+    return ["drawing\t" + ", ".join(stages)] if stages else []
+
+
+def _refinement(session: Session, certificate: Certificate | None) -> list[str]:
+    """Steps, where they lead, and what as many again would bring and take."""
+    governor, found = session.governor, session.appraisal.shortfall
+    wanted = {"budget": governor.budget, "within": governor.within}
+    limits = "".join(f", {name} {value:g}" for name, value in wanted.items() if value != "no")
+    lines = [f"refinement\t{session.steps} steps from {governor.start}{limits}"]
+    if found is not None:
+        further = max(found.steps, 1)
+        cost = "" if governor.step_s is None else f" and takes {1000 * further * governor.step_s:.1f} ms"
+        lines += [f"picture\t{found}", f"{further} steps more\t brings {found.doubling:.2g} dB{cost}"]
+    return lines if certificate is None else [*lines, f"bound\t{certificate}"]
 
 
 def _outside(certificate: Certificate | None) -> list[str]:
@@ -65,6 +88,7 @@ def facts(session: Session) -> dict[str, Any]:
     stats, playback = session.stats, session.playback
     certificate = session.certificate()
     gap = {} if certificate is None else certificate.to_dict()
+    found = session.appraisal.shortfall
     return {
         "playlist_pos": session.programme.on,
         "path": None if playback is None else str(playback.reader.info.path),
@@ -77,7 +101,8 @@ def facts(session: Session) -> dict[str, Any]:
         "late_ms": round(stats.median_ms("late"), 2),
         "refine": session.steps,
         "gap": gap.get("relative_gap"),
-        "gap_db": gap.get("below_optimum_db"),
+        "gap_db": gap.get("certified_db"),
+        "below_optimum_db": None if found is None else round(found.decibels, 5),
         "light_outside": gap.get("light_outside"),
         "drift": session.room.drifted,
         "in_step": stats.facts.get("in_step"),

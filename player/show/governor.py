@@ -1,0 +1,203 @@
+"""How many steps a frame gets, and from which start: what somebody asks for, what time allows, what a picture needs."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Literal, TypeAlias
+
+from counterlight.command import tell
+from counterlight.pipeline.refinement import MOST_STEPS, Offer, StepBudget
+from counterlight.pipeline.shortfall import Shortfall
+
+Steps: TypeAlias = int | Literal["auto"]
+Limit: TypeAlias = float | Literal["no"]
+WELL_WITHIN = 1 / 3  # of the decibels allowed, below which fewer steps are tried
+FEWEST, FEWER, MORE = 1 / 2, 3 / 4, 4.0  # by what the steps change at a time: at least, at most; up, at most
+FALL = 0.6  # dB fall about with the 1.7th power of the steps
+TRIES = 5  # in a row that fail before it is said
+
+
+class Governor:
+    """Decides for one show; every frame, and every estimate of where one stands, is told to it.
+
+    usual : steps that the room needs.  refine : steps, "auto", or None: the usual ones, fewer where frames would come
+    too late.  budget : milliseconds that drawing a frame may take.  within : dB below the optimum that are allowed.
+    start : where refinement starts.  offers : starts to choose from if there is a budget or a promise.
+
+    step_s : seconds of a step, None until one was timed.  notice : takes a line for the user, once a medium.
+    looks : in a row that miss a promise before that is said.
+    """
+
+    def __init__(
+        self,
+        usual: int,
+        refine: Steps | None = None,
+        *,
+        budget: Limit = "no",
+        within: Limit = "no",
+        start: str = "previous",
+        offers: Sequence[Offer] = (),
+    ) -> None:
+        self.refine: Steps = usual if refine is None else refine
+        self.budget, self.within, self.start = budget, within, start
+        self.step_s: float | None = None
+        self.notice: Callable[[str], None] = tell
+        self.looks = TRIES
+        self._usual, self._hurries, self._offers = usual, refine is None, offers
+        self._interval_s: float | None = None
+        self._time: StepBudget | None = None
+        self._base_s, self._wish, self._failed = 0.0, 0, 0
+        self._adopt()
+
+    def begin(self, interval_s: float | None) -> None:
+        """Another medium.  interval_s : from a frame to the next; None for a still."""
+        self._interval_s = interval_s
+        self._begin()
+
+    def set_refine(self, steps: Steps) -> None:
+        """Somebody wants so many steps, or as many as fit: no longer a budget or a promise."""
+        self.refine, self._hurries, self.budget, self.within = steps, False, "no", "no"
+        self._begin()
+
+    def set_budget(self, milliseconds: Limit) -> None:
+        self.budget = milliseconds
+        self._adopt(self._usual)
+
+    def set_within(self, decibels: Limit) -> None:
+        self.within = decibels
+        self._adopt(self._usual)
+
+    @property
+    def steps(self) -> int:
+        """For the next frame."""
+        if self._time is None:
+            return self._wish
+        return max(min(self._time.steps, self._wish), self._least if self.governs else 0)
+
+    @property
+    def governs(self) -> bool:
+        """Whether there is a budget or a promise to keep."""
+        return self.budget != "no" or self.within != "no"
+
+    def took(self, seconds: float, steps: int, stage_s: Mapping[str, float]) -> None:
+        """What drawing a frame took.  stage_s : of its stages (pipeline/laps.py), empty where they were not timed."""
+        if self._time is not None and steps == self.steps:
+            self._time.took(seconds)
+        if steps and "steps" in stage_s:
+            self.step_s = stage_s["steps"] / steps
+        if stage_s and self.step_s:
+            self._base_s = seconds - steps * self.step_s
+            self._choose(stage_s.get("start", 0.0), self.step_s)
+            if self._time is not None:
+                self._time.measured(self._base_s, self.step_s)
+        self._check_budget(seconds, steps, stage_s)
+
+    def judged(self, found: Shortfall) -> None:
+        """Where a picture stands that was drawn."""
+        if self.within == "no":
+            return
+        ratio, made = found.decibels / self.within, found.steps
+        if ratio > 1:
+            self._failed = max(self._failed, made)
+            self._want(min(max(round(made * min(ratio**FALL, MORE)), made + 1), MOST_STEPS))
+            self._check_promise(found)
+        else:
+            self._misses = 0
+            if ratio < WELL_WITHIN:
+                fewer = int(made * min(max(ratio**FALL, FEWEST), FEWER))
+                self._want(max(min(fewer, self._wish), self._failed + 1, self._least))
+
+    @property
+    def _least(self) -> int:
+        """T⁺ b is worth showing without a step."""
+        return int(self.start not in ("previous", "map"))
+
+    @property
+    def _limit_s(self) -> float | None:
+        """What a frame may take."""
+        return self._interval_s if self.budget == "no" else self.budget / 1000
+
+    def _adopt(self, otherwise: Steps | None = None) -> None:
+        """A budget or a promise prevails over a number of steps; otherwise : steps where there is neither any more."""
+        if self.governs:
+            self.refine, self._hurries = "auto", False
+        elif otherwise is not None:
+            self.refine, self._hurries = otherwise, True
+        self._begin()
+
+    def _begin(self) -> None:
+        self._failed, self._misses, self._late, self._said = 0, 0, 0, False
+        self._chosen = not (self.governs and self._offers)
+        self._wish = self._first_wish()
+        timed = self.refine == "auto" or (self._hurries and self._usual > 0)
+        most = None if self._wish == MOST_STEPS else self._wish
+        self._time = StepBudget(self._limit_s, most) if timed and self._limit_s is not None else None
+
+    def _first_wish(self) -> int:
+        if self.refine != "auto":
+            return self.refine
+        if self.within != "no" or self._limit_s is None:
+            return max(self._usual, self._least)
+        return MOST_STEPS
+
+    def _want(self, steps: int) -> None:
+        self._wish = steps
+        if self._time is not None:
+            self._time.most = steps
+
+    def _choose(self, start_s: float, step_s: float) -> None:
+        """Once for every wish: the start that gets nearer within the budget, or sooner to what was promised."""
+        if self._chosen:
+            return
+        self._chosen = True
+
+        def rated(offer: Offer) -> tuple[float, float]:
+            began_s = start_s if offer.start == self.start else offer.in_steps * step_s
+            steps = MOST_STEPS
+            if self._time is not None:
+                steps = self._time.fitting(self._base_s - start_s + began_s, step_s)
+            if self.within == "no":
+                return offer.curve.at(steps), began_s
+            steps = min(offer.curve.least(self.within), steps)
+            return max(offer.curve.at(steps), self.within), began_s + steps * step_s
+
+        self.start = min(self._offers, key=rated).start
+
+    def _check_budget(self, seconds: float, steps: int, stage_s: Mapping[str, float]) -> None:
+        """Say once that even the fewest steps take too long."""
+        if self.budget == "no" or steps > self._least or 1000 * seconds <= self.budget:
+            self._late = 0
+            return
+        self._late += 1
+        if self._late >= TRIES and not self._said and stage_s:
+            self._said = True
+            stages = ", ".join(f"{stage} {1000 * each:.1f}" for stage, each in stage_s.items())
+            self.notice(
+                f"--budget {self.budget:g} cannot be kept: with {steps} steps a frame takes {1000 * seconds:.0f} ms "
+                f"({stages}); {remedy(stage_s)}"
+            )
+
+    def _check_promise(self, found: Shortfall) -> None:
+        """Say once that time, or the number of steps, ends before a promise is kept."""
+        self._misses = self._misses + 1 if self.steps <= found.steps else 0
+        if self._misses >= self.looks and not self._said:
+            self._said = True
+            limit = "" if self._limit_s is None else f" in {1000 * self._limit_s:.3g} ms a frame"
+            self.notice(
+                f"--within {self.within:g} cannot be kept: at most {self.steps} steps{limit}, and {found.steps} end "
+                f"{found.decibels:.2g} dB below the optimum, as many again would bring {found.doubling:.2g}; give a "
+                "larger --within or, for more steps, a larger --budget or a medium of a lower rate"
+            )
+
+
+REMEDIES = {
+    "linear": "play a smaller medium",
+    "place": "calibrate with a smaller camera view",
+    "start": "build a smaller correction map (counterlight build --inverse none)",
+    "steps": "build smaller maps (counterlight build --max-error 2)",
+    "view": "show the projector's view",
+    "encode": "use a projector of fewer pixels, or a faster GPU",
+}
+
+
+def remedy(stage_s: Mapping[str, float]) -> str:
+    """What makes the longest stage shorter."""
+    return REMEDIES[max(stage_s, key=lambda stage: stage_s[stage])]

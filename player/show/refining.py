@@ -1,0 +1,66 @@
+"""The properties of refinement: what is wanted of its steps, what they cost, and where the picture stands."""
+
+from collections.abc import Callable
+from operator import attrgetter
+from typing import Any
+
+from counterlight.pipeline.refinement import Certificate
+from counterlight.show.registry import CommandError, Property, named
+from counterlight.show.session import Session
+
+UNREFINABLE = "no refinement: the maps were built without it; counterlight build adds it"
+
+
+def refining(session: Session) -> dict[str, Property]:
+    """What can be read and set of a session's steps."""
+    governor, appraisal = session.governor, session.appraisal
+
+    def wants(what: Any) -> None:
+        if what not in (0, "no") and not session.room.refinable:
+            raise CommandError(UNREFINABLE)
+        session.changed()
+
+    def refine(steps: Any) -> None:
+        wants(steps)
+        governor.set_refine(steps)
+
+    def budget(milliseconds: Any) -> None:
+        wants(milliseconds)
+        governor.set_budget(milliseconds)
+
+    def within(decibels: Any) -> None:
+        wants(decibels)
+        governor.set_within(decibels)
+
+    def certified(value: Callable[[Certificate], float]) -> float | None:
+        certificate = session.certificate()
+        return None if certificate is None else value(certificate)
+
+    def below_optimum() -> float | None:
+        found = appraisal.ask()
+        return None if found is None else found.decibels
+
+    def step_ms() -> float | None:
+        return None if governor.step_s is None else 1000 * governor.step_s
+
+    psnr = session.room.psnr
+    return {
+        "refine": named("refine", lambda: governor.refine, refine),
+        "budget": named("budget", lambda: governor.budget, budget),
+        "within": named("within", lambda: governor.within, within),
+        "steps": Property("of refinement, a frame, now", lambda: session.steps),
+        "step-ms": Property("milliseconds of a step, null if unknown", step_ms),
+        "below-optimum": Property(
+            "dB below the best picture, estimated; null until that is known", below_optimum, costly=True
+        ),
+        "gap": Property(
+            "relative gap to the best picture, null if unknown",
+            lambda: certified(attrgetter("relative")),
+            costly=True,
+        ),
+        "psnr": Property(
+            "dB of the camera's predicted picture against the desired one, null if unknown",
+            lambda: certified(psnr),
+            costly=True,
+        ),
+    }
