@@ -60,7 +60,7 @@ def _main(argv: Sequence[str] | None) -> int | None:
         notify = os.environ.get("NOTIFY_SOCKET")
         monitors = monitors_of(options)
         return supervise(arguments, safe=options.safe, monitors=monitors, notify_socket=notify, schedule=schedule)
-    if options.schedule is not None and not options.supervised:
+    if options.schedule is not None and not options.supervised and options.output is None:
         raise InputError("--schedule is kept by the supervisor; add --supervise")
     _show(options)
     return None

@@ -230,6 +230,7 @@ def test_a_schedule_is_read(tmp_path: Path) -> None:
     [
         ("format = 1", "format = 2", "format 2, this version reads 1"),
         ('"mon"', '"monday"', "days: found .*, expected a list of mon, tue"),
+        ('["mon", "fri"]', "[]", "days: found .*, expected a list of mon, tue"),
         ('"10:00"', '"10"', "from: found '10', expected a time such as \"20:00\""),
         ('"10:00"', "10", "from: found 10, expected a time"),
         ("18:30:00", "2026-11-22", "to: found .*, expected a time"),

@@ -32,17 +32,8 @@ from counterlight.unattended.supervisor import SAFE
 
 WINDOW_ONLY = (
     *("fullscreen", "monitor", "any_size", "vsync", "audio", "volume", "mute", "blackout", "osd"),
-    *(
-        "lead",
-        "follow",
-        "at",
-        "screenshot_directory",
-        "speed",
-        "image_display_duration",
-        "control",
-        "heartbeat",
-        "playlist_start",
-    ),
+    *("screenshot_directory", "speed", "image_display_duration", "control", "heartbeat", "playlist_start"),
+    *("lead", "follow", "at", "schedule"),
 )
 
 

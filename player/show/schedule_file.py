@@ -1,5 +1,6 @@
 """The file that says when a show plays, and which projectors show it (docs/unattended.md)."""
 
+import threading
 from datetime import date, datetime, time, timedelta
 from pathlib import Path
 from typing import Any
@@ -35,18 +36,23 @@ class ScheduleFile:
 
     def __init__(self, path: Path) -> None:
         self._path, self._changed, self._schedule = path, _changed(path), read_schedule(path)
+        self._lock = threading.Lock()
 
     def __call__(self) -> Schedule:
-        """The schedule as it is now."""
-        changed = _changed(self._path)
-        if changed not in (None, self._changed):
-            self._changed = changed
-            try:
-                self._schedule = read_schedule(self._path)
-                tell(f"{self._path}: read again")
-            except InputError as error:
-                tell(f"{error}; the hours stay as they were")
-        return self._schedule
+        """The schedule as it is now, for any thread."""
+        with self._lock:
+            changed = _changed(self._path)
+            if changed not in (None, self._changed):
+                self._changed = changed
+                self._read()
+            return self._schedule
+
+    def _read(self) -> None:
+        try:
+            self._schedule = read_schedule(self._path)
+            tell(f"{self._path}: read again")
+        except InputError as error:
+            tell(f"{error}; the hours stay as they were")
 
 
 def _changed(path: Path) -> tuple[int, int] | None:
@@ -58,8 +64,8 @@ def _changed(path: Path) -> tuple[int, int] | None:
 
 
 def _hours(entry: Table) -> Hours:
-    names = _listed(entry, "days", len(DAYS)) or list(DAYS)
-    if not all(name in DAYS for name in names):
+    names = _listed(entry, "days", len(DAYS)) if "days" in entry else list(DAYS)
+    if not names or not all(name in DAYS for name in names):
         raise entry.wrong("days", f"a list of {', '.join(DAYS)}")
     made = Hours(days_of(names), _time(entry, "from"), _time(entry, "to"))
     entry.refuse_unknown()

@@ -2,12 +2,12 @@
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date, datetime, time, timedelta
 
 from counterlight.command import tell
 from counterlight.errors import InputError
-from counterlight.unattended.pjlink import Projector, Status, status_of, switch
+from counterlight.unattended.pjlink import Projector, status_of, switch
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 LOOK_S, AGAIN_S = 600.0, 10.0  # between looks at a projector, and at one that has not obeyed yet
@@ -73,7 +73,8 @@ class Keeper:
     def _keep(self, projector: Projector) -> None:
         looked: datetime | None = None
         while not self._closed.is_set():
-            now, on = self._clock(), self._schedule().lit(self._clock())
+            now = self._clock()
+            on = self._schedule().lit(now)
             due = looked is None or not timedelta(0) <= now - looked < timedelta(seconds=LOOK_S)
             if due or self._obeyed.get(projector) != on:
                 looked = now
@@ -90,18 +91,13 @@ class Keeper:
                     self._obeyed[projector] = on
                 elif status.power in ("on", "off"):  # while it warms up or cools down it takes no orders
                     switch(projector, on=on)
-            line = f"projector {projector}: {_without_hours(status)}"
-            said = f"projector {projector}: {status}"
+            news = f"{replace(status, lamp_hours=())}"  # hours always grow
+            line = f"projector {projector}: {status}"
         except InputError as error:
-            line = said = str(error)
-        if self._told.get(projector) != line:
-            self._told[projector] = line
-            tell(said)
-
-
-def _without_hours(status: Status) -> str:
-    """What is news of a status; hours always grow."""
-    return str(Status(status.power, (), status.faults))
+            news = line = str(error)
+        if self._told.get(projector) != news:
+            self._told[projector] = news
+            tell(line)
 
 
 def days_of(names: Sequence[str]) -> frozenset[int]:

@@ -237,7 +237,7 @@ class Supervisor:
             return False
         if self._open and not self._over:
             _say("the show has ended: black until its next hours")
-        self._over = True
+        self._over, self._place = True, Place()
         return True
 
     def _is_final(self, code: int) -> bool:
