@@ -37,6 +37,7 @@ from counterlight.show.output import check_output
 from counterlight.show.playlist import Playlist, files_of
 from counterlight.show.remotes import open_remotes
 from counterlight.show.room_in_use import RoomInUse
+from counterlight.show.schedule_file import ScheduleFile
 from counterlight.show.session import Session
 from counterlight.show.show import Show
 from counterlight.show.stats import Stats
@@ -57,8 +58,12 @@ def _main(argv: Sequence[str] | None) -> int | None:
         if options.output is not None:
             raise InputError("--supervise keeps a window running; leave out --output")
         arguments = sys.argv[1:] if argv is None else argv
+        schedule = None if options.schedule is None else ScheduleFile(options.schedule)
         notify = os.environ.get("NOTIFY_SOCKET")
-        return supervise(arguments, safe=options.safe, monitors=monitors_of(options), notify_socket=notify)
+        monitors = monitors_of(options)
+        return supervise(arguments, safe=options.safe, monitors=monitors, notify_socket=notify, schedule=schedule)
+    if options.schedule is not None and not options.supervised and options.output is None:
+        raise InputError("--schedule is kept by the supervisor; add --supervise")
     _show(options)
     return None
 

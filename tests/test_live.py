@@ -284,3 +284,13 @@ def test_seeking_and_stepping_back_leave_a_live_source_alone() -> None:
     stage.press("left", "down", ",")
     assert stage.reader.position > shown
     assert stage.screen.uploaded == sorted(stage.screen.uploaded)
+
+
+def test_a_screen_is_shown_as_it_is(xvfb: str) -> None:
+    """docs/content.md: another program's screen as a medium."""
+    with MediaReader.open(f"x11grab:{xvfb}") as reader:
+        frame = next_frame(reader)
+        pixels = frame.format
+        assert (reader.info.live, pixels.layout, pixels.depth) == (True, "rgb", 8)
+        assert (pixels.height, pixels.width) == (720, 1280)
+        reader.release(frame)

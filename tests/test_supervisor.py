@@ -10,6 +10,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from datetime import datetime, timedelta
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ from counterlight.unattended.supervisor import (
 from tests import screens
 from tests.desktop import mapped_windows
 from tests.media import numbered, write_video
+from tests.pjlink_projector import OFF, ON, projector
 from tests.programs import PATIENCE_S, descendants, fail, is_running, on, running, succeed, verb, wait_until
 from tests.rooms import write_blurred_room
 from tests.stage import Clock
@@ -103,6 +105,13 @@ class Show:
 
     def wait(self, condition: Callable[[], bool], what: str) -> None:
         wait_until(condition, what, self.process)
+
+    def is_black(self) -> bool:
+        """Whether what is shown is the program that shows nothing but black."""
+        commands = [Path(f"/proc/{child}/cmdline") for child in descendants(self.process.pid)]
+        with contextlib.suppress(OSError):
+            return any(b"counterlight.gl.black" in command.read_bytes() for command in commands)
+        return False
 
     def ended(self) -> tuple[int, str]:
         _, errors = self.process.communicate(timeout=PATIENCE_S)
@@ -236,17 +245,11 @@ def test_after_five_crashes_the_screen_is_black_until_told_to_try_again(
             pid = show.player(other_than=pid)
             os.kill(pid, signal.SIGKILL)
 
-        def is_black() -> bool:
-            commands = [Path(f"/proc/{child}/cmdline") for child in descendants(show.process.pid)]
-            with contextlib.suppress(OSError):
-                return any(b"counterlight.gl.black" in command.read_bytes() for command in commands)
-            return False
-
-        show.wait(is_black, "the safe picture")
+        show.wait(show.is_black, "the safe picture")
         show.wait(lambda: (0, 0, 1280, 720) in mapped_windows(xvfb), "it fills the screen")
         show.process.send_signal(signal.SIGHUP)
         show.player(other_than=pid)
-        assert not is_black()
+        assert not show.is_black()
         show.process.send_signal(signal.SIGINT)
         code, errors = show.ended()
     assert code == 130
@@ -270,6 +273,60 @@ def test_a_show_that_ends_is_not_begun_again(xvfb: str, room: Path, tmp_path: Pa
     with supervised(xvfb, tmp_path, room, CLIP, "--start", "4.5", "--no-audio") as show:
         assert show.ended() == (0, "")
     assert len({beat["pid"] for beat in show.beats()}) == 1
+
+
+def test_out_of_its_hours_a_show_is_black_and_projectors_are_off(
+    xvfb: str, room: Path, tmp_path: Path, manager: socket.socket
+) -> None:
+    """Hours are changed in the file while it runs, so that no test waits for them."""
+    today = datetime.now().date()
+    closed = ", ".join(f'"{today + timedelta(days=n)}"' for n in range(-2, 3))
+    with projector() as lamp:
+        projectors = f'[[projectors]]\naddress = "127.0.0.1:{lamp.port}"\n'
+        always = f'format = 1\n{projectors}[[hours]]\nfrom = "00:00"\nto = "00:00"\n'
+        never = f"closed = [{closed}]\n{always}"
+        hours = tmp_path / "hours.toml"
+
+        def change(text: str) -> None:
+            (tmp_path / "new").write_text(text)
+            (tmp_path / "new").rename(hours)
+
+        change(never)
+        with supervised(xvfb, tmp_path, room, CLIP, "--loop", "--schedule", hours) as show:
+            show.wait(show.is_black, "black before the show")
+            change(always)
+            first = show.player(frames=10)
+            show.wait(lambda: lamp.power == ON, "the projector is on")
+            change(never)
+            show.wait(show.is_black, "black behind the show")
+            show.wait(lambda: lamp.power == OFF, "the projector is off")
+            assert not is_running(first)
+            change(always)
+            second = show.player(other_than=first)
+            begun = next(beat for beat in show.beats() if beat["pid"] == second)
+            assert begun["time_pos"] < 1.5  # from its beginning
+            show.process.send_signal(signal.SIGTERM)
+            code, errors = show.ended()
+    assert code == 130
+    assert errors.count("the show begins, by its schedule") == 2
+    assert errors.count("the show ends, by its schedule: black") == 1
+    assert "crash" not in errors
+
+
+def test_a_show_that_has_ended_waits_for_its_next_hours(
+    xvfb: str, room: Path, tmp_path: Path, manager: socket.socket
+) -> None:
+    hours = tmp_path / "hours.toml"
+    hours.write_text('format = 1\n[[hours]]\nfrom = "00:00"\nto = "00:00"\n')
+    with supervised(xvfb, tmp_path, room, CLIP, "--start", "4.5", "--schedule", hours) as show:
+        show.wait(show.is_black, "black behind the show")
+        show.process.send_signal(signal.SIGHUP)
+        first = show.beats()[0]["pid"]
+        show.player(other_than=first)
+        show.process.send_signal(signal.SIGTERM)
+        code, errors = show.ended()
+    assert code == 130
+    assert "the show has ended: black until its next hours" in errors
 
 
 def test_a_medium_that_is_missing_is_waited_for(xvfb: str, room: Path, tmp_path: Path, manager: socket.socket) -> None:

@@ -39,6 +39,7 @@ VERBS = {
     "relight": Verb("tools.relight", "what a room looks like under a picture, from either side"),
     "merge-exposures": Verb("tools.merge_exposures", "a radiance map from a bracket of photographs"),
     "fit-response": Verb("tools.fit_projector_response", "a projector's response from measured grey levels"),
+    "projector": Verb("tools.control_projectors", "switch projectors on and off, and ask how they are"),
     "study": Verb("tools.study_accuracy", "what accuracy costs in time, in any room"),
     "example": Verb("tools.show_example", "a room, its map and a clip, before and after"),
     "doctor": Verb("tools.check_machine", "what this machine has, and what is missing"),

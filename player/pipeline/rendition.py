@@ -63,12 +63,11 @@ def within_gamut(linear_rgb: FloatArray) -> NDArray[np.float64]:
 def rendition_of(pixels: PixelFormat, adjustments: Adjustments) -> Rendition | None:
     """What a medium's light goes through; None where it is the screen's as it is, and for radiance."""
     matrix = to_screen(pixels.primaries)
-    unit = PQ_PEAK if pixels.transfer == "pq" else peak_of(pixels, adjustments)
     if pixels.transfer not in ("pq", "hlg"):
-        if pixels.primaries == "bt709":
-            return None
-        return Rendition(0.0, 1.0, np.ones(TABLE_SIZE, np.float32), matrix)
+        plain = Rendition(0.0, 1.0, np.ones(TABLE_SIZE, np.float32), matrix)
+        return None if pixels.primaries == "bt709" else plain
     peak = peak_of(pixels, adjustments)
+    unit = PQ_PEAK if pixels.transfer == "pq" else peak
     ootf = _gamma(peak) - 1 if pixels.transfer == "hlg" else 0.0
     gain = tone_curve(unit, peak, adjustments.target_peak, adjustments.tone_mapping)
     return Rendition(ootf, min(peak / unit, 1.0), gain, matrix)

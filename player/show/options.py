@@ -37,7 +37,7 @@ from counterlight.unattended.supervisor import SAFE
 WINDOW_ONLY = (
     *("fullscreen", "monitor", "any_size", "vsync", "audio", "volume", "mute", "blackout", "osd"),
     *("screenshot_directory", "speed", "image_display_duration", "playlist_start"),
-    *("control", "remote", "osc", "heartbeat", "lead", "follow", "at"),
+    *("control", "remote", "osc", "heartbeat", "lead", "follow", "at", "schedule"),
 )
 
 
@@ -289,6 +289,11 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
     _flag(parser, "supervise", False, "start the player again whenever it dies or hangs")
     add("--supervised", action="store_true", help=argparse.SUPPRESS)  # said by the supervisor
     add("--safe", choices=SAFE, default="black", help="what --supervise shows after too many crashes (default black)")
+    text = (
+        "TOML: when the show plays, by day and hour, and projectors that\n"
+        "are switched on and off for it (PJLink); with --supervise"
+    )
+    add("--schedule", type=Path, metavar="FILE", help=text)
     add("--stats", type=Path, metavar="FILE.json", help="write frames, drops, judder and milliseconds")
 
 

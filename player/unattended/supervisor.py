@@ -6,6 +6,7 @@ inbox (inbox.py), and tells systemd in turn. It holds no picture and no codec, s
     crash        the player ends with a signal or an exit code that is not clean, or is silent for SILENCE_S
     back-off     0.1, 0.2, 0.4 … 2 s, doubled with every crash of the last WINDOW_S
     safe picture after MOST_CRASHES of them: the show without compensation ("plain"), or black; SIGHUP tries again
+    schedule     out of its hours black is shown, and a show that has ended comes again with the next ones
 """
 
 import ctypes
@@ -19,11 +20,13 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from counterlight.command import BAD_INPUT, DONE, INTERRUPTED, tell
 from counterlight.unattended.heartbeat import INTERVAL_S, Notifier, read_facts
+from counterlight.unattended.hours import Keeper, Schedule
 from counterlight.unattended.inbox import Inbox
 
 SILENCE_S = 3.0  # three beats; with the longest back-off, 5 s from the last beat to the next player
@@ -136,13 +139,14 @@ class Child:
 class Supervisor:
     """Keeps a show running.
 
-    players : command lines of the show and of the safe pictures, in the order in which they are tried; each is given
-        the options that take a show on from where it was.
-    notifier : of the service manager that started us.
+    players : command lines of the show and of the safe pictures, in the order in which they are tried, black the last;
+        each is given the options that take a show on from where it was.
+    notifier : of the service manager that started us.  plays : whether it is time for the show.
     """
 
-    def __init__(self, players: Sequence[Player], notifier: Notifier) -> None:
-        self._players, self._notifier = players, notifier
+    def __init__(self, players: Sequence[Player], notifier: Notifier, plays: Callable[[], bool] | None = None) -> None:
+        self._players, self._notifier, self._plays = players, notifier, plays
+        self._open, self._over = True, False  # whether it was time for the show; whether it has ended meanwhile
         self._level = 0
         self._crashes, self._place = Crashes(), Place()
         self._signal: int | None = None
@@ -157,9 +161,15 @@ class Supervisor:
         _prctl(_SET_CHILD_SUBREAPER, 1)
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, self._on_signal)
+        self._open = self._is_time()
         while True:
             with Inbox() as inbox:
                 code = self._play(inbox)
+            if self._turns():
+                continue
+            if self._has_ended(code):
+                self._rest(BACK_OFF_S)
+                continue
             if self._is_final(code):
                 return code
             if not self._again:
@@ -170,7 +180,8 @@ class Supervisor:
 
     def _play(self, inbox: Inbox) -> int:
         """Run one player to its end; its exit code, negative for a signal."""
-        child = Child(self._players[self._level](self._place.options()), inbox)
+        shown = self._players[self._level] if self._open and not self._over else self._players[-1]
+        child = Child(shown(self._place.options()), inbox)
         passed_on = False
         try:
             while child.process.poll() is None:
@@ -178,7 +189,7 @@ class Supervisor:
                 if self._signal is not None and not passed_on:
                     child.end(self._signal)
                     passed_on = True
-                elif self._again and not child.ending:
+                elif (self._again or self._is_time() != self._open) and not child.ending:
                     child.end(signal.SIGTERM)
                 elif child.hangs:
                     _say("the player hangs: ended")
@@ -208,6 +219,27 @@ class Supervisor:
             else:
                 self._notifier.send(**variables)
 
+    def _is_time(self) -> bool:
+        return self._plays is None or self._plays()
+
+    def _turns(self) -> bool:
+        """Whether the hours of the show have begun or ended; it then begins from its beginning, or black does."""
+        if self._signal is not None or self._is_time() == self._open:
+            return False
+        self._open, self._over, self._place, self._level = not self._open, False, Place(), 0
+        self._crashes.forget()
+        _say("the show begins, by its schedule" if self._open else "the show ends, by its schedule: black")
+        return True
+
+    def _has_ended(self, code: int) -> bool:
+        """Whether a show with a schedule has come to its end or was quit: black then waits for its next hours."""
+        if self._plays is None or code != DONE or self._signal is not None or self._again:
+            return False
+        if self._open and not self._over:
+            _say("the show has ended: black until its next hours")
+        self._over, self._place = True, Place()
+        return True
+
     def _is_final(self, code: int) -> bool:
         """Whether this is how a show ends, and not how it crashes; says what happened if it crashed."""
         if self._again and self._signal is None:
@@ -223,7 +255,7 @@ class Supervisor:
     def _choose(self) -> None:
         """Which player comes next: the show if we are told to try again, a safer one after too many crashes."""
         if self._again:
-            self._again, self._level = False, 0
+            self._again, self._over, self._level = False, False, 0
             self._crashes.forget()
             _say("starting the player again, as told")
         elif self._crashes.too_many and self._level + 1 < len(self._players):
@@ -245,11 +277,19 @@ class Supervisor:
             self._signal = number
 
 
-def supervise(arguments: Sequence[str], *, safe: str, monitors: Sequence[str], notify_socket: str | None) -> int:
+def supervise(
+    arguments: Sequence[str],
+    *,
+    safe: str,
+    monitors: Sequence[str],
+    notify_socket: str | None,
+    schedule: Callable[[], Schedule] | None = None,
+) -> int:
     """Run `counterlight play ARGUMENTS` under supervision; returns its exit code.
 
     arguments : the whole command line, `--supervise` included; the player is told behind it that it is supervised.
     safe : one of SAFE.  monitors : where black is shown; none for the primary one.
+    schedule : as it is when asked; None for a show that always plays.
     """
     python = [sys.executable, "-P", "-m"]
     plain_options = "--no-compensation", "--refine=0", "--view=projector"
@@ -267,10 +307,16 @@ def supervise(arguments: Sequence[str], *, safe: str, monitors: Sequence[str], n
     def black(_: Sequence[str]) -> list[str]:
         return [*python, "counterlight.gl.black", *monitors]
 
-    notifier = Notifier(notify_socket)
+    def plays() -> bool:
+        return schedule is None or schedule().plays(datetime.now())
+
+    notifier, keeper = Notifier(notify_socket), None if schedule is None else Keeper(schedule)
+    players: list[Player] = [play, plain, black] if safe == "plain" else [play, black]
     try:
-        return Supervisor([play, plain, black] if safe == "plain" else [play, black], notifier).run()
+        return Supervisor(players, notifier, None if schedule is None else plays).run()
     finally:
+        if keeper is not None:
+            keeper.close()
         notifier.send(STOPPING="1")
         notifier.close()
 

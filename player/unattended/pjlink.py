@@ -1,0 +1,156 @@
+"""Projectors by the network: PJLink, class 1 (JBMIA's specification 1.04), on TCP port 4352.
+
+    projector   PJLINK 0, or PJLINK 1 and eight characters, where it asks for a password
+    we          %1POWR 1, after the MD5 of these characters and the password where it asks
+    projector   %1POWR=OK, or =ERR1 to =ERR4, or PJLINK ERRA for a wrong password
+
+A carriage return ends each line. A connection is for a few questions: a projector ends one that is silent for 30 s.
+"""
+
+import hashlib
+import socket
+from contextlib import closing
+from dataclasses import dataclass
+
+from counterlight.errors import InputError, one_line
+
+PORT = 4352
+ANSWER_S = 5.0  # class 1 allows 2 s for an answer
+LONGEST_LINE = 136 + 128  # bytes of class 1, and as many beyond it
+POWERS = ("off", "on", "cooling", "warming up")
+PARTS = ("fan", "lamp", "temperature", "cover", "filter", "other")
+STATES = ("", "warning", "error")
+REFUSALS = {
+    "ERR1": "it does not know this command",
+    "ERR2": "it does not take this value",
+    "ERR3": "not now: it warms up or cools down",
+    "ERR4": "the projector has failed",
+}
+
+
+@dataclass(frozen=True)
+class Projector:
+    """host, port : where it listens.  password : if it asks for one."""
+
+    host: str
+    port: int = PORT
+    password: str = ""
+
+    def __str__(self) -> str:
+        return self.host if self.port == PORT else f"{self.host}:{self.port}"
+
+
+@dataclass(frozen=True)
+class Status:
+    """power : one of POWERS.  lamp_hours : of each lamp.  faults : such as `filter: warning`."""
+
+    power: str
+    lamp_hours: tuple[int, ...] = ()
+    faults: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        hours = [f"{hours} h of lamp" for hours in self.lamp_hours]
+        return ", ".join([self.power, *hours, *self.faults])
+
+
+def switch(projector: Projector, *, on: bool) -> None:
+    """Have it warm up or cool down, which takes a minute or more; InputError where it does not."""
+    with closing(_Link(projector)) as link:
+        answer = link.ask("POWR", "1" if on else "0")
+        if answer != "OK":
+            raise link.wrong(f"POWR {'1' if on else '0'}", answer)
+
+
+def status_of(projector: Projector) -> Status:
+    """How it is; InputError where it does not say. Lamps and faults are left out where a projector knows of none."""
+    with closing(_Link(projector)) as link:
+        power = link.ask("POWR", "?")
+        if not (power.isascii() and power.isdecimal() and int(power) < len(POWERS)):
+            raise link.wrong("POWR", power)
+        return Status(POWERS[int(power)], _hours(link.ask("LAMP", "?")), _faults(link.ask("ERST", "?")))
+
+
+class _Link:
+    """One connection, greeted."""
+
+    def __init__(self, projector: Projector) -> None:
+        self._projector, self._arrived = projector, b""
+        try:
+            self._socket = socket.create_connection((projector.host, projector.port), ANSWER_S)
+        except OSError as error:
+            raise self._failed(error) from None
+        try:
+            self._prefix = self._greeted(self._line())
+        except BaseException:
+            self.close()
+            raise
+
+    def ask(self, command: str, value: str) -> str:
+        """What the projector answers to `%1COMMAND value`, behind the equals sign."""
+        self._send(f"{self._prefix}%1{command} {value}\r")
+        self._prefix = ""  # the digest is for the first command
+        answer = self._line()
+        if answer.upper() == "PJLINK ERRA":
+            raise InputError(f"projector {self._projector}: the password is wrong; correct it")
+        head, equals, told = answer.partition("=")
+        if not equals or head.upper() != f"%1{command}":
+            raise self.wrong(command, answer)
+        return told.strip()
+
+    def wrong(self, command: str, answer: str) -> InputError:
+        why = REFUSALS.get(answer, f"it answers {one_line(answer, 40)!r}")
+        return InputError(f"projector {self._projector}: {command}: {why}; look at the projector")
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def _greeted(self, greeting: str) -> str:
+        """What goes before the first command."""
+        words = greeting.split()
+        if words == ["PJLINK", "0"]:
+            return ""
+        if words[:2] != ["PJLINK", "1"] or len(words) != 3:
+            raise InputError(
+                f"projector {self._projector}: no PJLink projector ({one_line(greeting, 40)!r}); check its address"
+            )
+        if not self._projector.password:
+            raise InputError(f"projector {self._projector}: it asks for a password; give it one")
+        return hashlib.md5((words[2] + self._projector.password).encode(), usedforsecurity=False).hexdigest()
+
+    def _send(self, text: str) -> None:
+        try:
+            self._socket.sendall(text.encode())
+        except OSError as error:
+            raise self._failed(error) from None
+
+    def _line(self) -> str:
+        while b"\r" not in self._arrived and len(self._arrived) <= LONGEST_LINE:
+            try:
+                piece = self._socket.recv(LONGEST_LINE)
+            except OSError as error:
+                raise self._failed(error) from None
+            if not piece:
+                raise self._failed(ConnectionResetError("it ended the connection"))
+            self._arrived += piece
+        line, _, self._arrived = self._arrived.partition(b"\r")
+        return line[:LONGEST_LINE].decode("ascii", errors="replace").strip()
+
+    def _failed(self, error: OSError) -> InputError:
+        reason = "no answer" if isinstance(error, TimeoutError) else error.strerror or str(error)
+        return InputError(
+            f"projector {self._projector}: {reason}; check its address, and that it may be switched on by the network"
+        )
+
+
+def _hours(answer: str) -> tuple[int, ...]:
+    """`1234 1 56 0` -> (1234, 56): hours of each lamp, and whether it is on."""
+    words = answer.split()
+    if len(words) % 2 or not all(word.isascii() and word.isdecimal() and len(word) < 9 for word in words):
+        return ()
+    return tuple(map(int, words[::2]))
+
+
+def _faults(answer: str) -> tuple[str, ...]:
+    if len(answer) != len(PARTS) or set(answer) - set("012"):
+        return ()
+    return tuple(f"{part}: {STATES[int(digit)]}" for part, digit in zip(PARTS, answer, strict=True) if digit != "0")

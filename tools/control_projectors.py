@@ -1,0 +1,73 @@
+"""counterlight projector: switch projectors on and off by the network (PJLink), and ask how they are."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from counterlight.command import BAD_INPUT, DONE, Parser, run, tell
+from counterlight.errors import InputError
+from counterlight.files.reading import read_bytes
+from counterlight.show.schedule_file import read_schedule
+from counterlight.unattended.cues import read_address
+from counterlight.unattended.pjlink import PORT, Projector, status_of, switch
+
+MOST_PASSWORD = 1024
+FIX = "write the password alone into it"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    return run(_main, argv)
+
+
+def _main(argv: Sequence[str] | None) -> int:
+    options = _parser().parse_args(argv)
+    projectors = _projectors(options)
+    if not projectors:
+        raise InputError("counterlight projector: names no projector; add a HOST, or --schedule FILE")
+    done = [_obeys(options.action, projector) for projector in projectors]  # all of them, whatever one answers
+    return DONE if all(done) else BAD_INPUT
+
+
+def _obeys(action: str, projector: Projector) -> bool:
+    try:
+        if action != "status":
+            switch(projector, on=action == "on")
+        print(f"projector {projector}: {status_of(projector)}")
+    except InputError as error:
+        tell(f"error: {error}")
+        return False
+    return True
+
+
+def _projectors(options: argparse.Namespace) -> list[Projector]:
+    found = [] if options.schedule is None else list(read_schedule(options.schedule).projectors)
+    password = "" if options.password_file is None else _password(options.password_file)
+    return found + [Projector(host, port, password) for host, port in options.projectors]
+
+
+def _password(path: Path) -> str:
+    try:
+        return read_bytes(path, MOST_PASSWORD, FIX).decode().strip("\r\n")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: no UTF-8 text; {FIX}") from None
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser("projector", description=__doc__)
+    parser.add_argument("action", choices=("status", "on", "off"))
+    parser.add_argument("projectors", nargs="*", type=_address, metavar="HOST[:PORT]", help=f"port {PORT} if left out")
+    parser.add_argument("--password-file", type=Path, metavar="FILE", help="holds the password of those projectors")
+    parser.add_argument("--schedule", type=Path, metavar="FILE", help="the projectors that it names, too")
+    return parser
+
+
+def _address(word: str) -> tuple[str, int]:
+    try:
+        return read_address(word, port=PORT)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected HOST[:PORT], found {word!r}") from None
+
+
+if __name__ == "__main__":
+    sys.exit(main())
