@@ -121,11 +121,13 @@ def _attached(options: argparse.Namespace) -> Iterator[tuple[list[Remote], Heart
     with ExitStack() as stack:
         heartbeat = Heartbeat(options.heartbeat, Notifier(os.environ.get("NOTIFY_SOCKET")))
         stack.callback(heartbeat.close)
-        remotes: list[Remote] = [] if options.control is None else [ControlServer(options.control)]
-        process = open_remotes(options.remote, options.osc)
-        remotes += [] if process is None else [process]
-        for remote in remotes:
-            stack.callback(remote.close)
+        remotes: list[Remote] = []
+        if options.control is not None:
+            remotes.append(ControlServer(options.control))
+            stack.callback(remotes[-1].close)
+        if options.remote is not None or options.osc is not None:
+            remotes.append(open_remotes(options.remote, options.osc))
+            stack.callback(remotes[-1].close)
         yield remotes, heartbeat, stack.close
 
 

@@ -14,6 +14,7 @@ from counterlight.unattended.json_lines import encode
 
 PATIENCE_S = 30.0  # for a show that is stopped, or reads its maps again
 LONGEST_LINE = 64 << 20  # bytes; a list of a hundred thousand media is 8 MiB
+AGAIN_S = 0.1
 _OBSERVED = 1  # the number under which everything is observed
 
 Answer = dict[str, Any]
@@ -47,13 +48,13 @@ class Link:
                     answer.set_result(_unanswered("the show has gone"))
 
     async def learn(self) -> None:
-        """Ask what there is to be asked."""
-        await self._connected.wait()
-        self.commands = {each["name"]: each for each in (await self.ask("get_property", "command-list"))["data"]}
-        self.properties = {each["name"]: each for each in (await self.ask("get_property", "property-info"))["data"]}
+        """Ask what there is to be asked; a show that still reads its room answers when it has done so."""
+        self.commands = {each["name"]: each for each in await self._insist("get_property", "command-list")}
+        self.properties = {each["name"]: each for each in await self._insist("get_property", "property-info")}
 
     async def ask(self, *words: object) -> Answer:
         """A request of the control socket and its answer."""
+        await self._connected.wait()
         if self._over:
             return _unanswered("the show has gone")
         number, answer = next(self._numbers), asyncio.get_running_loop().create_future()
@@ -78,6 +79,13 @@ class Link:
     async def look_away(self) -> None:
         await self.ask("unobserve_property", _OBSERVED)
         self.values.clear()
+
+    async def _insist(self, *words: object) -> list[Answer]:
+        """What is answered at last."""
+        while (answer := await self.ask(*words))["error"] != "success":
+            await asyncio.sleep(AGAIN_S)
+        found: list[Answer] = answer["data"]
+        return found
 
     def _take(self, told: Answer) -> None:
         if "event" in told:

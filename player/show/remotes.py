@@ -80,13 +80,11 @@ class RemoteProcess:
         tell(f"remote: its process has ended with {process.returncode}; another one begins in {self._rest_s:.0f} s")
 
 
-def open_remotes(web: Address | None, osc: Address | None) -> RemoteProcess | None:
-    """What --remote and --osc ask for; None if they do not. Says where the page is.
+def open_remotes(web: Address | None, osc: Address | None) -> RemoteProcess:
+    """What --remote and --osc ask for, one at least. Says where they are.
 
     Raises InputError for a package that is missing, and where the system or this user's folder refuses.
     """
-    if web is None and osc is None:
-        return None
     _need("--remote", web, "websockets", "remote")
     _need("--osc", osc, "pythonosc", "osc")
     token = "" if web is None else token_at(default_path(os.environ, Path.home()))

@@ -1,0 +1,64 @@
+"""The remotes' connection to a show that is slow to answer, or gone. The show's end is a bare socket."""
+
+import asyncio
+import json
+import socket
+
+import pytest
+
+from counterlight.remote import link
+from counterlight.remote.link import Answer, Link
+
+
+class Show:
+    """Answers what it is asked from the `late`th request on."""
+
+    def __init__(self, late: int) -> None:
+        self.theirs, self._ours = socket.socketpair()
+        self._late = late
+        self.asked: list[list[str]] = []
+
+    async def run(self) -> None:
+        reader, self.writer = await asyncio.open_unix_connection(sock=self._ours)
+        while line := await reader.readline():
+            request = json.loads(line)
+            self.asked.append(request["command"])
+            if len(self.asked) > self._late:
+                named = [{"name": request["command"][1]}]
+                answer = {"request_id": request["request_id"], "error": "success", "data": named}
+                self.writer.write(json.dumps(answer).encode() + b"\n")
+
+
+def test_a_show_that_still_reads_its_room_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(link, "PATIENCE_S", 0.05)
+
+    async def body() -> tuple[Show, Link]:
+        show = Show(late=2)
+        talk = Link(show.theirs)
+        tasks = [asyncio.create_task(each.run()) for each in (show, talk)]
+        await talk.learn()
+        show.writer.close()
+        await asyncio.gather(*tasks)
+        return show, talk
+
+    show, talk = asyncio.run(body())
+    assert list(talk.commands) == ["command-list"]
+    assert list(talk.properties) == ["property-info"]
+    assert show.asked == [["get_property", "command-list"]] * 3 + [["get_property", "property-info"]]
+
+
+def test_a_show_that_goes_leaves_nobody_waiting() -> None:
+    async def body() -> tuple[Answer, Answer, Answer]:
+        show = Show(late=10)
+        talk = Link(show.theirs)
+        tasks = [asyncio.create_task(each.run()) for each in (show, talk)]
+        asking = [asyncio.create_task(talk.ask("get_property", name)) for name in ("pause", "view")]
+        while len(show.asked) < 2:
+            await asyncio.sleep(0.01)
+        show.writer.close()
+        first, second = await asyncio.gather(*asking)
+        await asyncio.gather(*tasks)
+        return first, second, await talk.ask("quit")
+
+    for answer in asyncio.run(body()):
+        assert answer["message"] == "the show has gone"
