@@ -318,11 +318,12 @@ def test_a_show_that_has_ended_waits_for_its_next_hours(
 ) -> None:
     hours = tmp_path / "hours.toml"
     hours.write_text('format = 1\n[[hours]]\nfrom = "00:00"\nto = "00:00"\n')
-    with supervised(xvfb, tmp_path, room, CLIP, "--start", "4.5", "--schedule", hours) as show:
+    with supervised(xvfb, tmp_path, room, CLIP, "--start", "3", "--schedule", hours) as show:
         show.wait(show.is_black, "black behind the show")
         show.process.send_signal(signal.SIGHUP)
         first = show.beats()[0]["pid"]
-        show.player(other_than=first)
+        second = show.player(other_than=first)
+        assert min(beat["time_pos"] for beat in show.beats() if beat["pid"] == second) < 4.5  # of five seconds
         show.process.send_signal(signal.SIGTERM)
         code, errors = show.ended()
     assert code == 130
