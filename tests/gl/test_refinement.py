@@ -135,6 +135,41 @@ def test_the_drive_equals_its_twin_after_any_steps(
             np.testing.assert_allclose(found.gap, expected.gap, rtol=1e-4, atol=1e-5 * scale)  # g nearly cancels
 
 
+@pytest.mark.parametrize("steps", [0, 3])
+def test_what_is_read_back_for_an_estimate_equals_its_twin(
+    gl_context: moderngl.Context, rng: np.random.Generator, steps: int
+) -> None:
+    with both(gl_context, physical_room(rng).room, letters(rng)) as (gl, cpu):
+        for renderer in (gl, cpu):
+            renderer.render("projector", compensate=True, steps=steps, timed=True)
+            assert {"linear", "place", "start", "view", "encode"} <= renderer.stage_s.keys()
+            assert ("steps" in renderer.stage_s) == (steps > 0)
+        found, expected = gl.snapshot(), cpu.snapshot()
+        assert found is not None
+        assert expected is not None
+        assert (found.made, found.steps) == (expected.made, expected.steps) == (steps, steps)
+        for name in ("drive", "ahead", "descent"):
+            np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=ATOL)
+        certificate = gl.certificate()
+        assert certificate is not None
+        np.testing.assert_array_equal(found.certificate.gap, certificate.gap)
+
+
+def test_another_start_begins_with_the_next_frame(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+    physical, frame = physical_room(rng), letters(rng)
+    with (
+        both(gl_context, replace(physical.room, start="direct"), frame) as meant,
+        both(gl_context, physical.room, frame) as switched,
+    ):
+        for (of_start, _), (renderer, _) in ((meant, switched), (meant[::-1], switched[::-1])):
+            of_start.render("projector", compensate=True, steps=2)
+            renderer.render("projector", compensate=True, steps=2)
+            assert np.abs(renderer.linear() - of_start.linear()).max() > 1e-3
+            renderer.start_from("direct")
+            renderer.render("projector", compensate=True, steps=2)
+            np.testing.assert_array_equal(renderer.linear(), of_start.linear())
+
+
 @pytest.mark.parametrize("start", ["previous", "previous-direct"])
 def test_frames_in_a_row_equal_their_twins(gl_context: moderngl.Context, rng: np.random.Generator, start: str) -> None:
     """Two that resemble each other, a cut, one without refinement, one after it."""

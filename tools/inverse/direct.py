@@ -27,4 +27,4 @@ def direct_mapping(dual: SparseRows, composition: FloatArray, heard: FloatArray)
     inverse = np.divide(1.0, light, out=np.zeros_like(light), where=light > FAINTEST * composition.max(initial=0.0))
     inverse = inverse * heard[rows[strongest]]
     starts = np.searchsorted(rows[strongest], np.arange(dual.indptr.size))
-    return SparseRows(starts, chosen, inverse.astype(np.float32), dual.columns)
+    return SparseRows(starts, chosen, inverse, dual.columns)

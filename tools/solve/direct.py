@@ -3,21 +3,17 @@
 import numpy as np
 
 from counterlight.arrays import FloatArray
-from counterlight.tools.solve.channel import Channel
+from counterlight.tools.inverse.direct import direct_mapping
+from counterlight.tools.solve.solution import Solution
+from counterlight.tools.transport.transport import CHANNELS, Transport
 
 
 class Direct:
     """p_j = b_i / (T·1)_i at the camera pixel i that projector pixel j lights most; 0 where it lights none."""
 
-    def __init__(self, T: Channel) -> None:
-        rows = np.repeat(np.arange(T.shape[0]), np.diff(T.near.indptr))
-        columns, values = T.near.indices, T.near.data
-        order = np.lexsort((values, columns))
-        strongest = order[np.append(np.diff(columns[order]) != 0, True)[: order.size]]
-        self._asking, self._asked, self._pixels = columns[strongest], rows[strongest], T.shape[1]
-        self._light = T.operator.matvec(np.ones(T.shape[1]))[self._asked]
+    def __init__(self, T: Transport) -> None:
+        alike = np.ones((T.shape[1], len(CHANNELS)))
+        self._rows = direct_mapping(T.near.transposed, T.composition(), alike)
 
-    def solve(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
-        drive = np.zeros(self._pixels)
-        drive[self._asking] = b[self._asked] / self._light
-        return drive, ()
+    def solve(self, b: FloatArray) -> Solution:
+        return Solution(self._rows.apply(b))

@@ -31,7 +31,7 @@ class ChannelByChannel:
 
 
 SOLVERS: dict[str, Callable[[Transport], Solver]] = {
-    "direct": lambda T: ChannelByChannel(T, Direct),
+    "direct": Direct,
     "qr": lambda T: ChannelByChannel(T, qr),
     "svd": lambda T: ChannelByChannel(T, svd),
     "nnls": lambda T: ChannelByChannel(T, nnls),
