@@ -150,7 +150,7 @@ def _show(
     from counterlight.tools.relighting.pictures import read_placed
     from counterlight.tools.transport.objective import ObjectiveOptions
 
-    picture = read_placed(options.picture, stored.calibration.camera.shape)
+    picture = read_placed(options.picture, stored.calibration.camera.shape, stored.calibration.screen)
     radiance = options.picture.suffix.lower() == ".exr"
     task = Verification(
         photographer,

@@ -1,10 +1,22 @@
 """A picture into its place in a target: fitted in two passes, or pinned by its corners in one."""
 
+import numpy as np
+
+from counterlight.arrays import FloatArray
+from counterlight.calibration import Calibration
 from counterlight.media.frames import PixelFormat
 from counterlight.pipeline.device import Device, Light, Owner
 from counterlight.pipeline.placement import Corners, corners_of, homography, place, shown_shape
-from counterlight.pipeline.reference import MOST_TAPS
+from counterlight.pipeline.reference import MOST_TAPS, pinned
 from counterlight.screen import Screen
+
+
+def on_cameras(picture: FloatArray, calibration: Calibration) -> FloatArray:
+    """A picture, (*calibration.placed_on, 3), as the camera is to see it: as it is, or where several look at it."""
+    screen = calibration.screen
+    if screen is None:
+        return picture
+    return np.asarray(pinned(picture, calibration.camera.shape, np.eye(3), *screen.axes), np.float64)
 
 
 class Fitter:

@@ -139,9 +139,9 @@ def pinned(
     shown = cover > 0
     sums, total = np.zeros((np.count_nonzero(shown), 3)), np.zeros((np.count_nonzero(shown), 1))
     columns = list(_taps(u[shown], np.maximum(reach_u[shown], 1), width))
-    for row, down in _taps(v[shown], np.maximum(reach_v[shown], 1), height):
+    for row, share in _taps(v[shown], np.maximum(reach_v[shown], 1), height):
         for column, weight in columns:
-            weight = (down * weight)[:, None]
+            weight = (share * weight)[:, None]
             sums += weight * picture[row, column]
             total += weight
     result = np.zeros((*target, 3))

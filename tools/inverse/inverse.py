@@ -186,6 +186,7 @@ def invert_near_light(
     regions: Sequence[Region] = (),
     weights: FloatArray | None = None,
     prior: Prior | None = None,
+    pictures: Sequence[FloatArray] | None = None,
 ) -> Inverse:
     """(TᵀWT + P + λ²I)⁻¹TᵀW of the near light inside the mask; the result's columns outside the mask are empty.
 
@@ -194,6 +195,7 @@ def invert_near_light(
     white : the radiance of a white picture.  regions : of several projectors in one raster.
     weights : W's diagonal, (camera pixels,), 1 if nobody says; 0 outside the mask.
     prior : P; the plain inverse (λ = 0) knows none.
+    pictures : by which λ is chosen, (camera height, camera width) each; None for the typical ones.
     """
     weights = mask.ravel().astype(np.float64) if weights is None else weights
     roots = np.sqrt(weights)
@@ -203,7 +205,9 @@ def invert_near_light(
     if whole.nnz == 0:
         raise InputError("no camera pixel inside the mask sees the projector; check the mask and the transport")
     _check_max_cluster(options, near.columns)
-    work = _Work(scaled, whole, mask, projector_shape, reach * roots[:, None], white, options, regions, roots, prior)
+    work = _Work(
+        scaled, whole, mask, projector_shape, reach * roots[:, None], white, options, regions, roots, prior, pictures
+    )
     chosen, reason, found = options.asked, "", None
     if chosen in ("auto", "whole"):
         found = work.inverted(scaled, None, must_pay=chosen == "auto")
@@ -244,6 +248,7 @@ class _Work:
     regions: Sequence[Region]
     roots: FloatArray
     prior: Prior | None
+    pictures: Sequence[FloatArray] | None
 
     def cut(self, *, must_pay: bool) -> "Inverse | str":
         """T⁺ of T cut into clusters; a reason against it if it has to pay."""
@@ -315,7 +320,7 @@ class _Work:
         noise = [noise_of_matrix(T, self.options.noise) for T in matrices]
         floor = max(float(n / sigma) for n, sigma in zip(noise, sigmas, strict=True))
         white = self.white * self.roots.reshape(self.mask.shape)
-        return choose_damping(light, white, self.mask, self.whole, floor)
+        return choose_damping(light, white, self.mask, self.whole, floor, self.pictures)
 
 
 def _largest_singular_values(matrices: tuple[Csr, ...]) -> FloatArray:

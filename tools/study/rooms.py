@@ -14,6 +14,7 @@ from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.maps.room_maps import RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, pack
+from counterlight.pipeline.fitting import on_cameras
 from counterlight.pipeline.room import Room
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.colour.tiers import Tier, tier_of
@@ -185,7 +186,7 @@ class Task:
     def __init__(self, room: StudyRoom, picture: Picture) -> None:
         self.room, self.name = room, picture.name
         calibration = room.calibration
-        self.desired = room.white * picture.at(calibration.camera.shape)
+        self.desired = room.white * on_cameras(picture.at(calibration.placed_on), calibration)
         self.plain = picture.at(calibration.projector.shape).reshape(-1, 3)
         self.target = room.tier.asked(self.desired)
         self.asked, self.counts = self.target.reshape(-1, 3), calibration.mask.reshape(-1, 1)

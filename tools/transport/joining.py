@@ -66,7 +66,7 @@ def _join(
     stored = [calibrations.read(folder) for folder in folders]
     rooms = [one.calibration for one in stored]
     _check_cameras(stored)
-    projectors = _sharing(_with_monitors([device for room in rooms for device in room.projectors], monitors))
+    projectors = _sharing(with_monitors([device for room in rooms for device in room.projectors], monitors))
     provenance = "joined by counterlight join: " + "; ".join(f"{room.name} ({room.provenance})" for room in rooms)
     first = rooms[0]
     mask = np.any([room.mask for room in rooms], axis=0)
@@ -154,7 +154,8 @@ def _sharing(projectors: Sequence[Device]) -> tuple[Device, ...]:
     return tuple(replace(device, response=shared) for device in projectors)
 
 
-def _with_monitors(projectors: Sequence[Device], monitors: Sequence[str]) -> tuple[Device, ...]:
+def with_monitors(projectors: Sequence[Device], monitors: Sequence[str]) -> tuple[Device, ...]:
+    """The projectors with names of monitors, one for each; none to keep what they have."""
     if not monitors:
         return tuple(projectors)
     if len(monitors) != len(projectors):
