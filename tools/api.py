@@ -192,12 +192,12 @@ def simulate(
     camera, projector : (height, width), None for the scene's own.  without, only : effects to leave out, or to keep.
     """
     from counterlight.tools.simulation import simulate as simulation
-    from counterlight.tools.simulation.room import simulated_calibration
+    from counterlight.tools.simulation.room import simulated_room
     from counterlight.tools.simulation.scene import load_scene
 
     described = load_scene(parse_scene(str(scene))).resized(camera, projector)
-    result = simulation.simulate(described, without=without, only=only)
-    return _room(simulated_calibration(described, result), result.transport)
+    results = [simulation.simulate(view, without=without, only=only) for view in described.views]
+    return _room(*simulated_room(described, results))
 
 
 def solve(
