@@ -66,6 +66,11 @@ def _verify(options: argparse.Namespace, stage: Path | None) -> int:
 
     stored = calibrations.read(options.calibration)
     room = stored.calibration
+    if room.screen is not None:
+        raise InputError(
+            f"{options.calibration}: has {len(room.cameras)} cameras, of which any may have moved, and one is looked "
+            "through; verify the room of each camera by itself, or acquire again"
+        )
     with threadpool_limits(limits=1), open_rig(options) as (camera, projector):
         if projector != room.projector.shape:
             swapped = projector[::-1] == room.projector.shape

@@ -5,15 +5,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from counterlight import calibration
+from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files.manifest import sha256_of
 from counterlight.response import Response
+from counterlight.screen import parts_of
 from counterlight.tools.acquisition.acquire import Acquisition, acquire
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Camera
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
+from counterlight.tools.acquisition.cameras.together import views_of
 from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.ramps import ProjectorLight
 from counterlight.tools.acquisition.room_options import ASSUMED
@@ -26,6 +30,7 @@ from counterlight.tools.factoring.factoring import Factoring, factored
 from counterlight.tools.solve.box import CHECK_EVERY, Box
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
+from counterlight.tools.transport.shared_screen import on_one_screen
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport, luminance_matrix
 from counterlight.tools.transport.trust import seen
@@ -88,7 +93,8 @@ def _acquire(
     shape = ambient.shape
     whole = replace(done.measured.transport, camera=shape[:2], projector=plan.projector)
     transport, factoring = factored(whole, ambient, plan.tolerance)
-    mask = directly_lit(transport, ambient, plan.projector, done.room.rise_noise) & ~done.room.saturated
+    cameras = views_of(camera)
+    mask = _lit(transport, ambient, plan.projector, done.room.rise_noise, cameras) & ~done.room.saturated
     if not mask.any():
         raise InputError(
             "no camera pixel is clearly lit by single projector pixels; lower --threshold, or darken the room"
@@ -103,7 +109,28 @@ def _acquire(
         mask,
         None if done.light is None else done.light.primaries,
     )
+    if cameras:
+        shared = on_one_screen(room, transport, cameras)
+        room, transport = shared.calibration, shared.transport
+        print(*shared.placed, sep="\n")
     return room, transport, done, factoring
+
+
+def _lit(
+    transport: Transport,
+    ambient: NDArray[np.float32],
+    projector: tuple[int, int],
+    noise: FloatArray | None,
+    cameras: tuple[tuple[int, int], ...],
+) -> BoolArray:
+    """Camera by camera: what is around a pixel is in its own picture."""
+    if not cameras:
+        return directly_lit(transport, ambient, projector, noise)
+    pixels = np.arange(transport.shape[0]).reshape(ambient.shape[:2])
+    mask = np.zeros(pixels.shape, bool)
+    for view in parts_of(cameras):
+        mask[view] = directly_lit(transport.at(pixels[view].ravel()), ambient[view], projector, noise)
+    return mask
 
 
 def _response(given: Response | None, light: ProjectorLight | None) -> tuple[Response, str]:
