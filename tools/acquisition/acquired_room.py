@@ -30,7 +30,7 @@ from counterlight.tools.factoring.factoring import Factoring, factored
 from counterlight.tools.solve.box import CHECK_EVERY, Box
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
-from counterlight.tools.transport.shared_screen import on_one_screen
+from counterlight.tools.transport.shared_screen import SharedRoom, on_one_screen
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport, luminance_matrix
 from counterlight.tools.transport.trust import seen
@@ -67,12 +67,13 @@ def acquire_room(
         if isinstance(camera, FolderCamera):
             camera.bind(store.id, first=not store.replaces)
         with calibration.replacing(folder, force=wanted.anew) as stage:
-            room, transport, done, factoring = _acquire(camera, plan, store, folder.name if name is None else name)
+            found, done, factoring = _acquire(camera, plan, store, folder.name if name is None else name)
+            room, transport = found.calibration, found.transport
             write_transport(transport, stage)
             calibration.write(room, stage)
             store.made(sha256_of(stage / calibration.TOML))
         store.finish()
-    return _report(done, room, transport, plan.response, factoring)
+    return _report(done, found, plan.response, factoring)
 
 
 def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
@@ -85,9 +86,7 @@ def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
     }
 
 
-def _acquire(
-    camera: Camera, plan: Plan, store: CaptureStore, name: str
-) -> tuple[Calibration, Transport, Acquisition, Factoring]:
+def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> tuple[SharedRoom, Acquisition, Factoring]:
     done = acquire(camera, store, plan.make_scheme, plan.projector, plan.response)
     ambient = np.maximum(done.room.black, 0).astype(np.float32)
     shape = ambient.shape
@@ -109,11 +108,8 @@ def _acquire(
         mask,
         None if done.light is None else done.light.primaries,
     )
-    if cameras:
-        shared = on_one_screen(room, transport, cameras)
-        room, transport = shared.calibration, shared.transport
-        print(*shared.placed, sep="\n")
-    return room, transport, done, factoring
+    found = on_one_screen(room, transport, cameras) if cameras else SharedRoom(room, transport)
+    return found, done, factoring
 
 
 def _lit(
@@ -142,11 +138,11 @@ def _response(given: Response | None, light: ProjectorLight | None) -> tuple[Res
 
 def _report(
     done: Acquisition,
-    room: Calibration,
-    transport: Transport,
+    found: SharedRoom,
     given: Response | None,
     factoring: Factoring,
 ) -> AcquisitionReport:
+    room, transport = found.calibration, found.transport
     indices = transport.near.indices
     return AcquisitionReport(
         acquisition=done,
@@ -158,6 +154,7 @@ def _report(
         clusters=find_clusters(luminance_matrix(transport.near)),
         factoring=factoring,
         outside=_light_outside(room, transport),
+        placed=found.placed,
     )
 
 

@@ -5,7 +5,7 @@ block-diagonal, D has the cells of all below each other, and U those of each cam
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -177,11 +177,21 @@ def _far_light(transports: Sequence[Transport], rows: NDArray[np.int64]) -> FarL
     if all(transport.far is None for transport in transports):
         return None
     parts = [transport.far or _none(transport) for transport in transports]
+    if all(_same_cells(part, parts[0]) for part in parts[1:]):
+        return replace(parts[0], scatter=_stacked([part.scatter for part in parts], [0] * len(parts)).at(rows))
     starts = np.cumsum([0, *(part.cells for part in parts)])[:-1]
     gathers = _stacked([part.gather for part in parts], [0] * len(parts))
     gather = gathers.at(np.arange(sum(part.cells for part in parts)))
     mix = np.stack([sparse.block_diag([part.mix[i] for part in parts]).toarray() for i in range(3)])
     return FarLight(gather, mix, _stacked([part.scatter for part in parts], [int(start) for start in starts]).at(rows))
+
+
+def _same_cells(part: FarLight, other: FarLight) -> bool:
+    """As of one simulated room."""
+    pairs = [(part.mix, other.mix)] + [
+        (getattr(part.gather, name), getattr(other.gather, name)) for name in ("indptr", "indices", "weights")
+    ]
+    return all(np.array_equal(*pair) for pair in pairs)
 
 
 def _none(transport: Transport) -> FarLight:

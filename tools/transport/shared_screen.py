@@ -51,11 +51,11 @@ class Placed:
 
 @dataclass(frozen=True)
 class SharedRoom:
-    """A room of several cameras on one screen, and how each came there, in that order."""
+    """A room whose cameras share a screen, and how each came there, in that order; of one camera, the room as it is."""
 
     calibration: Calibration
     transport: Transport
-    placed: tuple[Placed, ...]
+    placed: tuple[Placed, ...] = ()
 
 
 def on_one_screen(
