@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration
@@ -15,7 +16,7 @@ from counterlight.errors import InputError
 from counterlight.files.picture_files import MAX_SIDE
 from counterlight.screen import Screen, parts_of, raster_of
 from counterlight.tools.transport.smooth_field import smooth_field
-from counterlight.tools.transport.ties import carried
+from counterlight.tools.transport.ties import BRIGHT_PERCENTILE, FAINTEST, carried
 from counterlight.tools.transport.transport import Csr, Transport, luminance_matrix
 
 FEWEST = 24  # pixels that tie a camera: an affine map has 6 numbers, and some pixels are wrong
@@ -84,8 +85,9 @@ def on_one_screen(
 
 @dataclass(frozen=True)
 class _View:
-    """One camera's rows of T, luminance.  shape : (height, width).  counts : (pixels,), its mask.
+    """One camera's rows of T, luminance as shares of the row's, so that paint moves no footprint's middle.
 
+    shape : (height, width).  counts : (pixels,), its mask.
     light : T·1, (pixels, 3).  whole : (pixels,), where its picture's edge cuts no footprint.
     """
 
@@ -101,7 +103,13 @@ class _View:
         inner = np.zeros(rows.shape, bool)
         inner[1:-1, 1:-1] = True
         flat = rows.ravel()
-        return cls(Csr(near[flat]), (rows.shape[0], rows.shape[1]), mask[flat], light[flat], inner.ravel())
+        T = Csr(near[flat]).astype(np.float64)
+        total = np.asarray(T.sum(axis=1)).ravel()
+        bright = total > FAINTEST * np.percentile(total[total > 0], BRIGHT_PERCENTILE) if total.any() else total > 0
+        share = np.divide(1, total, out=np.zeros_like(total), where=bright)
+        T = Csr(sparse.diags_array(share) @ T)
+        T.eliminate_zeros()
+        return cls(T, (rows.shape[0], rows.shape[1]), mask[flat], light[flat], inner.ravel())
 
     @property
     def centres(self) -> FloatArray:

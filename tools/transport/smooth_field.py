@@ -12,7 +12,7 @@ from scipy import ndimage
 from counterlight.arrays import BoolArray, FloatArray
 
 ROUNDS = 4
-USUAL, LEAST = 4.0, 0.25  # times the median distance, and in units of the values: beyond, a value counts little
+USUAL, LEAST = 4.0, 0.05  # times the median distance, and in units of the values: beyond, a value counts little
 WORTH = 0.5  # of the affine trend's distances, that the projective one must leave less than
 STEEPEST = 2.0  # by how much its scale may differ over the picture
 COARSEST = 4  # cells along the longer side

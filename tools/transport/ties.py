@@ -14,7 +14,7 @@ from counterlight.tools.transport.transport import Csr
 
 REACH = 3.0  # times a footprint's usual radius: light further from its middle is another way through the room
 BRIGHT_PERCENTILE, FAINTEST = 95.0, 0.02  # light that is too little to say where it comes from
-WHOLE = 0.95  # of a footprint that must be known, lest its middle be off
+WHOLE = 0.98  # of a footprint that must be known, lest its middle be off
 
 
 @dataclass(frozen=True)
