@@ -189,8 +189,8 @@ def _check_ambient(stored: Sequence[StoredCalibration], composition: NDArray[np.
         raise InputError(
             f"{stored[worst].folder}: its ambient light differs from that of {stored[0].folder} by "
             f"{differences[worst]:.3g} (root mean square), expected at most {noise:.3g}; measure both with the camera "
-            "in one place, the same lamps on, and the other projectors on and black (add --cameras if these are several "
-            "cameras of the same projectors)"
+            "in one place, the same lamps on, and the other projectors on and black, or add --cameras if several "
+            "cameras saw the same projectors"
         )
     return differences[worst] / bright if bright > 0 else 0.0
 

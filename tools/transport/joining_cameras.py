@@ -82,25 +82,28 @@ def joined_cameras(
     monitors: Sequence[str] = (),
 ) -> SharedRoom:
     """The cameras of rooms with the same projectors, in the rooms' order."""
+    joint, transport = below_each_other(rooms, transports, name, monitors)
     cameras = tuple(chain.from_iterable(room.cameras for room in rooms))
-    rows = _rows_of_rooms(rooms, cameras)
-    raster = Device(*raster_of(cameras), Response("linear"))
+    return on_one_screen(joint, transport, cameras, screen=options.screen, keep_exposures=options.keep_exposures)
+
+
+def below_each_other(
+    rooms: Sequence[Calibration], transports: Sequence[Transport], name: str, monitors: Sequence[str] = ()
+) -> tuple[Calibration, Transport]:
+    """One room in the raster of all cameras, as if it were of one camera: thesis eq. 4.7."""
+    cameras = tuple(chain.from_iterable(room.cameras for room in rooms))
+    rows, shape = _rows_of_rooms(rooms, cameras), raster_of(cameras)
     joint = Calibration(
         name,
         "cameras joined by counterlight join: " + "; ".join(f"{room.name} ({room.provenance})" for room in rooms),
         with_monitors(rooms[0].projectors, monitors),
-        raster,
-        _below([room.ambient for room in rooms], rows, raster.shape),
-        _below([room.mask for room in rooms], rows, raster.shape),
-        _primaries(rooms, rows, raster.shape),
+        Device(*shape, Response("linear")),
+        _below([room.ambient for room in rooms], rows, shape),
+        _below([room.mask for room in rooms], rows, shape),
+        _primaries(rooms, rows, shape),
     )
-    transport = Transport(
-        _stacked([each.near for each in transports], [0] * len(rooms)).at(rows),
-        _far_light(transports, rows),
-        raster.shape,
-        rooms[0].projector.shape,
-    )
-    return on_one_screen(joint, transport, cameras, screen=options.screen, keep_exposures=options.keep_exposures)
+    near = _stacked([each.near for each in transports], [0] * len(rooms)).at(rows)
+    return joint, Transport(near, _far_light(transports, rows), shape, rooms[0].projector.shape)
 
 
 def same_projectors(folders: Sequence[Path]) -> bool:

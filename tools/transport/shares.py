@@ -1,7 +1,8 @@
 """What a camera pixel counts for where several cameras see one place: each point of the screen counts once.
 
-w = a f / Σ f: a is the screen's area that the pixel looks at, f how far inside its camera's picture it is, summed over
-the cameras that see the same projector pixels. So one camera's say fades into another's where its picture ends.
+w = a f / Σ f: a is the screen's area that the pixel looks at, f how far inside its camera's picture those projector
+pixels are that it sees, summed over all cameras that see them. So one camera's say fades into another's where its
+picture ends.
 """
 
 import numpy as np
@@ -27,19 +28,16 @@ def shares(near: SparseRows, calibration: Calibration) -> FloatArray:
         return np.ones(near.shape[0])
     T, inner = luminance_matrix(near).astype(np.float64), _depths(screen, calibration.mask).ravel()
     pixels = np.arange(near.shape[0]).reshape(calibration.camera.shape)
-    others = np.zeros(near.shape[0])
     light = np.asarray(T.sum(axis=1)).ravel()
+    own, all_of_them = np.zeros(near.shape[0]), np.zeros(near.shape[0])
     for part in screen.parts:
-        own = np.zeros(near.shape[0])
-        own[pixels[part].ravel()] = inner[pixels[part].ravel()]
-        seen = np.zeros(near.shape[0])
-        seen[own > 0] = 1
-        lit, told = T.T @ seen, T.T @ own
-        depth = T @ np.divide(told, lit, out=np.zeros_like(told), where=lit > 0)
-        elsewhere = own == 0
-        elsewhere[pixels[part].ravel()] = False
-        others[elsewhere] += np.divide(depth, light, out=np.zeros_like(depth), where=light > 0)[elsewhere]
-    say = np.divide(inner, inner + others, out=np.ones_like(inner), where=inner + others > 0)
+        rows = pixels[part].ravel()
+        seen, told = (T[rows].T @ values[rows] for values in ((inner > 0).astype(np.float64), inner))
+        depth = T @ np.divide(told, seen, out=np.zeros_like(told), where=seen > 0)
+        depth = np.divide(depth, light, out=np.zeros_like(depth), where=light > 0)
+        all_of_them += depth
+        own[rows] = depth[rows]
+    say = np.divide(own, all_of_them, out=np.ones_like(own), where=all_of_them > 0)
     return np.asarray(np.maximum(say * _areas(screen, calibration.mask).ravel(), LEAST))
 
 

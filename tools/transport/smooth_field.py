@@ -2,17 +2,23 @@
 
 A trend over the whole picture (a projective map where that explains the values, else an affine one), and what it leaves
 by local affine fits under a Gaussian, from coarse to fine: each takes what the coarser ones left. Where no values are
-near, a fit fades into the coarser one, so that the field goes on as it ends. Values that the field cannot follow
-(reflections, wrong matches) lose their weight.
+near, a fit fades into the coarser one, so that the field goes on as it ends. Values that their neighbours contradict
+(reflections, wrong matches) are left out.
 """
+
+from collections.abc import Callable
 
 import numpy as np
 from scipy import ndimage
 
-from counterlight.arrays import BoolArray, FloatArray
+from counterlight.arrays import BoolArray, FloatArray, IntArray
 
-ROUNDS = 4
+REWEIGHTED = 10  # times, until a trend no longer follows what is far from it
 USUAL, LEAST = 4.0, 0.05  # times the median distance, and in units of the values: beyond, a value counts little
+CONTRADICTED = 0.5  # likewise, from the median of a value's neighbours
+BESIDE = np.mgrid[-2:3, -2:3].reshape(2, -1).T  # neighbours
+ALONE = 8  # of them, itself included: with fewer a value says nothing
+AT_ONCE = 1 << 15  # pixels whose neighbours are looked at
 WORTH = 0.5  # of the affine trend's distances, that the projective one must leave less than
 STEEPEST = 2.0  # by how much its scale may differ over the picture
 COARSEST = 4  # cells along the longer side
@@ -26,42 +32,71 @@ def smooth_field(values: FloatArray, known: BoolArray, finest: float) -> FloatAr
 
     finest : pixels over which the values are noisy (a step of a staircase).  Some values must be known.
     """
-    weights, field = known.astype(np.float64), values
-    for _ in range(ROUNDS):
-        field = _fitted(values, weights, finest)
-        away = _lengths(np.where(known[..., None], values - field, 0))
-        scale = max(USUAL * float(np.median(away[known])), LEAST)
-        weights = known / (1 + (away / scale) ** 2) ** 2
-    return field
-
-
-def _fitted(values: FloatArray, weights: FloatArray, finest: float) -> FloatArray:
-    height, width = weights.shape
-    field, cell = _trend(values, weights), max(height, width) / COARSEST
+    field, cell = _trend(values, known), max(known.shape) / COARSEST
+    known = known & _uncontradicted(np.where(known[..., None], values - field, 0), known, max(1, round(finest / 2)))
     while True:
-        left = np.where(weights[..., None] > 0, values - field, 0)
-        field = field + _local(left, weights, max(1, round(cell)))
+        left = np.where(known[..., None], values - field, 0)
+        field = field + _local(left, known.astype(np.float64), max(1, round(cell)))
         if cell <= max(finest / WIDTH, 1):
             return field
         cell /= 2
 
 
-def _trend(values: FloatArray, weights: FloatArray) -> FloatArray:
-    """The projective or affine map of pixel positions that fits best, at every pixel."""
-    at = np.flatnonzero(weights > 0)
-    at = at[:: -(-at.size // MOST_POINTS)]
-    x, y = _positions(weights)
-    size = max(weights.shape)
-    basis = np.stack([np.ones_like(x), (x - x.flat[at].mean()) / size, (y - y.flat[at].mean()) / size], axis=-1)
-    some, told, heavy = basis.reshape(-1, 3)[at], values.reshape(-1, 2)[at], np.sqrt(weights.flat[at])[:, None]
-    affine = basis @ np.linalg.lstsq(some * heavy, told * heavy)[0]
-    projective = _projective(basis, some, told, heavy)
-    if projective is None:
-        return np.asarray(affine)
-    bent, flat = (
-        float(np.median(_lengths(heavy * (trend.reshape(-1, 2)[at] - told)))) for trend in (projective, affine)
+def _uncontradicted(left: FloatArray, known: BoolArray, step: int) -> BoolArray:
+    """Where enough neighbours, `step` pixels apart, say about the same.  left : what a trend leaves."""
+    reach = int(2 * step)
+    wide = np.pad(
+        np.where(known[..., None], left, np.nan), ((reach, reach), (reach, reach), (0, 0)), constant_values=np.nan
     )
-    return np.asarray(projective if bent < WORTH * flat else affine)
+    rows, columns = np.nonzero(known)
+    off, count = np.empty(rows.size), np.empty(rows.size, np.int64)
+    for start in range(0, rows.size, AT_ONCE):
+        some = slice(start, start + AT_ONCE)
+        at = np.stack([rows[some], columns[some]], axis=1)[:, None] + reach + step * BESIDE
+        there = wide[at[..., 0], at[..., 1]]
+        count[some] = np.isfinite(there[..., 0]).sum(axis=1)
+        off[some] = _lengths(left[rows[some], columns[some]] - np.nanmedian(there, axis=1))
+    agreed = (off <= max(USUAL * float(np.median(off)), CONTRADICTED)) & (count >= ALONE)
+    kept = np.zeros_like(known)
+    kept[rows, columns] = agreed if agreed.any() else True
+    return kept
+
+
+def _trend(values: FloatArray, known: BoolArray) -> FloatArray:
+    """The projective or affine map of pixel positions that fits most of the values best, at every pixel."""
+    at = np.flatnonzero(known)
+    at = at[:: -(-at.size // MOST_POINTS)]
+    x, y = _positions(known)
+    size = max(known.shape)
+    basis = np.stack([np.ones_like(x), (x - x.flat[at].mean()) / size, (y - y.flat[at].mean()) / size], axis=-1)
+    told = values.reshape(-1, 2)[at]
+    affine, projective = (_steadily(each, basis, at, told) for each in (_affine, _projective))
+    assert affine is not None
+    if projective is None:
+        return affine
+    bent, flat = (float(np.median(_lengths(trend.reshape(-1, 2)[at] - told))) for trend in (projective, affine))
+    return projective if bent < WORTH * flat else affine
+
+
+def _steadily(
+    fit: Callable[[FloatArray, FloatArray, FloatArray, FloatArray], FloatArray | None],
+    basis: FloatArray,
+    at: IntArray,
+    told: FloatArray,
+) -> FloatArray | None:
+    """A fit in which what is far from it counts little."""
+    heavy = np.ones((at.size, 1))
+    for _ in range(REWEIGHTED):
+        found = fit(basis, basis.reshape(-1, 3)[at], told, heavy)
+        if found is None:
+            return None
+        away = _lengths(found.reshape(-1, 2)[at] - told)
+        heavy = 1 / (1 + (away / max(USUAL / 2 * float(np.median(away)), LEAST)) ** 2)[:, None]
+    return found
+
+
+def _affine(basis: FloatArray, some: FloatArray, told: FloatArray, heavy: FloatArray) -> FloatArray:
+    return np.asarray(basis @ np.linalg.lstsq(some * heavy, told * heavy)[0])
 
 
 def _projective(basis: FloatArray, some: FloatArray, told: FloatArray, heavy: FloatArray) -> FloatArray | None:
@@ -106,7 +141,7 @@ def _local(left: FloatArray, weights: FloatArray, cell: int) -> FloatArray:
     return np.stack([ndimage.map_coordinates(fits[..., i], places, mode="nearest") for i in range(2)], axis=-1)
 
 
-def _positions(picture: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _positions(picture: FloatArray | BoolArray) -> tuple[FloatArray, FloatArray]:
     """x and y of every pixel's middle, (height, width)."""
     y, x = np.mgrid[: picture.shape[0], : picture.shape[1]] + 0.5
     return x, y
