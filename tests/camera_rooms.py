@@ -13,7 +13,7 @@ from counterlight.tools.transport.transport import Transport
 
 PROJECTOR = (27, 48)
 FIRST, SECOND = (36, 50), (32, 44)  # (height, width) of the cameras
-SPREAD = 0.8  # projector pixels: σ of a footprint
+SPREAD = 0.6  # projector pixels: σ of a footprint
 LINEAR = Response("linear")
 Map = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]  # camera pixel -> projector position
 

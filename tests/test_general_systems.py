@@ -1,4 +1,4 @@
-"""k projectors, r cameras, colour: thesis eq. 4.1 to 4.8 as small dense systems, and numpy's least squares beside ours."""
+"""k projectors, r cameras, colour: thesis eq. 4.1 to 4.8 as small dense systems, beside numpy's least squares."""
 
 import numpy as np
 import pytest
