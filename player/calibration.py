@@ -1,5 +1,5 @@
-"""A calibration folder: one room, one camera position (calibration.toml, transport_*.npz, ambient.exr, mask.png, and
-floodlights of the primaries if they were measured).
+"""A calibration folder: one room (calibration.toml, transport_*.npz, ambient.exr, mask.png, and floodlights of the
+primaries if they were measured; of several cameras, the screen that they share).
 
 The folder's metadata, ambient picture and mask are read here; the transport matrices by tools/transport. Every file is
 listed in calibration.toml with its size and SHA-256 and is refused if it differs.
@@ -26,13 +26,18 @@ from counterlight.files.png import write_png
 from counterlight.files.reading import MAX_TOML_BYTES, DescribedFiles, Source, opened, parse_toml, read_bytes
 from counterlight.files.tables import LONGEST_TEXT, Table
 from counterlight.response import RasterResponse, Response, read_response
+from counterlight.screen import FILE as SCREEN
+from counterlight.screen import MOST_CAMERAS, Screen, parts_of, raster_of, read_screen, write_screen
 from counterlight.writing.outputs import check_folder, is_vacant, refuse_strangers
 from counterlight.writing.replacing import replacing_folder
 
 FORMAT = 1
 TOML, AMBIENT, MASK = "calibration.toml", "ambient.exr", "mask.png"
 PRIMARIES = "primary_red.exr", "primary_green.exr", "primary_blue.exr"
-PARTS = (TOML, AMBIENT, MASK, *PRIMARIES, "transport_*.npz", "far_light.npz", "correction", "placement.toml", "drift")
+PARTS = (
+    *(TOML, AMBIENT, MASK, *PRIMARIES, SCREEN, "transport_*.npz", "far_light.npz"),
+    *("correction", "placement.toml", "drift"),
+)
 MOST_PROJECTORS, LONGEST_PROVENANCE = 64, 1 << 16
 # White is no less, light no more, in any unit: of what lies between, squares and a frame's sums stay within float32.
 RADIANCE = (1e-12, 1e12)
@@ -88,13 +93,15 @@ class Device(Raster):
 
 @dataclass(frozen=True)
 class Calibration:
-    """One room as seen from one camera position.
+    """One room as seen by one camera, or by several whose pictures stand below each other.
 
+    camera : what T's rows and the maps are made for: the camera, or the raster of several (counterlight.screen).
     projectors : one or more; several stand side by side in one raster, in this order from the left.
     ambient : (camera height, camera width, 3) float32, radiance with the projector at black.
     mask : (camera height, camera width) bool, the camera pixels that count.
     primaries : (3, camera height, camera width, 3) float32, radiance above ambient with red, green or blue alone at
     full drive, what the camera's channels see of each (thesis eq. 4.1); None if that was not measured.
+    screen : what several cameras share; None for one.
     """
 
     name: str
@@ -104,6 +111,7 @@ class Calibration:
     ambient: NDArray[np.float32]
     mask: NDArray[np.bool_]
     primaries: NDArray[np.float32] | None = None
+    screen: Screen | None = None
 
     def __post_init__(self) -> None:
         if len(self.name) > LONGEST_TEXT or len(self.projectors) > MOST_PROJECTORS:
@@ -112,6 +120,8 @@ class Calibration:
                 f"{MOST_PROJECTORS} and {LONGEST_TEXT}"
             )
         _ = self.projector  # its size is checked
+        if self.screen is not None and raster_of(self.screen.cameras) != self.camera.shape:
+            raise InputError(f"a screen of cameras {self.screen.cameras} for a raster of {self.camera.shape}")
         _check_light(self.ambient, "ambient light")
         if self.primaries is not None:
             _check_light(self.primaries, "light of the primaries")
@@ -132,6 +142,21 @@ class Calibration:
     def response(self) -> RasterResponse:
         """Of the raster, each projector's in its own columns."""
         return RasterResponse(tuple(p.response for p in self.projectors), tuple(p.width for p in self.projectors))
+
+    @property
+    def cameras(self) -> tuple[tuple[int, int], ...]:
+        """(height, width) of each camera."""
+        return (self.camera.shape,) if self.screen is None else self.screen.cameras
+
+    @property
+    def views(self) -> tuple[tuple[slice, slice], ...]:
+        """Rows and columns of each camera's picture in the raster."""
+        return parts_of(self.cameras)
+
+    @property
+    def placed_on(self) -> tuple[int, int]:
+        """(height, width) of what a picture is placed on: the camera's view, or the screen of several."""
+        return self.camera.shape if self.screen is None else self.screen.shape
 
     @property
     def regions(self) -> tuple[Region, ...]:
@@ -193,6 +218,8 @@ def write(calibration: Calibration, stage: Path) -> None:
     if calibration.primaries is not None:
         for file_name, light in zip(PRIMARIES, calibration.primaries, strict=True):
             exr.write_rgb(stage / file_name, light)
+    if calibration.screen is not None:
+        write_screen(calibration.screen, stage)
     write_toml(stage / TOML, _to_toml(calibration, describe_files(stage)))
 
 
@@ -225,12 +252,13 @@ def _read(folder: Path) -> StoredCalibration:
     table = Table(parse_toml(content, path, REBUILD), f"{path}", REBUILD)
     table.format(FORMAT)
     projectors = tuple(_read_projector(entry) for entry in table.tables("projectors", MOST_PROJECTORS))
-    camera = _read_device(table.table("camera"))
     files = DescribedFiles(folder, table.table("files").values, REBUILD)
+    camera, screen = _read_cameras(table, files)
     name, provenance = table.text("name", folder.name), table.text("provenance", "", LONGEST_PROVENANCE)
     ambient, mask = read_light(files, AMBIENT, camera), _read_mask(files, camera)
     try:
-        calibration = Calibration(name, provenance, projectors, camera, ambient, mask, _read_primaries(files, camera))
+        primaries = _read_primaries(files, camera)
+        calibration = Calibration(name, provenance, projectors, camera, ambient, mask, primaries, screen)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     return StoredCalibration(folder, calibration, hashlib.sha256(content).hexdigest(), files)
@@ -254,9 +282,26 @@ def _to_toml(calibration: Calibration, files: dict[str, Any]) -> dict[str, Any]:
         "name": calibration.name,
         "provenance": calibration.provenance,
         "projectors": [_projector_to_toml(projector) for projector in calibration.projectors],
-        "camera": {"width": calibration.camera.width, "height": calibration.camera.height},
+        **_cameras_to_toml(calibration),
         "files": files,
     }
+
+
+def _cameras_to_toml(calibration: Calibration) -> dict[str, Any]:
+    sizes = [{"width": width, "height": height} for height, width in calibration.cameras]
+    if calibration.screen is None:
+        return {"camera": sizes[0]}
+    height, width = calibration.screen.shape
+    return {"cameras": sizes, "screen": {"width": width, "height": height}}
+
+
+def _read_cameras(table: Table, files: DescribedFiles) -> tuple[Device, Screen | None]:
+    """The camera, or the raster of several and their screen."""
+    if "cameras" not in table:
+        return _read_device(table.table("camera")), None
+    cameras = tuple(_read_device(entry).shape for entry in table.tables("cameras", MOST_CAMERAS))
+    raster = Device(*raster_of(cameras), Response("linear"))
+    return raster, read_screen(table.table("screen"), files, cameras, REBUILD)
 
 
 def _projector_to_toml(projector: Device) -> dict[str, Any]:

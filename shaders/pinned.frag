@@ -2,12 +2,18 @@
 // Place a picture by a projective map, black around it: a tent along each axis of the picture, as wide as a target pixel
 // is there and at least one source pixel, edges covered by the part of a pixel that lies inside.
 //
-// Inputs: `source`, linear RGB, row 0 at the top.
+// Inputs: `source`, linear RGB, row 0 at the top; with SCREEN, for x and for y on a screen, what each target pixel looks
+// at and its slopes along the target's x and y, all slopes 0 for one that looks nowhere.
 // Defines: MOST_TAPS along an axis; a filter that is wider takes every second sample, or every third …
+// SCREEN, to place the picture on what the target's pixels look at.
 // Output: linear RGB.
 // CPU twin: pinned in player/pipeline/reference.py.
 uniform sampler2D source;
-uniform mat3 to_source;    // target position -> source position, pixels, homogeneous
+uniform mat3 to_source;    // target (or screen) position -> source position, pixels, homogeneous
+const float TINY = 1e-12;  // pixels: a width that may be divided by
+#ifdef SCREEN
+uniform sampler2D across, down;
+#endif
 
 out vec4 linear_rgb;
 
@@ -23,12 +29,25 @@ float tent(int tap, float centre, float radius) {
 
 void main() {
     linear_rgb = vec4(0.0, 0.0, 0.0, 1.0);
-    vec3 place = to_source * vec3(gl_FragCoord.xy, 1.0);
+#ifdef SCREEN
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    vec3 on_x = texelFetch(across, pixel, 0).rgb, on_y = texelFetch(down, pixel, 0).rgb;
+    if (on_x.yz == vec2(0.0) && on_y.yz == vec2(0.0)) return;
+    vec2 spot = vec2(on_x.x, on_y.x);
+#else
+    vec2 spot = gl_FragCoord.xy;
+#endif
+    vec3 place = to_source * vec3(spot, 1.0);
     if (place.z <= 0.0) return;
     vec2 at = place.xy / place.z;
     vec2 along_x = (to_source[0].xy - at * to_source[0].z) / place.z;
     vec2 along_y = (to_source[1].xy - at * to_source[1].z) / place.z;
-    vec2 width = sqrt(along_x * along_x + along_y * along_y);
+#ifdef SCREEN
+    mat2 along = mat2(along_x, along_y);
+    along_x = along * vec2(on_x.y, on_y.y);
+    along_y = along * vec2(on_x.z, on_y.z);
+#endif
+    vec2 width = max(sqrt(along_x * along_x + along_y * along_y), TINY);
     ivec2 size = textureSize(source, 0);
     vec2 inside = min(at, vec2(size) - at) / width;
     float cover = clamp(min(inside.x, inside.y) + 0.5, 0.0, 1.0);

@@ -11,6 +11,7 @@ import numpy as np
 from counterlight.errors import InputError
 from counterlight.media.medium import Border, Medium
 from counterlight.overlay.osd import Page
+from counterlight.overlay.outline import Outline, moved, outline_of
 from counterlight.overlay.pointer import Pointer
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.device import PathReport
@@ -190,8 +191,6 @@ class Screen:
 class Stage:
     """A show with everything around its session made up; stands in for the opener and the room."""
 
-    camera = 3, 4
-
     def __init__(self, *readers: Reader, loop_list: bool = False, **options: Any) -> None:
         self.readers = {reader.path: reader for reader in readers or (Reader(),)}
         self.begun: list[str] = []
@@ -258,11 +257,12 @@ class Stage:
     def psnr(self, certificate: Certificate) -> float:
         return 40.0
 
-    def on_projector(self, points: Any) -> Any:
-        return points / 2
+    def outline(self, corners: Corners, corner: int | None, view: str) -> Outline:
+        drawn = outline_of(corners, corner, (3, 4))
+        return moved(drawn, lambda points: points / 2) if view == "projector" else drawn
 
-    def on_camera(self, points: Any) -> Any:
-        return points * 2
+    def pointed_at(self, points: Any, view: str) -> Any:
+        return points * 2 if view == "projector" else points
 
     def advance(self, seconds: float, step: float = 0.01) -> None:
         end = self.clock.now + seconds

@@ -39,7 +39,7 @@ def test_the_default_map_is_never_worse_than_direct_or_the_plain_inverse(room: s
     else:
         scene = replace(small(room, CAMERA, PROJECTOR), cells=150)
         with calibration.replacing(tmp_path / room) as stage:
-            fill_simulated_room(scene, simulate(scene), stage)
+            fill_simulated_room(scene, [simulate(scene)], stage)
     stored = calibration.read(tmp_path / room)
     psnr: dict[str, list[float]] = {}
     for name, damping in (("default", None), ("plain", 0.0)):

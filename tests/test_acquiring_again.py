@@ -13,7 +13,7 @@ from counterlight import calibration
 from counterlight.errors import InputError
 from counterlight.tools import acquire_transport
 from counterlight.tools.acquisition.cameras.camera import Exposures
-from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_room
+from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_rooms
 from counterlight.tools.acquisition.plan import REPEATS
 from counterlight.tools.acquisition.ramps import light_level
 from counterlight.tools.acquisition.store import SESSION, Wanted, open_store
@@ -154,7 +154,7 @@ def test_interrupted_after_a_finished_one_it_goes_on_with_its_own(
 def test_one_acquisition_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     room, output = tmp_path / "room", tmp_path / "out"
     redecorate(room, 1)
-    camera = SimulatedCamera(simulated_room(room), CameraSettings())
+    camera = SimulatedCamera(simulated_rooms(room)[0], CameraSettings())
     with open_store(tmp_path / "out.captures", {}, camera.exposures, Wanted(output)):
         assert "out.captures: process" in refused(capsys, arguments_of(room, output))
     assert not output.exists()
@@ -163,7 +163,7 @@ def test_one_acquisition_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixture
 def test_a_folder_camera_does_not_take_yesterdays_captures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     room, exchange = tmp_path / "room", tmp_path / "exchange"
     redecorate(room, 1)
-    eye = SimulatedCamera(simulated_room(room), CameraSettings())
+    eye = SimulatedCamera(simulated_rooms(room)[0], CameraSettings())
     camera = ["--camera", f"folder:{exchange}", "--projector", "30x21", "--scheme", "graycode"]
     camera += ["--exposures", str(eye.exposures.times[0])]
     command = [*camera, "-o", str(tmp_path / "out")]
@@ -174,7 +174,7 @@ def test_a_folder_camera_does_not_take_yesterdays_captures(tmp_path: Path, capsy
         assert "exchange/captures: holds captures of another acquisition; move them away" in refused(capsys, again)
     (exchange / "captures").rename(tmp_path / "yesterday")
     redecorate(room, 2)
-    photograph([*command, "--force"], exchange, SimulatedCamera(simulated_room(room), CameraSettings()))
+    photograph([*command, "--force"], exchange, SimulatedCamera(simulated_rooms(room)[0], CameraSettings()))
     assert acquire_transport.main([*command, "--force"]) == 0
     truth = read_transport(calibration.read(room)).composition()
     found = read_transport(calibration.read(tmp_path / "out")).composition()

@@ -32,7 +32,7 @@ from counterlight.tools.acquisition.cameras.simulated import (
     CameraSettings,
     SimulatedCamera,
     SimulatedRoom,
-    simulated_room,
+    simulated_rooms,
 )
 from counterlight.tools.acquisition.plan import REPEATS, Picture, Reference, measure_noise
 from counterlight.tools.acquisition.ramps import light_level
@@ -196,7 +196,7 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
 ) -> None:
     room = small_room(tmp_path / "room", rng)
     succeed("acquire", "--camera", f"simulated:{room}", "-o", tmp_path / "direct")
-    eye = SimulatedCamera(simulated_room(room), CameraSettings())
+    eye = SimulatedCamera(simulated_rooms(room)[0], CameraSettings())
     exchange = tmp_path / "exchange"
     arguments = ["--camera", f"folder:{exchange}", "--projector", "30x21"]
     arguments += ["--exposures", str(eye.exposures.times[0]), "-o", str(tmp_path / "asked")]

@@ -18,7 +18,7 @@ from counterlight.response import Response, named_response
 from counterlight.tools import acquire_transport, fit_projector_response, merge_exposures
 from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
-from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_room
+from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_rooms
 from counterlight.tools.acquisition.cameras.tethered import TetheredEye
 from counterlight.tools.hdr.mosaic import TOP
 from counterlight.tools.hdr.photographs import read_photograph
@@ -250,7 +250,7 @@ def test_an_acquisition_of_raw_captures(
     rng: np.random.Generator, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_blurred_room(tmp_path / "room", rng, CAMERA, PROJECTOR)
-    eye = SimulatedCamera(simulated_room(tmp_path / "room"), CameraSettings())
+    eye = SimulatedCamera(simulated_rooms(tmp_path / "room")[0], CameraSettings())
     exchange, out = tmp_path / "exchange", tmp_path / "out"
     command = ["--camera", f"folder:{exchange}", "--projector", f"{PROJECTOR[1]}x{PROJECTOR[0]}", "-o", str(out)]
     command += ["--exposures", str(eye.exposures.times[0])]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from counterlight import calibration
 from counterlight.errors import InputError
 from counterlight.files.png import write_png
-from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_room
+from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_rooms
 from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.simulation.room import simulated_calibration
 from counterlight.tools.simulation.scene import Scene, load_scene
@@ -59,7 +59,7 @@ def test_the_overlap_of_a_paint_is_seen_where_it_is(tmp_path: Path) -> None:
 
 
 def photographed(source: Path, drive: NDArray[np.uint8]) -> NDArray[np.float64]:
-    camera = SimulatedCamera(simulated_room(source), CameraSettings(Sensor(0, 0, 16)))
+    camera = SimulatedCamera(simulated_rooms(source)[0], CameraSettings(Sensor(0, 0, 16)))
     return camera.exposures.radiance(camera.capture(0, drive))
 
 

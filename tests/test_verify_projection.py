@@ -17,7 +17,7 @@ import pytest
 from counterlight import calibration
 from counterlight.pipeline.drift import read_drift
 from counterlight.tools import acquire_transport, verify_projection
-from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_room
+from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_rooms
 from counterlight.tools.acquisition.room_check import REPEATS
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.simulation.devices import Sensor
@@ -176,7 +176,7 @@ def test_a_folder_of_captures_goes_on_level_by_level(
     shutil.rmtree(wall / "drift", ignore_errors=True)
     write_changed(tmp_path / "now", stored, shift=(0.8, 0.6))
     sensor = Sensor(bits=14, full_well=20000, read_noise=5)
-    eye = SimulatedCamera(simulated_room(tmp_path / "now"), CameraSettings(sensor))
+    eye = SimulatedCamera(simulated_rooms(tmp_path / "now")[0], CameraSettings(sensor))
     height, width = stored.calibration.projector.shape
     exchange = tmp_path / "exchange"
     camera = ["--camera", f"folder:{exchange}", "--projector", f"{width}x{height}"]

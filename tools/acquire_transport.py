@@ -72,9 +72,10 @@ def _check_outputs(options: argparse.Namespace, wanted: "Wanted", captures: Path
 
     output = wanted.room
     check_apart(output, captures, report)
-    kind, _, source = options.camera.partition(":")
+    named = [camera.partition(":") for camera in options.camera]
+    read = [Path(source) for kind, _, source in named if kind in ("simulated", "folder")]
     for folder in (output, captures, report):
-        check_folder(folder, inputs=[Path(source)] if kind in ("simulated", "folder") else [])
+        check_folder(folder, inputs=read)
     refuse_existing(output, force=wanted.anew)
     check_captures(captures, wanted)
     check_report_folder(report)

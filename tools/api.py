@@ -167,11 +167,16 @@ def read_maps(folder: Path | str) -> RoomMaps:
     return correction.read_maps(calibrations.read(Path(folder)))
 
 
-def read_picture(path: Path | str, shape: Shape) -> FloatArray:
-    """The first picture of a medium in linear light, fitted into (height, width) as the player fits it."""
+def read_picture(path: Path | str, where: Shape | Room) -> FloatArray:
+    """The first picture of a medium in linear light, fitted as the player fits it.
+
+    where : (height, width), or a room, for whose camera the picture then is, or for its cameras' screen.
+    """
     from counterlight.tools.relighting.pictures import read_placed
 
-    return read_placed(Path(path), shape)
+    if isinstance(where, Room):
+        return read_placed(Path(path), where.camera, where.calibration.screen)
+    return read_placed(Path(path), where)
 
 
 def simulate(
@@ -187,12 +192,12 @@ def simulate(
     camera, projector : (height, width), None for the scene's own.  without, only : effects to leave out, or to keep.
     """
     from counterlight.tools.simulation import simulate as simulation
-    from counterlight.tools.simulation.room import simulated_calibration
+    from counterlight.tools.simulation.room import simulated_room
     from counterlight.tools.simulation.scene import load_scene
 
     described = load_scene(parse_scene(str(scene))).resized(camera, projector)
-    result = simulation.simulate(described, without=without, only=only)
-    return _room(simulated_calibration(described, result), result.transport)
+    results = [simulation.simulate(view, without=without, only=only) for view in described.views]
+    return _room(*simulated_room(described, results))
 
 
 def solve(

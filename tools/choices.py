@@ -1,6 +1,7 @@
 """The names that options take, apart from what they stand for: help and completion wait for no library."""
 
 COLOURS = ("auto", "independent", "global", "pixel")  # tools/colour/tiers.py
+SCREENS = ("camera", "projector")  # tools/transport/shared_screen.py
 OUTSIDE = ("black", "continue")  # tools/transport/objective.py
 INVERSE_METHODS = ("auto", "clustered", "windowed", "thesis")  # tools/inverse/method.py
 INVERSES = ("auto", "whole", "cut", "none")  # tools/inverse/inverse.py

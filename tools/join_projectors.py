@@ -1,4 +1,8 @@
-"""counterlight join: one calibration of several projectors, from calibrations of each with the same camera."""
+"""counterlight join: one calibration of several projectors that one camera saw, or of cameras that saw the same ones.
+
+Rooms are joined as cameras with --cameras, or where that is plain: the same projectors, and cameras of other sizes or
+monitors of the same names.
+"""
 
 import argparse
 import sys
@@ -6,7 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from counterlight.command import Parser, run
+from counterlight.errors import InputError
 from counterlight.tools.acquisition.room_options import add_tolerance
+from counterlight.tools.choices import SCREENS
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -16,16 +22,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     from counterlight.tools.transport.joining import join_rooms
+    from counterlight.tools.transport.joining_cameras import CameraOptions, join_cameras, same_projectors
 
-    line = join_rooms(
-        options.rooms,
-        options.output,
-        options.monitor,
-        name=options.name,
-        force=options.force,
-        tolerance=options.tolerance,
-    )
-    print(line)
+    named = {"name": options.name, "force": options.force}
+    if options.cameras or same_projectors(options.rooms):
+        asked = CameraOptions(options.screen, options.keep_exposures, options.tolerance)
+        print(join_cameras(options.rooms, options.output, asked, options.monitor, **named))
+        return
+    if options.keep_exposures or options.screen != SCREENS[0]:
+        raise InputError("--screen and --keep-exposures are for cameras: add --cameras, or leave them out")
+    print(join_rooms(options.rooms, options.output, options.monitor, tolerance=options.tolerance, **named))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -38,6 +44,18 @@ def _parser() -> argparse.ArgumentParser:
         default=[],
         metavar="NAME",
         help="the monitor that a projector is, once for each in their order (counterlight play --list-monitors)",
+    )
+    parser.add_argument(
+        "--cameras", action="store_true", help="the rooms are the same projectors seen by several cameras"
+    )
+    parser.add_argument(
+        "--screen",
+        choices=SCREENS,
+        default=SCREENS[0],
+        help="whose view cameras share: the first camera's (default), …",
+    )
+    parser.add_argument(
+        "--keep-exposures", action="store_true", help="do not match the cameras' light where they overlap"
     )
     add_tolerance(parser)
     parser.add_argument("--name", help="what to call it (default: the folder's name)")

@@ -34,14 +34,17 @@ def _main(argv: Sequence[str] | None) -> None:
     print(f"{options.output}: {words}")
 
 
-def _simulate(options: argparse.Namespace) -> "tuple[Scene, Simulated]":
+def _simulate(options: argparse.Namespace) -> "tuple[Scene, list[Simulated]]":
     from counterlight.tools.simulation.scene import load_scene
     from counterlight.tools.simulation.simulate import simulate
 
     scene = load_scene(options.scene).resized(options.camera, options.projector)
-    result = simulate(scene, without=options.without, only=options.only)
-    print(result.explained(all_effects=options.explain))
-    return scene, result
+    results = []
+    for number, view in enumerate(scene.views, 1):
+        results.append(simulate(view, without=options.without, only=options.only))
+        seen = f"camera {number}\n" if scene.others else ""
+        print(f"{seen}{results[-1].explained(all_effects=options.explain)}")
+    return scene, results
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -66,6 +66,11 @@ def _verify(options: argparse.Namespace, stage: Path | None) -> int:
 
     stored = calibrations.read(options.calibration)
     room = stored.calibration
+    if room.screen is not None:
+        raise InputError(
+            f"{options.calibration}: has {len(room.cameras)} cameras, of which any may have moved, and one is looked "
+            "through; verify the room of each camera by itself, or acquire again"
+        )
     with threadpool_limits(limits=1), open_rig(options) as (camera, projector):
         if projector != room.projector.shape:
             swapped = projector[::-1] == room.projector.shape
@@ -150,7 +155,7 @@ def _show(
     from counterlight.tools.relighting.pictures import read_placed
     from counterlight.tools.transport.objective import ObjectiveOptions
 
-    picture = read_placed(options.picture, stored.calibration.camera.shape)
+    picture = read_placed(options.picture, stored.calibration.camera.shape, stored.calibration.screen)
     radiance = options.picture.suffix.lower() == ".exr"
     task = Verification(
         photographer,

@@ -102,6 +102,13 @@ class SparseRows:
         kept_before = np.concatenate([[0], np.cumsum(keep)])
         return SparseRows(kept_before[self.indptr], self.indices[keep], self.weights[keep], self.columns)
 
+    def at(self, rows: NDArray[np.integer]) -> "SparseRows":
+        """Some of its rows, in that order."""
+        lengths = self.lengths[rows]
+        starts = np.concatenate([[0], np.cumsum(lengths)])
+        entries = np.repeat(self.indptr[rows] - starts[:-1], lengths) + np.arange(starts[-1])
+        return SparseRows(starts, self.indices[entries], self.weights[entries], self.columns)
+
     def inside(self, mask: NDArray[np.bool_]) -> "SparseRows":
         """The other rows left empty, (rows,), and entries of 0 left out."""
         return self.where((self.weights != 0).any(axis=1) & mask[self.rows])

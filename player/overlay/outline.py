@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 
 from counterlight.maps.row_map import RowMap
 from counterlight.pipeline.placement import Corners
+from counterlight.screen import Screen
 
 Points: TypeAlias = NDArray[np.float64]  # (n, 2), x and y in shares of a picture from its upper left
 LINE, HANDLE, EDGE = 1, 6, 2  # half widths and what is added around them, in pixels of a window of REFERENCE_HEIGHT
 INK, GROUND, SELECTED = (255, 255, 255, 255), (0, 0, 0, 255), (255, 200, 0, 255)
 MOST_POINTS = 1000  # a side
+NEARBY = 2  # pixels of the screen: a camera pixel that looks at a corner
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,33 @@ def outline_of(corners: Corners, corner: int | None, camera: tuple[int, int]) ->
         steps = int(np.clip(np.abs((end - start) * camera[::-1]).max(), 1, MOST_POINTS))
         sides.append(start + np.linspace(0, 1, steps, endpoint=False)[:, None] * (end - start))
     return Outline(np.concatenate(sides), ends if corner is None else ends[corner : corner + 1])
+
+
+def outline_on(screen: Screen, corners: Corners, corner: int | None) -> Outline:
+    """In shares of the raster of several cameras: pixels that look at the picture's edge, and handles in each view."""
+    at = screen.positions / np.array(screen.shape[::-1], np.float64)
+    inside = _inside(corners, at)
+    points, handles = [], []
+    for rows, columns in screen.parts:
+        part = np.pad(inside[rows, columns], 1, mode="edge")
+        alike = (part[1:-1, :-2] == part[1:-1, 1:-1]) & (part[:-2, 1:-1] == part[1:-1, 1:-1])
+        points.append(np.argwhere(~alike) + np.array([rows.start, columns.start]))
+        for end in corners if corner is None else corners[corner : corner + 1]:
+            away = np.abs(at[rows, columns] - end) * screen.shape[::-1]
+            nearest = np.unravel_index(np.argmin(away.max(axis=2)), away.shape[:2])
+            if away[nearest].max() <= NEARBY:
+                handles.append((nearest[0] + rows.start, nearest[1] + columns.start))
+    pixels = np.concatenate(points), np.reshape(handles, (-1, 2))
+    return Outline(*((each[:, ::-1] + 0.5) / at.shape[1::-1] for each in pixels))
+
+
+def _inside(corners: Corners, at: Points) -> NDArray[np.bool_]:
+    """Which of some points, (…, 2), a convex quadrilateral holds."""
+    ends = np.asarray(corners, np.float64)
+    sides = np.roll(ends, -1, axis=0) - ends
+    away = at[..., None, :] - ends
+    turns = sides[:, 0] * away[..., 1] - sides[:, 1] * away[..., 0]
+    return np.asarray((turns >= 0).all(axis=-1) | (turns <= 0).all(axis=-1))
 
 
 def moved(outline: Outline, where: Callable[[Points], Points]) -> Outline:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.maps.products import kept
+from counterlight.pipeline.reference import TINY
 
 Picture = NDArray[np.float32]
 Whole = NDArray[np.integer]
@@ -146,17 +147,26 @@ def down(source: Picture, first: Whole, weights: Picture, out: Picture) -> None:
                     out[y, i] += weights[y, k] * source[first[y] + k, i]
 
 
-@kernel(f"{PICTURE}, float64[:, ::1], int64, {PICTURE}")
-def pinned(source: Picture, H: NDArray[np.float64], most_taps: int, out: Picture) -> None:
-    """Place a picture by a projective map, black around it (pinned)."""
+@kernel(f"{PICTURE}, float64[:, ::1], int64, {PICTURE}, {PICTURE}, {PICTURE}")
+def pinned(
+    source: Picture, H: NDArray[np.float64], most_taps: int, across: Picture, down: Picture, out: Picture
+) -> None:
+    """Place a picture by a projective map, black around it (pinned); across, down : of a screen, or without pixels."""
     height, width = source.shape[:2]
+    on_screen = across.shape[0] > 0
     for y in numba.prange(out.shape[0]):
         for x in range(out.shape[1]):
             red, green, blue, total, cover = 0.0, 0.0, 0.0, 0.0, 0.0
-            u, v, w = projected(H, x, y)
-            if w > 0:
-                reach_u = np.hypot(H[0, 0] - u * H[2, 0], H[0, 1] - u * H[2, 1]) / w
-                reach_v = np.hypot(H[1, 0] - v * H[2, 0], H[1, 1] - v * H[2, 1]) / w
+            spot_x, spot_y, xx, xy, yx, yy = float(x), float(y), 1.0, 0.0, 0.0, 1.0
+            if on_screen:
+                spot_x, xx, xy = across[y, x, 0] - 0.5, across[y, x, 1], across[y, x, 2]
+                spot_y, yx, yy = down[y, x, 0] - 0.5, down[y, x, 1], down[y, x, 2]
+            u, v, w = projected(H, spot_x, spot_y)
+            if w > 0 and (xx != 0 or xy != 0 or yx != 0 or yy != 0):
+                a, b = H[0, 0] - u * H[2, 0], H[0, 1] - u * H[2, 1]
+                reach_u = max(np.hypot(a * xx + b * yx, a * xy + b * yy) / w, TINY)
+                a, b = H[1, 0] - v * H[2, 0], H[1, 1] - v * H[2, 1]
+                reach_v = max(np.hypot(a * xx + b * yx, a * xy + b * yy) / w, TINY)
                 cover = within(min(min(u, width - u) / reach_u, min(v, height - v) / reach_v) + 0.5, 0.0, 1.0)
             if cover > 0:
                 first, last, every, wide = _taps(u, reach_u, width, most_taps)

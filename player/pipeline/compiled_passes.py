@@ -77,9 +77,11 @@ def resample(out: Picture, *, source: Picture, axis: int, origin: float, extent:
         compiled.down(flat(source), first, weights, flat(out))
 
 
-def pinned(out: Picture, *, source: Picture, to_source: tuple[float, ...]) -> None:
+def pinned(
+    out: Picture, *, source: Picture, to_source: tuple[float, ...], across: Picture = NOTHING, down: Picture = NOTHING
+) -> None:
     H = np.ascontiguousarray(np.reshape(to_source, (3, 3)).T, np.float64)
-    compiled.pinned(source, H, MOST_TAPS, out)
+    compiled.pinned(source, H, MOST_TAPS, across, down, out)
 
 
 def moved(out: Picture, *, drive: Picture, projectors: Picture) -> None:

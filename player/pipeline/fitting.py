@@ -1,9 +1,22 @@
 """A picture into its place in a target: fitted in two passes, or pinned by its corners in one."""
 
+import numpy as np
+
+from counterlight.arrays import FloatArray
+from counterlight.calibration import Calibration
 from counterlight.media.frames import PixelFormat
-from counterlight.pipeline.device import Device, Light
-from counterlight.pipeline.placement import Corners, homography, place, shown_shape
-from counterlight.pipeline.reference import MOST_TAPS
+from counterlight.pipeline.device import Device, Light, Owner
+from counterlight.pipeline.placement import Corners, corners_of, homography, place, shown_shape
+from counterlight.pipeline.reference import MOST_TAPS, pinned
+from counterlight.screen import Screen
+
+
+def on_cameras(picture: FloatArray, calibration: Calibration) -> FloatArray:
+    """A picture, (*calibration.placed_on, 3), as the camera is to see it: as it is, or where several look at it."""
+    screen = calibration.screen
+    if screen is None:
+        return picture
+    return np.asarray(pinned(picture, calibration.camera.shape, np.eye(3), *screen.axes), np.float64)
 
 
 class Fitter:
@@ -23,19 +36,37 @@ class Fitter:
         self._down.release()
 
 
-class Pinner:
-    """One pass through the projective map of the corners."""
+class Axes:
+    """Where a camera's pixels look on the screen of several, as pictures."""
 
-    def __init__(self, device: Device, target: tuple[int, int]) -> None:
-        self._target = target
-        self._pass = device.make_pass("pinned.frag", target, {"MOST_TAPS": MOST_TAPS})
+    def __init__(self, device: Device, screen: Screen) -> None:
+        self.shape, self._owner = screen.shape, Owner()
+        pictures = (self._owner.own(device.picture(axis)) for axis in screen.axes)
+        self.pictures = dict(zip(("across", "down"), pictures, strict=True))
+
+    def release(self) -> None:
+        self._owner.release()
+
+
+class Pinner:
+    """One pass through the projective map of the corners: of the target's own, or of the screen that it looks at."""
+
+    def __init__(self, device: Device, target: tuple[int, int], axes: Axes | None = None) -> None:
+        self._placed_on = target if axes is None else axes.shape
+        self._axes = {} if axes is None else axes.pictures
+        defines = {"MOST_TAPS": MOST_TAPS} if axes is None else {"MOST_TAPS": MOST_TAPS, "SCREEN": None}
+        self._pass = device.make_pass("pinned.frag", target, defines)
 
     def pin(self, corners: Corners, picture: tuple[int, int]) -> None:
         """picture : (height, width), upright."""
-        self._pass.set(to_source=tuple(homography(corners, self._target, picture).T.ravel()))
+        self._pass.set(to_source=tuple(homography(corners, self._placed_on, picture).T.ravel()))
+
+    def fit(self, pixels: PixelFormat) -> None:
+        """As large as fits."""
+        self.pin(corners_of(place(pixels, self._placed_on), self._placed_on), shown_shape(pixels))
 
     def run(self, picture: Light) -> Light:
-        return self._pass.run(source=picture)
+        return self._pass.run(source=picture, **self._axes)
 
     def release(self) -> None:
         self._pass.release()

@@ -34,6 +34,7 @@ from counterlight.pipeline.views import (
 from counterlight.response import RasterResponse
 
 FloatArray = NDArray[np.floating]
+TINY = 1e-12  # pixels: a width that may be divided by
 MOST_TAPS = 32  # along an axis; a filter that is wider takes every second sample, or every third …
 
 
@@ -124,30 +125,46 @@ def resample_axis(picture: FloatArray, axis: int, length: int, origin: float, ex
     return np.moveaxis(np.tensordot(weights, picture, axes=(1, axis)), 0, axis)
 
 
-def pinned(picture: FloatArray, target: tuple[int, int], H: FloatArray) -> FloatArray:
+def pinned(
+    picture: FloatArray,
+    target: tuple[int, int],
+    H: FloatArray,
+    across: FloatArray | None = None,
+    down: FloatArray | None = None,
+) -> FloatArray:
     """Place a picture by a projective map, black around it (pinned.frag).
 
     H : target position -> picture position, in pixels (counterlight.pipeline.placement.homography).
+    across, down : where the target's pixels look on a screen, whose positions H then maps (counterlight.screen.axes).
     A tent along each axis of the picture, as wide as a target pixel is there: its half width is √(∂x² + ∂y²) of the
     map's derivatives and at least one pixel, so that an upright placement is filtered as by resample. Edges are covered
     by the part of a pixel that lies inside, from its distance to the edge.
     """
     y, x = np.mgrid[: target[0], : target[1]] + 0.5
+    slopes = np.broadcast_to(np.eye(2)[:, :, None, None], (2, 2, *target))
+    if across is not None and down is not None:
+        x, y = across[..., 0].astype(np.float64), down[..., 0].astype(np.float64)
+        slopes = np.moveaxis(np.stack([across[..., 1:], down[..., 1:]]), -1, 1).astype(np.float64)
     u, v, w = np.einsum("ij,jyx->iyx", H, np.stack([x, y, np.ones_like(x)]))
-    ahead = w > 0
+    ahead = (w > 0) & slopes.any(axis=(0, 1))
     w = np.where(ahead, w, 1)
     u, v = u / w, v / w
-    reach_u = np.hypot(H[0, 0] - u * H[2, 0], H[0, 1] - u * H[2, 1]) / w
-    reach_v = np.hypot(H[1, 0] - v * H[2, 0], H[1, 1] - v * H[2, 1]) / w
+    reach_u, reach_v = (
+        np.maximum(np.hypot(*(bend[0] * slopes[0] + bend[1] * slopes[1])) / w, TINY)
+        for bend in (
+            (H[0, 0] - u * H[2, 0], H[0, 1] - u * H[2, 1]),
+            (H[1, 0] - v * H[2, 0], H[1, 1] - v * H[2, 1]),
+        )
+    )
     height, width = picture.shape[:2]
     inside = np.minimum(np.minimum(u, width - u) / reach_u, np.minimum(v, height - v) / reach_v)
     cover = np.where(ahead, np.clip(inside + 0.5, 0, 1), 0)
     shown = cover > 0
     sums, total = np.zeros((np.count_nonzero(shown), 3)), np.zeros((np.count_nonzero(shown), 1))
-    across = list(_taps(u[shown], np.maximum(reach_u[shown], 1), width))
-    for row, down in _taps(v[shown], np.maximum(reach_v[shown], 1), height):
-        for column, weight in across:
-            weight = (down * weight)[:, None]
+    columns = list(_taps(u[shown], np.maximum(reach_u[shown], 1), width))
+    for row, share in _taps(v[shown], np.maximum(reach_v[shown], 1), height):
+        for column, weight in columns:
+            weight = (share * weight)[:, None]
             sums += weight * picture[row, column]
             total += weight
     result = np.zeros((*target, 3))

@@ -39,7 +39,9 @@ TWINS: dict[str, Callable[..., FloatArray]] = {
     "impossible.frag": lambda reach, white, **_: reference.impossible(reach, white),
     "mix.frag": reference.mix,
     "moved.frag": moved,
-    "pinned.frag": lambda source, to_source, target: reference.pinned(source, target, np.reshape(to_source, (3, 3)).T),
+    "pinned.frag": lambda source, to_source, target, **screen: reference.pinned(
+        source, target, np.reshape(to_source, (3, 3)).T, **screen
+    ),
     "reach.frag": lambda unlimited=None, **inputs: reference.reach_of(**inputs),
     "recolour.frag": reference.recolour,
     "refinement_step.frag": reference.against_gradient,  # with SLOPE; steps are the stepper's

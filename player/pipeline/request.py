@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from counterlight.media.frames import PixelFormat
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.device import Adapter, Device, Light, NearLight, Owner, Pass
-from counterlight.pipeline.fitting import Fitter, Pinner
+from counterlight.pipeline.fitting import Axes, Fitter, Pinner
 from counterlight.pipeline.map_views import MapViews
 from counterlight.pipeline.mixer import Mixer
 from counterlight.pipeline.placement import shown_shape
@@ -49,9 +49,9 @@ class Request:
     def open(self, pixels: PixelFormat, adjustments: Adjustments) -> None:
         self._medium.release()
         own, self._pixels = self._medium.own, pixels
-        self._fitter = own(Fitter(self._device, pixels, self._camera))
-        self._plain_fitter = own(Fitter(self._device, pixels, self._projector))
         self._radiance = pixels.layout == "radiance"
+        self._fitter = own(self._make_fitter(pixels))
+        self._plain_fitter = own(Fitter(self._device, pixels, self._projector))
         shown = shown_shape(pixels)
         self._recolour = own(self._mixer.recolour(shown)) if self._radiance else None
         self._unit = 1 / self._room.white if self._radiance else 1.0
@@ -60,6 +60,14 @@ class Request:
         self._adjustments = NEUTRAL
         _ = self._maps.full  # made now, so that no frame makes it
         self.adjust(adjustments)
+
+    def _make_fitter(self, pixels: PixelFormat) -> Fitter | Pinner:
+        """Into the camera's view, or onto the screen of several; radiance is the camera's, pixel by pixel."""
+        if self._axes is None or self._radiance:
+            return Fitter(self._device, pixels, self._camera)
+        fitter = Pinner(self._device, self._camera, self._axes)
+        fitter.fit(pixels)
+        return fitter
 
     def adjust(self, adjustments: Adjustments) -> None:
         previous, self._adjustments = self._adjustments, adjustments
@@ -79,7 +87,7 @@ class Request:
 
     def light(self, picture: Light) -> Light:
         """b = c − e of a decoded picture."""
-        fitter = self._fitter if self._adjustments.corners is None else self._pinner
+        fitter = self._pinner if self._pinned else self._fitter
         placed, rows = fitter.run(self._on_screen(picture)), self._rows
         if not self._toned:
             return self._desired.run(picture=placed, ambient=self._ambient, full=self._maps.full, **rows)
@@ -97,7 +105,7 @@ class Request:
 
     def desired(self, picture: Light) -> NDArray[np.float32]:
         """c, (camera height, camera width, 3), in screen primaries."""
-        if self._toned or self._adjustments.corners is not None:
+        if self._toned or self._pinned:
             return self._device.read(self._mixer.on_screen(self.light(picture)), np.float32) + self._room.ambient
         white = 1.0 if self._radiance else self._room.white
         return np.float32(white) * self._device.read(self._fitter.run(self._on_screen(picture)), np.float32)
@@ -114,9 +122,19 @@ class Request:
     def _toned(self) -> bool:
         return bool(self._adjustments.adapt or self._adjustments.black_level)
 
+    @property
+    def _pinned(self) -> bool:
+        """Whether corners place the picture; radiance of several cameras has none on their screen."""
+        return self._adjustments.corners is not None and not (self._radiance and self._axes is not None)
+
+    @cached_property
+    def _axes(self) -> Axes | None:
+        screen = self._room.calibration.screen
+        return None if screen is None else self._owner.own(Axes(self._device, screen))
+
     @cached_property
     def _pinner(self) -> Pinner:
-        return self._owner.own(Pinner(self._device, self._camera))
+        return self._owner.own(Pinner(self._device, self._camera, self._axes))
 
     @cached_property
     def _adapter(self) -> Adapter:

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from counterlight.overlay.osd import MESSAGE_SIZE, Legend, Page, pages
-from counterlight.overlay.outline import Outline, moved, outline_of
+from counterlight.overlay.outline import Outline
 from counterlight.pipeline.views import CLIPPING_LEGEND, LEGENDS
 from counterlight.show.keys import Keys
 from counterlight.show.session import Session
@@ -34,8 +34,7 @@ class Overlay:
             return None
         key = placing.corners, placing.corner, view == "projector", session.renderer
         if self._outlined is None or self._outlined[0] != key:
-            outline = outline_of(placing.corners, placing.corner, session.room.camera)
-            self._outlined = key, moved(outline, session.room.on_projector) if view == "projector" else outline
+            self._outlined = key, session.room.outline(placing.corners, placing.corner, view)
         return self._outlined[1]
 
     def _text(self) -> Page | None:

@@ -1,6 +1,7 @@
 """The room that a session plays in: read again on demand, and what is asked of its calibration and kept beside it."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ from counterlight import calibration
 from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.media.frames import PixelFormat
-from counterlight.overlay.outline import Points, lit_by
+from counterlight.overlay.outline import Outline, Points, lit_by, moved, outline_of, outline_on
 from counterlight.pipeline.content import psnr
 from counterlight.pipeline.drift import read_drift
 from counterlight.pipeline.placement import Corners, corners_of, place, write_placement
@@ -49,9 +50,9 @@ class RoomInUse:
         return self._room.maps.refinement is not None
 
     @property
-    def camera(self) -> tuple[int, int]:
-        """(height, width) of the view."""
-        return self._room.calibration.camera.shape
+    def placed_on(self) -> tuple[int, int]:
+        """(height, width) of what a picture is placed on: the camera's view, or the screen of several."""
+        return self._room.calibration.placed_on
 
     @property
     def drifted(self) -> dict[str, Any] | None:
@@ -79,7 +80,7 @@ class RoomInUse:
 
     def fit(self, pixels: PixelFormat) -> Corners:
         """The corners of a picture that nobody placed."""
-        return corners_of(place(pixels, self.camera), self.camera)
+        return corners_of(place(pixels, self.placed_on), self.placed_on)
 
     def keep(self, corners: Corners | None) -> Path:
         """Keep corners for the next time, in the file returned."""
@@ -90,13 +91,20 @@ class RoomInUse:
         values = 3 * np.count_nonzero(self._room.calibration.mask)
         return psnr(float(certificate.squared_error.sum()) / max(int(values), 1) / self._room.white**2)
 
-    def on_camera(self, points: Points) -> Points:
-        """Where the correction map has most of what points of the projector's picture show; NaN where it is empty."""
-        return lit_by(self._room.maps.correction, points)
+    def pointed_at(self, points: Points, view: str) -> Points:
+        """Where on what a picture is placed on points of a view are; NaN where there is nothing of it.
 
-    def on_projector(self, points: Points) -> Points:
-        """Where the projector's picture lights points of the view most."""
-        return lit_by(self._room.maps.transport, points)
+        Of the projector's picture, what the correction map has most of.
+        """
+        screen = self._room.calibration.screen
+        seen = lit_by(self._room.maps.correction, points) if view == "projector" else points
+        return seen if screen is None else screen.looked_at(seen)
+
+    def outline(self, corners: Corners, corner: int | None, view: str) -> Outline:
+        """Of a picture with these corners in a view; in the projector's, where it lights the outline most."""
+        screen = self._room.calibration.screen
+        drawn = outline_of(corners, corner, self.placed_on) if screen is None else outline_on(screen, corners, corner)
+        return moved(drawn, partial(lit_by, self._room.maps.transport)) if view == "projector" else drawn
 
 
 def _sizes(regions: Sequence[Region]) -> str:

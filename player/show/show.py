@@ -110,7 +110,7 @@ class Show:
             self.commands.run("place-release")
             return
         at = np.array([[pointer.x, pointer.y]])
-        x, y = (session.room.on_camera(at) if session.view == "projector" else at)[0]
+        x, y = session.room.pointed_at(at, session.view)[0]
         if not np.isfinite((x, y)).all():  # where the projector lights nothing that counts
             return
         self.commands.run("place-grab" if pointer.action == "press" else "place-drag", float(x), float(y))

@@ -25,7 +25,7 @@ def default_build() -> Iterator[object]:
     with tempfile.TemporaryDirectory() as name:
         room = Path(name) / "wall"
         with calibration.replacing(room, force=False, inputs=[]) as stage:
-            fill_simulated_room(scene, simulate(scene), stage)
+            fill_simulated_room(scene, [simulate(scene)], stage)
         start, processor = time.perf_counter(), time.process_time()
         built = build_room_maps(calibration.read(room), InverseOptions())
         elapsed, processor = time.perf_counter() - start, time.process_time() - processor

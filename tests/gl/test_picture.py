@@ -29,6 +29,7 @@ from tests.gl_objects import live_objects
 from tests.refined_rooms import physical_room
 from tests.renderers import both, read
 from tests.rooms import CAMERA, PROJECTOR, random_room, rgb_frame, yuv_frame
+from tests.screens_of_cameras import split_screen
 
 ATOL = 1e-5  # the issue's bound
 PINNED = ((0.1, 0.15), (0.85, 0.05), (0.95, 0.9), (0.2, 0.8))
@@ -321,3 +322,31 @@ def test_frames_allocate_nothing_whatever_is_on(gl_context: moderngl.Context, rn
         for index in range(10):
             play(index)
         assert len(gl_context.objects) == before
+
+
+@pytest.mark.parametrize("name", ["neutral", "pinned", "mirrored", "everything"])
+def test_a_picture_on_the_screen_of_two_cameras_equals_its_twin(
+    gl_context: moderngl.Context, rng: np.random.Generator, name: str
+) -> None:
+    physical = physical_room(rng).room
+    room = replace(physical, calibration=replace(physical.calibration, screen=split_screen(CAMERA, 6)))
+    with both(gl_context, room, scene(rng)) as (gl, cpu), both(gl_context, physical, scene(rng)) as (plain, _):
+        for renderer in (gl, cpu, plain):
+            renderer.adjust(PICTURES.get(name, NEUTRAL))
+            renderer.render("projector", compensate=True)
+        np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=ATOL)
+        np.testing.assert_allclose(gl.desired(), cpu.desired(), atol=ATOL)
+        assert np.abs(gl.desired() - plain.desired()).max() > 0.1
+
+
+def test_radiance_is_of_the_cameras_pixel_by_pixel(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
+    """Corners, which place a picture on the screen, do not move it."""
+    physical = physical_room(rng).room
+    room = replace(physical, calibration=replace(physical.calibration, screen=split_screen(CAMERA, 6)))
+    frame = radiance_frame(rng.uniform(0, 1.5, (*CAMERA, 3)).astype(np.float32))
+    with both(gl_context, room, frame) as (gl, cpu):
+        for renderer in (gl, cpu):
+            renderer.adjust(Adjustments(corners=PINNED))
+            renderer.render("projector", compensate=True)
+            np.testing.assert_allclose(renderer.desired(), np.stack(frame.planes, axis=-1)[:, : CAMERA[1]], atol=1e-6)
+        np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=ATOL)

@@ -5,15 +5,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from counterlight import calibration
+from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files.manifest import sha256_of
 from counterlight.response import Response
+from counterlight.screen import parts_of
 from counterlight.tools.acquisition.acquire import Acquisition, acquire
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Camera
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
+from counterlight.tools.acquisition.cameras.together import views_of
 from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.ramps import ProjectorLight
 from counterlight.tools.acquisition.room_options import ASSUMED
@@ -26,6 +30,7 @@ from counterlight.tools.factoring.factoring import Factoring, factored
 from counterlight.tools.solve.box import CHECK_EVERY, Box
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
+from counterlight.tools.transport.shared_screen import SharedRoom, on_one_screen
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport, luminance_matrix
 from counterlight.tools.transport.trust import seen
@@ -62,12 +67,13 @@ def acquire_room(
         if isinstance(camera, FolderCamera):
             camera.bind(store.id, first=not store.replaces)
         with calibration.replacing(folder, force=wanted.anew) as stage:
-            room, transport, done, factoring = _acquire(camera, plan, store, folder.name if name is None else name)
+            found, done, factoring = _acquire(camera, plan, store, folder.name if name is None else name)
+            room, transport = found.calibration, found.transport
             write_transport(transport, stage)
             calibration.write(room, stage)
             store.made(sha256_of(stage / calibration.TOML))
         store.finish()
-    return _report(done, room, transport, plan.response, factoring)
+    return _report(done, found, plan.response, factoring)
 
 
 def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
@@ -80,15 +86,14 @@ def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
     }
 
 
-def _acquire(
-    camera: Camera, plan: Plan, store: CaptureStore, name: str
-) -> tuple[Calibration, Transport, Acquisition, Factoring]:
+def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> tuple[SharedRoom, Acquisition, Factoring]:
     done = acquire(camera, store, plan.make_scheme, plan.projector, plan.response)
     ambient = np.maximum(done.room.black, 0).astype(np.float32)
     shape = ambient.shape
     whole = replace(done.measured.transport, camera=shape[:2], projector=plan.projector)
     transport, factoring = factored(whole, ambient, plan.tolerance)
-    mask = directly_lit(transport, ambient, plan.projector, done.room.rise_noise) & ~done.room.saturated
+    cameras = views_of(camera)
+    mask = _lit(transport, ambient, plan.projector, done.room.rise_noise, cameras) & ~done.room.saturated
     if not mask.any():
         raise InputError(
             "no camera pixel is clearly lit by single projector pixels; lower --threshold, or darken the room"
@@ -103,7 +108,25 @@ def _acquire(
         mask,
         None if done.light is None else done.light.primaries,
     )
-    return room, transport, done, factoring
+    found = on_one_screen(room, transport, cameras) if cameras else SharedRoom(room, transport)
+    return found, done, factoring
+
+
+def _lit(
+    transport: Transport,
+    ambient: NDArray[np.float32],
+    projector: tuple[int, int],
+    noise: FloatArray | None,
+    cameras: tuple[tuple[int, int], ...],
+) -> BoolArray:
+    """Camera by camera: what is around a pixel is in its own picture."""
+    if not cameras:
+        return directly_lit(transport, ambient, projector, noise)
+    pixels = np.arange(transport.shape[0]).reshape(ambient.shape[:2])
+    mask = np.zeros(pixels.shape, bool)
+    for view in parts_of(cameras):
+        mask[view] = directly_lit(transport.at(pixels[view].ravel()), ambient[view], projector, noise)
+    return mask
 
 
 def _response(given: Response | None, light: ProjectorLight | None) -> tuple[Response, str]:
@@ -115,11 +138,11 @@ def _response(given: Response | None, light: ProjectorLight | None) -> tuple[Res
 
 def _report(
     done: Acquisition,
-    room: Calibration,
-    transport: Transport,
+    found: SharedRoom,
     given: Response | None,
     factoring: Factoring,
 ) -> AcquisitionReport:
+    room, transport = found.calibration, found.transport
     indices = transport.near.indices
     return AcquisitionReport(
         acquisition=done,
@@ -131,6 +154,7 @@ def _report(
         clusters=find_clusters(luminance_matrix(transport.near)),
         factoring=factoring,
         outside=_light_outside(room, transport),
+        placed=found.placed,
     )
 
 

@@ -44,7 +44,7 @@ def preview(options: argparse.Namespace) -> tuple[float, ...] | None:
         if isinstance(camera, LiveCamera):
             aim = _Aim(camera.screen, camera.eye, camera.exposures, max(SETTLED, camera.lag))
         else:
-            folder = AimedFolder(Path(options.camera.partition(":")[2]), projector)
+            folder = AimedFolder(Path(options.camera[0].partition(":")[2]), projector)
             aim = _Aim(folder, folder, camera.exposures, None)
         begins = aim.run(options.monitor)
     return tuple(aim.factor * exposure for exposure in options.exposures or (1.0,)) if begins else None

@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -17,49 +17,84 @@ from counterlight.tools.acquisition.cameras.simulated import (
     SimulatedCamera,
     SimulatedRoom,
     VisibleScreen,
-    simulated_room,
+    simulated_rooms,
 )
+from counterlight.tools.acquisition.cameras.together import together
 from counterlight.tools.acquisition.rig_options import CAMERAS, SENSOR
 from counterlight.tools.simulation.devices import Sensor
+
+LIVE = "v4l2", "pylon", "gphoto2"
 
 
 @contextmanager
 def open_rig(options: argparse.Namespace) -> Iterator[tuple[Camera, tuple[int, int]]]:
     """The camera and the projector's (height, width) that the options name; InputError for what is not there."""
-    kind, _, source = options.camera.partition(":")
+    kind, sources = _kind_of(options.camera)
     response = named_response(options.camera_response)
     with ExitStack() as opened:
-        if kind == "simulated" and source:
-            room = simulated_room(Path(source))
-            screen = _screen(options, room.projector, opened) if options.monitor or options.window else None
-            yield _simulated(options, room, response, screen), room.projector
-        elif kind == "folder" and source:
+        if kind == "simulated":
+            rooms = [room for source in sources for room in simulated_rooms(Path(source))]
+            projector = _shared_projector(rooms)
+            screen = _screen(options, projector, opened) if options.monitor or options.window else None
+            yield _simulated(options, rooms, response, screen), projector
+        elif kind == "folder":
             size = _needed_size(options)
             exposures = Exposures(_bracket(options), response)
-            yield FolderCamera(Path(source), exposures, options.wait), size
-        elif kind in ("v4l2", "pylon", "gphoto2") and bool(source) == (kind != "gphoto2"):
+            yield FolderCamera(Path(sources[0]), exposures, options.wait), size
+        else:
             if not (options.monitor or options.window):
                 raise InputError(f"--camera {kind}: where is the projector? add --monitor NAME (or --window to try)")
             if not options.exposures:
                 raise InputError(f"--camera {kind}: needs exposure times in seconds; add --exposures, such as 0.033")
-            eye = _eye(kind, source, response, opened)
+            eye = together([_eye(*_parted(camera), response, opened) for camera in options.camera])
             shown = _screen(options, options.projector, opened)
             camera = LiveCamera(shown, eye, Exposures(_bracket(options), response))
             yield camera, shown.shape
-        else:
-            raise InputError(f"--camera {options.camera}: expected {CAMERAS}")
+
+
+def _kind_of(cameras: Sequence[str]) -> tuple[str, list[str]]:
+    """simulated, folder or a live kind, of all cameras, and where each is."""
+    parted = [_parted(camera) for camera in cameras]
+    for camera, (kind, source) in zip(cameras, parted, strict=True):
+        if kind not in (*LIVE, "simulated", "folder") or bool(source) != (kind != "gphoto2"):
+            raise InputError(f"--camera {camera}: expected {CAMERAS}")
+        alone = kind == "folder" or (kind == "simulated") != (parted[0][0] == "simulated")
+        if alone and len(cameras) > 1:
+            raise InputError(
+                f"--camera {camera}: cannot photograph together with others; acquire with each by itself, then: "
+                "counterlight join --cameras"
+            )
+    return parted[0][0], [source for _, source in parted]
+
+
+def _parted(camera: str) -> tuple[str, str]:
+    kind, _, source = camera.partition(":")
+    return kind, source
+
+
+def _shared_projector(rooms: Sequence[SimulatedRoom]) -> tuple[int, int]:
+    """(height, width); InputError unless all cameras look at the same."""
+    first = rooms[0]
+    for room in rooms[1:]:
+        if (room.projector, room.response) != (first.projector, first.response):
+            raise InputError(
+                f"--camera: {room.name} has another projector than {first.name}; cameras that acquire together see one"
+            )
+    return first.projector
 
 
 def _simulated(
-    options: argparse.Namespace, room: SimulatedRoom, response: Response, screen: VisibleScreen | None
+    options: argparse.Namespace, rooms: Sequence[SimulatedRoom], response: Response, screen: VisibleScreen | None
 ) -> SimulatedCamera:
+    room = rooms[0]
     if options.projector not in (None, room.projector):
         height, width = room.projector
         fix = "width and height are swapped" if options.projector == (width, height) else "leave it out"
         raise InputError(f"--projector: the projector of {room.name} has {width}x{height} pixels; {fix}")
     given = {name: getattr(options, name) for name in SENSOR if getattr(options, name) is not None}
     sensor = replace(room.sensor or Sensor(), **given)
-    return SimulatedCamera(room, CameraSettings(sensor, _bracket(options), response, options.seed, options.lag), screen)
+    settings = CameraSettings(sensor, _bracket(options), response, options.seed, options.lag)
+    return SimulatedCamera(room, settings, screen, rooms[1:])
 
 
 def _screen(options: argparse.Namespace, shape: tuple[int, int] | None, opened: ExitStack) -> VisibleScreen:

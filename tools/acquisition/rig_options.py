@@ -12,7 +12,9 @@ CAMERAS = "simulated:SCENE.toml, simulated:CALIBRATION, folder:DIR, v4l2:NUMBER,
 
 def add_rig_options(parser: argparse.ArgumentParser) -> None:
     """--camera and what belongs to it."""
-    parser.add_argument("--camera", required=True, metavar="CAMERA", help=CAMERAS)
+    parser.add_argument(
+        "--camera", required=True, action="append", metavar="CAMERA", help=f"{CAMERAS}; several photograph together"
+    )
     parser.add_argument("--projector", type=parse_size, metavar="WIDTHxHEIGHT", help="its pixels (a scene knows them)")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--monitor", metavar="NAME|N", help="the projector, filled with the patterns")

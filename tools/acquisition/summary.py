@@ -10,6 +10,7 @@ from counterlight.tools.acquisition.ramps import CODES, ProjectorLight
 from counterlight.tools.acquisition.room_options import ASSUMED_LINE
 from counterlight.tools.clusters.components import Clusters
 from counterlight.tools.factoring.factoring import Factoring
+from counterlight.tools.transport.shared_screen import Placed
 
 SUSPECT = 3.0  # times the camera's noise that the check may be off
 OFF_COLOUR = 2.0, 0.02  # times the check's unexplained error, and more, that the coloured one's may be
@@ -39,6 +40,7 @@ class AcquisitionReport:
     given : the response that was not to be the measured one, if any.  covered : share of the projector's pixels that
     some camera pixel sees.  lit, camera_pixels : inside the mask, and in all.  entries : near light, of one channel.
     factoring : what a dense T became.  outside : what a compensated picture leaves lit beside itself.
+    placed : how each of several cameras came on the screen.
     """
 
     acquisition: Acquisition
@@ -50,6 +52,7 @@ class AcquisitionReport:
     clusters: Clusters
     factoring: Factoring
     outside: LightOutside | None = None
+    placed: tuple[Placed, ...] = ()
 
     def __str__(self) -> str:
         done = self.acquisition
@@ -64,6 +67,7 @@ class AcquisitionReport:
             "camera pixels lit",
             f"clusters: {self.clusters.count}, the largest of {sizes.max(initial=0)} projector pixels; {self.entries} "
             "near entries a channel",
+            *map(str, self.placed),
             str(self.factoring),
             *([f"light outside: {self.outside}"] if self.outside else []),
             *self._of_light(),

@@ -4,6 +4,7 @@ See docs/mathematics.md 2. GCV and the L-curve know nothing of the clamp, which 
 pseudo-inverse bad.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -32,17 +33,23 @@ class DampingChoice:
 
 
 def choose_damping(
-    T: Csr, white: float | FloatArray, mask: NDArray[np.bool_], judge: Csr | None = None, floor: float = 0.0
+    T: Csr,
+    white: float | FloatArray,
+    mask: NDArray[np.bool_],
+    judge: Csr | None = None,
+    floor: float = 0.0,
+    pictures: Sequence[FloatArray] | None = None,
 ) -> DampingChoice:
-    """Try every candidate on the typical pictures and keep the best; of large pictures, on a few squares.
+    """Try every candidate on some pictures and keep the best; of large pictures, on a few squares.
 
     T : (camera pixels, projector pixels), what is inverted, rows outside the mask empty.
     judge : the transport that says what the camera sees, if T is a decomposed one.  mask : (camera height, width).
     white : the radiance of a white picture, (camera height, width) where T's rows are weighted.
-    floor : the noise of T as a fraction of σ₁; no candidate is below it.
+    floor : the noise of T as a fraction of σ₁; no candidate is below it.  pictures : None for the typical ones.
     """
     inside = mask.ravel()
-    targets = [np.where(inside, (white * picture).ravel(), 0.0) for picture in typical_pictures(mask.shape)]
+    tried = typical_pictures(mask.shape) if pictures is None else pictures
+    targets = [np.where(inside, (white * picture).ravel(), 0.0) for picture in tried]
     candidates = sorted({max(candidate, floor) for candidate in CANDIDATES})
     lambdas = largest_singular_value(T) * np.array(candidates)
     if is_large(T):

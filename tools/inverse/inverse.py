@@ -187,6 +187,7 @@ def invert_near_light(
     weights: FloatArray | None = None,
     prior: Prior | None = None,
     step: float = 0.0,
+    pictures: Sequence[FloatArray] | None = None,
 ) -> Inverse:
     """(TᵀWT + P + λ²I)⁻¹TᵀW of the near light inside the mask; the result's columns outside the mask are empty.
 
@@ -195,6 +196,7 @@ def invert_near_light(
     white : the radiance of a white picture.  regions : of several projectors in one raster.
     weights : W's diagonal, (camera pixels,), 1 if nobody says; 0 outside the mask.
     prior : P; the plain inverse (λ = 0) knows none.  step : entries that a step of refinement reads, if play makes any.
+    pictures : by which λ is chosen, (camera height, camera width) each; None for the typical ones.
     """
     weights = mask.ravel().astype(np.float64) if weights is None else weights
     roots = np.sqrt(weights)
@@ -204,8 +206,8 @@ def invert_near_light(
     if whole.nnz == 0:
         raise InputError("no camera pixel inside the mask sees the projector; check the mask and the transport")
     _check_max_cluster(options, near.columns)
-    shapes = mask, projector_shape
-    work = _Work(scaled, whole, *shapes, reach * roots[:, None], white, options, regions, roots, prior, step)
+    given = reach * roots[:, None], white, options, regions, roots, prior, step, pictures
+    work = _Work(scaled, whole, mask, projector_shape, *given)
     chosen, reason, found = options.asked, "", None
     if chosen in ("auto", "whole"):
         found = work.inverted(scaled, None, must_pay=chosen == "auto")
@@ -247,6 +249,7 @@ class _Work:
     roots: FloatArray
     prior: Prior | None
     step: float
+    pictures: Sequence[FloatArray] | None
 
     def cut(self, *, must_pay: bool) -> "Inverse | Objection":
         """T⁺ of T cut into clusters; a reason against it if it has to pay."""
@@ -318,7 +321,7 @@ class _Work:
         noise = [noise_of_matrix(T, self.options.noise) for T in matrices]
         floor = max(float(n / sigma) for n, sigma in zip(noise, sigmas, strict=True))
         white = self.white * self.roots.reshape(self.mask.shape)
-        return choose_damping(light, white, self.mask, self.whole, floor)
+        return choose_damping(light, white, self.mask, self.whole, floor, self.pictures)
 
 
 def _largest_singular_values(matrices: tuple[Csr, ...]) -> FloatArray:

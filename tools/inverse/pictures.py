@@ -3,6 +3,8 @@
 import numpy as np
 
 from counterlight.arrays import FloatArray
+from counterlight.calibration import Calibration
+from counterlight.pipeline.fitting import on_cameras
 
 PICTURES = 3
 
@@ -18,6 +20,12 @@ def typical_pictures(shape: tuple[int, int]) -> list[FloatArray]:
     stroke = max(2, width // 60)
     letters = ((x // stroke + 2 * (y // (3 * stroke))) % 5 < 2) & (y // (3 * stroke) % 2 == 0)
     return [_photograph(shape), np.where(letters, 0.9, 0.05), 0.2 + 0.75 * ramp]
+
+
+def pictures_of(calibration: Calibration) -> list[FloatArray]:
+    """The typical pictures as cameras are asked for them: several, at each place of their screen, for one thing."""
+    grey = typical_pictures(calibration.placed_on)
+    return [on_cameras(np.repeat(picture[..., None], 3, axis=2), calibration)[..., 0] for picture in grey]
 
 
 def _photograph(shape: tuple[int, int]) -> FloatArray:

@@ -4,7 +4,7 @@ Measured when the maps are built, on a few squares of the camera's picture (squa
 player's own steps. Far light is left aside, and ties between projector rows: both change what a step gains by little.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -58,21 +58,22 @@ def recommended(
     map_in_steps: float,
     white: float,
     camera: tuple[int, int],
+    pictures: Sequence[FloatArray] | None = None,
 ) -> Recommendation:
     """Where to start and how many steps to make, so that the least is read a frame.
 
     direct : direct mapping.  T_pinv : of the near light, None if there is none.  map_in_steps : what T⁺ b takes.
-    white : radiance of a white picture.  camera : (height, width).
+    white : radiance of a white picture.  camera : (height, width).  pictures : to try; None for the typical ones.
     """
     squares = squares_of((objective.weights > 0).reshape(camera), objective.T.near)
     columns = squares.columns(channel(objective.T.near, 1))
     local, share = _local(objective, squares.rows, columns), _share_of_near(objective)
-    direct = _rows(direct, columns)
+    direct = direct.at(columns)
     costs = {"previous-direct": direct.indices.size / max(2 * objective.T.near.indices.size, 1)}
     if T_pinv is not None:
-        costs["previous"], T_pinv = map_in_steps, _rows(T_pinv, columns)
+        costs["previous"], T_pinv = map_in_steps, T_pinv.at(columns)
     errors, least = {name: np.zeros(len(MEASURED)) for name in costs}, 0.0
-    for picture in typical_pictures(camera):
+    for picture in typical_pictures(camera) if pictures is None else pictures:
         b = objective.bounded(np.repeat(white * picture.reshape(-1, 1), 3, axis=1))
         drives = {"previous-direct": direct.apply(b)} | (
             {} if T_pinv is None else {"previous": T_pinv.apply(b * share)}
@@ -113,7 +114,7 @@ def _errors(
 
 def _local(objective: Objective, rows: IntArray, columns: IntArray) -> Objective:
     """The objective of some camera and projector pixels, those in one line, tied to the next where it is next."""
-    near = _rows(objective.T.near, rows)
+    near = objective.T.near.at(rows)
     place = np.zeros(near.columns, np.int64)
     place[columns] = np.arange(columns.size)
     seen = np.isin(near.indices, columns)
@@ -125,17 +126,11 @@ def _local(objective: Objective, rows: IntArray, columns: IntArray) -> Objective
         right = prior.right.reshape(-1, 3)[columns] * following
         damping = prior.damping.reshape(-1, 3)[columns]
         prior = Prior(*(each[None].astype(np.float32) for each in (damping, right, np.zeros_like(right))))
+    doubted = None if objective.doubted is None else objective.doubted[rows]
+    seen_of = objective.seen[columns]
     return replace(
-        objective, T=Transport(near), weights=objective.weights[rows], prior=prior, seen=objective.seen[columns]
+        objective, T=Transport(near), weights=objective.weights[rows], prior=prior, seen=seen_of, doubted=doubted
     )
-
-
-def _rows(matrix: SparseRows, chosen: IntArray) -> SparseRows:
-    """Some of its rows."""
-    lengths = matrix.lengths[chosen]
-    starts = np.concatenate([[0], np.cumsum(lengths)])
-    entries = np.repeat(matrix.indptr[chosen] - starts[:-1], lengths) + np.arange(starts[-1])
-    return SparseRows(starts, matrix.indices[entries], matrix.weights[entries], matrix.columns)
 
 
 def _share_of_near(objective: Objective) -> FloatArray:

@@ -13,6 +13,7 @@ from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_as_the_thesis, invert_near_light
+from counterlight.tools.inverse.pictures import pictures_of
 from counterlight.tools.inverse.recommendation import AS_THE_THESIS, Recommendation, recommended
 from counterlight.tools.inverse.refinement_maps import pack_far, refinement_maps
 from counterlight.tools.inverse.words import words_of
@@ -107,8 +108,8 @@ def build_maps(
         inverse = invert_as_the_thesis(transport, calibration.mask, *common)
     else:
         mask = (objective.weights > 0).reshape(camera)
-        beside = calibration.regions, objective.weights, objective.prior
-        inverse = invert_near_light(transport.near, mask, *common, *beside, _step(transport) if refine else 0.0)
+        told = calibration.regions, objective.weights, objective.prior, _step(transport) if refine else 0.0
+        inverse = invert_near_light(transport.near, mask, *common, *told, pictures_of(calibration))
     correction = pack(inverse.T_pinv, projector, camera)
     far, undo = _pack_far_light(transport, inverse, camera, projector)
     details = _details(inverse, correction, transport, options, aims)
@@ -118,7 +119,7 @@ def build_maps(
     outside = _light_outside(objective, inverse, tier)
     found = None
     if further is not None:
-        found = _recommended(objective, inverse, packed, further)
+        found = _recommended(objective, inverse, packed, further, calibration)
         packed = replace(packed, details=details | found.to_toml())
     packed = replace(packed, words=words_of(packed, options.max_error))
     return BuiltRoom(tier, inverse, packed, _summary(inverse, packed, outside), outside, found)
@@ -129,12 +130,14 @@ def _step(transport: Transport) -> float:
     return 2.0 * (transport.near.indices.size + (transport.far.entries if transport.far else 0))
 
 
-def _recommended(objective: Objective, inverse: Inverse, packed: RoomMaps, further: RefinementMaps) -> Recommendation:
+def _recommended(
+    objective: Objective, inverse: Inverse, packed: RoomMaps, further: RefinementMaps, calibration: Calibration
+) -> Recommendation:
     if inverse.chosen == "thesis":
         return AS_THE_THESIS
     direct, T_pinv = unpack(further.direct), None if inverse.chosen == "none" else inverse.T_pinv
-    camera = packed.transport.output_shape
-    return recommended(objective, direct, T_pinv, packed.correction_in_steps, packed.white, camera)
+    told = packed.correction_in_steps, packed.white, calibration.camera.shape, pictures_of(calibration)
+    return recommended(objective, direct, T_pinv, *told)
 
 
 def _light_outside(objective: Objective, inverse: Inverse, tier: Tier) -> float | None:

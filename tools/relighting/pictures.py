@@ -11,19 +11,20 @@ from counterlight.files import exr
 from counterlight.files.png import write_png
 from counterlight.media.video import MediaReader
 from counterlight.pipeline import reference
-from counterlight.pipeline.placement import place
+from counterlight.pipeline.placement import corners_of, homography, place, shown_shape
 from counterlight.pipeline.signal import signal_of
 from counterlight.response import Response
+from counterlight.screen import Screen
 from counterlight.show.headless import FRAME_TIMEOUT_S
 
 SUFFIXES = (".png", ".exr")
 WHITE_PERCENTILE = 99.0
 
 
-def read_placed(path: Path, target: tuple[int, int]) -> FloatArray:
+def read_placed(path: Path, target: tuple[int, int], screen: Screen | None = None) -> FloatArray:
     """The first picture of a medium in linear light, fitted into a frame (height, width) as the player fits it.
 
-    OpenEXR is linear already and is taken pixel by pixel.
+    OpenEXR is linear already and is taken pixel by pixel.  screen : that the frame's cameras share, if it has several.
     Raises InputError for what cannot be read, and for OpenEXR of another size than the frame.
     """
     with MediaReader.open(path) as reader:
@@ -39,6 +40,9 @@ def read_placed(path: Path, target: tuple[int, int]) -> FloatArray:
             )
         linear = reference.planes_to_linear(frame.planes, pixels, signal_of(pixels))
         reader.release(frame)
+    if screen is not None and pixels.layout != "radiance":
+        H = homography(corners_of(place(pixels, screen.shape), screen.shape), screen.shape, shown_shape(pixels))
+        return np.asarray(reference.pinned(linear, target, H, *screen.axes), np.float64)
     spot = place(pixels, target)
     placed = reference.resample(linear, target, (spot.left, spot.top, spot.width, spot.height))
     return np.asarray(placed, np.float64)

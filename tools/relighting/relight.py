@@ -94,7 +94,8 @@ def _lit_from(calibration: Calibration, view: str) -> Raster:
 def _picture(stored: StoredCalibration, path: Path | None, view: str) -> FloatArray | None:
     if path is None:
         return None
-    picture = read_placed(path, _lit_from(stored.calibration, view).shape)
+    calibration, device = stored.calibration, _lit_from(stored.calibration, view)
+    picture = read_placed(path, device.shape, None if view in LIT_BY_PROJECTOR else calibration.screen)
     if view == "camera" and not (picture.min() >= -ROUNDING and picture.max() <= 1 + ROUNDING):
         raise InputError(
             f"{path}: drive from {picture.min():.4g} to {picture.max():.4g}, a projector shows 0 to 1; scale it"

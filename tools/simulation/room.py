@@ -1,5 +1,7 @@
 """From a simulated scene to a calibration folder."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from counterlight import calibration
@@ -8,8 +10,10 @@ from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.simulation.simulate import Simulated
+from counterlight.tools.transport.joining_cameras import CameraOptions, described, joined_cameras
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.storage import write_transport
+from counterlight.tools.transport.transport import Transport
 
 
 def simulated_calibration(scene: Scene, result: Simulated) -> Calibration:
@@ -30,10 +34,21 @@ def simulated_calibration(scene: Scene, result: Simulated) -> Calibration:
     )
 
 
-def fill_simulated_room(scene: Scene, result: Simulated, stage: Path) -> str:
+def simulated_room(scene: Scene, results: Sequence[Simulated]) -> tuple[Calibration, Transport]:
+    """The room of a scene's views, one or several below each other.  results : of each of `scene.views`."""
+    rooms = [simulated_calibration(view, result) for view, result in zip(scene.views, results, strict=True)]
+    if len(rooms) == 1:
+        return rooms[0], results[0].transport
+    exact = CameraOptions(keep_exposures=True)
+    shared = joined_cameras(rooms, [result.transport for result in results], scene.name, exact)
+    return replace(shared.calibration, provenance=rooms[0].provenance), shared.transport
+
+
+def fill_simulated_room(scene: Scene, results: Sequence[Simulated], stage: Path) -> str:
     """Write a simulated scene into the stage of a calibration; returns some words on the whole."""
-    room = simulated_calibration(scene, result)
-    write_transport(result.transport, stage)
+    room, transport = simulated_room(scene, results)
+    write_transport(transport, stage)
     calibration.write(room, stage)
-    entries, mask = result.transport.near.indices.size, room.mask
-    return f"{entries} near entries a channel, {mask.sum()} of {mask.size} camera pixels lit directly"
+    entries, mask = transport.near.indices.size, room.mask
+    several = f"{described(room)}, " if room.screen is not None else ""
+    return f"{several}{entries} near entries a channel, {mask.sum()} of {mask.size} camera pixels lit directly"

@@ -26,6 +26,8 @@
     mixing = [[0.88, 0.08, 0.04], [0.06, 0.88, 0.06], [0.03, 0.09, 0.88]]   # what red, green and blue of the camera
                                        # see of red, green and blue light on neutral paint (default: their own alone)
 
+                                       # several see the same room as [[cameras]], each with the keys of [camera]
+
     [ambient]
     irradiance = [0.02, 0.02, 0.02]    # on every surface from every side (default none)
 
@@ -72,6 +74,7 @@ import numpy as np
 from counterlight.errors import InputError
 from counterlight.files.reading import read_toml
 from counterlight.files.tables import Table, Vector
+from counterlight.screen import MOST_CAMERAS
 from counterlight.tools.simulation.devices import Camera, Projector, read_camera, read_projector
 from counterlight.tools.simulation.materials import read_material
 from counterlight.tools.simulation.shapes.read import read_shapes
@@ -83,7 +86,10 @@ MAX_SAMPLES, MAX_CELLS = 16, 4000
 
 @dataclass(frozen=True)
 class Scene:
-    """A whole room; see the module's text for units."""
+    """A whole room; see the module's text for units.
+
+    camera : the one that is simulated.  others : of a room of several cameras.
+    """
 
     name: str
     projector: Projector
@@ -93,12 +99,19 @@ class Scene:
     samples: int
     cells: int
     threshold: float
+    others: tuple[Camera, ...] = ()
+
+    @property
+    def views(self) -> tuple["Scene", ...]:
+        """The room as each camera sees it alone."""
+        return tuple(replace(self, camera=camera, others=()) for camera in (self.camera, *self.others))
 
     def resized(self, camera: Size | None = None, projector: Size | None = None) -> "Scene":
         """With other pixels, (height, width) each, None to keep them; the horizontal fields of view stay."""
         return replace(
             self,
             camera=self.camera if camera is None else self.camera.resized(*camera),
+            others=self.others if camera is None else tuple(other.resized(*camera) for other in self.others),
             projector=self.projector if projector is None else self.projector.resized(*projector),
         )
 
@@ -107,7 +120,8 @@ def load_scene(path: Path) -> Scene:
     """Read and check a scene file; InputError naming file, table and key for anything wrong."""
     top = Table(read_toml(path, "the shipped scenes are in calib_data/scenes"), f"{path}")
     projector = read_projector(top.table("projector"), path.parent)
-    camera = read_camera(top.table("camera"), path.parent)
+    cameras = top.tables("cameras", MOST_CAMERAS) if "cameras" in top else [top.table("camera")]
+    camera, *others = (read_camera(table, path.parent) for table in cameras)
     ambient = top.table("ambient", optional=True)
     scene = Scene(
         name=top.text("name", path.stem),
@@ -120,6 +134,7 @@ def load_scene(path: Path) -> Scene:
         samples=top.integer("samples", 4, 1, MAX_SAMPLES),
         cells=top.integer("cells", 600, 2, MAX_CELLS),
         threshold=top.number("threshold", 1e-4, 0.0, 0.1),
+        others=tuple(others),
     )
     for part in (top, ambient):
         part.refuse_unknown()

@@ -199,7 +199,7 @@ def compensate(folder: Path, picture: Path, output: Path | None, options: Compen
         check_file(path, suffixes=SUFFIXES, inputs=[picture])
     stored = calibrations.read(folder)
     calibration, radiance = stored.calibration, picture.suffix.lower() == ".exr"
-    wanted = read_placed(picture, calibration.camera.shape)
+    wanted = read_placed(picture, calibration.camera.shape, calibration.screen)
     tier = tier_of(calibration, read_transport(stored), options.colour)
     task = CompensationTask(tier, wanted, radiance=radiance, options=options, maps=lambda: read_maps(stored))
     given = np.asarray(tier.mixing.on_screen(wanted), np.float64) if radiance else wanted

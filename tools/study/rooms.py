@@ -14,6 +14,7 @@ from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.maps.room_maps import RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, pack
+from counterlight.pipeline.fitting import on_cameras
 from counterlight.pipeline.room import Room
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.colour.tiers import Tier, tier_of
@@ -22,7 +23,7 @@ from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.refinement_maps import refinement_maps
 from counterlight.tools.inverse.room import BuiltRoom, build_maps
 from counterlight.tools.shipped import shipped_scenes
-from counterlight.tools.simulation.room import simulated_calibration
+from counterlight.tools.simulation import room as simulation
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.box import Box
@@ -45,7 +46,7 @@ def processor_seconds(work: Callable[[], R]) -> tuple[R, float]:
 
 
 def find_places(given: Sequence[Path], names: Sequence[str]) -> list[Path]:
-    """Scene files and calibration folders to study: those given, those of shipped scenes by name, or all shipped ones.
+    """Scene files and calibration folders to study: those given, those of shipped scenes by name, or all of one camera.
 
     InputError for what is none of these, before the work begins.
     """
@@ -58,7 +59,8 @@ def find_places(given: Sequence[Path], names: Sequence[str]) -> list[Path]:
             calibrations.read(path)
         else:
             load_scene(path)
-    places = [*given, *(shipped[name] for name in names)] or list(shipped.values())
+    usual = (path for path in shipped.values() if not load_scene(path).others)
+    places = [*given, *(shipped[name] for name in names)] or list(usual)
     repeated = [path for path in places if [p.stem for p in places].count(path.stem) > 1]
     if repeated:
         raise InputError(f"{repeated[0]}: another room of this study is called {repeated[0].stem}, too; rename one")
@@ -84,8 +86,8 @@ def open_room(place: Path, size: tuple[int, int], colour: str = "auto") -> "Stud
 
 def simulated_room(scene: Scene, name: str, colour: str = "auto") -> "StudyRoom":
     """A scene as it is, simulated."""
-    result, seconds = processor_seconds(lambda: simulate(scene))
-    return StudyRoom(name, tier_of(simulated_calibration(scene, result), result.transport, colour), seconds)
+    results, seconds = processor_seconds(lambda: [simulate(view) for view in scene.views])
+    return StudyRoom(name, tier_of(*simulation.simulated_room(scene, results), colour), seconds)
 
 
 class StudyRoom:
@@ -185,7 +187,7 @@ class Task:
     def __init__(self, room: StudyRoom, picture: Picture) -> None:
         self.room, self.name = room, picture.name
         calibration = room.calibration
-        self.desired = room.white * picture.at(calibration.camera.shape)
+        self.desired = room.white * on_cameras(picture.at(calibration.placed_on), calibration)
         self.plain = picture.at(calibration.projector.shape).reshape(-1, 3)
         self.target = room.tier.asked(self.desired)
         self.asked, self.counts = self.target.reshape(-1, 3), calibration.mask.reshape(-1, 1)

@@ -65,7 +65,7 @@ def _join(
     stored = [calibrations.read(folder) for folder in folders]
     rooms = [one.calibration for one in stored]
     _check_cameras(stored)
-    projectors = _with_monitors([device for room in rooms for device in room.projectors], monitors)
+    projectors = with_monitors([device for room in rooms for device in room.projectors], monitors)
     provenance = "joined by counterlight join: " + "; ".join(f"{room.name} ({room.provenance})" for room in rooms)
     first = rooms[0]
     mask = np.any([room.mask for room in rooms], axis=0)
@@ -146,16 +146,23 @@ def _same_cells(far: FarLight, other: FarLight) -> bool:
 
 def _check_cameras(stored: Sequence[StoredCalibration]) -> None:
     first = stored[0]
+    several = next((one.folder for one in stored if one.calibration.screen is not None), None)
+    if several is not None:
+        raise InputError(
+            f"{several}: has several cameras; join the projectors that each camera saw, then these rooms with --cameras"
+        )
     for other in stored[1:]:
         if other.calibration.camera.shape != first.calibration.camera.shape:
             sizes = [f"{c.width}x{c.height}" for c in (other.calibration.camera, first.calibration.camera)]
             raise InputError(
                 f"{other.folder}: its camera has {sizes[0]} pixels, that of {first.folder} {sizes[1]}; "
-                "measure all projectors with one camera in one place"
+                "measure all projectors with one camera in one place, or add "
+                "--cameras if several cameras saw the same projectors"
             )
 
 
-def _with_monitors(projectors: Sequence[Device], monitors: Sequence[str]) -> tuple[Device, ...]:
+def with_monitors(projectors: Sequence[Device], monitors: Sequence[str]) -> tuple[Device, ...]:
+    """The projectors with names of monitors, one for each; none to keep what they have."""
     if not monitors:
         return tuple(projectors)
     if len(monitors) != len(projectors):
@@ -180,7 +187,8 @@ def _check_ambient(stored: Sequence[StoredCalibration], composition: NDArray[np.
         raise InputError(
             f"{stored[worst].folder}: its ambient light differs from that of {stored[0].folder} by "
             f"{differences[worst]:.3g} (root mean square), expected at most {noise:.3g}; measure both with the camera "
-            "in one place, the same lamps on, and the other projectors on and black"
+            "in one place, the same lamps on, and the other projectors on and black, or add --cameras if several "
+            "cameras saw the same projectors"
         )
     return differences[worst] / bright if bright > 0 else 0.0
 

@@ -13,13 +13,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.arrays import FloatArray
+from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration, Region
 from counterlight.errors import InputError
 from counterlight.maps.prior import Prior
+from counterlight.maps.row_map import SparseRows
 from counterlight.pipeline.reference import pull
 from counterlight.pipeline.refinement import Certificate
 from counterlight.tools.choices import OUTSIDE
+from counterlight.tools.transport.shares import shares
 from counterlight.tools.transport.transport import Transport
 from counterlight.tools.transport.trust import seen, trust
 
@@ -54,12 +56,14 @@ class Objective:
 
     T : the rows of camera pixels without weight are empty.  weights : w, (camera pixels,).
     seen : (projector pixels,), how much of each trusted camera pixels see, 1 for most.
+    doubted : (camera pixels,), which are asked for no more than they can have; None for those of weight below 1.
     """
 
     T: Transport
     weights: FloatArray
     prior: Prior | None
     seen: FloatArray
+    doubted: BoolArray | None = None
 
     @classmethod
     def plain(cls, T: Transport) -> "Objective":
@@ -73,7 +77,7 @@ class Objective:
 
     def bounded(self, b: FloatArray) -> FloatArray:
         """b, of what is not trusted no more than it can have."""
-        doubted = self.weights < 1
+        doubted = self.weights < 1 if self.doubted is None else self.doubted
         return np.where(doubted[:, None], np.clip(b, 0, self._most), b) if doubted.any() else b
 
     def light_outside(self, drive: FloatArray, plain: FloatArray | None = None) -> float | None:
@@ -148,11 +152,24 @@ class Objective:
 def objective_of(transport: Transport, calibration: Calibration, options: ObjectiveOptions) -> Objective:
     """A calibrated room's."""
     projector, regions = calibration.projector.shape, calibration.regions
-    weights = trust(transport.near, calibration.mask, projector)
+    trusted = _trust(transport.near, calibration)
+    weights = trusted * shares(transport.near, calibration)
     T = transport.inside(weights > 0)
     shown = seen(T.near, weights > 0)
-    unaided = Objective(T, weights, None, shown)
+    unaided = Objective(T, weights, None, shown, trusted < 1)
     return replace(unaided, prior=_prior(unaided, projector, regions, options))
+
+
+def _trust(near: SparseRows, calibration: Calibration) -> FloatArray:
+    """Camera by camera: what is around a pixel is in its own picture."""
+    if calibration.screen is None:
+        return trust(near, calibration.mask, calibration.projector.shape)
+    weights = np.zeros(calibration.mask.shape)
+    pixels = np.arange(weights.size).reshape(weights.shape)
+    for view in calibration.views:
+        found = trust(near.at(pixels[view].ravel()), calibration.mask[view], calibration.projector.shape)
+        weights[view] = found.reshape(weights[view].shape)
+    return weights.ravel()
 
 
 def _prior(

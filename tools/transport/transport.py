@@ -130,6 +130,11 @@ class Transport:
         seen = (np.bincount(self.near.indices[each != 0], minlength=self.shape[1]) for each in self.near.weights.T)
         return np.stack(list(seen), axis=1) > 0
 
+    def at(self, rows: NDArray[np.integer]) -> "Transport":
+        """What some camera pixels see, in that order."""
+        far = None if self.far is None else replace(self.far, scatter=self.far.scatter.at(rows))
+        return Transport(self.near.at(rows), far, None, self.projector)
+
     def inside(self, mask: NDArray[np.bool_]) -> "Transport":
         """What the camera pixels of a mask see, their rows empty outside it; entries of 0 left out."""
         far = None if self.far is None else replace(self.far, scatter=self.far.scatter.inside(mask.ravel()))

@@ -1,7 +1,8 @@
 """A camera in a simulated room: c = T p + e, then photons, noise, exposure, response and code values."""
 
 from collections import deque
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -10,17 +11,19 @@ from numpy.typing import NDArray
 
 from counterlight import calibration
 from counterlight.arrays import FloatArray
+from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.maps.mixing import mixed
 from counterlight.response import RasterResponse, Response
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Exposures, Shot
 from counterlight.tools.acquisition.cameras.live import LiveCamera, Screen
+from counterlight.tools.acquisition.cameras.together import together
 from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.choices import MOST_LAG
-from counterlight.tools.colour.tiers import tier_of
+from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.simulation.effects.capture_noise import capture
-from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
@@ -144,26 +147,52 @@ class SimulatedEye:
 class SimulatedCamera(LiveCamera):
     """The camera back end of a simulated room.
 
-    screen : where it sees the projector's picture; None for a picture in memory.
+    screen : where it sees the projector's picture; None for a picture in memory.  others : what further cameras see.
     """
 
-    def __init__(self, room: SimulatedRoom, settings: CameraSettings, screen: VisibleScreen | None = None) -> None:
-        brightest = float(room.seen(np.ones((room.transport.shape[1], 3))).max())
+    def __init__(
+        self,
+        room: SimulatedRoom,
+        settings: CameraSettings,
+        screen: VisibleScreen | None = None,
+        others: Sequence[SimulatedRoom] = (),
+    ) -> None:
+        rooms, white = (room, *others), np.ones((room.transport.shape[1], 3))
+        brightest = max(float(each.seen(white).max()) for each in rooms)
         times = tuple(time / (HEADROOM * brightest) for time in settings.exposures)
         shown: VisibleScreen = MemoryScreen(room.projector) if screen is None else screen
-        eye = SimulatedEye(room, settings, shown)
-        super().__init__(shown, eye, Exposures(times, settings.response), lag=settings.lag)
+        seeds = range(settings.seed, settings.seed + len(rooms))
+        eyes = [
+            SimulatedEye(each, replace(settings, seed=seed), shown) for each, seed in zip(rooms, seeds, strict=True)
+        ]
+        super().__init__(shown, together(eyes), Exposures(times, settings.response), lag=settings.lag)
 
 
-def simulated_room(source: Path) -> SimulatedRoom:
-    """The room of a scene file (.toml) or of a calibration folder; InputError if it is neither."""
+def simulated_rooms(source: Path) -> list[SimulatedRoom]:
+    """What each camera of a scene file (.toml) or of a calibration folder sees; InputError if it is neither."""
     if source.is_dir():
         stored = calibration.read(source)
-        room, tier = stored.calibration, tier_of(stored.calibration, read_transport(stored))
-        return SimulatedRoom(
-            room.name, tier.transport, room.ambient, room.projector.shape, room.response, tier.mixing.of_camera
+        return _views(stored.calibration, tier_of(stored.calibration, read_transport(stored)))
+    return [_simulated(view) for view in load_scene(source).views]
+
+
+def _views(room: Calibration, tier: Tier) -> list[SimulatedRoom]:
+    pixels = np.arange(room.camera.pixels).reshape(room.camera.shape)
+    mixing = tier.mixing.of_camera
+    return [
+        SimulatedRoom(
+            room.name,
+            tier.transport.at(pixels[view].ravel()),
+            room.ambient[view],
+            room.projector.shape,
+            room.response,
+            mixing if mixing is None or mixing.ndim == 2 else mixing[view],
         )
-    scene = load_scene(source)
+        for view in room.views
+    ]
+
+
+def _simulated(scene: Scene) -> SimulatedRoom:
     result = simulate(scene)
     light = result.spectral
     return SimulatedRoom(

@@ -1,0 +1,111 @@
+"""The screen that several cameras share: where on it each of their pixels looks (docs/cameras.md).
+
+The cameras' pictures stand below each other in one raster (thesis eq. 4.7), so that T, the maps and the light are those
+of one large camera. A picture is placed on the screen, and what a camera pixel is asked for is what the screen shows
+where that pixel looks.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.errors import InputError
+from counterlight.files import exr
+from counterlight.files.picture_files import MAX_SIDE
+from counterlight.files.reading import DescribedFiles
+from counterlight.files.tables import Table
+
+FILE, CHANNELS = "screen.exr", ("X", "Y")
+MOST_CAMERAS = 64
+FARTHEST = 1e6  # pixels from the screen's upper left
+
+
+@dataclass(frozen=True, eq=False)
+class Screen:
+    """shape : (height, width) of the screen, in pixels.  cameras : (height, width) of each, from the top.
+
+    positions : (raster height, raster width, 2) float32, x and y on the screen of each pixel's centre, in pixels from
+    the upper left; they may lie outside it. Of no meaning beside a camera that is narrower than the raster.
+    """
+
+    shape: tuple[int, int]
+    cameras: tuple[tuple[int, int], ...]
+    positions: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        for height, width in (self.shape, *self.cameras):
+            if not (2 <= height <= MAX_SIDE and 2 <= width <= MAX_SIDE):
+                raise InputError(f"screen and cameras: size {width}x{height}, expected 2 to {MAX_SIDE} pixels a side")
+        height, width = raster_of(self.cameras)
+        if self.positions.shape != (height, width, 2):
+            found = "x".join(map(str, self.positions.shape[1::-1]))
+            raise InputError(f"screen: positions of {found} pixels, the cameras' raster is {width}x{height}")
+        for number, part in enumerate(self.parts, 1):
+            if not np.all(np.abs(self.positions[part]) <= FARTHEST):  # NaN is not
+                raise InputError(f"screen: camera {number} looks where there is no number; join the cameras again")
+
+    @property
+    def parts(self) -> tuple[tuple[slice, slice], ...]:
+        """Of the raster, each camera's rows and columns."""
+        return parts_of(self.cameras)
+
+    @cached_property
+    def axes(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """For x and for y, (raster height, raster width, 3): the position, and its slopes along the raster's x and y.
+
+        Both slopes are 0 where no camera looks.
+        """
+        across, down = (np.zeros((*self.positions.shape[:2], 3), np.float32) for _ in range(2))
+        for part in self.parts:
+            for i, axis in enumerate((across, down)):
+                there = self.positions[part][..., i]
+                along_y, along_x = np.gradient(there)
+                axis[part] = np.stack([there, along_x, along_y], axis=-1)
+        return across, down
+
+    def looked_at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where the raster's pixels at some points look; shares of the raster -> shares of the screen, (n, 2).
+
+        NaN outside the raster and where no camera looks.
+        """
+        across, down = self.axes
+        height, width = across.shape[:2]
+        found = np.full(points.shape, np.nan)
+        inside = np.flatnonzero(((points >= 0) & (points < 1)).all(axis=1))
+        x, y = (points[inside] * (width, height)).astype(np.int64).T
+        looks = across[y, x, 1:].any(axis=1) | down[y, x, 1:].any(axis=1)
+        positions = self.positions[y[looks], x[looks]]
+        found[inside[looks]] = positions / self.shape[::-1]
+        return found
+
+
+def raster_of(cameras: tuple[tuple[int, int], ...]) -> tuple[int, int]:
+    """(height, width) of the raster: as high as all cameras together, as wide as the widest."""
+    return sum(height for height, _ in cameras), max(width for _, width in cameras)
+
+
+def parts_of(cameras: tuple[tuple[int, int], ...]) -> tuple[tuple[slice, slice], ...]:
+    """Rows and columns of each camera in the raster, all at its left."""
+    tops = accumulate((height for height, _ in cameras), initial=0)
+    return tuple(
+        (slice(top, top + height), slice(0, width)) for top, (height, width) in zip(tops, cameras, strict=False)
+    )
+
+
+def write_screen(screen: Screen, folder: Path) -> None:
+    exr.write_channels(folder / FILE, {name: screen.positions[..., i] for i, name in enumerate(CHANNELS)})
+
+
+def read_screen(table: Table, files: DescribedFiles, cameras: tuple[tuple[int, int], ...], fix: str) -> Screen:
+    """The screen of a described folder.  table : its width and height.  InputError if it does not fit the cameras."""
+    height, width = (table.integer(key, None, 2, MAX_SIDE) for key in ("height", "width"))
+    with files.opened(files.folder / FILE) as file:
+        positions = exr.read_beside(file, CHANNELS, exr.sized(raster_of(cameras), "the cameras' raster", fix))
+    try:
+        return Screen((height, width), cameras, positions.astype(np.float32, copy=False))
+    except InputError as error:
+        raise InputError(f"{files.folder / FILE}: {error}") from None

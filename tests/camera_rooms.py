@@ -1,0 +1,94 @@
+"""Rooms of one projector as several cameras see them, made of known maps from camera pixels to the projector's."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from scipy import sparse
+
+from counterlight.calibration import Calibration, Device, writing
+from counterlight.response import Response
+from counterlight.tools.transport.storage import write_transport
+from counterlight.tools.transport.transport import Transport
+
+PROJECTOR = (27, 48)
+FIRST, SECOND = (36, 50), (32, 44)  # (height, width) of the cameras
+SPREAD = 0.6  # projector pixels: σ of a footprint
+LINEAR = Response("linear")
+Map = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]  # camera pixel -> projector position
+
+
+def homography(H: np.ndarray) -> Map:
+    def where(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        u, v, w = np.einsum("ij,jn->in", H, np.stack([x, y, np.ones_like(x)]))
+        return u / w, v / w
+
+    return where
+
+
+# The first camera sees the projector's left two thirds, the second its right two thirds, each askew.
+LEFT = np.array([[0.62, 0.03, 2.0], [-0.02, 0.65, 2.0], [0.0008, 0.0003, 1.0]])
+RIGHT = np.array([[0.66, -0.03, 17.0], [0.02, 0.7, 2.5], [-0.0006, 0.0004, 1.0]])
+
+
+def folded(H: np.ndarray, fold: float = 24.0, bend: float = 0.25) -> Map:
+    """Beyond a line of the projector's picture the wall turns away: the camera sees it compressed."""
+    straight = homography(H)
+
+    def where(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        u, v = straight(x, y)
+        return u + bend * np.maximum(u - fold, 0), v
+
+    return where
+
+
+def paint(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Reflectance of the wall where the projector's pixels fall, (n, 3)."""
+    wave = np.sin(u / 2.3) * np.cos(v / 1.7)
+    return np.stack([0.7 + 0.2 * wave, 0.65 - 0.15 * wave, 0.6 + 0.1 * np.sin(v / 3)], axis=-1)
+
+
+def centres(camera: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    y, x = np.mgrid[: camera[0], : camera[1]].reshape(2, -1) + 0.5
+    return x, y
+
+
+def transport_seen(camera: tuple[int, int], where: Map, gain: tuple[float, float, float] = (1, 1, 1)) -> Transport:
+    """T of a wall in the projector's light: Gaussian footprints around what each pixel looks at."""
+    u, v = where(*centres(camera))
+    row, column = np.mgrid[: PROJECTOR[0], : PROJECTOR[1]].reshape(2, -1) + 0.5
+    weights = np.exp(-((column - u[:, None]) ** 2 + (row - v[:, None]) ** 2) / (2 * SPREAD**2))
+    weights[weights < 1e-3] = 0
+    light = weights / (2 * np.pi * SPREAD**2)
+    colours = (paint(u, v) * gain).T
+    near = [sparse.csr_array((light * colour[:, None]).astype(np.float32)) for colour in colours]
+    return Transport.from_matrices(near, camera=camera, projector=PROJECTOR)
+
+
+def calibration_of(transport: Transport, name: str, ambient: float = 0.01) -> Calibration:
+    """Counted is what most of a footprint lights."""
+    assert transport.camera is not None
+    light = transport.composition().reshape(*transport.camera, 3)
+    mask = light.min(axis=2) > 0.35
+    picture = np.full((*transport.camera, 3), ambient, np.float32)
+    devices = Device(*PROJECTOR, Response("srgb")), Device(*transport.camera, LINEAR)
+    return Calibration(name, "made by a test", devices[:1], devices[1], picture, mask)
+
+
+def write_views(
+    folder: Path, gain: tuple[float, float, float] = (1, 1, 1), bend: Callable[[np.ndarray], Map] = homography
+) -> list[Path]:
+    """Calibrations `first` and `second` of the two cameras; gain : of the second's light."""
+    rooms = []
+    for name, camera, H, factor in (("first", FIRST, LEFT, (1, 1, 1)), ("second", SECOND, RIGHT, gain)):
+        transport = transport_seen(camera, bend(H), factor)  # type: ignore[arg-type]
+        rooms.append(folder / name)
+        with writing(rooms[-1], calibration_of(transport, name)) as stage:
+            write_transport(transport, stage)
+    return rooms
+
+
+def position_in_first(camera: tuple[int, int], H: np.ndarray) -> np.ndarray:
+    """Where the first camera sees what a camera of a flat wall sees, (height, width, 2)."""
+    u, v = homography(H)(*centres(camera))
+    return np.stack(homography(np.linalg.inv(LEFT))(u, v), axis=-1).reshape(*camera, 2)

@@ -1,0 +1,207 @@
+"""Cameras that saw the same projectors, one at a time or together, below each other as one (thesis 4.1.3).
+
+With c = (c₁, c₂, …) the pictures in one raster, the rows of the T_k stand below each other; of the far light M is
+block-diagonal, D has the cells of all below each other, and U those of each camera's own room.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from counterlight import calibration as calibrations
+from counterlight.calibration import Calibration, Device
+from counterlight.errors import InputError
+from counterlight.maps.row_map import SparseRows
+from counterlight.response import Response
+from counterlight.screen import parts_of, raster_of
+from counterlight.tools.choices import TOLERANCE
+from counterlight.tools.factoring.factoring import factored
+from counterlight.tools.hdr.response_table import NODES
+from counterlight.tools.transport.joining import with_monitors
+from counterlight.tools.transport.shared_screen import SharedRoom, on_one_screen
+from counterlight.tools.transport.storage import read_transport, write_transport
+from counterlight.tools.transport.transport import FarLight, Transport
+
+MOST_APART = 0.02  # of white: responses of one projector as two cameras measured it
+
+
+@dataclass(frozen=True)
+class CameraOptions:
+    """How cameras come together.
+
+    screen : of choices.SCREENS, whose view they share.  keep_exposures : do not match their light where they overlap.
+    tolerance : dB that pictures may lose where a dense T is factored, 0 for T as it is.
+    """
+
+    screen: str = "camera"
+    keep_exposures: bool = False
+    tolerance: float = TOLERANCE
+
+
+def join_cameras(
+    folders: Sequence[Path],
+    output: Path,
+    options: CameraOptions,
+    monitors: Sequence[str] = (),
+    *,
+    name: str | None = None,
+    force: bool = False,
+) -> str:
+    """Write one calibration of the cameras of several; returns a line on the whole and one for each camera.
+
+    Raises InputError for projectors that differ, and for cameras that share nothing.
+    """
+    if len(folders) < 2:
+        raise InputError(f"{len(folders)} calibration to join: give at least two, of the same projectors")
+    with calibrations.replacing(output, force=force, inputs=folders) as stage:
+        stored = [calibrations.read(folder) for folder in folders]
+        rooms = [one.calibration for one in stored]
+        _check_projectors(rooms, folders)
+        made = [factored(read_transport(one), one.calibration.ambient, options.tolerance)[0] for one in stored]
+        shared = joined_cameras(rooms, made, name or output.name, options, monitors)
+        write_transport(shared.transport, stage)
+        calibrations.write(shared.calibration, stage)
+    return "\n".join([f"{output}: {described(shared.calibration)}", *map(str, shared.placed)])
+
+
+def described(calibration: Calibration) -> str:
+    """Cameras, raster and screen in words."""
+    (height, width), camera = calibration.placed_on, calibration.camera
+    return f"{len(calibration.cameras)} cameras, raster {camera.width}x{camera.height}, screen {width}x{height}"
+
+
+def joined_cameras(
+    rooms: Sequence[Calibration],
+    transports: Sequence[Transport],
+    name: str,
+    options: CameraOptions,
+    monitors: Sequence[str] = (),
+) -> SharedRoom:
+    """The cameras of rooms with the same projectors, in the rooms' order."""
+    joint, transport = below_each_other(rooms, transports, name, monitors)
+    cameras = tuple(chain.from_iterable(room.cameras for room in rooms))
+    return on_one_screen(joint, transport, cameras, screen=options.screen, keep_exposures=options.keep_exposures)
+
+
+def below_each_other(
+    rooms: Sequence[Calibration], transports: Sequence[Transport], name: str, monitors: Sequence[str] = ()
+) -> tuple[Calibration, Transport]:
+    """One room in the raster of all cameras, as if it were of one camera: thesis eq. 4.7."""
+    cameras = tuple(chain.from_iterable(room.cameras for room in rooms))
+    rows, shape = _rows_of_rooms(rooms, cameras), raster_of(cameras)
+    joint = Calibration(
+        name,
+        "cameras joined by counterlight join: " + "; ".join(f"{room.name} ({room.provenance})" for room in rooms),
+        with_monitors(rooms[0].projectors, monitors),
+        Device(*shape, Response("linear")),
+        _below([room.ambient for room in rooms], rows, shape),
+        _below([room.mask for room in rooms], rows, shape),
+        _primaries(rooms, rows, shape),
+    )
+    near = _stacked([each.near for each in transports], [0] * len(rooms)).at(rows)
+    return joint, Transport(near, _far_light(transports, rows), shape, rooms[0].projector.shape)
+
+
+def same_projectors(folders: Sequence[Path]) -> bool:
+    """Whether rooms are known to have the same projectors: cameras of other sizes, or monitors of the same names."""
+    rooms = [calibrations.read(folder).calibration for folder in folders]
+    shapes = [[device.shape for device in room.projectors] for room in rooms]
+    if any(each != shapes[0] for each in shapes):
+        return False
+    names = [[device.monitor for device in room.projectors] for room in rooms]
+    named = all(each == names[0] for each in names) and None not in names[0]
+    return named or any(room.camera.shape != rooms[0].camera.shape for room in rooms)
+
+
+def _check_projectors(rooms: Sequence[Calibration], folders: Sequence[Path]) -> None:
+    first, codes = rooms[0], np.repeat(np.linspace(0, 1, NODES)[:, None], 3, axis=1)
+    for room, folder in zip(rooms[1:], folders[1:], strict=True):
+        sizes = [" + ".join(f"{p.width}x{p.height}" for p in each.projectors) for each in (room, first)]
+        if sizes[0] != sizes[1]:
+            raise InputError(
+                f"{folder}: projectors of {sizes[0]}, {folders[0]} has {sizes[1]}; cameras are joined that saw the same"
+            )
+        for number, pair in enumerate(zip(room.projectors, first.projectors, strict=True), 1):
+            apart = np.abs(np.subtract(*(device.response.to_linear(codes) for device in pair))).max()
+            if apart > MOST_APART:
+                raise InputError(
+                    f"{folder}: projector {number} has a response {100 * apart:.2g} % of white from that of "
+                    f"{folders[0]}, expected at most {100 * MOST_APART:g}; give both one with --response"
+                )
+
+
+def _rows_of_rooms(rooms: Sequence[Calibration], cameras: tuple[tuple[int, int], ...]) -> NDArray[np.int64]:
+    """For each pixel of the joint raster its row in the rooms' rows below each other; beside cameras, one after all."""
+    parts, ends = iter(parts_of(cameras)), np.cumsum([0, *(room.camera.pixels for room in rooms)])
+    rows = np.full(raster_of(cameras), ends[-1])
+    for room, start in zip(rooms, ends, strict=False):
+        own = start + np.arange(room.camera.pixels).reshape(room.camera.shape)
+        for view in room.views:
+            rows[next(parts)] = own[view]
+    return np.asarray(rows.ravel(), np.int64)
+
+
+def _below(pictures: Sequence[NDArray[Any]], rows: NDArray[np.int64], shape: tuple[int, int]) -> NDArray[Any]:
+    """Pictures of rooms in the joint raster, 0 beside cameras."""
+    beside = np.zeros((1, *pictures[0].shape[2:]), pictures[0].dtype)
+    flat = np.concatenate([*(each.reshape(-1, *each.shape[2:]) for each in pictures), beside])
+    return np.asarray(flat[rows].reshape(*shape, *flat.shape[1:]))
+
+
+def _primaries(
+    rooms: Sequence[Calibration], rows: NDArray[np.int64], shape: tuple[int, int]
+) -> NDArray[np.float32] | None:
+    """None unless every room has them."""
+    found = [room.primaries for room in rooms if room.primaries is not None]
+    if len(found) < len(rooms):
+        return None
+    return np.stack([_below([each[i] for each in found], rows, shape) for i in range(3)])
+
+
+def _stacked(parts: Sequence[SparseRows], starts: Sequence[int]) -> SparseRows:
+    """Rows below each other and an empty one; starts : of each part's columns."""
+    ends = np.cumsum([0, *(part.indices.size for part in parts)])
+    indptr = [part.indptr[1:] + start for part, start in zip(parts, ends, strict=False)]
+    columns = max(start + part.columns for part, start in zip(parts, starts, strict=True))
+    return SparseRows(
+        np.concatenate([[0], *indptr, ends[-1:]]),
+        np.concatenate([part.indices + start for part, start in zip(parts, starts, strict=True)]).astype(np.int32),
+        np.concatenate([part.weights for part in parts]),
+        columns,
+    )
+
+
+def _far_light(transports: Sequence[Transport], rows: NDArray[np.int64]) -> FarLight | None:
+    """Each room's own cells; a room without far light has none."""
+    if all(transport.far is None for transport in transports):
+        return None
+    parts = [transport.far or _none(transport) for transport in transports]
+    if all(_same_cells(part, parts[0]) for part in parts[1:]):
+        return replace(parts[0], scatter=_stacked([part.scatter for part in parts], [0] * len(parts)).at(rows))
+    starts = np.cumsum([0, *(part.cells for part in parts)])[:-1]
+    gathers = _stacked([part.gather for part in parts], [0] * len(parts))
+    gather = gathers.at(np.arange(sum(part.cells for part in parts)))
+    mix = np.stack([sparse.block_diag([part.mix[i] for part in parts]).toarray() for i in range(3)])
+    return FarLight(gather, mix, _stacked([part.scatter for part in parts], [int(start) for start in starts]).at(rows))
+
+
+def _same_cells(part: FarLight, other: FarLight) -> bool:
+    """As of one simulated room."""
+    pairs = [(part.mix, other.mix)] + [
+        (getattr(part.gather, name), getattr(other.gather, name)) for name in ("indptr", "indices", "weights")
+    ]
+    return all(np.array_equal(*pair) for pair in pairs)
+
+
+def _none(transport: Transport) -> FarLight:
+    """Far light without cells."""
+    nothing, weights = np.empty(0, np.int32), np.empty((0, 3), np.float32)
+    camera, projector = transport.shape
+    empty = SparseRows(np.zeros(camera + 1, np.int64), nothing, weights, 0)
+    return FarLight(SparseRows(np.zeros(1, np.int64), nothing, weights, projector), np.zeros((3, 0, 0)), empty)

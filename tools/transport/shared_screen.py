@@ -1,0 +1,258 @@
+"""Where several cameras' pixels look on one screen, and how bright each camera is beside the others: from T alone.
+
+The screen is the view of one device, the first camera or the first projector, continued over what only others see. The
+cameras are taken one after the other, next the one that shares most with those before.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from counterlight.arrays import BoolArray, FloatArray
+from counterlight.calibration import Calibration
+from counterlight.errors import InputError
+from counterlight.files.picture_files import MAX_SIDE
+from counterlight.screen import Screen, parts_of, raster_of
+from counterlight.tools.transport.smooth_field import smooth_field
+from counterlight.tools.transport.ties import BRIGHT_PERCENTILE, FAINTEST, carried
+from counterlight.tools.transport.transport import Csr, Transport, luminance_matrix
+
+FEWEST = 24  # pixels that tie a camera: an affine map has 6 numbers, and some pixels are wrong
+NOISY = 1.5  # times the camera pixels that see one projector pixel alike
+FARTHEST = 2.0  # screens: further off it matters to no picture where a pixel looks
+MAD = 1.4826  # of a normal distribution's standard deviation
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A camera on the screen.
+
+    number : of the camera, from 1.  tied : its pixels that share light with what was placed before.
+    gain : (3,), what its light was multiplied with.  spread : the usual distance of pixels' own gains from it, a share.
+    """
+
+    number: int
+    tied: int
+    gain: FloatArray
+    spread: float
+
+    def __str__(self) -> str:
+        if not self.tied:
+            return f"camera {self.number}: the screen is its view"
+        gain = " ".join(f"{each:.3f}" for each in self.gain)
+        light = (
+            f"its light times {gain} (pixels differ by {100 * self.spread:.2g} %)"
+            if self.gain.any()
+            else "its light as it is"
+        )
+        return f"camera {self.number}: {self.tied} of its pixels see what those before it see; {light}"
+
+
+@dataclass(frozen=True)
+class SharedRoom:
+    """A room whose cameras share a screen, and how each came there, in that order; of one camera, the room as it is."""
+
+    calibration: Calibration
+    transport: Transport
+    placed: tuple[Placed, ...] = ()
+
+
+def on_one_screen(
+    calibration: Calibration,
+    transport: Transport,
+    cameras: tuple[tuple[int, int], ...],
+    *,
+    screen: str = "camera",
+    keep_exposures: bool = False,
+) -> SharedRoom:
+    """Place cameras that stand below each other in a raster, and match their light where they overlap.
+
+    calibration, transport : of the raster.  cameras : (height, width) of each.
+    screen : of choices.SCREENS, whose view it is.  keep_exposures : leave the cameras' light as it is.
+    Raises InputError for a camera that nothing ties to the others.
+    """
+    found = _Placing(calibration, transport, cameras, keep_exposures=keep_exposures)
+    if screen == "projector":
+        found.begin_with_projector()
+    else:
+        found.begin_with_camera()
+    while found.missing:
+        found.place_next()
+    return found.shared()
+
+
+@dataclass(frozen=True)
+class _View:
+    """One camera's rows of T, luminance as shares of the row's, so that paint moves no footprint's middle.
+
+    shape : (height, width).  counts : (pixels,), its mask.
+    light : T·1, (pixels, 3).  whole : (pixels,), where its picture's edge cuts no footprint.
+    """
+
+    T: Csr
+    shape: tuple[int, int]
+    counts: BoolArray
+    light: FloatArray
+    whole: BoolArray
+
+    @classmethod
+    def of(cls, rows: NDArray[np.int64], near: Csr, mask: BoolArray, light: FloatArray) -> "_View":
+        """rows : the raster's pixels that are this camera's, (height, width)."""
+        inner = np.zeros(rows.shape, bool)
+        inner[1:-1, 1:-1] = True
+        flat = rows.ravel()
+        T = Csr(near[flat]).astype(np.float64)
+        total = np.asarray(T.sum(axis=1)).ravel()
+        bright = total > FAINTEST * np.percentile(total[total > 0], BRIGHT_PERCENTILE) if total.any() else total > 0
+        share = np.divide(1, total, out=np.zeros_like(total), where=bright)
+        T = Csr(sparse.diags_array(share) @ T)
+        T.eliminate_zeros()
+        return cls(T, (rows.shape[0], rows.shape[1]), mask[flat], light[flat], inner.ravel())
+
+    @property
+    def centres(self) -> FloatArray:
+        """x and y of every pixel's middle, (pixels, 2)."""
+        y, x = np.mgrid[: self.shape[0], : self.shape[1]].reshape(2, -1) + 0.5
+        return np.stack([x, y], axis=1)
+
+    @property
+    def step(self) -> float:
+        """Camera pixels, along a side, that see one projector pixel alike."""
+        lit = np.count_nonzero(np.diff(self.T.indptr))
+        return float(np.sqrt(lit / max(np.unique(self.T.indices).size, 1)))
+
+
+class _Placing:
+    """What the projectors' pixels know so far: where they are on the screen, and how bright it is there."""
+
+    def __init__(
+        self,
+        calibration: Calibration,
+        transport: Transport,
+        cameras: tuple[tuple[int, int], ...],
+        *,
+        keep_exposures: bool,
+    ) -> None:
+        self._calibration, self._transport, self._cameras = calibration, transport, cameras
+        self._keep = keep_exposures
+        pixels, width = (
+            np.arange(calibration.camera.pixels).reshape(calibration.camera.shape),
+            calibration.projector.width,
+        )
+        self._rows, self._width = [pixels[part] for part in parts_of(cameras)], width
+        near, mask, light = luminance_matrix(transport.near), calibration.mask.ravel(), transport.composition()
+        self._views = [_View.of(rows, near, mask, light) for rows in self._rows]
+        count = calibration.projector.pixels
+        self._place, self._placed_pixels = np.zeros((count, 2)), np.zeros(count, bool)
+        self._light, self._bright_pixels = np.zeros((count, 3)), np.zeros(count, bool)
+        self._positions: dict[int, FloatArray] = {}
+        self._placed: list[Placed] = []
+
+    @property
+    def missing(self) -> list[int]:
+        return [number for number in range(len(self._views)) if number not in self._positions]
+
+    def begin_with_camera(self) -> None:
+        self._keep_placed(0, self._views[0].centres, Placed(1, 0, np.ones(3), 0.0))
+
+    def begin_with_projector(self) -> None:
+        region = self._calibration.regions[0]
+        y, x = np.mgrid[: region.height, : region.width].reshape(2, -1)
+        pixels = y * self._width + x
+        self._place[pixels], self._placed_pixels[pixels] = np.stack([x, y], axis=1) + 0.5, True
+
+    def place_next(self) -> None:
+        """The camera that shares most with what is placed; InputError if none shares enough."""
+        heard = {
+            number: carried(self._views[number].T, self._width, self._place, self._placed_pixels)
+            for number in self.missing
+        }
+        known = {number: each.known & self._views[number].counts for number, each in heard.items()}
+        number = max(known, key=lambda each: int(known[each].sum()))
+        view, tied = self._views[number], int(known[number].sum())
+        if tied < FEWEST:
+            raise InputError(_untied([each + 1 for each in self.missing], tied))
+        values = heard[number].values.reshape(*view.shape, 2)
+        field = smooth_field(values, known[number].reshape(view.shape), max(NOISY * view.step, NOISY))
+        gain, spread = self._gain(view)
+        self._keep_placed(number, field.reshape(-1, 2), Placed(number + 1, tied, gain, spread))
+
+    def _gain(self, view: _View) -> tuple[FloatArray, float]:
+        """What the camera's light is to be multiplied with, (3,), and how far pixels' own ratios are from it."""
+        expected = carried(view.T, self._width, self._light, self._bright_pixels)
+        both = expected.known & view.counts & (view.light > 0).all(axis=1) & (expected.values > 0).all(axis=1)
+        if self._keep or np.count_nonzero(both) < FEWEST:
+            return np.ones(3), 0.0
+        ratios = np.log(expected.values[both] / view.light[both])
+        middle = np.median(ratios, axis=0)
+        return np.exp(middle), float(MAD * np.median(np.abs(ratios - middle)))
+
+    def _keep_placed(self, number: int, positions: FloatArray, placed: Placed) -> None:
+        """Tell the projectors' pixels what this camera knows and nobody before it did."""
+        view = self._views[number]
+        self._positions[number] = positions
+        self._placed.append(placed)
+        told = carried(
+            Csr(view.T.T), view.shape[1], np.concatenate([positions, placed.gain * view.light], axis=1), view.whole
+        )
+        for values, known, own in (
+            (self._place, self._placed_pixels, told.values[:, :2]),
+            (self._light, self._bright_pixels, told.values[:, 2:]),
+        ):
+            new = told.known & ~known
+            values[new], known[new] = own[new], True
+
+    def shared(self) -> SharedRoom:
+        """Everything is placed."""
+        raster = raster_of(self._cameras)
+        positions, gains = np.zeros((raster[0] * raster[1], 2)), np.ones((raster[0] * raster[1], 3))
+        for placed in self._placed:
+            rows = self._rows[placed.number - 1].ravel()
+            positions[rows], gains[rows] = self._positions[placed.number - 1], placed.gain
+        shape, positions = _framed(positions, self._calibration.mask.ravel())
+        screen = Screen(shape, self._cameras, positions.reshape(*raster, 2).astype(np.float32))
+        calibration = brightened(self._calibration, gains)
+        return SharedRoom(replace(calibration, screen=screen), scaled(self._transport, gains), tuple(self._placed))
+
+
+def scaled(transport: Transport, gains: FloatArray) -> Transport:
+    """Each camera pixel's light times its gain, (camera pixels, 3)."""
+    far = transport.far
+    return replace(
+        transport,
+        near=transport.near.scaled(gains),
+        far=None if far is None else replace(far, scatter=far.scatter.scaled(gains)),
+    )
+
+
+def brightened(calibration: Calibration, gains: FloatArray) -> Calibration:
+    picture = gains.reshape(*calibration.camera.shape, 3).astype(np.float32)
+    primaries = calibration.primaries
+    return replace(
+        calibration,
+        ambient=calibration.ambient * picture,
+        primaries=None if primaries is None else primaries * picture,
+    )
+
+
+def _framed(positions: FloatArray, counts: BoolArray) -> tuple[tuple[int, int], FloatArray]:
+    """The screen's (height, width), around all that counts, and positions from its upper left."""
+    low, high = np.floor(positions[counts].min(axis=0)), np.ceil(positions[counts].max(axis=0))
+    size = np.maximum(high - low, 2).astype(int)
+    if size.max() > MAX_SIDE:
+        raise InputError(
+            f"the screen would be {size[0]}x{size[1]} pixels, at most {MAX_SIDE} a side are: cameras see the wall at "
+            "scales that are too different; begin with the one that stands nearest to the others, or --screen projector"
+        )
+    return (int(size[1]), int(size[0])), np.clip(positions - low, -FARTHEST * size, (1 + FARTHEST) * size)
+
+
+def _untied(numbers: list[int], most: int) -> str:
+    named = ", ".join(map(str, numbers))
+    return (
+        f"camera{'s' * (len(numbers) > 1)} {named}: {most} pixels see projector pixels that the others see, expected "
+        f"at least {FEWEST}; let views overlap, add a camera between them, or take --screen projector if one projector "
+        "lights what all see"
+    )
