@@ -8,6 +8,8 @@ from scipy import sparse
 
 from counterlight.calibration import Calibration, Device, writing
 from counterlight.response import Response
+from counterlight.tools.simulation.geometry import trace
+from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport
 
@@ -92,3 +94,10 @@ def position_in_first(camera: tuple[int, int], H: np.ndarray) -> np.ndarray:
     """Where the first camera sees what a camera of a flat wall sees, (height, width, 2)."""
     u, v = homography(H)(*centres(camera))
     return np.stack(homography(np.linalg.inv(LEFT))(u, v), axis=-1).reshape(*camera, 2)
+
+
+def looks_at(scene: Scene, other: Scene) -> np.ndarray:
+    """Where `other`'s camera sees what each pixel of `scene`'s sees, (height, width, 2)."""
+    directions, _ = scene.camera.pixel_rays(range(scene.camera.height), 1)
+    x, y, _ = other.camera.project(trace(scene.camera.position, directions, scene.surfaces).point)
+    return np.stack([x, y], axis=-1).reshape(scene.camera.height, scene.camera.width, 2)

@@ -13,7 +13,6 @@ from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.screen import FILE, Screen
-from counterlight.tools.simulation.geometry import trace
 from counterlight.tools.simulation.room import simulated_room
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
@@ -35,6 +34,7 @@ from tests.camera_rooms import (
     calibration_of,
     folded,
     homography,
+    looks_at,
     position_in_first,
     transport_seen,
 )
@@ -277,13 +277,6 @@ def srgb(light: np.ndarray) -> np.ndarray:
     """Code values of light."""
     grid = np.linspace(0, 1, 4096)
     return np.interp(light, Response("srgb").to_linear(grid), 255 * grid)
-
-
-def looks_at(scene: Scene, other: Scene) -> np.ndarray:
-    """Where `other`'s camera sees what each pixel of `scene`'s sees, (height, width, 2)."""
-    directions, _ = scene.camera.pixel_rays(range(scene.camera.height), 1)
-    x, y, _ = other.camera.project(trace(scene.camera.position, directions, scene.surfaces).point)
-    return np.stack([x, y], axis=-1).reshape(scene.camera.height, scene.camera.width, 2)
 
 
 def _inside(points: np.ndarray, scene: Scene) -> np.ndarray:

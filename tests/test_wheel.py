@@ -97,4 +97,4 @@ def test_the_main_job_from_a_wheel_in_a_foreign_folder(installed: Path, tmp_path
     assert (tmp_path / "drive.png").stat().st_size > 0
     refused = run("counterlight", "study", "--scenes", "cornr")
     assert refused.returncode == 2
-    assert "there are corner, folded_cards, glass, " in refused.stderr
+    assert "there are corner, folded_cards, folded_wall, glass, " in refused.stderr

@@ -52,7 +52,7 @@ def _parser() -> argparse.ArgumentParser:
         "--screen",
         choices=SCREENS,
         default=SCREENS[0],
-        help="whose view cameras share: the first camera's (default), …",
+        help="whose view cameras share: the first camera's (default) or projector's, which needs no overlap",
     )
     parser.add_argument(
         "--keep-exposures", action="store_true", help="do not match the cameras' light where they overlap"

@@ -30,24 +30,22 @@ class Placed:
     """A camera on the screen.
 
     number : of the camera, from 1.  tied : its pixels that share light with what was placed before.
-    gain : (3,), what its light was multiplied with.  spread : the usual distance of pixels' own gains from it, a share.
+    gain : (3,), what its light was multiplied with.  spread : the usual distance of pixels' own gains from it, a share;
+    None where its light was left as it is.
     """
 
     number: int
     tied: int
     gain: FloatArray
-    spread: float
+    spread: float | None = None
 
     def __str__(self) -> str:
-        if not self.tied:
-            return f"camera {self.number}: the screen is its view"
-        gain = " ".join(f"{each:.3f}" for each in self.gain)
-        light = (
-            f"its light times {gain} (pixels differ by {100 * self.spread:.2g} %)"
-            if self.gain.any()
-            else "its light as it is"
-        )
-        return f"camera {self.number}: {self.tied} of its pixels see what those before it see; {light}"
+        light = "its light as it is"
+        if self.spread is not None:
+            gain = " ".join(f"{each:.3f}" for each in self.gain)
+            light = f"its light times {gain} (pixels differ by {100 * self.spread:.2g} %)"
+        tied = f"{self.tied} of its pixels see what is on the screen already" if self.tied else "the screen is its view"
+        return f"camera {self.number}: {tied}; {light}"
 
 
 @dataclass(frozen=True)
@@ -155,7 +153,7 @@ class _Placing:
         return [number for number in range(len(self._views)) if number not in self._positions]
 
     def begin_with_camera(self) -> None:
-        self._keep_placed(0, self._views[0].centres, Placed(1, 0, np.ones(3), 0.0))
+        self._keep_placed(0, self._views[0].centres, Placed(1, 0, np.ones(3)))
 
     def begin_with_projector(self) -> None:
         region = self._calibration.regions[0]
@@ -179,12 +177,12 @@ class _Placing:
         gain, spread = self._gain(view)
         self._keep_placed(number, field.reshape(-1, 2), Placed(number + 1, tied, gain, spread))
 
-    def _gain(self, view: _View) -> tuple[FloatArray, float]:
+    def _gain(self, view: _View) -> tuple[FloatArray, float | None]:
         """What the camera's light is to be multiplied with, (3,), and how far pixels' own ratios are from it."""
         expected = carried(view.T, self._width, self._light, self._bright_pixels)
         both = expected.known & view.counts & (view.light > 0).all(axis=1) & (expected.values > 0).all(axis=1)
         if self._keep or np.count_nonzero(both) < FEWEST:
-            return np.ones(3), 0.0
+            return np.ones(3), None
         ratios = np.log(expected.values[both] / view.light[both])
         middle = np.median(ratios, axis=0)
         return np.exp(middle), float(MAD * np.median(np.abs(ratios - middle)))
