@@ -181,17 +181,22 @@ def simulate(
     projector: Shape | None = None,
     without: Sequence[str] = (),
     only: Sequence[str] = (),
+    within: float | None = None,
 ) -> Room:
     """A room from a scene: a file, or the name of a shipped one.
 
     camera, projector : (height, width), None for the scene's own.  without, only : effects to leave out, or to keep.
+    within : decibels of the final picture that may be lost by leaving out what costs time.
     """
     from counterlight.tools.simulation import simulate as simulation
+    from counterlight.tools.simulation.needs import chosen, needs_of
     from counterlight.tools.simulation.room import simulated_calibration
     from counterlight.tools.simulation.scene import load_scene
+    from counterlight.tools.study.worth import priced
 
     described = load_scene(parse_scene(str(scene))).resized(camera, projector)
-    result = simulation.simulate(described, without=without, only=only)
+    needs = chosen(needs_of(described), without, only)
+    result = simulation.simulate(described, needs if within is None else priced(described, needs, within))
     return _room(simulated_calibration(described, result), result.transport)
 
 
