@@ -135,6 +135,18 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(height), int(width)
 
 
+def parse_decibels(text: str) -> float:
+    """`0.1dB` or `0.1` -> 0.1."""
+    number = text.lower().removesuffix("db")
+    try:
+        decibels = float(number)
+    except ValueError:
+        decibels = -1.0
+    if not 0 <= decibels < float("inf"):
+        raise argparse.ArgumentTypeError(f"decibels are a number of at least 0, such as 0.1dB, found {text!r}")
+    return decibels
+
+
 def progress_bar(label: str, total: int | None) -> Any:
     """A tqdm bar on stderr that keeps its length however long its label is."""
     from tqdm import tqdm  # counterlight doctor reports a tqdm that is missing by means of this module

@@ -186,17 +186,24 @@ def simulate(
     projector: Shape | None = None,
     without: Sequence[str] = (),
     only: Sequence[str] = (),
+    within: float | None = None,
 ) -> Room:
     """A room from a scene: a file, or the name of a shipped one.
 
     camera, projector : (height, width), None for the scene's own.  without, only : effects to leave out, or to keep.
+    within : decibels of the final picture that may be lost by leaving out what costs time.
     """
     from counterlight.tools.simulation import simulate as simulation
+    from counterlight.tools.simulation.needs import chosen, needs_of
     from counterlight.tools.simulation.room import simulated_room
     from counterlight.tools.simulation.scene import load_scene
+    from counterlight.tools.study.worth import priced
 
     described = load_scene(parse_scene(str(scene))).resized(camera, projector)
-    results = [simulation.simulate(view, without=without, only=only) for view in described.views]
+    results = []
+    for view in described.views:
+        needs = chosen(needs_of(view), without, only)
+        results.append(simulation.simulate(view, needs if within is None else priced(view, needs, within)))
     return _room(*simulated_room(described, results))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Parser, parse_size, run
+from counterlight.command import Parser, parse_decibels, parse_size, run
 from counterlight.errors import InputError
 from counterlight.tools.shipped import parse_scene
 
@@ -35,15 +35,21 @@ def _main(argv: Sequence[str] | None) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> "tuple[Scene, list[Simulated]]":
+    from counterlight.tools.simulation.needs import chosen, needs_of
     from counterlight.tools.simulation.scene import load_scene
     from counterlight.tools.simulation.simulate import simulate
 
     scene = load_scene(options.scene).resized(options.camera, options.projector)
-    results = []
+    results, asked = [], options.explain or options.within is not None
     for number, view in enumerate(scene.views, 1):
-        results.append(simulate(view, without=options.without, only=options.only))
+        needs = chosen(needs_of(view), options.without, options.only)
+        if asked:
+            from counterlight.tools.study.worth import priced
+
+            needs = priced(view, needs, options.within)
+        results.append(simulate(view, needs))
         seen = f"camera {number}\n" if scene.others else ""
-        print(f"{seen}{results[-1].explained(all_effects=options.explain)}")
+        print(f"{seen}{results[-1].explained(all_effects=asked)}")
     return scene, results
 
 
@@ -55,7 +61,17 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="the calibration folder")
     parser.add_argument("--camera", type=parse_size, metavar="WxH", help="camera pixels, instead of the scene's")
     parser.add_argument("--projector", type=parse_size, metavar="WxH", help="projector pixels, instead of the scene's")
-    parser.add_argument("--explain", action="store_true", help="say of every effect why it is on or off, and its cost")
+    parser.add_argument(
+        "--explain",
+        action="store_true",
+        help="say of every effect why it is on or off, what it costs, and what it is worth in dB of the final picture",
+    )
+    parser.add_argument(
+        "--within",
+        type=parse_decibels,
+        metavar="DB",
+        help="leave out what costs and is worth no more than this of the final picture in all, such as 0.1dB",
+    )
     parser.add_argument("--without", nargs="+", action="extend", default=[], metavar="EFFECT", help="leave effects out")
     parser.add_argument("--only", nargs="+", action="extend", default=[], metavar="EFFECT", help="leave all others out")
     parser.add_argument("--force", action="store_true", help="replace a calibration that is there already")

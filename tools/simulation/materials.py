@@ -1,6 +1,6 @@
 """What surfaces are made of: albedo over a surface's (u, v), per colour channel, 0..1, and optics beside it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -66,6 +66,15 @@ class Material:
     def albedo(self, u: FloatArray, v: FloatArray) -> FloatArray:
         """Diffuse reflectance (…, 3) at u, v (…) in 0..1."""
         return self.paint.albedo(u, v)
+
+    def enlarged(self, scale: float) -> "Material":
+        """The same for pixels `scale` times as large: light scatters as many of them, colours bend as many apart."""
+        body, solid = self.translucency, self.dielectric
+        return replace(
+            self,
+            translucency=body and Translucency(scale * body.mean_free_path),
+            dielectric=solid and replace(solid, abbe=solid.abbe / scale),
+        )
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Which effects a scene calls for, and why: read off its geometry and its numbers, before any effect is imported."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -14,16 +14,20 @@ from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
 from counterlight.tools.simulation.surfaces import Surface, facing_pairs, outline
 
 OVERLAP = 1e-3  # projector pixels²
-SHARP = 0.5  # pixels: a smaller circle of confusion is no blur
+SHARP = 1e-3  # pixels: a smaller circle of confusion moves one ray in a thousand
 
 
 @dataclass(frozen=True)
 class Need:
-    """One effect: is it simulated, and the reason taken from the scene."""
+    """One effect: is it simulated, and the reason taken from the scene.
+
+    worth : decibels of the final picture (study/worth.py), None where nobody judged.
+    """
 
     effect: str
     on: bool
     reason: str
+    worth: float | None = None
 
 
 def needs_of(scene: Scene) -> dict[str, Need]:
@@ -39,7 +43,7 @@ def chosen(needs: Mapping[str, Need], without: Collection[str] = (), only: Colle
             raise InputError(f"unknown effect {name!r}{hint}")
     off = dict.fromkeys(without, "--without") | {name: "--only" for name in needs if only and name not in only}
     return {
-        name: Need(name, False, f"switched off by {off[name]}") if need.on and name in off else need
+        name: replace(need, on=False, reason=f"switched off by {off[name]}") if need.on and name in off else need
         for name, need in needs.items()
     }
 

@@ -1,7 +1,7 @@
 """Run the effects that a scene calls for, band by band of camera rows, and say what each cost."""
 
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,7 +26,6 @@ MANY = 1 << 17  # entries of a batch that are summed before the next
 MAX_BYTES = 8 << 30
 BYTES_A_RAY = 16  # the entries that rays become
 BYTES_A_BEAM = 100  # a projector pixel's entries in the gather
-NEGLIGIBLE = 1e-3  # of the floodlit room's light
 THROUGH_GLASS = ("refraction", "caustics")  # whose light dispersion moves
 Entries = tuple[IntArray, IntArray, FloatArray]
 
@@ -40,18 +39,13 @@ class EffectReport:
     entries: int = 0
     energy_share: float = 0.0
 
-    @property
-    def negligible(self) -> bool:
-        return self.need.on and self.energy_share < NEGLIGIBLE
-
     def __str__(self) -> str:
-        name = f"{self.need.effect:17}"
+        name, worth = f"{self.need.effect:17}", "" if self.need.worth is None else f"{self.need.worth:.2f}"
         if not self.need.on:
-            return f"{name} off  {'':32}{self.need.reason}"
+            return f"{name} off  {'':31} {worth:>6}  {self.need.reason}"
         sign = "-" if self.need.effect in TAKES else "~" if self.need.effect in MOVES else "+"
         energy = f"{sign}{100 * self.energy_share:.2f} %"
-        doubt = f"; negligible (below {100 * NEGLIGIBLE:g} %)" if self.negligible else ""
-        return f"{name} on   {self.seconds:7.2f} {self.entries:13,} {energy:>9}  {self.need.reason}{doubt}"
+        return f"{name} on   {self.seconds:7.2f} {self.entries:13,} {energy:>9} {worth:>6}  {self.need.reason}"
 
 
 @dataclass(frozen=True)
@@ -83,7 +77,9 @@ class Simulated:
 
     def explained(self, *, all_effects: bool = True) -> str:
         """The reports as lines under a heading: what was on, what it cost, and why."""
-        heading = f"{'effect':22} {'CPU s':>7} {'entries':>13} {'energy':>9}  why (+ adds, - takes away, ~ moves)"
+        heading = (
+            f"{'effect':22} {'CPU s':>7} {'entries':>13} {'energy':>9} {'dB':>6}  why (+ adds, - takes away, ~ moves)"
+        )
         lines = [str(report) for report in self.reports if all_effects or report.need.on]
         rest = self.cpu_seconds - sum(report.seconds for report in self.reports)
         lines += [
@@ -93,12 +89,18 @@ class Simulated:
         return "\n".join([heading, *lines])
 
 
-def simulate(scene: Scene, *, without: Collection[str] = (), only: Collection[str] = ()) -> Simulated:
+def simulate(
+    scene: Scene,
+    needs: Mapping[str, Need] | None = None,
+    *,
+    without: Collection[str] = (),
+    only: Collection[str] = (),
+) -> Simulated:
     """Simulate what a scene calls for, nothing else; InputError if projector or camera sees nothing.
 
-    without, only : effects to leave out, or to keep, for a study.
+    needs : of the scene, None to read them off it.  without, only : effects to leave out, or to keep, for a study.
     """
-    needs = chosen(needs_of(scene), without, only)
+    needs = chosen(needs_of(scene) if needs is None else needs, without, only)
     _check(scene, needs)
     return _Simulation(scene, needs).run()
 

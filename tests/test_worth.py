@@ -1,0 +1,121 @@
+"""What effects are worth: recomputed by other commands, and a tolerance that is kept where nobody judged."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import counterlight as cl
+from counterlight.arrays import FloatArray
+from counterlight.pipeline.content import psnr
+from counterlight.tools.simulation.needs import Need, needs_of
+from counterlight.tools.simulation.room import simulated_calibration
+from counterlight.tools.simulation.scene import Scene, load_scene
+from counterlight.tools.simulation.simulate import simulate
+from counterlight.tools.study.pictures import BUILT_IN
+from counterlight.tools.study.worth import PICTURES, priced
+from tests.programs import fail, python, succeed
+from tests.scenes import SCENES, plane, rectangle, scene_file, small
+
+BRICKS = 'pattern = { kind = "bricks", colours = [[0.7, 0.5, 0.4], [0.5, 0.6, 0.6]], repeat = [24, 30] }'
+COAT = "albedo = [0.6, 0.5, 0.5]\ngloss = { reflectance = 0.002, roughness = 0.2 }"
+
+
+def room(scene: Scene, needs: dict[str, Need] | None = None, without: tuple[str, ...] = ()) -> cl.Room:
+    result = simulate(scene, needs, without=without)
+    return cl.Room(simulated_calibration(scene, result), result.transport)
+
+
+def off_by(whole: cl.Room, lacking: cl.Room, name: str) -> tuple[float, float]:
+    """Decibels that a picture loses by solving without, and those that the room without promises too much."""
+    picture = BUILT_IN[name](whole.camera)
+
+    def seen(room: cl.Room, drive: FloatArray) -> float:
+        return psnr(float(np.mean(((room.seen(drive) / whole.white - picture)[whole.mask]) ** 2)))
+
+    best, drive = (cl.solve(each, picture, white=whole.white).drive for each in (whole, lacking))
+    return seen(whole, best) - seen(whole, drive), seen(lacking, drive) - seen(whole, best)
+
+
+@pytest.mark.parametrize("effect", ["inter_reflection", "ambient_light"])
+def test_an_effect_is_worth_what_the_room_loses_without_it(effect: str) -> None:
+    scene = replace(small("corner"), cells=60)
+    errors = [off_by(room(scene), room(scene, without=(effect,)), name) for name in PICTURES]
+    worst = max(max(lost, abs(promised)) for lost, promised in errors)
+    # Box optima to a relative gap of 3e-3 in place of 1e-4: 0.013 dB each.
+    assert priced(scene, needs_of(scene))[effect].worth == pytest.approx(worst, abs=0.02)
+
+
+def test_a_lens_is_judged_by_its_picture_not_by_its_circle_of_confusion(tmp_path: Path) -> None:
+    scene = load_scene(scene_file(tmp_path, plane(extra=BRICKS))).resized((45, 60), (36, 48))
+    opened = replace(scene.projector, aperture=0.1, focus_distance=1.0)
+    worth = []
+    for pixels in (0.02, 0.45, 0.9):
+        lens = replace(opened, aperture=0.1 * pixels / float(opened.blur_pixels(np.array([2.0]))[0]))
+        soft = replace(scene, projector=lens)
+        need = priced(soft, needs_of(soft), 0.1)["projector_defocus"]
+        assert need.worth is not None
+        assert need.on == (need.worth > 0.075)
+        worth.append(need.worth)
+    assert sorted(worth) == worth
+    assert worth[0] < 0.05 < worth[2]
+
+
+def faint_coat(tmp_path: Path) -> Scene:
+    """Two cards at a right angle; one has a coat that reflects next to nothing."""
+    card = rectangle([-0.5, -0.5, 0.0], [1.0, 0, 0], [0, 1.0, 0], 0.6)
+    coated = f"[[surfaces]]\ncorner = [-0.5, -0.5, 0]\nedge_u = [0, 0, 0.6]\nedge_v = [0, 1, 0]\n{COAT}\n"
+    return load_scene(scene_file(tmp_path, card + coated))
+
+
+def small_card(tmp_path: Path) -> Scene:
+    """A small dark card far from a wall that it hardly lights."""
+    card = rectangle([0.2, 0, 0.9], [0, 0, 0.1], [0, 0.1, 0], 0.05)
+    return load_scene(scene_file(tmp_path, plane(extra=BRICKS) + card))
+
+
+@pytest.mark.parametrize("make", [faint_coat, small_card])
+def test_a_tolerance_is_kept_at_a_size_that_nobody_judged(make: Callable[[Path], Scene], tmp_path: Path) -> None:
+    scene = replace(make(tmp_path), cells=200).resized((105, 140), (72, 96))
+    needs = priced(scene, needs_of(scene), 0.1)
+    assert [name for name, need in needs.items() if not need.on and need.worth is not None]
+    whole, lacking = room(scene), room(scene, needs)
+    for name in ("photograph", "film", "text"):
+        assert np.max(np.abs(off_by(whole, lacking, name))) < 0.1
+
+
+def test_all_that_costs_goes_for_an_endless_tolerance_and_what_is_free_stays() -> None:
+    scene = replace(small("folded_cards"), cells=60)
+    found = priced(scene, needs_of(scene), 1e9)
+    assert [name for name, need in found.items() if need.on] == ["direct", "ambient_light", "black_level"]
+    assert "--within 1e+09 dB" in found["shadows"].reason
+
+
+def test_without_any_light_left_an_effect_is_worth_everything(tmp_path: Path) -> None:
+    """A camera that sees the wall through a ball of glass alone."""
+    ball = '[[surfaces]]\nshape = "sphere"\ncentre = [0, 0, 1.7]\nradius = 0.25\ndielectric = { index = 1.5 }\n'
+    scene = load_scene(scene_file(tmp_path, plane() + ball))
+    assert priced(scene, needs_of(scene), 20.0)["refraction"].worth == np.inf
+
+
+def test_judging_imports_no_effect_that_the_scene_does_not_call_for(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, plane() + "[ambient]\nirradiance = [0.02, 0.02, 0.02]\n")
+    script = f"""
+import sys
+from counterlight.tools.verbs import main
+main(["simulate", {str(scene)!r}, "--explain", "--within", "0.1dB"])
+prefix = "counterlight.tools.simulation.effects."
+print(*sorted(name.removeprefix(prefix) for name in sys.modules if name.startswith(prefix)))
+"""
+    assert python("-c", script).splitlines()[-1] == "ambient_light direct"
+
+
+def test_the_command_says_what_effects_are_worth() -> None:
+    scene = SCENES / "corner.toml"
+    said = succeed("simulate", scene, "--explain", "--camera", "40x24", "--projector", "32x20")
+    lines = {line.split()[0]: line.split() for line in said.splitlines()}
+    assert lines["effect"][5] == "dB"
+    assert float(lines["inter_reflection"][6]) > 1  # after seconds, entries, energy and its sign of per cent
+    assert "decibels are a number of at least 0" in fail("simulate", scene, "--explain", "--within=-1dB")
