@@ -102,6 +102,20 @@ class SparseRows:
         kept_before = np.concatenate([[0], np.cumsum(keep)])
         return SparseRows(kept_before[self.indptr], self.indices[keep], self.weights[keep], self.columns)
 
+    def of_rows(self, chosen: NDArray[np.integer]) -> "SparseRows":
+        """Some of its rows, in that order."""
+        lengths = self.lengths[chosen]
+        starts = np.concatenate([[0], np.cumsum(lengths)])
+        entries = np.repeat(self.indptr[chosen] - starts[:-1], lengths) + np.arange(starts[-1])
+        return SparseRows(starts, self.indices[entries], self.weights[entries], self.columns)
+
+    def of_columns(self, chosen: NDArray[np.integer]) -> "SparseRows":
+        """Some of its columns, (n,) ascending."""
+        place = np.full(self.columns, -1, np.int32)
+        place[chosen] = np.arange(chosen.size)
+        kept = self.where(place[self.indices] >= 0)
+        return replace(kept, indices=place[kept.indices], columns=chosen.size)
+
     def inside(self, mask: NDArray[np.bool_]) -> "SparseRows":
         """The other rows left empty, (rows,), and entries of 0 left out."""
         return self.where((self.weights != 0).any(axis=1) & mask[self.rows])

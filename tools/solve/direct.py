@@ -3,6 +3,7 @@
 import numpy as np
 
 from counterlight.arrays import FloatArray
+from counterlight.tools.inverse.direct import lit_most
 from counterlight.tools.solve.channel import Channel
 
 
@@ -10,11 +11,9 @@ class Direct:
     """p_j = b_i / (T·1)_i at the camera pixel i that projector pixel j lights most; 0 where it lights none."""
 
     def __init__(self, T: Channel) -> None:
-        rows = np.repeat(np.arange(T.shape[0]), np.diff(T.near.indptr))
-        columns, values = T.near.indices, T.near.data
-        order = np.lexsort((values, columns))
-        strongest = order[np.append(np.diff(columns[order]) != 0, True)[: order.size]]
-        self._asking, self._asked, self._pixels = columns[strongest], rows[strongest], T.shape[1]
+        most = lit_most(T.alone().T)
+        self._asking, self._pixels = np.flatnonzero(most >= 0), T.shape[1]
+        self._asked = most[self._asking]
         self._light = T.operator.matvec(np.ones(T.shape[1]))[self._asked]
 
     def solve(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:

@@ -1,9 +1,11 @@
 """Projectors that were measured one at a time, side by side as one: their transports, ambient light and masks.
 
 With p = (p₁, p₂, …) the pictures in one raster, T p = Σ T_k p_k: the columns of the T_k stand where the raster has
-their pixels, and of the far light M is block-diagonal, D has the cells of all below each other, U beside each other.
+their pixels, and of the far light M is block-diagonal, D has the cells of all below each other, U beside each other, as
+P and B of the blurred light.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,11 +17,13 @@ from scipy import sparse
 from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.errors import InputError
+from counterlight.maps.row_map import SparseRows
 from counterlight.pipeline.colour import LUMINANCE
 from counterlight.pipeline.content import BRIGHT_PERCENTILE
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.factoring.factoring import Factoring, factored
 from counterlight.tools.hdr.response_table import NODES, table_response
+from counterlight.tools.transport.blurred import BlurredLight
 from counterlight.tools.transport.mask import FRACTION_OF_AMBIENT
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, stacked
@@ -94,8 +98,11 @@ def join_transports(transports: Sequence[Transport], shapes: Sequence[tuple[int,
         _columns_at(sparse.hstack(parts), places, height * width)
         for parts in zip(*(channels(transport.near) for transport in transports), strict=True)
     ]
-    far = _join_far(transports, shapes, places, height * width)
-    return Transport(stacked(near), far, transports[0].camera, (height, width))
+    ends = np.cumsum([0, *(height * width for height, width in shapes)])
+    parts = [places[start:end] for start, end in itertools.pairwise(ends)]
+    far = _join_far([t.far for t in transports], parts, height * width)
+    blurred = _join_blurred([t.blurred for t in transports], parts, height * width)
+    return Transport(stacked(near), far, transports[0].camera, (height, width), blurred)
 
 
 def _places(shape: tuple[int, int], left: int, width: int) -> NDArray[np.int64]:
@@ -112,23 +119,33 @@ def _columns_at(matrix: Csr, places: NDArray[np.int64], columns: int) -> Csr:
     return moved
 
 
-def _join_far(
-    transports: Sequence[Transport], shapes: Sequence[tuple[int, int]], places: NDArray[np.int64], columns: int
-) -> FarLight | None:
-    """Cells of all projectors; one without far light has none."""
-    ends = np.cumsum([0, *(height * width for height, width in shapes)])
-    parts = [
-        (far, places[start:end])
-        for far, start, end in zip((t.far for t in transports), ends, ends[1:], strict=False)
-        if far is not None
-    ]
+def _join_far(lights: Sequence[FarLight | None], places: Sequence[NDArray[np.int64]], columns: int) -> FarLight | None:
+    """Cells of all projectors; one without far light has none.  places : of each projector's pixels in the raster."""
+    parts = [(far, at) for far, at in zip(lights, places, strict=True) if far is not None]
     if not parts:
         return None
-    gathers = zip(*([_columns_at(D, at, columns) for D in channels(far.gather)] for far, at in parts), strict=True)
-    scatters = zip(*(channels(far.scatter) for far, _ in parts), strict=True)
+    gather, scatter = _join_factors([(far.gather, at, far.scatter) for far, at in parts], columns)
     mix = np.stack([sparse.block_diag([far.mix[i] for far, _ in parts]).toarray() for i in range(3)])
-    return FarLight.from_matrices(
-        [Csr(sparse.vstack(each)) for each in gathers], mix, [Csr(sparse.hstack(each)) for each in scatters]
+    return FarLight(gather, mix, scatter)
+
+
+def _join_blurred(
+    lights: Sequence[BlurredLight | None], places: Sequence[NDArray[np.int64]], columns: int
+) -> BlurredLight | None:
+    """As `_join_far`."""
+    parts = [(one.gather, at, one.scatter) for one, at in zip(lights, places, strict=True) if one is not None]
+    return BlurredLight(*_join_factors(parts, columns)) if parts else None
+
+
+def _join_factors(
+    parts: Sequence[tuple[SparseRows, NDArray[np.int64], SparseRows]], columns: int
+) -> tuple[SparseRows, SparseRows]:
+    """Gathers below each other, their columns at their places, and scatters beside each other."""
+    gathers = zip(*([_columns_at(D, at, columns) for D in channels(gather)] for gather, at, _ in parts), strict=True)
+    scatters = zip(*(channels(scatter) for _, _, scatter in parts), strict=True)
+    return (
+        stacked([Csr(sparse.vstack(each)) for each in gathers]),
+        stacked([Csr(sparse.hstack(each)) for each in scatters]),
     )
 
 
