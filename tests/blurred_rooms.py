@@ -69,9 +69,21 @@ def written_out(T: Transport) -> NDArray[np.float64]:
 
 def write_room(folder: Path, transport: Transport) -> None:
     """A calibration folder; all camera pixels count."""
-    assert transport.camera is not None and transport.projector is not None
+    with writing(folder, calibrated(transport)) as stage:
+        write_transport(transport, stage)
+
+
+def calibrated(transport: Transport) -> Calibration:
+    """What a room says beside its transport."""
+    assert transport.camera is not None
+    assert transport.projector is not None
     devices = Device(*transport.projector, Response("srgb")), Device(*transport.camera, Response("linear"))
     ambient = np.full((*transport.camera, 3), 0.01, np.float32)
-    room = Calibration(folder.name, "made by a test", devices[:1], devices[1], ambient, np.ones(transport.camera, bool))
-    with writing(folder, room) as stage:
-        write_transport(transport, stage)
+    return Calibration("discs", "made by a test", devices[:1], devices[1], ambient, np.ones(transport.camera, bool))
+
+
+def far_light(shape: tuple[int, int]) -> FarLight:
+    """A tenth of all light, about: two cells that each take the mean of the picture and are seen by every pixel."""
+    rows, columns = shape
+    gather = dense_rows(np.full((3, 2, columns), 1 / columns))
+    return FarLight(gather, np.full((3, 2, 2), 0.1), dense_rows(np.full((3, rows, 2), 0.2)))

@@ -9,9 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from counterlight import calibration
-from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
-from counterlight.response import Response
 from counterlight.tools.blurring.choice import chosen_limit
 from counterlight.tools.blurring.pruning import in_cells
 from counterlight.tools.inverse.direct import lit_most
@@ -23,16 +21,26 @@ from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.mixing import mixed_channels
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.storage import read_transport
-from counterlight.tools.transport.transport import FarLight, Transport, dense_rows, in_one
+from counterlight.tools.transport.transport import Transport, dense_rows, in_one
 from counterlight.tools.transport.trust import cut_by_edges, seen
-from tests.blurred_rooms import CAMERA, PROJECTOR, discs, in_blocks, rows_of, write_room, written_out
+from tests.blurred_rooms import (
+    CAMERA,
+    PROJECTOR,
+    calibrated,
+    discs,
+    far_light,
+    in_blocks,
+    rows_of,
+    write_room,
+    written_out,
+)
 
 RADIUS = 6.0
 SUMS = 1e-6  # of the largest, float32 weights: sums of some hundred terms
 
 
 @pytest.fixture
-def T(rng: np.random.Generator) -> Transport:
+def T(rng: np.random.Generator) -> Transport:  # noqa: N802 - as the field calls it
     return in_blocks(discs(rng, RADIUS))
 
 
@@ -150,7 +158,8 @@ def test_what_is_minimised_is_that_of_its_entries(T: Transport) -> None:
     by_cells, by_entries = (
         objective_of(each, room, DEFAULT_AIMS) for each in (T, replace(T, near=in_one(T), blurred=None))
     )
-    assert by_cells.prior is not None and by_entries.prior is not None
+    assert by_cells.prior is not None
+    assert by_entries.prior is not None
     for name in ("damping", "right", "down"):
         alike(getattr(by_cells.prior, name), getattr(by_entries.prior, name))
     alike(by_cells.curvature, by_entries.curvature)
@@ -187,18 +196,12 @@ def test_projectors_beside_each_other(rng: np.random.Generator) -> None:
     )
 
 
-def calibrated(T: Transport) -> Calibration:
-    devices = Device(*PROJECTOR, Response("srgb")), Device(*CAMERA, Response("linear"))
-    dark = np.zeros((*CAMERA, 3), np.float32)
-    return Calibration("blurred", "made by a test", devices[:1], devices[1], dark, np.ones(CAMERA, bool))
-
-
 def test_files_hold_it_to_the_last_bit(T: Transport, tmp_path: Path) -> None:
-    cells = dense_rows(np.full((3, 2, T.shape[1]), 1e-3))
-    far = FarLight(cells, np.full((3, 2, 2), 0.1), dense_rows(np.full((3, T.shape[0], 2), 0.05)))
+    far = far_light(T.shape)
     write_room(tmp_path / "room", replace(T, far=far))
     found = read_transport(calibration.read(tmp_path / "room"))
-    assert found.blurred is not None and T.blurred is not None
+    assert found.blurred is not None
+    assert T.blurred is not None
     for one, other in ((found.near, T.near), (found.blurred.scatter, T.blurred.scatter)):
         np.testing.assert_array_equal(one.indices, other.indices)
         np.testing.assert_array_equal(one.weights, other.weights)
@@ -219,7 +222,7 @@ def test_pictures_lose_no_more_than_the_tolerance(rng: np.random.Generator) -> N
     """Judged by the box optima of the whole picture, which the choice never saw."""
     full = discs(rng, RADIUS, tinted=False)
     rows, tolerance = rows_of(full), 0.2
-    choice = chosen_limit(rows, CAMERA[1], PROJECTOR, tolerance)
+    choice = chosen_limit([rows], CAMERA[1], PROJECTOR, tolerance)
     assert choice.limit > 0
     assert max(choice.losses.values()) <= tolerance
     T, made = Transport(rows), in_blocks(full, choice.limit)
@@ -233,7 +236,7 @@ def test_pictures_lose_no_more_than_the_tolerance(rng: np.random.Generator) -> N
 
 def test_sharp_rows_are_left_to_a_limit_that_changes_nothing(rng: np.random.Generator) -> None:
     sharp = rows_of(discs(rng, 0.7))
-    choice = chosen_limit(sharp, CAMERA[1], PROJECTOR, 1e-9)
+    choice = chosen_limit([sharp], CAMERA[1], PROJECTOR, 1e-9)
     near, scatter = in_cells(sharp, PROJECTOR, choice.limit)
     assert near.indices.size + scatter.indices.size > 0.9 * sharp.indices.size
 

@@ -8,11 +8,16 @@ from typing import TYPE_CHECKING
 
 from counterlight.command import Parser, parse_size, run
 from counterlight.errors import InputError
+from counterlight.tools.acquisition.room_options import add_tolerance
+from counterlight.tools.choices import BLUR_TOLERANCE
 from counterlight.tools.shipped import parse_scene
 
 if TYPE_CHECKING:
     from counterlight.tools.simulation.scene import Scene
     from counterlight.tools.simulation.simulate import Simulated
+
+
+BLURRED = "rows of T that are too long for maps, far out of focus at many pixels, become blocks of projector pixels"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -39,7 +44,7 @@ def _simulate(options: argparse.Namespace) -> "tuple[Scene, Simulated]":
     from counterlight.tools.simulation.simulate import simulate
 
     scene = load_scene(options.scene).resized(options.camera, options.projector)
-    result = simulate(scene, without=options.without, only=options.only)
+    result = simulate(scene, without=options.without, only=options.only, tolerance=options.tolerance)
     print(result.explained(all_effects=options.explain))
     return scene, result
 
@@ -55,6 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--explain", action="store_true", help="say of every effect why it is on or off, and its cost")
     parser.add_argument("--without", nargs="+", action="extend", default=[], metavar="EFFECT", help="leave effects out")
     parser.add_argument("--only", nargs="+", action="extend", default=[], metavar="EFFECT", help="leave all others out")
+    add_tolerance(parser, BLURRED, BLUR_TOLERANCE)
     parser.add_argument("--force", action="store_true", help="replace a calibration that is there already")
     return parser
 

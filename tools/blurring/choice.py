@@ -4,6 +4,7 @@ Measured on the square of the camera's picture where rows are longest: the playe
 cells, towards the best drives for a photograph and for lettering, both judged by T as it is.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import BoolArray, FloatArray, IntArray
-from counterlight.maps.row_map import SparseRows
+from counterlight.maps.row_map import SparseRows, below_each_other
 from counterlight.tools.blurring.pruning import COARSEST, in_cells
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.transport.blurred import Pyramid
@@ -35,12 +36,13 @@ class Choice:
     losses: dict[str, float] = field(default_factory=dict)
 
 
-def chosen_limit(rows: SparseRows, width: int, raster: tuple[int, int], tolerance: float) -> Choice:
+def chosen_limit(bands: Sequence[SparseRows], width: int, raster: tuple[int, int], tolerance: float) -> Choice:
     """The largest of LIMITS whose pictures lose at most `tolerance` dB.
 
-    rows : of whole lines of the camera's picture, `width` pixels each.  raster : (height, width) of the projector.
+    bands : T's rows, one after the other, of whole lines of the camera's picture, `width` pixels each.
+    raster : (height, width) of the projector.
     """
-    square = _Square.of(rows, width, raster)
+    square = _Square.of(bands, width, raster)
     low, high, found = 0, len(LIMITS), Choice(0.0)
     while low < high:
         middle = (low + high) // 2
@@ -69,15 +71,18 @@ class _Square:
         self._errors = [self._error(self._T, b) for b in self._asked]
 
     @classmethod
-    def of(cls, rows: SparseRows, width: int, raster: tuple[int, int]) -> "_Square":
-        lengths = rows.lengths.reshape(-1, width)
+    def of(cls, bands: Sequence[SparseRows], width: int, raster: tuple[int, int]) -> "_Square":
+        lengths = np.concatenate([band.lengths for band in bands]).reshape(-1, width)
         side = int(min(SIDE, np.sqrt(MOST_ENTRIES / max(lengths.max(), 1))))
         down, across = (min(side, extent) for extent in lengths.shape)
         sums = np.pad(lengths.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
         inside = sums[down:, across:] - sums[:-down, across:] - sums[down:, :-across] + sums[:-down, :-across]
         top, left = np.unravel_index(inside.argmax(), inside.shape)
         chosen = ((top + np.arange(down))[:, None] * width + left + np.arange(across)).ravel()
-        within = rows.of_rows(chosen)
+        ends = np.cumsum([0, *(band.shape[0] for band in bands)])
+        parts = np.split(chosen, np.searchsorted(chosen, ends[1:-1]))
+        pairs = zip(bands, parts, ends[:-1], strict=True)
+        within = below_each_other([band.of_rows(part - first) for band, part, first in pairs])
         return cls(within, raster, _about(within.indices, raster), (down, across))
 
     def losses(self, limit: float) -> list[float]:

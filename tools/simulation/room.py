@@ -36,4 +36,5 @@ def fill_simulated_room(scene: Scene, result: Simulated, stage: Path) -> str:
     write_transport(result.transport, stage)
     calibration.write(room, stage)
     entries, mask = result.transport.near.indices.size, room.mask
-    return f"{entries} near entries a channel, {mask.sum()} of {mask.size} camera pixels lit directly"
+    blurring = "" if result.blurring is None else f"; {result.blurring}"
+    return f"{entries} near entries a channel, {mask.sum()} of {mask.size} camera pixels lit directly{blurring}"

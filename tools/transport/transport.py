@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from counterlight.arrays import FloatArray
-from counterlight.maps.row_map import SparseRows
+from counterlight.maps.row_map import SparseRows, below_each_other
 from counterlight.pipeline.colour import LUMINANCE
 from counterlight.pipeline.operators import Light, Operator, Sum
 from counterlight.tools.transport.blurred import BlurredLight
@@ -190,9 +190,7 @@ def in_one(transport: Transport) -> SparseRows:
         some = slice(start, start + ROWS_AT_ONCE)
         sums = [base[some] @ D + S[some].toarray() for base, D, S in zip(bases, gather, near, strict=True)]
         blocks.append(dense_rows(np.stack(sums).astype(np.float32)).inside(np.ones(sums[0].shape[0], bool)))
-    lengths = np.concatenate([block.lengths for block in blocks])
-    indices, weights = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("indices", "weights"))
-    return SparseRows(np.concatenate([[0], np.cumsum(lengths)]), indices, weights, transport.shape[1])
+    return below_each_other(blocks)
 
 
 def stacked(matrices: Sequence[Csr]) -> SparseRows:
