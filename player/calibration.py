@@ -34,10 +34,8 @@ from counterlight.writing.replacing import replacing_folder
 FORMAT = 1
 TOML, AMBIENT, MASK = "calibration.toml", "ambient.exr", "mask.png"
 PRIMARIES = "primary_red.exr", "primary_green.exr", "primary_blue.exr"
-PARTS = (
-    *(TOML, AMBIENT, MASK, *PRIMARIES, SCREEN, "transport_*.npz", "far_light.npz"),
-    *("correction", "placement.toml", "drift"),
-)
+LIGHT = "transport_*.npz", "far_light.npz", "blurred_light.npz"
+PARTS = (TOML, AMBIENT, MASK, *PRIMARIES, SCREEN, *LIGHT, "correction", "placement.toml", "drift")
 MOST_PROJECTORS, LONGEST_PROVENANCE = 64, 1 << 16
 # White is no less, light no more, in any unit: of what lies between, squares and a frame's sums stay within float32.
 RADIANCE = (1e-12, 1e12)

@@ -183,5 +183,5 @@ def test_a_room_too_large_is_refused_before_the_work(tmp_path: Path, monkeypatch
 
     monkeypatch.setattr("counterlight.memory.available_bytes", lambda: 1 << 30)
     with pytest.raises(InputError, match=r"a room of 9000 million entries needs about .* GiB .* use --no-refine"):
-        memory.check_room(9_000_000_000, 4_000_000)
+        memory.check_room(9_000_000_000, 0, 4_000_000)
     assert "--inverse" in fail("build", tmp_path, "--inverse", "half")

@@ -55,7 +55,7 @@ def test_a_footprint_that_the_edge_cuts_does_not_count(width: float) -> None:
     camera, projector = (1, len(T)), (1, T.shape[1])
     transport = transport_of(np.where(lit[:, None], T, 0))
     # The raster is one line high: of its rows nothing can be told, of its columns everything.
-    cut = cut_by_edges(transport.near, camera, projector)
+    cut = cut_by_edges(transport, camera, projector)
     assert np.all(cut[(coverage > 0.01) & (coverage < 0.6)] > 1.1)
     assert np.all(cut[:, None][coverage > 0.999] <= 1.1)
 
@@ -81,17 +81,17 @@ def test_what_lies_outside_the_mask_pulls_weakly_and_what_is_dark_not_at_all() -
     T[3] = 0
     counts = np.ones((1, 12), bool)
     counts[0, 4:6] = False
-    weights = trust(transport_of(T).near, counts, (1, 6))
+    weights = trust(transport_of(T), counts, (1, 6))
     assert weights[4] == weights[5] == LEAST_TRUST
     counts[0, 3] = False
-    assert trust(transport_of(T).near, counts, (1, 6))[3] == 0
+    assert trust(transport_of(T), counts, (1, 6))[3] == 0
 
 
 def test_how_much_is_seen_does_not_depend_on_paint() -> None:
     T = np.kron(np.eye(8), np.ones((3, 1)))
     T[:3] *= 0.01  # dark ink
     T[21:] = 0  # nobody sees the last
-    np.testing.assert_allclose(seen(transport_of(T).near, np.ones(24, bool)), [1] * 7 + [0])
+    np.testing.assert_allclose(seen(transport_of(T), np.ones(24, bool)), [1] * 7 + [0])
 
 
 @pytest.mark.parametrize("outside", ["black", "continue"])

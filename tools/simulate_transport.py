@@ -8,11 +8,16 @@ from typing import TYPE_CHECKING
 
 from counterlight.command import Parser, parse_decibels, parse_size, run
 from counterlight.errors import InputError
+from counterlight.tools.acquisition.room_options import add_tolerance
+from counterlight.tools.choices import BLUR_TOLERANCE
 from counterlight.tools.shipped import parse_scene
 
 if TYPE_CHECKING:
     from counterlight.tools.simulation.scene import Scene
     from counterlight.tools.simulation.simulate import Simulated
+
+
+BLURRED = "rows of T that are too long for maps, far out of focus at many pixels, become blocks of projector pixels"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -47,7 +52,7 @@ def _simulate(options: argparse.Namespace) -> "tuple[Scene, list[Simulated]]":
             from counterlight.tools.study.worth import priced
 
             needs = priced(view, needs, options.within)
-        results.append(simulate(view, needs))
+        results.append(simulate(view, needs, tolerance=options.tolerance))
         seen = f"camera {number}\n" if scene.others else ""
         print(f"{seen}{results[-1].explained(all_effects=asked)}")
     return scene, results
@@ -74,6 +79,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--without", nargs="+", action="extend", default=[], metavar="EFFECT", help="leave effects out")
     parser.add_argument("--only", nargs="+", action="extend", default=[], metavar="EFFECT", help="leave all others out")
+    add_tolerance(parser, BLURRED, BLUR_TOLERANCE)
     parser.add_argument("--force", action="store_true", help="replace a calibration that is there already")
     return parser
 

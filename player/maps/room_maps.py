@@ -3,6 +3,7 @@
 correction : T⁺ of the near light, camera picture -> projector picture (the thesis' correction map).
 transport : near light, projector picture -> camera picture (what the camera will see).
 far : the far light's factors D, M, U, if the room has any: projector picture -> cells -> cells -> camera picture.
+blurred : the blurred light's factors P, B, if the room has any: projector picture -> cells -> camera picture.
 undo : D' and M', which predict the far light of a *compensated* picture from the desired one, so that it can be
 subtracted before T⁺: p = T⁺ (b − U M' D' b), the fixed point of p = T⁺ (b − U M D p); see tools/inverse/far_light.py.
 None without far light, and where T⁺ is of near and far light in one (build --method thesis).
@@ -12,7 +13,7 @@ mixing : how the camera's colours mix the primaries; all of these maps are of th
 words : T and Tᵀ in words of 4 bytes, for a GPU, where these are certified, beside their entries of 16 (word_map.py).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -55,9 +56,22 @@ class FarMaps:
     scatter: RowMap
 
     @property
-    def count(self) -> int:
-        """Entries."""
-        return self.gather.count + self.mix.count + self.scatter.count
+    def parts(self) -> tuple[RowMap, ...]:
+        """In the order in which they are applied."""
+        return self.gather, self.mix, self.scatter
+
+
+@dataclass(frozen=True)
+class BlurredMaps:
+    """gather: picture -> cells; scatter: cells -> picture. Cells fill a picture line by line."""
+
+    gather: RowMap
+    scatter: RowMap
+
+    @property
+    def parts(self) -> tuple[RowMap, ...]:
+        """In the order in which they are applied."""
+        return self.gather, self.scatter
 
 
 @dataclass(frozen=True)
@@ -66,6 +80,7 @@ class RefinementMaps:
 
     dual : TᵀW of the near light, camera picture -> projector picture.
     far_dual : the far light's UᵀW, Mᵀ, Dᵀ, if the room has any: camera picture -> cells -> cells -> projector picture.
+    blurred_dual : the blurred light's BᵀW, Pᵀ, if the room has any.
     direct : direct mapping, one entry a row: the camera pixel that a projector pixel lights most, over its T·1.
     step_size : (projector height, projector width, 3) float32, 1 / (TᵀW T·1 + the prior's bound), 0 where no camera
     pixel is lit.
@@ -81,6 +96,12 @@ class RefinementMaps:
     prior: Prior
     weights: NDArray[np.float32]
     seen: NDArray[np.float32]
+    blurred_dual: BlurredMaps | None = None
+
+    @property
+    def beside(self) -> list[FarMaps | BlurredMaps]:
+        """What there is of TᵀW beside `dual`."""
+        return [chain for chain in (self.blurred_dual, self.far_dual) if chain is not None]
 
 
 @dataclass(frozen=True)
@@ -103,11 +124,18 @@ class RoomMaps:
     refinement: RefinementMaps | None = None
     mixing: Mixing = field(default_factory=Mixing)
     words: RoomWords | None = None
+    blurred: BlurredMaps | None = None
+
+    @property
+    def beside(self) -> list[FarMaps | BlurredMaps]:
+        """What there is of T beside `transport`."""
+        return [chain for chain in (self.blurred, self.far) if chain is not None]
 
     @property
     def correction_in_steps(self) -> float:
         """What T⁺ b takes over what a step of refinement takes, T p and Tᵀ r, in entries; 0 without refinement."""
-        return (self.correction.count + (self.undo.count if self.undo else 0)) / self._entries_of_a_step
+        undo = sum(part.count for part in self.undo.parts) if self.undo else 0
+        return (self.correction.count + undo) / self._entries_of_a_step
 
     @property
     def direct_in_steps(self) -> float:
@@ -119,8 +147,8 @@ class RoomMaps:
         """Infinite without refinement."""
         if self.refinement is None:
             return float("inf")
-        chains = self.far, self.refinement.far_dual
-        step = self.transport.count + self.refinement.dual.count + sum(chain.count for chain in chains if chain)
+        parts = [part for chain in (*self.beside, *self.refinement.beside) for part in chain.parts]
+        step = self.transport.count + self.refinement.dual.count + sum(part.count for part in parts)
         return float(max(step, 1))
 
     def named(self) -> dict[str, RowMap]:
@@ -135,6 +163,11 @@ class RoomMaps:
             far = self.refinement.far_dual
             if far is not None:
                 maps |= {"dual_gather": far.gather, "dual_mix": far.mix, "dual_scatter": far.scatter}
+        if self.blurred is not None:
+            maps |= {"blurred_gather": self.blurred.gather, "blurred_scatter": self.blurred.scatter}
+        if self.refinement is not None and self.refinement.blurred_dual is not None:
+            dual = self.refinement.blurred_dual
+            maps |= {"blurred_dual_gather": dual.gather, "blurred_dual_scatter": dual.scatter}
         return maps
 
     def in_words(self, white: float) -> dict[int, WordMap]:
@@ -228,6 +261,7 @@ def _read_maps(stored: StoredCalibration, refinement: bool, words: bool) -> Room
     if "far_mix" in maps:
         far = FarMaps(maps["far_gather"], maps["far_mix"], maps["far_scatter"])
         undo = FarMaps(maps["undo_gather"], maps["undo_mix"], far.scatter) if "undo_mix" in maps else None
+    blurred = _blurred(maps, "blurred")
     if "dual" in maps:
         dual = FarMaps(maps["dual_gather"], maps["dual_mix"], maps["dual_scatter"]) if far else None
         projector, camera = stored.calibration.projector.shape, stored.calibration.camera.shape
@@ -237,13 +271,19 @@ def _read_maps(stored: StoredCalibration, refinement: bool, words: bool) -> Room
             _read_positive(files, WEIGHTS, camera, "the camera")[..., 0],
             _read_positive(files, SEEN, projector, "the projector")[..., 0],
         )
-        further = RefinementMaps(maps["dual"], dual, maps["direct"], *pictures)
+        further = RefinementMaps(maps["dual"], dual, maps["direct"], *pictures, _blurred(maps, "blurred_dual"))
     mixing = mixings.read(manifest, files, stored.calibration.camera.shape)
     details = {key: value for key, value in values.items() if key not in ("colour", "maps", WORDS, "files")}
-    found = RoomMaps(maps["."], maps["transport"], far, undo, white, details, further, mixing)
+    found = RoomMaps(maps["."], maps["transport"], far, undo, white, details, further, mixing, blurred=blurred)
     if not words or further is None or WORDS not in manifest:
         return found
     return replace(found, words=_read_words(manifest, found, files))
+
+
+def _blurred(maps: Mapping[str, RowMap], name: str) -> BlurredMaps | None:
+    if f"{name}_gather" not in maps:
+        return None
+    return BlurredMaps(maps[f"{name}_gather"], maps[f"{name}_scatter"])
 
 
 def _read_words(manifest: Table, maps: RoomMaps, files: DescribedFiles) -> RoomWords:
@@ -275,6 +315,11 @@ def _sizes(manifest: Table, stored: StoredCalibration, *, refinement: bool) -> d
             ends |= {"undo_gather": (camera, cells), "undo_mix": (cells, cells)}
         if dual:
             ends |= {"dual_gather": (camera, cells), "dual_mix": (cells, cells), "dual_scatter": (cells, projector)}
+    if "blurred_gather" in listed:
+        cells = row_map.shapes(listed.table("blurred_gather"))[0]
+        ends |= {"blurred_gather": (projector, cells), "blurred_scatter": (cells, camera)}
+        if dual:
+            ends |= {"blurred_dual_gather": (camera, cells), "blurred_dual_scatter": (cells, projector)}
     if dual:
         ends |= {"dual": (camera, projector), "direct": (camera, projector)}
     sizes = {name: listed.table(name) for name in ends}

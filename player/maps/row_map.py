@@ -8,7 +8,7 @@ memory holds it once. The format is written and read here; shaders/row_map.frag 
 twin.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -109,6 +109,13 @@ class SparseRows:
         entries = np.repeat(self.indptr[rows] - starts[:-1], lengths) + np.arange(starts[-1])
         return SparseRows(starts, self.indices[entries], self.weights[entries], self.columns)
 
+    def of_columns(self, chosen: NDArray[np.integer]) -> "SparseRows":
+        """Some of its columns, (n,) ascending."""
+        place = np.full(self.columns, -1, np.int32)
+        place[chosen] = np.arange(chosen.size)
+        kept = self.where(place[self.indices] >= 0)
+        return replace(kept, indices=place[kept.indices], columns=chosen.size)
+
     def inside(self, mask: NDArray[np.bool_]) -> "SparseRows":
         """The other rows left empty, (rows,), and entries of 0 left out."""
         return self.where((self.weights != 0).any(axis=1) & mask[self.rows])
@@ -120,6 +127,13 @@ class SparseRows:
         each = factors.reshape(self.shape[0], -1)
         kept = self.inside(np.asarray((each > 0).any(axis=1)))
         return replace(kept, weights=(kept.weights * each[kept.rows]).astype(self.weights.dtype))
+
+
+def below_each_other(bands: Sequence[SparseRows]) -> SparseRows:
+    """Their rows, one band after the other."""
+    lengths = np.concatenate([band.lengths for band in bands])
+    indices, weights = (np.concatenate([getattr(band, name) for band in bands]) for name in ("indices", "weights"))
+    return SparseRows(np.concatenate([[0], np.cumsum(lengths)]), indices, weights, bands[0].columns)
 
 
 @dataclass(frozen=True)

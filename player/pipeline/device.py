@@ -12,7 +12,7 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.maps.room_maps import FarMaps
+from counterlight.maps.room_maps import BlurredMaps, FarMaps
 from counterlight.maps.row_map import RowMap
 from counterlight.media.frames import PixelFormat
 from counterlight.pipeline.adjustments import Adjustments
@@ -125,18 +125,21 @@ class StoredMaps(Protocol):
     def release(self) -> None: ...
 
 
-class FarPass:
-    """target = base ± scatter · mix · gather · source."""
+class ChainPass:
+    """target = base ± scatter · (mix ·) gather · source, of far or blurred light."""
 
-    def __init__(self, stored: StoredMaps, maps: FarMaps, combine: str) -> None:
-        self._gather, self._mix = stored.of(maps.gather).product(), stored.of(maps.mix).product()
-        self._scatter = stored.of(maps.scatter).product(combine)
+    def __init__(self, stored: StoredMaps, maps: FarMaps | BlurredMaps, combine: str) -> None:
+        *first, last = maps.parts
+        self._first = [stored.of(part).product() for part in first]
+        self._last = stored.of(last).product(combine)
 
     def run(self, source: Light, base: Light) -> Light:
-        return self._scatter.run(self._mix.run(self._gather.run(source)), base)
+        for product in self._first:
+            source = product.run(source)
+        return self._last.run(source, base)
 
     def release(self) -> None:
-        for product in (self._gather, self._mix, self._scatter):
+        for product in (*self._first, self._last):
             product.release()
 
 

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from counterlight.maps.mixing import UNLIMITED
-from counterlight.pipeline.device import Device, FarPass, Light, Operation, Owner, Pass, StoredMaps
+from counterlight.pipeline.device import ChainPass, Device, Light, Owner, Pass, StoredMaps
 from counterlight.pipeline.mixer import Mixer
 from counterlight.pipeline.views import (
     CLIP_FAINT,
@@ -23,13 +23,17 @@ from counterlight.pipeline.views import (
 
 
 class Observer:
-    """What the camera sees of a drive, in screen primaries: e + B (S p + U M D p)."""
+    """What the camera sees of a drive, in screen primaries: e + B T p.
 
-    def __init__(self, stored: StoredMaps, ambient: Light, mixer: Mixer) -> None:
+    far : with far light.
+    """
+
+    def __init__(self, stored: StoredMaps, ambient: Light, mixer: Mixer, *, far: bool = True) -> None:
         maps, self._owner = stored.room.maps, Owner()
         own = self._owner.own
         self._near = own(stored.of(maps.transport).product("ADD_TO_BASE"))
-        self._far = None if maps.far is None else own(FarPass(stored, maps.far, "ADD_TO_BASE"))
+        chains = [chain for chain in maps.beside if far or chain is not maps.far]
+        self._beside = [own(ChainPass(stored, chain, "ADD_TO_BASE")) for chain in chains]
         self._ambient, self._mixer = ambient, mixer
         if mixer.mixes:
             self._seen = own(mixer.seen())
@@ -40,12 +44,14 @@ class Observer:
         return self._seen.run(light=self.light(drive), base=self._ambient, **self._mixer.seen_rows)
 
     def light(self, drive: Light) -> Light:
-        """S p + U M D p."""
+        """T p."""
         return self._light(drive, self._mixer.black)
 
     def _light(self, drive: Light, base: Light) -> Light:
-        near = self._near.run(drive, base)
-        return near if self._far is None else self._far.run(drive, near)
+        light = self._near.run(drive, base)
+        for chain in self._beside:
+            light = chain.run(drive, light)
+        return light
 
     def release(self) -> None:
         self._owner.release()
@@ -78,16 +84,16 @@ class MapViews:
 
     @cached_property
     def most(self) -> Light:
-        """S·1, the near light of full drive, and in alpha whether a camera pixel counts."""
-        product = self._stored.of(self._room.maps.transport).product()
-        return self._full_drive(product, product.run, self._mixer.black)
+        """(S + B P)·1, full drive without its far light, and in alpha whether a camera pixel counts."""
+        observer = Observer(self._stored, self._ambient, self._mixer, far=False)
+        return self._full_drive(observer, observer.light, self._mixer.black)
 
     def _observer(self) -> Observer:
         return Observer(self._stored, self._ambient, self._mixer)
 
     def _full_drive(
         self,
-        made: Observer | Operation,
+        made: Observer,
         see: Callable[[Light], Light],
         ambient: Light,
         defines: Mapping[str, int | None] | None = None,

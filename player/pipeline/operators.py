@@ -1,7 +1,8 @@
 """Light as operators on pictures of three channels: sums and chains of parts, and what undoes them (DESIGN 6.7).
 
-A part has `apply` and `apply_transpose`. T = S + U M D is the sum of near light and a chain of gather, mix and scatter;
-T⁺ takes the far light of the compensated picture out before it inverts the near light.
+A part has `apply` and `apply_transpose`. T = S + B P + U M D is the sum of near light, a chain of gather and scatter,
+and one of gather, mix and scatter; T⁺ takes the far light of the compensated picture out before it inverts the near
+light.
 """
 
 from collections.abc import Sequence
@@ -13,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
-from counterlight.maps.room_maps import FarMaps, RoomMaps
-from counterlight.maps.row_map import RowMap
+from counterlight.maps.room_maps import BlurredMaps, FarMaps, RoomMaps
 from counterlight.pipeline.reference import PreparedRows
 
 Light = NDArray[np.floating]
@@ -43,18 +43,15 @@ class Chain:
 
 @dataclass(frozen=True)
 class Sum:
-    """Parts beside each other, of which the second may be missing: S and U M D for T."""
+    """Parts beside each other, one or more: S, B P and U M D for T."""
 
-    near: Operator
-    far: Operator | None
+    parts: Sequence[Operator]
 
     def apply(self, picture: Light) -> FloatArray:
-        near = self.near.apply(picture)
-        return near if self.far is None else near + self.far.apply(picture)
+        return np.asarray(reduce(np.add, (part.apply(picture) for part in self.parts)), np.float64)
 
     def apply_transpose(self, picture: Light) -> FloatArray:
-        near = self.near.apply_transpose(picture)
-        return near if self.far is None else near + self.far.apply_transpose(picture)
+        return np.asarray(reduce(np.add, (part.apply_transpose(picture) for part in self.parts)), np.float64)
 
 
 @dataclass(frozen=True)
@@ -76,14 +73,9 @@ class Compensation:
         return sums if self.undo is None else sums - self.undo.apply_transpose(sums)
 
 
-def chained(maps: FarMaps | None) -> Chain | None:
-    """U M D of packed maps."""
-    return None if maps is None else Chain([PreparedRows(part) for part in (maps.gather, maps.mix, maps.scatter)])
-
-
-def light(near: RowMap, far: FarMaps | None) -> Sum:
-    """T, or Tᵀ, of packed maps."""
-    return Sum(PreparedRows(near), chained(far))
+def chained(maps: FarMaps | BlurredMaps | None) -> Chain | None:
+    """U M D or B P of packed maps."""
+    return None if maps is None else Chain([PreparedRows(part) for part in maps.parts])
 
 
 def compensation(maps: RoomMaps) -> Compensation:

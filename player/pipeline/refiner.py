@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.maps.room_maps import RefinementMaps
-from counterlight.pipeline.device import Device, FarPass, Light, Owner, StoredMaps
+from counterlight.pipeline.device import ChainPass, Device, Light, Owner, StoredMaps
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.shortfall import Snapshot
 from counterlight.pipeline.starts import Iterate
@@ -69,20 +69,22 @@ class Refiner:
 
 
 class _Slope:
-    """b − T y and TᵀW (b − T y), T = S + U M D."""
+    """b − T y and TᵀW (b − T y), T = S + B P + U M D."""
 
     def __init__(self, stored: StoredMaps, maps: RefinementMaps) -> None:
         self._owner, self._stored = Owner(), stored
-        own, far = self._owner.own, maps.far_dual
+        own = self._owner.own
         self._residual = own(_Residual(stored, "WEIGHED_RESIDUAL" if stored.weighs else SUBTRACT))
         self._dual = own(stored.of(maps.dual).product())
-        self._far_dual = None if far is None else own(FarPass(stored, far, "ADD_TO_BASE"))
+        self._beside = [own(ChainPass(stored, chain, "ADD_TO_BASE")) for chain in maps.beside]
 
     def run(self, y: Light, b: Light) -> tuple[Light, Light]:
         """The residual, weighed where the maps weigh, and the slope."""
         residual = self._residual.run(y, b)
         descent = self._dual.run(residual)
-        return residual, descent if self._far_dual is None else self._far_dual.run(residual, descent)
+        for chain in self._beside:
+            descent = chain.run(residual, descent)
+        return residual, descent
 
     def measured(self, p: Light, b: Light) -> tuple[Light, Light]:
         """The residual as it is, and the slope."""
@@ -102,13 +104,17 @@ class _Residual:
 
     def __init__(self, stored: StoredMaps, last: str) -> None:
         self._owner, maps = Owner(), stored.room.maps
-        near = last if maps.far is None else SUBTRACT
-        self._near = self._owner.own(stored.of(maps.transport).product(near))
-        self._far = None if maps.far is None else self._owner.own(FarPass(stored, maps.far, last))
+        own, combined = self._owner.own, [*[SUBTRACT] * len(maps.beside), last]
+        self._near = own(stored.of(maps.transport).product(combined[0]))
+        self._beside = [
+            own(ChainPass(stored, chain, how)) for chain, how in zip(maps.beside, combined[1:], strict=True)
+        ]
 
     def run(self, y: Light, b: Light) -> Light:
-        near = self._near.run(y, b)
-        return near if self._far is None else self._far.run(y, near)
+        residual = self._near.run(y, b)
+        for chain in self._beside:
+            residual = chain.run(y, residual)
+        return residual
 
     def release(self) -> None:
         self._owner.release()

@@ -20,7 +20,7 @@ from counterlight.media.frames import Frame, PixelFormat
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.content import SceneCuts
 from counterlight.pipeline.damper import Damper
-from counterlight.pipeline.device import Device, FarPass, Light, Operation, Owner, Pass, StoredMaps
+from counterlight.pipeline.device import ChainPass, Device, Light, Operation, Owner, Pass, StoredMaps
 from counterlight.pipeline.drift import Drift
 from counterlight.pipeline.laps import Laps
 from counterlight.pipeline.map_views import MapViews, Observer
@@ -63,7 +63,7 @@ class Renderer:
         ambient = own(device.picture(room.ambient))
         stored = own(device.store(room, path))
         self.path = stored.report
-        undo = None if maps.undo is None else own(FarPass(stored, maps.undo, "SUBTRACT_FROM_BASE"))
+        undo = None if maps.undo is None else own(ChainPass(stored, maps.undo, "SUBTRACT_FROM_BASE"))
         self._near_light = _NearLight(undo)
         self._correct = own(_Corrected(stored, self._near_light, "CLAMP"))
         self._unclamped = own(_Corrected(stored, self._near_light))
@@ -301,7 +301,7 @@ class _Compensated(NamedTuple):
 class _NearLight:
     """b -> b without the far light of the compensated picture."""
 
-    def __init__(self, undo: FarPass | None) -> None:
+    def __init__(self, undo: ChainPass | None) -> None:
         self._undo = undo
 
     def __call__(self, b: Light) -> Light:

@@ -7,7 +7,7 @@ from pathlib import Path
 from counterlight import calibration
 from counterlight.gl.context import headless_context
 from counterlight.gl.paths import GlMaps, products_ms
-from counterlight.maps.room_maps import FarMaps, RoomMaps
+from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import RowMap
 from counterlight.maps.word_map import WordMap
 from counterlight.pipeline.room import Room
@@ -54,13 +54,10 @@ def frame_bytes(maps: RoomMaps, played: Recommendation, words: Mapping[int, Word
     """What the products of a frame read, each byte of a map once a product."""
     assert maps.refinement is not None
     direct = played.start == "previous-direct"
-    first = [maps.refinement.direct] if direct else [maps.correction, *_chain(maps.undo)]
-    step = [maps.transport, maps.refinement.dual, *_chain(maps.far), *_chain(maps.refinement.far_dual)]
+    first = [maps.refinement.direct] if direct else [maps.correction, *([] if maps.undo is None else maps.undo.parts)]
+    beside = [part for chain in (*maps.beside, *maps.refinement.beside) for part in chain.parts]
+    step = [maps.transport, maps.refinement.dual, *beside]
     return sum(map_bytes(each, words) for each in first) + played.steps * sum(map_bytes(each, words) for each in step)
-
-
-def _chain(maps: FarMaps | None) -> list[RowMap]:
-    return [] if maps is None else [maps.gather, maps.mix, maps.scatter]
 
 
 def map_bytes(packed: RowMap, words: Mapping[int, WordMap]) -> int:

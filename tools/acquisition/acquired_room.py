@@ -159,7 +159,7 @@ def _report(
 
 
 def _light_outside(room: Calibration, transport: Transport) -> LightOutside:
-    unseen = float(np.mean(np.maximum(1 - seen(transport.near, np.ones(transport.shape[0], np.bool_)), 0)))
+    unseen = float(np.mean(np.maximum(1 - seen(transport, np.ones(transport.shape[0], np.bool_)), 0)))
     if room.camera.pixels > MOST_TRIED:
         return LightOutside(unseen, None)
     tier = tier_of(room, transport)

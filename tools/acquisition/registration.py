@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, ndimage
+from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
-from counterlight.arrays import BoolArray, FloatArray
+from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.pipeline.colour import LUMINANCE
@@ -82,7 +83,7 @@ class Registrar:
                 f"a picture is seen by {len(self._rows)} camera pixels that count, expected {FEWEST} or more: "
                 "is the camera overexposed, or looking elsewhere?"
             )
-        self.near: Csr = luminance_matrix(transport.near)[self._rows][:, self._columns]
+        self.near = _without_far(transport, self._rows, self._columns)
 
     def find(self, drive: FloatArray, seen: FloatArray, noise: Noise) -> Registration:
         """drive : (height, width, 3), what the region shows.  seen : (camera pixels, 3), above black, of that alone."""
@@ -119,6 +120,15 @@ class Registrar:
         theta = np.zeros(8)
         theta[:2] = -best_shift(score) / _half(self._shape)
         return theta
+
+
+def _without_far(transport: Transport, rows: IntArray, columns: IntArray) -> Csr | LinearOperator:
+    """S + B P of luminance, of some camera and projector pixels."""
+    near = Csr(luminance_matrix(transport.near)[rows][:, columns])
+    if transport.blurred is None:
+        return near
+    B, P = (luminance_matrix(part) for part in (transport.blurred.scatter, transport.blurred.gather))
+    return aslinearoperator(near) + aslinearoperator(B[rows]) @ aslinearoperator(P[:, columns])
 
 
 @dataclass(frozen=True)

@@ -167,8 +167,8 @@ class _Looked:
         inside = np.zeros((*self.room.projector.shape, 3))
         down, right = (max(side // MARGIN, 1) for side in (region.height, region.width))
         inside[region.part][down : region.height - down, right : region.width - right] = 1
-        near = self.transport.near
-        all_, some = luminance(near.sums()), luminance(near.apply(inside.reshape(-1, 3)))
+        near = self.transport.without_far
+        all_, some = luminance(near.composition()), luminance(near.apply(inside.reshape(-1, 3)))
         return np.divide(some, all_, out=np.zeros_like(all_), where=all_ > 0)
 
 

@@ -31,15 +31,18 @@ def given_or_assumed(text: str | None) -> Response:
     return ASSUMED if text is None else projector_response(text)
 
 
-def add_tolerance(parser: argparse.ArgumentParser) -> None:
-    """--tolerance."""
+DENSE = "a dense T becomes near light and factors of far light"
+
+
+def add_tolerance(parser: argparse.ArgumentParser, what: str = DENSE, default: float = TOLERANCE) -> None:
+    """--tolerance.  what : becomes of T."""
     parser.add_argument(
         "--tolerance",
         type=_parse_tolerance,
-        default=TOLERANCE,
+        default=default,
         metavar="DB",
-        help="a dense T becomes near light and factors of far light; what compensated pictures may lose by that, in dB "
-        f"of the camera's picture (default {TOLERANCE:g}; 0: T stays as it is)",
+        help=f"{what}; what compensated pictures may lose by that, in dB of the camera's picture (default {default:g}; "
+        "0: T stays as it is)",
     )
 
 

@@ -28,6 +28,12 @@ class Clusters:
         return self.projector_sizes.size
 
 
+def no_clusters(shape: tuple[int, int]) -> Clusters:
+    """Every pixel without a label; shape : (camera pixels, projector pixels)."""
+    camera, projector = (np.full(pixels, -1, np.int64) for pixels in shape)
+    return Clusters(camera, projector, np.zeros(0, np.int64), np.zeros(0, np.int64))
+
+
 def find_clusters(pattern: Csr) -> Clusters:
     """Label the connected components of a (camera pixels, projector pixels) matrix; unconnected pixels get none."""
     rows, columns = pattern.shape

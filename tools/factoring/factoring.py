@@ -72,6 +72,8 @@ def factored(
     left = Factoring(before, before, transport.near.indices.size)
     if tolerance == 0:
         return transport, replace(left, reason="--tolerance 0")
+    if transport.blurred is not None:
+        return transport, replace(left, reason="its blurred light is in factors")
     if _least_numbers(transport) > WORTH * _entries(transport):
         return transport, replace(left, reason="it is sparse")
     if max(transport.shape) > MOST_NODES * MOST_READ // 4:

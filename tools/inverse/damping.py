@@ -53,7 +53,7 @@ def choose_damping(
     candidates = sorted({max(candidate, floor) for candidate in CANDIDATES})
     lambdas = largest_singular_value(T) * np.array(candidates)
     if is_large(T):
-        squares = squares_of(mask, T if judge is None else judge)
+        squares = squares_of(mask, (T if judge is None else judge).nnz)
         columns = squares.columns(T if judge is None else judge)
         targets, inside = [b[squares.rows] for b in targets], inside[squares.rows]
         judge = None if judge is None else squares.compact(judge, columns).astype(np.float64)

@@ -2,29 +2,52 @@
 
 import numpy as np
 
-from counterlight.arrays import FloatArray
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.transport.objective import FAINTEST
-from counterlight.tools.transport.transport import luminance
+from counterlight.tools.transport.transport import Transport, luminance
 
 
-def direct_mapping(dual: SparseRows, composition: FloatArray, heard: FloatArray) -> SparseRows:
-    """p_j = b_i / (T·1)_i at the camera pixel i that projector pixel j lights most.
+def direct_mapping(dual: Transport, composition: FloatArray, heard: FloatArray) -> SparseRows:
+    """p_j = b_i / (T·1)_i at the camera pixel i that projector pixel j lights most, far light left aside.
 
-    dual : near TᵀW, (projector pixels, camera pixels).  composition : T·1, (camera pixels, 3).  heard : (projector
-    pixels, 3), what is left of it beside the prior.
+    dual : TᵀW, (projector pixels, camera pixels).  composition : T·1, (camera pixels, 3).  heard : (projector pixels,
+    3), what is left of it beside the prior.
     """
-    rows = dual.rows
-    strength = luminance(dual.weights)
-    brightest = np.zeros(dual.shape[0])
-    np.maximum.at(brightest, rows, strength)
-    last = np.full(dual.shape[0], -1)
-    candidates = np.flatnonzero(strength == brightest[rows])
-    np.maximum.at(last, rows[candidates], candidates)
-    strongest = last[last >= 0]
-    chosen = dual.indices[strongest]
-    light = composition[chosen]
+    most = lit_most(dual)
+    asking = np.flatnonzero(most >= 0)
+    light = composition[most[asking]]
     inverse = np.divide(1.0, light, out=np.zeros_like(light), where=light > FAINTEST * composition.max(initial=0.0))
-    inverse = inverse * heard[rows[strongest]]
-    starts = np.searchsorted(rows[strongest], np.arange(dual.indptr.size))
-    return SparseRows(starts, chosen, inverse, dual.columns)
+    inverse = inverse * heard[asking]
+    starts = np.searchsorted(asking, np.arange(dual.shape[0] + 1))
+    return SparseRows(starts, most[asking].astype(np.int32), inverse, dual.shape[1])
+
+
+def lit_most(dual: Transport) -> IntArray:
+    """The camera pixel that each projector pixel lights most, −1 where it lights none: (projector pixels,).
+
+    dual : Tᵀ, of which far light is left aside.
+    """
+    strength, chosen = _largest(dual.near, luminance(dual.near.weights))
+    most = np.where(chosen >= 0, np.append(dual.near.indices, -1)[chosen], -1)
+    if dual.blurred is None:
+        return most
+    # A camera pixel sees a projector pixel by an entry or by one cell, never by both: the largest of all decides.
+    cells, means = dual.blurred.gather, dual.blurred.scatter
+    of_cell, entry = _largest(cells, luminance(cells.weights))
+    through, cell = _largest(means, luminance(means.weights) * of_cell[means.indices])
+    wide = np.append(cells.indices, -1)[entry[np.append(means.indices, 0)[cell]]]
+    return np.where(through > strength, wide, most)
+
+
+def _largest(rows: SparseRows, strength: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Of each row the largest strength and the last entry that has it; 0 and −1 where there is none.
+
+    strength : (entries,).
+    """
+    at, count = rows.rows, rows.shape[0]
+    largest, last = np.zeros(count), np.full(count, -1)
+    np.maximum.at(largest, at, strength)
+    candidates = np.flatnonzero(strength == largest[at])
+    np.maximum.at(last, at[candidates], candidates)
+    return largest, last

@@ -14,7 +14,7 @@ from counterlight.errors import InputError
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.choices import INVERSE_METHODS, INVERSES
-from counterlight.tools.clusters.components import Clusters, find_clusters
+from counterlight.tools.clusters.components import Clusters, find_clusters, no_clusters
 from counterlight.tools.clusters.decomposition import Decomposition, Parameters, Report, decompose
 from counterlight.tools.clusters.finite import refuse_not_finite
 from counterlight.tools.clusters.search import decompose_to
@@ -153,7 +153,9 @@ class Inverse:
 
     @property
     def largest_cluster(self) -> tuple[int, int]:
-        """Camera and projector pixels of the cluster with the most projector pixels."""
+        """Camera and projector pixels of the cluster with the most projector pixels; 0 where none was looked for."""
+        if not self.clusters.count:
+            return 0, 0
         label = int(np.argmax(self.clusters.projector_sizes))
         return int(self.clusters.camera_sizes[label]), int(self.clusters.projector_sizes[label])
 
@@ -217,17 +219,28 @@ def invert_near_light(
         if isinstance(found, Objection):
             chosen, reason = "none", f"{reason}; cut, {found.reason}"
     if not isinstance(found, Inverse):
-        found = _directly_mapped(near.inside(roots > 0), whole, weights, prior)
+        light = Transport(near.inside(roots > 0))
+        found = _directly_mapped(Objective(light, weights, prior, np.ones(near.columns)), find_clusters(whole))
     return replace(found, chosen=chosen, reason=reason)
 
 
-def _directly_mapped(near: SparseRows, whole: Csr, weights: FloatArray, prior: Prior | None) -> Inverse:
-    """Direct mapping of the near light in the place of T⁺."""
-    objective = Objective(Transport(near), weights, prior, np.ones(near.columns))
-    rows = direct_mapping(objective.dual.near, objective.T.composition(), objective.heard)
-    clusters = find_clusters(whole)
+def mapped_directly(objective: Objective, options: InverseOptions) -> Inverse:
+    """What stands for T⁺ in a room with blurred light: direct mapping, no clusters; InputError if T⁺ was asked for."""
+    if options.asked not in ("auto", "none"):
+        raise InputError(
+            f"--inverse {options.asked}: blurred light is kept in blocks of pixels, and T⁺ of it would be dense; leave "
+            "what asks for T⁺ out, or simulate the room with --tolerance 0 and fewer pixels"
+        )
+    without = replace(objective, T=objective.T.without_far)
+    reason = "blurred light is kept in blocks of pixels" if options.asked == "auto" else ""
+    return replace(_directly_mapped(without, no_clusters(objective.T.shape)), chosen="none", reason=reason)
+
+
+def _directly_mapped(objective: Objective, clusters: Clusters) -> Inverse:
+    """Direct mapping in the place of T⁺, of a T without far light."""
+    rows = direct_mapping(objective.dual, objective.T.composition(), objective.heard)
     method = Method(np.zeros(clusters.count, bool), "nothing is inverted")
-    nothing = np.zeros((near.columns, len(CHANNELS)))
+    nothing = np.zeros((objective.T.shape[1], len(CHANNELS)))
     return Inverse(rows, nothing, clusters, None, method, 0.0, {}, nothing[:, 0], 0.0)
 
 

@@ -22,6 +22,7 @@ WORK_BYTES = 24 * 8  # of a block inverted whole, per entry: three channels, the
 ENTRY_BYTES = 70  # of T⁺, per entry: pieces, joined rows, the packed texture (58 measured, far light apart)
 NORMAL_BYTES = 3 * 40  # of TᵀT, per entry: three channels, while they are added up
 ROOM_BYTES, PIXEL_BYTES = 250, 400  # of a room's maps while they are made, an entry of T, a pixel of both sides
+BLURRED_BYTES = 120  # an entry of B, of which there are neither T⁺ nor words
 IN_ONE_BYTES = 150  # of a T that is made dense and cut, per entry: its rows, its graph and what orders that
 FORETELLING_SHARE = 0.02  # of the rows, after which the entries of all are foretold
 SAMPLE_COLUMNS = 64
@@ -54,10 +55,11 @@ def bytes_of_windows(T: Csr, projector_pixels: int) -> float:
     return NORMAL_BYTES * normal_entries(T) + (os.cpu_count() or 1) * 2 * 8 * window**2
 
 
-def check_room(entries: int, pixels: int) -> None:
-    """Before anything: what a room of so many entries a channel, camera and projector pixels needs at the least."""
-    needed = ROOM_BYTES * float(entries) + PIXEL_BYTES * float(pixels)
-    check(needed, f"a room of {entries / 1e6:.0f} million entries", "use --no-refine, or a smaller camera or projector")
+def check_room(near: int, blurred: int, pixels: int) -> None:
+    """Before anything: what so many entries of S and B a channel, camera and projector pixels need at the least."""
+    needed = ROOM_BYTES * float(near) + BLURRED_BYTES * float(blurred) + PIXEL_BYTES * float(pixels)
+    what = f"a room of {(near + blurred) / 1e6:.0f} million entries"
+    check(needed, what, "use --no-refine, or a smaller camera or projector")
 
 
 def check_in_one(camera_pixels: int, projector_pixels: int) -> None:

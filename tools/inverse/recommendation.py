@@ -6,6 +6,7 @@ player's own steps. Far light is left aside, and ties between projector rows: bo
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,10 @@ import numpy as np
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import SparseRows
-from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.inverse.squares import squares_of
 from counterlight.tools.transport.objective import Objective
-from counterlight.tools.transport.transport import Transport, channel
+from counterlight.tools.transport.transport import Transport
 
 MEASURED = (0, 2, 4, 8, 16)
 OFFERED = (4, 8, 16)  # steps that a window is asked for
@@ -65,11 +65,12 @@ def recommended(
     direct : direct mapping.  T_pinv : of the near light, None if there is none.  map_in_steps : what T⁺ b takes.
     white : radiance of a white picture.  camera : (height, width).  pictures : to try; None for the typical ones.
     """
-    squares = squares_of((objective.weights > 0).reshape(camera), objective.T.near)
-    columns = squares.columns(channel(objective.T.near, 1))
-    local, share = _local(objective, squares.rows, columns), _share_of_near(objective)
+    squares = squares_of((objective.weights > 0).reshape(camera), objective.T.entries)
+    within = objective.T.without_far.at(squares.rows)
+    columns = np.flatnonzero(within.lit[:, 1])
+    local, share = _local(objective, within, squares.rows, columns), _share_of_near(objective)
     direct = direct.at(columns)
-    costs = {"previous-direct": direct.indices.size / max(2 * objective.T.near.indices.size, 1)}
+    costs = {"previous-direct": direct.indices.size / max(2 * objective.T.entries, 1)}
     if T_pinv is not None:
         costs["previous"], T_pinv = map_in_steps, T_pinv.at(columns)
     errors, least = {name: np.zeros(len(MEASURED)) for name in costs}, 0.0
@@ -102,40 +103,31 @@ def _errors(
     objective: Objective, drive: FloatArray, b: FloatArray, inner: BoolArray, marks: tuple[int, ...]
 ) -> Iterator[float]:
     """Σ w (T p − b)² of the inner camera pixels after so many of the player's steps from a drive."""
-    p = y = drive
-    for step in range(marks[-1] + 1):
+    for step, p in enumerate(islice(objective.steps(drive, b), marks[-1] + 1)):
         if step in marks:
             squared = objective.weights[:, None] * (objective.T.apply(p) - b) ** 2
             yield float(squared[inner].sum())
-        q = np.clip(y + objective.step_size * objective.descent(y, b), 0, 1)
-        y = q + momentum(step + 1) * (q - p) + OVER_RELAXATION * (q - y)
-        p = q
 
 
-def _local(objective: Objective, rows: IntArray, columns: IntArray) -> Objective:
-    """The objective of some camera and projector pixels, those in one line, tied to the next where it is next."""
-    near = objective.T.near.at(rows)
-    place = np.zeros(near.columns, np.int64)
-    place[columns] = np.arange(columns.size)
-    seen = np.isin(near.indices, columns)
-    near = near.where(seen)
-    near = SparseRows(near.indptr, place[near.indices], near.weights, columns.size)
+def _local(objective: Objective, within: Transport, rows: IntArray, columns: IntArray) -> Objective:
+    """The objective of some camera and projector pixels, those in one line, tied to the next where it is next.
+
+    within : T of these camera pixels, without far light.
+    """
     prior = objective.prior
     if prior is not None:
         following = np.append(np.diff(columns) == 1, [False])[:, None]
         right = prior.right.reshape(-1, 3)[columns] * following
         damping = prior.damping.reshape(-1, 3)[columns]
         prior = Prior(*(each[None].astype(np.float32) for each in (damping, right, np.zeros_like(right))))
+    T, weights, seen = within.of_columns(columns), objective.weights[rows], objective.seen[columns]
     doubted = None if objective.doubted is None else objective.doubted[rows]
-    seen_of = objective.seen[columns]
-    return replace(
-        objective, T=Transport(near), weights=objective.weights[rows], prior=prior, seen=seen_of, doubted=doubted
-    )
+    return replace(objective, T=T, weights=weights, prior=prior, seen=seen, doubted=doubted)
 
 
 def _share_of_near(objective: Objective) -> FloatArray:
     """Near light of all light of a white projector, (camera pixels, 3)."""
     if objective.T.far is None:
         return np.ones((objective.T.shape[0], 3))
-    near, all_light = objective.T.near.sums(), objective.T.composition()
+    near, all_light = objective.T.without_far.composition(), objective.T.composition()
     return np.divide(near, all_light, out=np.zeros_like(near), where=all_light > 0)

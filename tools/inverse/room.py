@@ -12,10 +12,16 @@ from counterlight.maps.row_map import RowMap, pack, unpack
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.far_light import undo_far_light
-from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_as_the_thesis, invert_near_light
+from counterlight.tools.inverse.inverse import (
+    Inverse,
+    InverseOptions,
+    invert_as_the_thesis,
+    invert_near_light,
+    mapped_directly,
+)
 from counterlight.tools.inverse.pictures import pictures_of
 from counterlight.tools.inverse.recommendation import AS_THE_THESIS, Recommendation, recommended
-from counterlight.tools.inverse.refinement_maps import pack_far, refinement_maps
+from counterlight.tools.inverse.refinement_maps import pack_blurred, pack_far, refinement_maps
 from counterlight.tools.inverse.words import words_of
 from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of
 from counterlight.tools.transport.storage import read_transport
@@ -88,7 +94,8 @@ def build_room_maps(
     with maps.replacing(stored) as stage:
         transport = read_transport(stored)
         pixels = stored.calibration.camera.pixels + stored.calibration.projector.pixels
-        memory.check_room(transport.near.indices.size, pixels)
+        near = transport.near.indices.size
+        memory.check_room(near, transport.entries - near, pixels)
         built = build_maps(tier_of(stored.calibration, transport, colour), options, aims, refine=refine)
         maps.write_maps(built.maps, stored, stage)
     return built
@@ -104,7 +111,9 @@ def build_maps(
     reach = np.asarray(tier.mixing.brightest(white, tier.ambient), np.float64).reshape(-1, 3)
     objective = objective_of(tier.transport, tier.calibration, aims)
     common = projector, reach, white, options
-    if options.method == "thesis":
+    if transport.blurred is not None:
+        inverse = mapped_directly(objective, options)
+    elif options.method == "thesis":
         inverse = invert_as_the_thesis(transport, calibration.mask, *common)
     else:
         mask = (objective.weights > 0).reshape(camera)
@@ -115,7 +124,8 @@ def build_maps(
     details = _details(inverse, correction, transport, options, aims)
     further = refinement_maps(objective, camera, projector) if refine else None
     observe = pack(transport.near, camera, projector)
-    packed = RoomMaps(correction, observe, far, undo, white, details, further, tier.mixing)
+    blurred = None if transport.blurred is None else pack_blurred(transport.blurred, camera, projector)
+    packed = RoomMaps(correction, observe, far, undo, white, details, further, tier.mixing, blurred=blurred)
     outside = _light_outside(objective, inverse, tier)
     found = None
     if further is not None:
@@ -218,7 +228,7 @@ def _summary(inverse: Inverse, packed: RoomMaps, outside: float | None) -> str:
     texture = f"{correction.entries.shape[1]}x{correction.entries.shape[0]}"
     beside = "" if outside is None else f", light outside {100 * outside:.0f} % of plain projection's"
     chosen = " (auto)" if inverse.damping_errors else ""
-    cut, doubt = "", ""
+    cut, doubt, inverted = "", "", ""
     worst = float(inverse.residual.max(initial=0.0))
     if worst > inverse.window_tolerance:
         doubt = f"windows leave a residual of {255 * worst:.1f} code values (more damping lets them do), "
@@ -226,9 +236,14 @@ def _summary(inverse: Inverse, packed: RoomMaps, outside: float | None) -> str:
         parameters, report = inverse.decomposition
         kept = 100 * report.connections_after / report.connections_before
         cut = f"cut to {kept:.0f} % of the connections (radius {parameters.radius:g}, τ₁ {parameters.tau_1:g}), "
+    if clusters.count:
+        inverted = (
+            f"{clusters.count} clusters, largest {inverse.largest_cluster[0]} camera x {inverse.largest_cluster[1]} "
+            f"projector pixels, {inverse.method}, λ {inverse.damping:g} σ₁{chosen}, "
+        )
+    if packed.blurred is not None:
+        inverted = f"{packed.transport.count} near and {packed.blurred.scatter.count} blurred entries of T, "
     return (
-        f"{cut}{clusters.count} clusters, largest {inverse.largest_cluster[0]} camera x "
-        f"{inverse.largest_cluster[1]} projector pixels, {inverse.method}, λ {inverse.damping:g} σ₁{chosen}, "
-        f"{doubt}{correction.count} entries, texture {texture}, fill {100 * correction.fill:.1f} %, "
+        f"{cut}{inverted}{doubt}{correction.count} entries, texture {texture}, fill {100 * correction.fill:.1f} %, "
         f"{sum(m.nbytes for m in packed.named().values()) / 2**20:.1f} MiB of maps{beside}"
     )

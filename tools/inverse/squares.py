@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import BoolArray, IntArray
-from counterlight.maps.row_map import SparseRows
 from counterlight.tools.transport.transport import Csr
 
 SIDE, SMALLEST_SIDE = 96, 24
@@ -37,14 +36,14 @@ class Squares:
         return np.unique(T[self.rows].indices).astype(np.int64)
 
 
-def squares_of(mask: NDArray[np.bool_], near: SparseRows | Csr) -> Squares:
+def squares_of(mask: NDArray[np.bool_], entries: int) -> Squares:
     """Squares of at most 96 pixels a side in the mask's bounding box, smaller where T is dense.
 
-    mask : (camera height, camera width), where any pixel counts.  near : T; how many entries a row has.
+    mask : (camera height, camera width), where any pixel counts.  entries : of T, of one channel.
     """
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     top, left, height, width = rows[0], columns[0], int(np.ptp(rows)) + 1, int(np.ptp(columns)) + 1
-    density = near.indices.size / max(int(np.count_nonzero(mask)), 1)
+    density = entries / max(int(np.count_nonzero(mask)), 1)
     side = int(np.clip(np.sqrt(MOST_ENTRIES / (len(CENTRES) * max(density, 1))), SMALLEST_SIDE, SIDE))
     chosen, inner = np.zeros(mask.shape, bool), np.zeros(mask.shape, bool)
     for down, across in CENTRES:

@@ -9,11 +9,12 @@ ENTRY_BYTES = 200  # of T at work, an entry
 
 
 def words_of(maps: RoomMaps, max_error: float) -> RoomWords | None:
-    """Words for T and Tᵀ; None where they miss their bound, for more than a texture holds, or too little memory.
+    """Words for T and Tᵀ; None where they miss their bound, for more than a texture holds, or too little memory, and
+    for blurred light, whose factors have none.
 
     max_error : code values.
     """
-    if ENTRY_BYTES * maps.transport.count > memory.available_bytes():
+    if maps.blurred is not None or ENTRY_BYTES * maps.transport.count > memory.available_bytes():
         return None
     found = words_of_light(maps, max_error)
     if found is None or found.used > 1 or max(small.most_words for small in found.maps.values()) > MOST_WORDS:

@@ -46,6 +46,8 @@ def spectra(T: Csr, clusters: Clusters, projector_shape: tuple[int, int]) -> lis
     between the two sizes are not looked at.
     T : (camera pixels, projector pixels), rows outside the mask empty.
     """
+    if not clusters.count:
+        return []
     columns = sparse.csc_array(T.astype(np.float64))
     small = np.flatnonzero((clusters.projector_sizes <= LARGEST_SVD) & (clusters.camera_sizes <= LARGEST_SVD))
     small = small[np.argsort(clusters.projector_sizes[small], kind="stable")]

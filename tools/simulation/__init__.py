@@ -31,6 +31,6 @@ light); its entries and energy are counted there. Straight light is blocked by e
 them comes through a light map. Rules for these effects, and their order, are in optics_needs.py. Materials (gloss,
 dielectric, translucency) are data in materials.py; scene.py's text is the file format.
 
-May import numpy, scipy, cv2, embreex (shapes/triangles.py), player and counterlight.tools.transport.
+May import numpy, scipy, cv2, embreex (shapes/triangles.py), player and counterlight.tools.{blurring,transport}.
 Read next: scene.py, simulate.py.
 """

@@ -7,12 +7,45 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
-from counterlight.maps.row_map import SparseRows
+from counterlight.maps.row_map import SparseRows, below_each_other
+from counterlight.tools.blurring.choice import Choice, chosen_limit
+from counterlight.tools.blurring.pruning import in_cells
+from counterlight.tools.transport.blurred import BlurredLight, Pyramid
 
 MAX_BYTES = 6 << 30
 BYTES_AN_ENTRY = 4 + 3 * 4
 SHORTER = 0.5  # than the rows so far the others may be
 ADVICE = "lower samples or the devices' sizes, or raise threshold"
+LONG, MANY = 64, 1 << 24  # entries, a camera pixel and in all: below either a T is played as it is
+
+
+@dataclass(frozen=True)
+class Blur:
+    """What may be done about long rows: cells of blocks of projector pixels in the place of entries.
+
+    raster : (height, width) of the projector.  width : of the camera's picture.  tolerance : dB, as `chosen_limit`.
+    """
+
+    raster: tuple[int, int]
+    width: int
+    tolerance: float
+
+
+@dataclass(frozen=True)
+class Blurring:
+    """What became of long rows: entries that there were, and that there are, near and blurred; dB by pictures."""
+
+    before: int
+    near: int
+    blurred: int
+    losses: dict[str, float]
+
+    def __str__(self) -> str:
+        lost = ", ".join(f"{name} {loss:.3f}" for name, loss in self.losses.items())
+        return (
+            f"blurred light in blocks of pixels: {self.before} entries a channel are {self.near} near and "
+            f"{self.blurred} blurred ones; where blur is widest pictures lose, in dB: {lost}"
+        )
 
 
 @dataclass
@@ -21,40 +54,79 @@ class NearLight:
 
     shape : (camera pixels, projector pixels).  threshold : entries below this share of their row's largest are left out
     where they are that small in every channel; what stays is scaled so that each row keeps its sum.
+    blur : what may be done where rows are long, once there are more than LONG entries a camera pixel and MANY in all;
+    None leaves them as they are.
     """
 
     shape: tuple[int, int]
     threshold: float
     name: str
-    _lengths: list[IntArray] = field(default_factory=list)
-    _columns: list[NDArray[np.int32]] = field(default_factory=list)
-    _weights: list[NDArray[np.float32]] = field(default_factory=list)
+    blur: Blur | None = None
+    _near: list[SparseRows] = field(default_factory=list)
+    _blurred: list[SparseRows] = field(default_factory=list)
+    _before: int = 0
+    _choice: Choice | None = None
 
     def add_band(self, first: int, rows: int, pixel: IntArray, column: IntArray, weights: FloatArray) -> None:
-        """Entries (n,), (n,), (n, 3) of camera pixels first … first + rows − 1; duplicates are summed."""
+        """Entries (n,), (n,), (n, 3) of camera pixels first … first + rows − 1, in order; duplicates are summed.
+
+        With `blur`, of whole lines of the camera's picture.
+        """
         place, weights = summed((pixel - first) * self.shape[1] + column, weights)
         row = place // self.shape[1]
         if self.threshold:
             keep, factor = thinned(row, rows, weights, self.threshold)
             place, row, weights = place[keep], row[keep], weights[keep] * factor[row[keep]]
-        self._lengths.append(np.bincount(row, minlength=rows))
-        self._columns.append((place % self.shape[1]).astype(np.int32))
-        self._weights.append(weights.astype(np.float32))
+        starts = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=rows))])
+        columns = (place % self.shape[1]).astype(np.int32)
+        self._hold(SparseRows(starts, columns, weights.astype(np.float32), self.shape[1]))
         self._refuse_what_cannot_fit((first + rows) / self.shape[0])
+
+    def _hold(self, band: SparseRows) -> None:
+        self._before += band.indices.size
+        self._near.append(band)
+        if self._choice is not None:
+            self._put_in_cells(len(self._near) - 1)
+        elif self.blur is not None and self._before > max(LONG * self.shape[0], MANY):
+            self._choice = chosen_limit(self._near, self.blur.width, self.blur.raster, self.blur.tolerance)
+            for number in range(len(self._near)):
+                self._put_in_cells(number)
+
+    def _put_in_cells(self, number: int) -> None:
+        if self.blur is None or self._choice is None or not self._choice.limit:
+            return
+        near, blurred = in_cells(self._near[number], self.blur.raster, self._choice.limit)
+        self._near[number] = near
+        self._blurred.append(blurred)
 
     def _refuse_what_cannot_fit(self, done: float) -> None:
         """InputError once T would be too large even if its other rows were half as long.  done : share of them."""
-        held = sum(column.size for column in self._columns) * BYTES_AN_ENTRY
+        held = sum(band.indices.size for band in (*self._near, *self._blurred)) * BYTES_AN_ENTRY
         if held * (1 + SHORTER * (1 / done - 1)) > MAX_BYTES:
             raise InputError(
                 f"{self.name}: T would take about {held / done / 2**30:.0f} GiB ({100 * done:.0f} % of its rows take "
-                f"{held / 2**30:.2f}), at most {MAX_BYTES >> 30} are used; {ADVICE}"
+                f"{held / 2**30:.2f}), at most {MAX_BYTES >> 30} are used; {ADVICE}{self._more_advice()}"
             )
 
+    def _more_advice(self) -> str:
+        return ", or raise --tolerance" if self.blur is not None else ""
+
     def rows(self) -> SparseRows:
-        """T, float32."""
-        starts = np.concatenate([[0], np.cumsum(np.concatenate(self._lengths))])
-        return SparseRows(starts, np.concatenate(self._columns), np.concatenate(self._weights), self.shape[1])
+        """S, float32: T where no light is in cells."""
+        return below_each_other(self._near)
+
+    def blurred(self) -> BlurredLight | None:
+        """B P, if there is any."""
+        if self.blur is None or not self._blurred:
+            return None
+        return Pyramid(self.blur.raster).light(below_each_other(self._blurred))
+
+    def blurring(self) -> Blurring | None:
+        """What became of long rows, if anything."""
+        if not self._blurred or self._choice is None:
+            return None
+        near, blurred = (sum(band.indices.size for band in bands) for bands in (self._near, self._blurred))
+        return Blurring(self._before, near, blurred, self._choice.losses)
 
 
 def summed(places: IntArray, weights: FloatArray) -> tuple[IntArray, FloatArray]:

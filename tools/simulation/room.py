@@ -51,4 +51,6 @@ def fill_simulated_room(scene: Scene, results: Sequence[Simulated], stage: Path)
     calibration.write(room, stage)
     entries, mask = transport.near.indices.size, room.mask
     several = f"{described(room)}, " if room.screen is not None else ""
-    return f"{several}{entries} near entries a channel, {mask.sum()} of {mask.size} camera pixels lit directly"
+    blurring = "" if results[0].blurring is None else f"; {results[0].blurring}"
+    lit = f"{mask.sum()} of {mask.size} camera pixels lit directly"
+    return f"{several}{entries} near entries a channel, {lit}{blurring}"

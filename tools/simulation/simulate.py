@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.command import track
 from counterlight.errors import InputError
-from counterlight.tools.simulation.assembly import ADVICE, NearLight, summed
+from counterlight.tools.choices import BLUR_TOLERANCE, MOST_TOLERANCE
+from counterlight.tools.simulation.assembly import ADVICE, Blur, Blurring, NearLight, summed
 from counterlight.tools.simulation.camera_side import albedo_of, camera_samples, paint_of
 from counterlight.tools.simulation.effects_on import EffectsOn
 from counterlight.tools.simulation.needs import MOVES, TAKES, Need, chosen, needs_of
@@ -66,6 +67,7 @@ class Simulated:
     """T, and e (camera height, camera width, 3), of a scene, with one report per effect.
 
     spectral : what is behind them if the camera's channels see several primaries; T is then that of white light.
+    blurring : what became of rows that were too long for maps, None if there were none.
     """
 
     transport: Transport
@@ -74,6 +76,7 @@ class Simulated:
     cpu_seconds: float
     seconds: float
     spectral: Spectral | None = None
+    blurring: Blurring | None = None
 
     def explained(self, *, all_effects: bool = True) -> str:
         """The reports as lines under a heading: what was on, what it cost, and why."""
@@ -95,24 +98,29 @@ def simulate(
     *,
     without: Collection[str] = (),
     only: Collection[str] = (),
+    tolerance: float = BLUR_TOLERANCE,
 ) -> Simulated:
     """Simulate what a scene calls for, nothing else; InputError if projector or camera sees nothing.
 
     needs : of the scene, None to read them off it.  without, only : effects to leave out, or to keep, for a study.
+    tolerance : dB that pictures may lose where rows of T are too long for maps; 0 leaves all as they are.
     """
+    if not 0 <= tolerance <= MOST_TOLERANCE:
+        raise InputError(f"tolerance {tolerance:g}: expected 0 (T stays as it is) to {MOST_TOLERANCE:g} dB")
     needs = chosen(needs_of(scene) if needs is None else needs, without, only)
     _check(scene, needs)
-    return _Simulation(scene, needs).run()
+    return _Simulation(scene, needs, tolerance).run()
 
 
 class _Simulation:
     """What is collected while the bands go by."""
 
-    def __init__(self, scene: Scene, needs: dict[str, Need]) -> None:
+    def __init__(self, scene: Scene, needs: dict[str, Need], tolerance: float = BLUR_TOLERANCE) -> None:
         self.start = time.process_time(), time.perf_counter()
         self.scene, self.needs, self.effects = scene, needs, EffectsOn(needs)
-        pixels = scene.camera.pixels
-        self.near = NearLight((pixels, scene.projector.pixels), scene.threshold, scene.name)
+        pixels, raster = scene.camera.pixels, (scene.projector.height, scene.projector.width)
+        blur = Blur(raster, scene.camera.width, tolerance) if tolerance else None
+        self.near = NearLight((pixels, scene.projector.pixels), scene.threshold, scene.name, blur)
         self.ambient = np.zeros((pixels, 3))
         self.seen, self.lit = False, False
         self.mixing, self.weight = np.zeros((pixels, 9)), np.zeros(pixels)
@@ -247,7 +255,7 @@ class _Simulation:
         scene, effects = self.scene, self.effects
         camera, projector = ((device.height, device.width) for device in (scene.camera, scene.projector))
         far = None if self.exchange is None else self.exchange.far_light(self.far.rows())
-        transport, ambient = Transport(self.near.rows(), far, camera, projector), self.ambient
+        transport, ambient = Transport(self.near.rows(), far, camera, projector, self.near.blurred()), self.ambient
         if far is not None:
             lit = far.apply(np.ones((scene.projector.pixels, 3)))
             effects.account("inter_reflection", lit.sum(), far.entries)
@@ -275,7 +283,7 @@ class _Simulation:
             transport = seen
         picture = ambient.reshape(*shape, 3).astype(np.float32)
         spent = time.process_time() - self.start[0], time.perf_counter() - self.start[1]
-        return Simulated(transport, picture, self._reports(total), *spent, spectral)
+        return Simulated(transport, picture, self._reports(total), *spent, spectral, self.near.blurring())
 
     def _reports(self, total: float) -> tuple[EffectReport, ...]:
         effects = self.effects

@@ -28,15 +28,15 @@ class Clusterwise:
     factorise : blocks (k, m, n) -> what takes b (k, m) to p (k, n), and whether a block is special (k,).
     unusual : what special means, for the note "3 of 120 clusters …".
     large : default is least squares of minimum norm by LSMR.
-    Far light joins everything into one cluster, which `large` takes.
+    Far and blurred light are no entries of clusters: `large` takes all of such a T.
     """
 
     def __init__(
         self, T: Channel, factorise: Factorise, unusual: str, large: Callable[[Channel], ChannelSolver] = LeastSquares
     ) -> None:
         self._T, self._factorise, self._unusual = T, factorise, unusual
-        self._large = large(T) if T.far is not None else None
-        if T.far is not None:
+        self._large = None if T.in_entries else large(T)
+        if not T.in_entries:
             return
         clusters = T.clusters
         sizes = clusters.camera_sizes * clusters.projector_sizes
@@ -54,7 +54,7 @@ class Clusterwise:
 
     def solve(self, b: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
         """p (projector pixels,), and notes. Raises NonFiniteError, naming the cluster, if a result is not finite."""
-        if self._T.far is not None and self._large is not None:
+        if not self._T.in_entries and self._large is not None:
             drive, notes = self._large.solve(b)
         else:
             drive, notes = self._by_clusters(b)

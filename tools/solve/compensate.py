@@ -108,6 +108,11 @@ class CompensationTask:
         self._wanted, self._radiance = picture, radiance
         self._desired = self._stated(tier.mixing)
         self._target = tier.asked(self._desired)
+        if options.max_cluster is not None and tier.transport.blurred is not None:
+            raise InputError(
+                f"--max-cluster {options.max_cluster}: blurred light is kept in blocks of pixels, which cannot be cut "
+                "into clusters; leave the option out"
+            )
         self._inside = tier.transport.inside(tier.calibration.mask)
         self._lit = self._inside.lit
         self._objective = objective_of(tier.transport, tier.calibration, options.aims)

@@ -13,7 +13,7 @@ class Direct:
 
     def __init__(self, T: Transport) -> None:
         alike = np.ones((T.shape[1], len(CHANNELS)))
-        self._rows = direct_mapping(T.near.transposed, T.composition(), alike)
+        self._rows = direct_mapping(T.T, T.composition(), alike)
 
     def solve(self, b: FloatArray) -> Solution:
         return Solution(self._rows.apply(b))

@@ -74,7 +74,13 @@ def open_room(place: Path, size: tuple[int, int], colour: str = "auto") -> "Stud
     """
     if place.is_dir():
         stored = calibrations.read(place)
-        return StudyRoom(place.stem, tier_of(stored.calibration, read_transport(stored), colour), 0.0)
+        transport = read_transport(stored)
+        if transport.blurred is not None:
+            raise InputError(
+                f"{place}: its blurred light is kept in blocks of pixels, of which no T⁺ is made; study it simulated "
+                "with fewer pixels"
+            )
+        return StudyRoom(place.stem, tier_of(stored.calibration, transport, colour), 0.0)
     scene = load_scene(place)
     scale = min(size[0] / scene.camera.height, size[1] / scene.camera.width)
     camera, projector = (
@@ -154,7 +160,7 @@ class StudyRoom:
         """Direct mapping as the thesis' 6.1 has it, without a prior, and its processor seconds."""
         T, all_of_it = self.inside, np.ones((self.calibration.projector.pixels, 3))
         shapes = self.calibration.projector.shape, self.calibration.camera.shape
-        return processor_seconds(lambda: pack(direct_mapping(T.near.transposed, T.composition(), all_of_it), *shapes))
+        return processor_seconds(lambda: pack(direct_mapping(T.T, T.composition(), all_of_it), *shapes))
 
     @cached_property
     def near_map(self) -> RowMap:

@@ -1,10 +1,12 @@
 """Projectors that were measured one at a time, side by side as one: their transports, ambient light and masks.
 
 With p = (p₁, p₂, …) the pictures in one raster, T p = Σ T_k p_k: the columns of the T_k stand where the raster has
-their pixels, and of the far light M is block-diagonal, D has the cells of all below each other, U beside each other.
-Cells of the same surfaces, as simulated rooms have them, are the same: U M (D₁ p₁ + D₂ p₂).
+their pixels, and of the far light M is block-diagonal, D has the cells of all below each other, U beside each other, as
+P and B of the blurred light. Cells of the same surfaces, as simulated rooms have them, are the same:
+U M (D₁ p₁ + D₂ p₂).
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,10 +18,12 @@ from scipy import sparse
 from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.errors import InputError
+from counterlight.maps.row_map import SparseRows
 from counterlight.pipeline.colour import LUMINANCE
 from counterlight.pipeline.content import BRIGHT_PERCENTILE
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.factoring.factoring import Factoring, factored
+from counterlight.tools.transport.blurred import BlurredLight
 from counterlight.tools.transport.mask import FRACTION_OF_AMBIENT
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, stacked
@@ -93,8 +97,11 @@ def join_transports(transports: Sequence[Transport], shapes: Sequence[tuple[int,
         _columns_at(sparse.hstack(parts), places, height * width)
         for parts in zip(*(channels(transport.near) for transport in transports), strict=True)
     ]
-    far = _join_far(transports, shapes, places, height * width)
-    return Transport(stacked(near), far, transports[0].camera, (height, width))
+    ends = np.cumsum([0, *(height * width for height, width in shapes)])
+    parts = [places[start:end] for start, end in itertools.pairwise(ends)]
+    far = _join_far([t.far for t in transports], parts, height * width)
+    blurred = _join_blurred([t.blurred for t in transports], parts, height * width)
+    return Transport(stacked(near), far, transports[0].camera, (height, width), blurred)
 
 
 def _places(shape: tuple[int, int], left: int, width: int) -> NDArray[np.int64]:
@@ -111,16 +118,16 @@ def _columns_at(matrix: Csr, places: NDArray[np.int64], columns: int) -> Csr:
     return moved
 
 
-def _join_far(
-    transports: Sequence[Transport], shapes: Sequence[tuple[int, int]], places: NDArray[np.int64], columns: int
-) -> FarLight | None:
-    """Cells of all projectors, each once; one without far light has none."""
-    ends = np.cumsum([0, *(height * width for height, width in shapes)])
+def _join_far(lights: Sequence[FarLight | None], places: Sequence[NDArray[np.int64]], columns: int) -> FarLight | None:
+    """Cells of all projectors, each once; one without far light has none.
+
+    places : of each projector's pixels in the raster.
+    """
     found: list[tuple[FarLight, list[Csr]]] = []  # of different cells, and D of all projectors that light them
-    for transport, start, end in zip(transports, ends, ends[1:], strict=False):
-        if (far := transport.far) is None:
+    for far, at in zip(lights, places, strict=True):
+        if far is None:
             continue
-        gather = [_columns_at(D, places[start:end], columns) for D in channels(far.gather)]
+        gather = [_columns_at(D, at, columns) for D in channels(far.gather)]
         same = next((number for number, (other, _) in enumerate(found) if _same_cells(far, other)), None)
         if same is None:
             found.append((far, gather))
@@ -128,11 +135,26 @@ def _join_far(
             found[same] = far, [Csr(D + more) for D, more in zip(found[same][1], gather, strict=True)]
     if not found:
         return None
-    gathers = zip(*(gather for _, gather in found), strict=True)
-    scatters = zip(*(channels(far.scatter) for far, _ in found), strict=True)
+    joined, scatter = _side_by_side([gather for _, gather in found], [far.scatter for far, _ in found])
     mix = np.stack([sparse.block_diag([far.mix[i] for far, _ in found]).toarray() for i in range(3)])
-    return FarLight.from_matrices(
-        [Csr(sparse.vstack(each)) for each in gathers], mix, [Csr(sparse.hstack(each)) for each in scatters]
+    return FarLight(joined, mix, scatter)
+
+
+def _join_blurred(
+    lights: Sequence[BlurredLight | None], places: Sequence[NDArray[np.int64]], columns: int
+) -> BlurredLight | None:
+    """Cells of all projectors."""
+    parts = [(one, at) for one, at in zip(lights, places, strict=True) if one is not None]
+    gathers = [[_columns_at(P, at, columns) for P in channels(one.gather)] for one, at in parts]
+    return BlurredLight(*_side_by_side(gathers, [one.scatter for one, _ in parts])) if parts else None
+
+
+def _side_by_side(gathers: Sequence[Sequence[Csr]], scatters: Sequence[SparseRows]) -> tuple[SparseRows, SparseRows]:
+    """Gathers, a matrix a channel, below each other, and scatters beside each other."""
+    beside = zip(*(channels(scatter) for scatter in scatters), strict=True)
+    return (
+        stacked([Csr(sparse.vstack(each)) for each in zip(*gathers, strict=True)]),
+        stacked([Csr(sparse.hstack(each)) for each in beside]),
     )
 
 

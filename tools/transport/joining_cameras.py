@@ -93,6 +93,10 @@ def below_each_other(
     rooms: Sequence[Calibration], transports: Sequence[Transport], name: str, monitors: Sequence[str] = ()
 ) -> tuple[Calibration, Transport]:
     """One room in the raster of all cameras, as if it were of one camera: thesis eq. 4.7."""
+    if any(transport.blurred is not None for transport in transports):
+        raise InputError(
+            "several cameras cannot have light in blocks of projector pixels; simulate each room with --tolerance 0"
+        )
     cameras = tuple(chain.from_iterable(room.cameras for room in rooms))
     rows, shape = _rows_of_rooms(rooms, cameras), raster_of(cameras)
     joint = Calibration(

@@ -20,13 +20,13 @@ def directly_lit(
     projector: tuple[int, int],
     noise: FloatArray | None = None,
 ) -> NDArray[np.bool_]:
-    """Camera pixels that count by their near light alone, and whose footprints the raster's edge does not cut.
+    """Camera pixels that count without their far light, and whose footprints the raster's edge does not cut.
 
     ambient : (height, width, 3).  projector : (height, width).  noise : as of `lit_pixels`.
     """
-    near = transport.near.sums().reshape(ambient.shape)
+    near = transport.without_far.composition().reshape(ambient.shape)
     lit, camera = lit_pixels(near, ambient, noise, DARK_PAINT), (ambient.shape[0], ambient.shape[1])
-    whole = lit & (cut_by_edges(transport.near, camera, projector) < CUT).reshape(camera)
+    whole = lit & (cut_by_edges(transport, camera, projector) < CUT).reshape(camera)
     return whole if whole.any() else lit
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from counterlight.arrays import FloatArray
+from counterlight.maps.row_map import SparseRows
 from counterlight.tools.transport.transport import Transport
 
 FAINT = 1e-9  # of a row's own light: less cannot be scaled to anything
@@ -19,19 +20,26 @@ def mixed_channels(transport: Transport, mixing: FloatArray) -> Transport:
     Far light is U M D, no sum of three such products; it stays that of channel k, scaled camera pixel by camera pixel
     to the floodlight Σ_j X_kj U_j M_j D_j 1 (docs/colour.md says what that costs).
     """
-    near, far = transport.near, transport.far
-    rows = near.rows if mixing.ndim == 3 else np.zeros(near.indices.size, np.int8)
-    each = mixing.reshape(-1, 3, 3)
-    weights = np.stack(
-        [sum(each[rows, k, j] * near.weights[:, j] for j in range(3)) for k in range(3)], axis=1
-    )  # channel by channel: nine numbers an entry would be the room's largest array
-    light = replace(near, weights=np.maximum(weights, 0).astype(near.weights.dtype))
-    scaled = light.scaled(_ratio(_mixed_light(mixing, near.sums()), light.sums()))
+    near, far, blurred = transport.near, transport.far, transport.blurred
+    mixed = replace(transport, near=_mixed_rows(near, mixing))
+    if blurred is not None:  # one P for all channels: B is mixed as S is
+        mixed = replace(mixed, blurred=replace(blurred, scatter=_mixed_rows(blurred.scatter, mixing)))
     if far is None:
-        return replace(transport, near=scaled)
+        return mixed
     floodlight = far.apply(np.ones((transport.shape[1], 3)))
     scatter = far.scatter.scaled(_ratio(_mixed_light(mixing, floodlight), floodlight))
-    return replace(transport, near=scaled, far=replace(far, scatter=scatter))
+    return replace(mixed, far=replace(far, scatter=scatter))
+
+
+def _mixed_rows(light: SparseRows, mixing: FloatArray) -> SparseRows:
+    """Entry by entry, without those below 0, each row scaled to its sum."""
+    rows = light.rows if mixing.ndim == 3 else np.zeros(light.indices.size, np.int8)
+    each = mixing.reshape(-1, 3, 3)
+    weights = np.stack(
+        [sum(each[rows, k, j] * light.weights[:, j] for j in range(3)) for k in range(3)], axis=1
+    )  # channel by channel: nine numbers an entry would be the room's largest array
+    found = replace(light, weights=np.maximum(weights, 0).astype(light.weights.dtype))
+    return found.scaled(_ratio(_mixed_light(mixing, light.sums()), found.sums()))
 
 
 def _mixed_light(mixing: FloatArray, light: FloatArray) -> FloatArray:

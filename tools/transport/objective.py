@@ -6,9 +6,10 @@ w : how far a camera pixel is to be trusted (trust.py).  η : towards darkness, 
 sees.  ω : between neighbours, so that the picture stands a drift of the projector.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from counterlight.errors import InputError
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import SparseRows
 from counterlight.pipeline.reference import pull
-from counterlight.pipeline.refinement import Certificate
+from counterlight.pipeline.refinement import OVER_RELAXATION, Certificate, momentum
 from counterlight.tools.choices import OUTSIDE
 from counterlight.tools.transport.shares import shares
 from counterlight.tools.transport.transport import Transport
@@ -122,6 +123,15 @@ class Objective:
         """TᵀW (b − T p) − P p, against the gradient; b bounded."""
         return self.dual.apply(b - self.T.apply(p)) - self._pull(p)
 
+    def steps(self, p: FloatArray, b: FloatArray) -> Iterator[FloatArray]:
+        """p, and what the player's steps make of it, one after the other without an end; b bounded."""
+        y = p
+        for step in count(1):
+            yield p
+            q = np.clip(y + self.step_size * self.descent(y, b), 0, 1)
+            y = q + momentum(step) * (q - p) + OVER_RELAXATION * (q - y)
+            p = q
+
     def certificate(self, p: FloatArray, b: FloatArray, upper: float = 1.0) -> Certificate:
         """The bound at any 0 ≤ p ≤ upper."""
         residual = self.bounded(b) - self.T.apply(p)
@@ -152,22 +162,22 @@ class Objective:
 def objective_of(transport: Transport, calibration: Calibration, options: ObjectiveOptions) -> Objective:
     """A calibrated room's."""
     projector, regions = calibration.projector.shape, calibration.regions
-    trusted = _trust(transport.near, calibration)
+    trusted = _trust(transport, calibration)
     weights = trusted * shares(transport.near, calibration)
     T = transport.inside(weights > 0)
-    shown = seen(T.near, weights > 0)
+    shown = seen(T, weights > 0)
     unaided = Objective(T, weights, None, shown, trusted < 1)
     return replace(unaided, prior=_prior(unaided, projector, regions, options))
 
 
-def _trust(near: SparseRows, calibration: Calibration) -> FloatArray:
+def _trust(T: Transport, calibration: Calibration) -> FloatArray:
     """Camera by camera: what is around a pixel is in its own picture."""
     if calibration.screen is None:
-        return trust(near, calibration.mask, calibration.projector.shape)
+        return trust(T, calibration.mask, calibration.projector.shape)
     weights = np.zeros(calibration.mask.shape)
     pixels = np.arange(weights.size).reshape(weights.shape)
     for view in calibration.views:
-        found = trust(near.at(pixels[view].ravel()), calibration.mask[view], calibration.projector.shape)
+        found = trust(T.at(pixels[view].ravel()), calibration.mask[view], calibration.projector.shape)
         weights[view] = found.reshape(weights[view].shape)
     return weights.ravel()
 
@@ -178,9 +188,7 @@ def _prior(
     regions: Sequence[Region],
     options: ObjectiveOptions,
 ) -> Prior:
-    d, near = objective.curvature, objective.T.near
-    squares = (objective.weights[near.rows][:, None] * near.weights.astype(np.float64) ** 2).T
-    diagonal = np.stack([np.bincount(near.indices, each, near.shape[1]) for each in squares], axis=1)
+    d, diagonal = objective.curvature, _diagonal(objective.T, objective.weights)
     hold = _hold(d, objective.seen)
     black = options.outside == "black"
     stiff = np.zeros_like(hold) if black else np.minimum(hold, STIFFNESS * hold.max(axis=0))
@@ -189,6 +197,24 @@ def _prior(
     right, down = (_ties(ties[0], ties[1], owner, axis) for axis in (1, 0))
     damping = hold if black else np.zeros_like(hold)
     return Prior(damping.reshape(*projector, 3).astype(np.float32), right, down)
+
+
+def _diagonal(T: Transport, weights: FloatArray) -> FloatArray:
+    """Of (S + B P)ᵀW(S + B P), (projector pixels, 3): no row has light of one pixel in two of its entries or cells."""
+    diagonal = _squares(T.near, weights[:, None])
+    if T.blurred is not None:
+        diagonal += _squares(T.blurred.gather, _squares(T.blurred.scatter, weights[:, None]))
+    return diagonal
+
+
+def _squares(rows: SparseRows, weights: FloatArray) -> FloatArray:
+    """Σ_i w_i A_ij² of every column, (columns, 3); weights : (rows, 1 or 3)."""
+    each = np.broadcast_to(weights, (rows.shape[0], 3))
+    squares = [
+        np.bincount(rows.indices, each[rows.rows, i] * rows.weights[:, i].astype(np.float64) ** 2, rows.columns)
+        for i in range(3)
+    ]
+    return np.stack(squares, axis=1)
 
 
 def _hold(d: FloatArray, shown: FloatArray) -> FloatArray:

@@ -1,5 +1,8 @@
-"""The transport's files in a calibration folder: transport_*.npz (scipy's layout, no pickle) and far_light.npz."""
+"""The transport's files in a calibration folder: transport_*.npz (scipy's layout, no pickle), and the factors of far
+and of blurred light where there is any, far_light.npz and blurred_light.npz.
+"""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,17 +13,20 @@ from scipy import sparse
 from counterlight.calibration import RADIANCE, REBUILD, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.files.reading import Source
-from counterlight.tools.transport.arrays import ArrayError, opened_archive
+from counterlight.maps.row_map import SparseRows
+from counterlight.tools.transport.arrays import ArrayError, Members, opened_archive
+from counterlight.tools.transport.blurred import BlurredLight
 from counterlight.tools.transport.sparse_files import Shape, read_compressed, read_sparse
 from counterlight.tools.transport.transport import CHANNELS, Csr, FarLight, Transport, channels, stacked
 
-FAR_LIGHT = "far_light.npz"
-MOST_CELLS = 1 << 15
+FAR_LIGHT, BLURRED_LIGHT = "far_light.npz", "blurred_light.npz"
+MOST_CELLS = 1 << 15  # of far light, whose mix is dense
+MOST_BLURRED_CELLS = 1 << 28
 EXPORT = "save it with scipy.sparse.save_npz"
 
 
 def write_transport(transport: Transport, folder: Path) -> None:
-    """Write the three near matrices (float32 CSR) and, if there is far light, its factors.
+    """Write the three near matrices (float32 CSR) and, if there is far or blurred light, its factors.
 
     Raises InputError for numbers that `read_transport` would refuse.
     """
@@ -30,6 +36,9 @@ def write_transport(transport: Transport, folder: Path) -> None:
     if transport.far is not None:
         _check_far_light(transport.far, "far light")
         _write_far_light(transport.far, folder / FAR_LIGHT)
+    if transport.blurred is not None:
+        _check_blurred_light(transport.blurred, "blurred light")
+        _write_factors(transport.blurred.gather, transport.blurred.scatter, folder / BLURRED_LIGHT)
 
 
 def read_transport(stored: StoredCalibration) -> Transport:
@@ -40,12 +49,15 @@ def read_transport(stored: StoredCalibration) -> Transport:
     for name in CHANNELS:
         with stored.opened(f"transport_{name}.npz") as file:
             near.append(read_matrix(file, shape, REBUILD))
-    far = None
+    far = blurred = None
     if FAR_LIGHT in stored.files:
         with stored.opened(FAR_LIGHT) as file:
             far = _read_far_light(file, shape)
+    if BLURRED_LIGHT in stored.files:
+        with stored.opened(BLURRED_LIGHT) as file:
+            blurred = _read_blurred_light(file, shape)
     stored.refuse_replaced()
-    return Transport(stacked(near), far, calibration.camera.shape, calibration.projector.shape)
+    return Transport(stacked(near), far, calibration.camera.shape, calibration.projector.shape, blurred)
 
 
 def read_matrix(source: Source, shape: Shape, fix: str = EXPORT) -> Csr:
@@ -80,8 +92,12 @@ def check_entries(values: NDArray[np.floating], where: str) -> None:
 
 
 def _write_far_light(far: FarLight, path: Path) -> None:
-    arrays = {"mix": far.mix.astype(np.float32), "cells": np.array(far.mix.shape[1])}
-    for part, rows in (("gather", far.gather), ("scatter", far.scatter)):
+    _write_factors(far.gather, far.scatter, path, mix=far.mix.astype(np.float32))
+
+
+def _write_factors(gather: SparseRows, scatter: SparseRows, path: Path, **beside: NDArray[np.float32]) -> None:
+    arrays = {**beside, "cells": np.array(scatter.columns)}
+    for part, rows in (("gather", gather), ("scatter", scatter)):
         for name, matrix in zip(CHANNELS, channels(rows), strict=True):
             arrays |= {
                 f"{part}_{name}_data": matrix.data.astype(np.float32),
@@ -92,25 +108,56 @@ def _write_far_light(far: FarLight, path: Path) -> None:
 
 
 def _read_far_light(source: Source, shape: Shape) -> FarLight:
-    camera_pixels, projector_pixels = shape
     with opened_archive(source, "not the far light of this calibration", REBUILD) as arrays:
-        cells = int(arrays["cells"].expect("iu").read())
-        if not 1 <= cells <= MOST_CELLS:
-            raise ArrayError(f"{cells} cells, expected 1 to {MOST_CELLS}")
+        cells = _read_cells(arrays, MOST_CELLS)
         mix = arrays["mix"].expect("fiu", 3, cells, cells).read().astype(np.float64)
-        gather, scatter = (
-            stacked([read_compressed(arrays, size, prefix=f"{part}_{name}_") for name in CHANNELS])
-            for part, size in (("gather", (cells, projector_pixels)), ("scatter", (camera_pixels, cells)))
-        )
+        gather, scatter = _read_factors(arrays, cells, shape)
         far = FarLight(gather, mix, scatter)
         _check_far_light(far, arrays.file)
         return far
+
+
+def _read_blurred_light(source: Source, shape: Shape) -> BlurredLight:
+    with opened_archive(source, "not the blurred light of this calibration", REBUILD) as arrays:
+        blurred = BlurredLight(*_read_factors(arrays, _read_cells(arrays, MOST_BLURRED_CELLS), shape))
+        _check_blurred_light(blurred, arrays.file)
+        return blurred
+
+
+def _read_cells(arrays: Members, most: int) -> int:
+    cells = int(arrays["cells"].expect("iu").read())
+    if not 1 <= cells <= most:
+        raise ArrayError(f"{cells} cells, expected 1 to {most}")
+    return cells
+
+
+def _read_factors(arrays: Members, cells: int, shape: Shape) -> tuple[SparseRows, SparseRows]:
+    """What `_write_factors` was given: gather and scatter."""
+    camera_pixels, projector_pixels = shape
+    gather, scatter = (
+        stacked([read_compressed(arrays, size, prefix=f"{part}_{name}_") for name in CHANNELS])
+        for part, size in (("gather", (cells, projector_pixels)), ("scatter", (camera_pixels, cells)))
+    )
+    return gather, scatter
 
 
 def _check_far_light(far: FarLight, where: str) -> None:
     """InputError for factors, or products of them, that are no light in any unit."""
     for values in (far.mix, *far.gather.weights.T, *far.scatter.weights.T):
         check_entries(values, where)
-    D, U = (replace(rows, weights=np.abs(rows.weights)) for rows in (far.gather, far.scatter))
+    D, U = _without_signs(far.gather, far.scatter)
     lit = FarLight(D, np.abs(far.mix), U).apply(np.ones((D.columns, len(CHANNELS))))
     check_entries(lit, f"{where}: its factors' product")
+
+
+def _check_blurred_light(blurred: BlurredLight, where: str) -> None:
+    """As `_check_far_light`."""
+    for values in (*blurred.gather.weights.T, *blurred.scatter.weights.T):
+        check_entries(values, where)
+    P, B = _without_signs(blurred.gather, blurred.scatter)
+    lit = BlurredLight(P, B).apply(np.ones((P.columns, len(CHANNELS))))
+    check_entries(lit, f"{where}: its factors' product")
+
+
+def _without_signs(*factors: SparseRows) -> Iterator[SparseRows]:
+    return (replace(rows, weights=np.abs(rows.weights)) for rows in factors)

@@ -1,11 +1,12 @@
-"""Light transport as a sum of parts: near light as sparse rows, far light as a product of three small factors.
+"""Light transport as a sum of parts: near light as sparse rows, blurred light and far light as products of factors.
 
 Light that travels directly, or scatters close by, makes T sparse and sharp. Light that crosses the room reaches
-everything but is smooth: stored entry by entry it would fill T, so it is kept as U M D (docs/mathematics.md 3).
+everything but is smooth: stored entry by entry it would fill T, so it is kept as U M D (docs/mathematics.md 3). Light
+of a lens far out of focus is near, but wide: where pixels are many, it is kept as B P (blurred.py).
 Scipy takes one channel at a time: `channel` and `channels` give them, `stacked` makes one of three.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
@@ -15,9 +16,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from counterlight.arrays import FloatArray
-from counterlight.maps.row_map import SparseRows
+from counterlight.maps.row_map import SparseRows, below_each_other
 from counterlight.pipeline.colour import LUMINANCE
-from counterlight.pipeline.operators import Light, Sum
+from counterlight.pipeline.operators import Light, Operator, Sum
+from counterlight.tools.transport.blurred import BlurredLight
 
 Csr: TypeAlias = sparse.csr_array  # scipy's stubs make it generic, scipy itself does not
 Shape: TypeAlias = tuple[int, int]
@@ -68,7 +70,7 @@ class FarLight:
 
 @dataclass(frozen=True)
 class Transport:
-    """T of one projector and one camera, c = T p: near light S, and far light U M D if there is any.
+    """T of one projector and one camera, c = T p: near light S, far light U M D and blurred light B P if there is any.
 
     An operator on (pixels, 3), or on pictures (height, width, 3) where it knows how high and wide its own are:
     `T @ p`, `T.T @ c`.
@@ -81,6 +83,7 @@ class Transport:
     far: FarLight | None = None
     camera: Shape | None = None
     projector: Shape | None = None
+    blurred: BlurredLight | None = None
 
     @classmethod
     def from_matrices(
@@ -98,9 +101,23 @@ class Transport:
     def shape(self) -> tuple[int, int]:
         return self.near.shape
 
+    @property
+    def without_far(self) -> "Transport":
+        """S + B P."""
+        return replace(self, far=None)
+
+    @property
+    def entries(self) -> int:
+        """Of S and B."""
+        return int(self.near.indices.size + (0 if self.blurred is None else self.blurred.scatter.indices.size))
+
+    @property
+    def _beside(self) -> list[Operator]:
+        return [part for part in (self.blurred, self.far) if part is not None]
+
     def apply(self, drive: Light) -> FloatArray:
         """T p, without ambient light: (projector pixels, 3) -> (camera pixels, 3); a picture for a picture."""
-        return _alike(Sum(self.near, self.far).apply(drive.reshape(-1, 3)), drive, self.camera)
+        return _alike(Sum([self.near, *self._beside]).apply(drive.reshape(-1, 3)), drive, self.camera)
 
     def apply_transpose(self, picture: Light) -> FloatArray:
         """Tᵀ c: (camera pixels, 3) -> (projector pixels, 3), the dual picture (thesis eq. 3.12); as `apply`."""
@@ -113,12 +130,13 @@ class Transport:
     def T(self) -> "Transport":  # noqa: N802 - as numpy calls it
         """Tᵀ."""
         far = None if self.far is None else self.far.transposed
-        return Transport(self.near.transposed, far, self.projector, self.camera)
+        blurred = None if self.blurred is None else self.blurred.transposed
+        return Transport(self.near.transposed, far, self.projector, self.camera, blurred)
 
     def composition(self) -> FloatArray:
         """T·1, the floodlit room without ambient light: (camera pixels, 3)."""
-        near = self.near.sums()
-        return near if self.far is None else near + self.far.apply(np.ones((self.shape[1], 3)))
+        near, ones = self.near.sums(), np.ones((self.shape[1], 3))
+        return near + Sum(self._beside).apply(ones) if self._beside else near
 
     def floodlight(self, ambient: NDArray[np.floating]) -> FloatArray:
         """T·1 + e, the floodlit room as the camera sees it, of the shape of e."""
@@ -126,28 +144,47 @@ class Transport:
 
     @property
     def lit(self) -> NDArray[np.bool_]:
-        """Which projector pixels' near light any camera pixel sees, (projector pixels, 3)."""
-        seen = (np.bincount(self.near.indices[each != 0], minlength=self.shape[1]) for each in self.near.weights.T)
-        return np.stack(list(seen), axis=1) > 0
+        """Which projector pixels' near or blurred light any camera pixel sees, (projector pixels, 3)."""
+        lit = _lit(self.near)
+        if self.blurred is not None:
+            cells = _lit(self.blurred.scatter).astype(np.float64)
+            lit |= self.blurred.gather.apply_transpose(cells) > 0
+        return lit
 
     def at(self, rows: NDArray[np.integer]) -> "Transport":
-        """What some camera pixels see, in that order."""
-        far = None if self.far is None else replace(self.far, scatter=self.far.scatter.at(rows))
-        return Transport(self.near.at(rows), far, None, self.projector)
+        """What some camera pixels see, in that order; it knows no picture of them."""
+        return replace(self, camera=None).by_rows(lambda all_rows: all_rows.at(rows))
 
     def inside(self, mask: NDArray[np.bool_]) -> "Transport":
         """What the camera pixels of a mask see, their rows empty outside it; entries of 0 left out."""
-        far = None if self.far is None else replace(self.far, scatter=self.far.scatter.inside(mask.ravel()))
-        return replace(self, near=self.near.inside(mask.ravel()), far=far)
+        return self.by_rows(lambda rows: rows.inside(mask.ravel()))
+
+    def of_columns(self, chosen: NDArray[np.integer]) -> "Transport":
+        """Of some projector pixels, (n,) ascending, without far light; cells that no row has are left out."""
+        near, blurred = self.near.of_columns(chosen), self.blurred
+        if blurred is not None:
+            cells = np.unique(blurred.scatter.indices)
+            gather = blurred.gather.at(cells).of_columns(chosen)
+            blurred = BlurredLight(gather, blurred.scatter.of_columns(cells))
+        return Transport(near, camera=self.camera, blurred=blurred)
+
+    def by_rows(self, change: Callable[[SparseRows], SparseRows]) -> "Transport":
+        """With S, B and U changed alike: what is done to camera pixels."""
+        far = None if self.far is None else replace(self.far, scatter=change(self.far.scatter))
+        blurred = None if self.blurred is None else replace(self.blurred, scatter=change(self.blurred.scatter))
+        return replace(self, near=change(self.near), far=far, blurred=blurred)
 
     def scaled(self, factors: FloatArray) -> "Transport":
         """Each camera pixel's light times its factor, (camera pixels,) or (camera pixels, 3)."""
-        far = None if self.far is None else replace(self.far, scatter=self.far.scatter.scaled(factors))
-        return replace(self, near=self.near.scaled(factors), far=far)
+        return self.by_rows(lambda rows: rows.scaled(factors))
 
 
 def in_one(transport: Transport) -> SparseRows:
-    """S + U M D entry by entry, float32, nothing left out but zeros: with far light, (almost) dense."""
+    """S + B P + U M D entry by entry, float32, nothing left out but zeros: with far light, (almost) dense."""
+    if transport.blurred is not None:
+        factors = zip(*(channels(part) for part in (transport.blurred.scatter, transport.blurred.gather)), strict=True)
+        wide = [Csr(B @ P + S) for (B, P), S in zip(factors, channels(transport.near), strict=True)]
+        return in_one(replace(transport, near=stacked(wide), blurred=None))
     if transport.far is None:
         return transport.near
     near, gather = (channels(part) for part in (transport.near, transport.far.gather))
@@ -157,9 +194,7 @@ def in_one(transport: Transport) -> SparseRows:
         some = slice(start, start + ROWS_AT_ONCE)
         sums = [base[some] @ D + S[some].toarray() for base, D, S in zip(bases, gather, near, strict=True)]
         blocks.append(dense_rows(np.stack(sums).astype(np.float32)).inside(np.ones(sums[0].shape[0], bool)))
-    lengths = np.concatenate([block.lengths for block in blocks])
-    indices, weights = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("indices", "weights"))
-    return SparseRows(np.concatenate([[0], np.cumsum(lengths)]), indices, weights, transport.shape[1])
+    return below_each_other(blocks)
 
 
 def stacked(matrices: Sequence[Csr]) -> SparseRows:
@@ -224,6 +259,12 @@ def dense_rows(matrices: FloatArray) -> SparseRows:
     return SparseRows(
         np.arange(rows + 1) * columns, np.tile(np.arange(columns, dtype=np.int32), rows), weights, columns
     )
+
+
+def _lit(rows: SparseRows) -> NDArray[np.bool_]:
+    """Columns that have light, (columns, 3)."""
+    seen = (np.bincount(rows.indices[each != 0], minlength=rows.columns) for each in rows.weights.T)
+    return np.stack(list(seen), axis=1) > 0
 
 
 def _mixed(mix: FloatArray, cells: FloatArray) -> FloatArray:

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, sparse
+from scipy import ndimage
 
 from counterlight.arrays import FloatArray
 from counterlight.maps.row_map import SparseRows
-from counterlight.tools.transport.transport import luminance
+from counterlight.tools.transport.transport import Csr, Transport, channel, luminance
 
 LEAST_TRUST = 0.01
 CUT, WIDE_AND_CUT, FALL = 1.1, 1.3, 0.5  # of what a whole footprint can have in one line
@@ -24,61 +24,88 @@ FEW = 0.1  # of those pixels
 
 @dataclass(frozen=True)
 class _Shares:
-    """T by rows, each entry as a share of its row's light; y, x : the entry's projector pixel."""
+    """T by rows, each entry as a share of its row's light, without far light.
 
-    rows: NDArray[np.int64]
-    y: NDArray[np.int64]
-    x: NDArray[np.int64]
-    share: FloatArray
-    camera: tuple[int, int]
+    near : (camera pixels, projector pixels).  blurred : the same over cells, and P.
+    """
+
+    near: Csr
+    blurred: tuple[Csr, Csr] | None
+    projector: tuple[int, int]
 
     @classmethod
-    def of(cls, near: SparseRows, camera: tuple[int, int], projector: tuple[int, int]) -> "_Shares":
-        light, rows = luminance(near.weights), near.rows
-        total = np.bincount(rows, light, near.shape[0])[rows]
-        y, x = np.divmod(near.indices.astype(np.int64), projector[1])
-        return cls(rows, y, x, np.divide(light, total, out=np.zeros_like(light), where=total > 0), camera)
+    def of(cls, T: Transport, projector: tuple[int, int]) -> "_Shares":
+        total = _light(T)
+        near, blurred = _shares(T.near, total), None
+        if T.blurred is not None:
+            blurred = _shares(T.blurred.scatter, total), channel(T.blurred.gather, 0).astype(np.float64)
+        return cls(near, blurred, projector)
+
+    def lines(self, axis: int) -> Csr:
+        """Of the raster's lines, those of y for axis 0, of x for 1: (camera pixels, lines)."""
+        places = np.indices(self.projector, np.int32)[axis].ravel()
+        lines = _over_lines(self.near, places, self.projector[axis])
+        if self.blurred is not None:
+            scatter, gather = self.blurred
+            lines = Csr(lines + scatter @ _over_lines(gather, places, self.projector[axis]))
+        return lines
 
 
-def trust(near: SparseRows, counts: NDArray[np.bool_], projector: tuple[int, int]) -> FloatArray:
-    """w, (camera pixels,): 1 inside the mask, little where else near light falls, 0 where none does.
+def _light(T: Transport) -> FloatArray:
+    """Luminance of the floodlight without far light, (camera pixels,)."""
+    rows = [T.near] if T.blurred is None else [T.near, T.blurred.scatter]
+    return np.asarray(sum(np.bincount(each.rows, luminance(each.weights), each.shape[0]) for each in rows))
+
+
+def _shares(rows: SparseRows, total: FloatArray) -> Csr:
+    """Luminance as shares of their row's `total`."""
+    light, whole = luminance(rows.weights), total[rows.rows]
+    shares = np.divide(light, whole, out=np.zeros_like(light), where=whole > 0)
+    return Csr((shares, rows.indices, rows.indptr), shape=rows.shape)
+
+
+def _over_lines(matrix: Csr, places: NDArray[np.int32], count: int) -> Csr:
+    """Its columns summed by the line that each is in."""
+    lines = Csr((matrix.data, places[matrix.indices], matrix.indptr), shape=(matrix.shape[0], count), copy=True)
+    lines.sum_duplicates()  # in place
+    return lines
+
+
+def trust(T: Transport, counts: NDArray[np.bool_], projector: tuple[int, int]) -> FloatArray:
+    """w, (camera pixels,): 1 inside the mask, little where else near or blurred light falls, 0 where none does.
 
     Those of little trust are satisfied where no trusted pixel objects: the rim of the picture, what the camera could
     not measure, what somebody's mask leaves out. Where an edge cuts a footprint, w falls from 0.4 to LEAST_TRUST over
     `cut_by_edges` of 1.1 to 1.3: narrow footprints, of which nearly all is one line, disturb no others.
 
-    near : T, (camera pixels, projector pixels).  counts : (camera height, camera width), the mask.
+    counts : (camera height, camera width), the mask.  projector : (height, width).
     """
-    lit = np.bincount(near.rows, luminance(near.weights), near.shape[0]) > 0
-    cut = cut_by_edges(near, (counts.shape[0], counts.shape[1]), projector)
+    lit = _light(T) > 0
+    cut = cut_by_edges(T, (counts.shape[0], counts.shape[1]), projector)
     narrow = (cut >= CUT) * np.clip((WIDE_AND_CUT - cut) / FALL, 0, 1)
     return np.where(counts.ravel(), 1.0, (LEAST_TRUST + (1 - LEAST_TRUST) * narrow) * lit)
 
 
-def cut_by_edges(near: SparseRows, camera: tuple[int, int], projector: tuple[int, int]) -> FloatArray:
+def cut_by_edges(T: Transport, camera: tuple[int, int], projector: tuple[int, int]) -> FloatArray:
     """s / m, (camera pixels,): how much of a footprint lies at an edge of the raster, which may cut it.
 
     s is the share of a row's light on the outermost line of the raster, m the largest share that one line has of the
     whole footprints nearby: next to 1 in focus, little where footprints are wide. A whole footprint that lies in the
     outermost line has 1, one that is cut more.
 
-    near : T, (camera pixels, projector pixels).  camera, projector : (height, width).
+    camera, projector : (height, width).
     """
-    shares = _Shares.of(near, camera, projector)
-    across = _cut(shares, shares.x, projector[1]), _cut(shares, shares.y, projector[0])
-    return np.asarray(np.maximum(*across))
+    shares = _Shares.of(T, projector)
+    return np.asarray(np.maximum(*(_cut(shares.lines(axis), camera) for axis in (1, 0))))
 
 
-def _cut(shares: _Shares, place: NDArray[np.int64], count: int) -> FloatArray:
-    """s / m of two opposite edges; place : across them, of `count`."""
-    pixels = shares.camera[0] * shares.camera[1]
-    lines = sparse.csr_array((shares.share, (shares.rows, place)), shape=(pixels, count))
-    lines.sum_duplicates()
-    at_edge = _largest(lines[:, np.unique([0, count - 1])])
-    return np.asarray(at_edge / _around(_largest(lines), at_edge < UNTOUCHED, shares.camera))
+def _cut(lines: Csr, camera: tuple[int, int]) -> FloatArray:
+    """s / m of two opposite edges, which the first and the last of the lines are."""
+    at_edge = _largest(Csr(lines[:, np.unique([0, lines.shape[1] - 1])]))
+    return np.asarray(at_edge / _around(_largest(lines), at_edge < UNTOUCHED, camera))
 
 
-def _largest(lines: sparse.csr_array) -> FloatArray:
+def _largest(lines: Csr) -> FloatArray:
     """The largest entry of each row, (rows,)."""
     return np.asarray(lines.max(axis=1).toarray(), np.float64).ravel()
 
@@ -95,15 +122,23 @@ def _around(largest: FloatArray, untouched: NDArray[np.bool_], camera: tuple[int
     return np.asarray((total / np.maximum(weight, FEW))[tuple(nearest)].ravel())
 
 
-def seen(near: SparseRows, trusted: NDArray[np.bool_]) -> FloatArray:
+def seen(T: Transport, trusted: NDArray[np.bool_]) -> FloatArray:
     """How much of a projector pixel trusted camera pixels see, 1 where as much as of most: (projector pixels,).
 
     A camera pixel is seen to be made of projector pixels by its light's shares, whatever its paint: a projector pixel
     that makes up as many camera pixels as most do has 1. trusted : (camera pixels,).
     """
-    shares = luminance(near.weights)
-    total = np.bincount(near.rows, shares, near.shape[0])[near.rows]
-    shares = np.divide(shares, total, out=np.zeros_like(shares), where=(total > 0) & trusted[near.rows])
-    made = np.bincount(near.indices, shares, near.shape[1])
+    total = _light(T)
+    total[~trusted] = 0
+    made = _made(T.near, total)
+    if T.blurred is not None:
+        cells, gather = _made(T.blurred.scatter, total), T.blurred.gather
+        made += np.bincount(gather.indices, cells[gather.rows] * gather.weights[:, 0], gather.columns)
     most = made[made > FEW * made.max(initial=0.0)]
     return np.asarray(made / np.median(most) if most.size else made)
+
+
+def _made(rows: SparseRows, total: FloatArray) -> FloatArray:
+    """Sums of each column's shares of its rows' `total`, (columns,); rows without light make nothing."""
+    shares = _shares(rows, total)
+    return np.bincount(shares.indices, shares.data, rows.columns).astype(np.float64)

@@ -24,8 +24,10 @@ def bloom(scene: Scene, transport: Transport, ambient: FloatArray) -> tuple[Tran
     """T and e (camera pixels, 3) with halos, and the share of the light that moved."""
     share = scene.camera.bloom_share
     average, halo, interpolate = halo_factors(scene.camera)
-    near = replace(transport.near, weights=((1 - share) * transport.near.weights).astype(np.float32))
-    collected = [Csr(average @ T) for T in channels(transport.near)]
+    dimmed = replace(transport, far=None).by_rows(
+        lambda rows: replace(rows, weights=((1 - share) * rows.weights).astype(np.float32))
+    )
+    collected = _collected(average, transport)
     far = transport.far
     if far is None:
         bloomed = FarLight(stacked(collected), np.stack([halo] * 3), stacked([share * interpolate] * 3))
@@ -36,7 +38,16 @@ def bloom(scene: Scene, transport: Transport, ambient: FloatArray) -> tuple[Tran
         scatter = [Csr(sparse.hstack([(1 - share) * U, share * interpolate])) for U in scatters]
         bloomed = FarLight.from_matrices(gather, np.stack(mix), scatter)
     spread_ambient = (1 - share) * ambient + share * (interpolate @ (halo @ (average @ ambient)))
-    return replace(transport, near=near, far=bloomed), spread_ambient, share
+    return replace(dimmed, far=bloomed), spread_ambient, share
+
+
+def _collected(average: Csr, transport: Transport) -> list[Csr]:
+    """A (S + B P) of each channel."""
+    found = [Csr(average @ S) for S in channels(transport.near)]
+    if transport.blurred is not None:
+        factors = zip(channels(transport.blurred.scatter), channels(transport.blurred.gather), strict=True)
+        found = [Csr(own + (average @ B) @ P) for own, (B, P) in zip(found, factors, strict=True)]
+    return found
 
 
 def halo_factors(camera: Camera) -> tuple[Csr, FloatArray, Csr]:

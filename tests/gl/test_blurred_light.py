@@ -1,0 +1,33 @@
+"""Blurred light on the GPU against its CPU twin: drives, and what the camera sees of them."""
+
+import moderngl
+import numpy as np
+import pytest
+
+from counterlight.media.frames import radiance_frame
+from counterlight.pipeline.room import Room
+from counterlight.tools.colour.tiers import tier_of
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.room import build_maps
+from tests.blurred_rooms import CAMERA, calibrated, discs, in_blocks
+from tests.renderers import both
+
+ATOL = 1e-5  # as of the other drives
+
+
+@pytest.mark.parametrize("path", ["fragment", "compute", "auto"])
+def test_steps_and_views_equal_their_twins(gl_context: moderngl.Context, rng: np.random.Generator, path: str) -> None:
+    T = in_blocks(discs(rng, 6.0))
+    made = build_maps(tier_of(calibrated(T), T), InverseOptions())
+    room = Room(made.calibration, made.maps, made.maps.white, start="previous-direct")
+    frame = radiance_frame(rng.choice([0.02, 0.3, 0.9], (*CAMERA, 3)).astype(np.float32))
+    with both(gl_context, room, frame, path) as (gl, cpu):
+        for view in ("projector", "camera", "error"):
+            for renderer in (gl, cpu):
+                renderer.render(view, compensate=True, steps=6)
+            assert gl.linear().std() > 0.01
+            np.testing.assert_allclose(gl.linear(), cpu.linear(), atol=ATOL)
+        found, expected = gl.certificate(), cpu.certificate()
+        assert found is not None
+        assert expected is not None
+        np.testing.assert_allclose(found.gap, expected.gap, rtol=1e-4, atol=1e-5 * expected.squared_error.sum())

@@ -1,0 +1,118 @@
+"""Rooms with blurred light built and played: against numpy's dense T, and by whole commands."""
+
+import tomllib
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from counterlight.errors import InputError
+from counterlight.files.manifest import write_toml
+from counterlight.maps.row_map import unpack
+from counterlight.media.frames import radiance_frame
+from counterlight.pipeline.cpu_renderer import CpuRenderer
+from counterlight.pipeline.reference_renderer import ReferenceRenderer
+from counterlight.pipeline.room import Room
+from counterlight.tools.colour.tiers import tier_of
+from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.room import BuiltRoom, build_maps
+from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
+from counterlight.tools.transport.transport import Transport
+from tests.blurred_rooms import CAMERA, PROJECTOR, calibrated, discs, far_light, in_blocks, write_room, written_out
+from tests.programs import fail, succeed
+
+RADIUS = 6.0
+FLOAT32 = 1e-5  # of full drive or of white: sums of some hundred float32 terms, step by step
+
+
+def built(rng: np.random.Generator, *, far: bool) -> tuple[Transport, BuiltRoom]:
+    T = in_blocks(discs(rng, RADIUS))
+    if far:
+        T = replace(T, far=far_light(T.shape))
+    return T, build_maps(tier_of(calibrated(T), T), InverseOptions())
+
+
+@pytest.mark.parametrize("far", [False, True])
+def test_its_maps_multiply_as_the_dense_transport(rng: np.random.Generator, far: bool) -> None:
+    T, made = built(rng, far=far)
+    maps, dense = made.maps, written_out(T.without_far)
+    assert maps.blurred is not None
+    assert maps.refinement is not None
+    assert maps.refinement.blurred_dual is not None
+    assert maps.words is None
+    near, scatter, gather = (unpack(part) for part in (maps.transport, maps.blurred.scatter, maps.blurred.gather))
+    p = rng.uniform(size=(T.shape[1], 3))
+    seen = near.apply(p) + scatter.apply(gather.apply(p))
+    np.testing.assert_allclose(seen, np.einsum("cij,jc->ic", dense, p), atol=FLOAT32)
+    dual = maps.refinement.blurred_dual
+    c, weights = rng.uniform(size=(T.shape[0], 3)), maps.refinement.weights.reshape(-1, 1)
+    back = unpack(maps.refinement.dual).apply(c) + unpack(dual.scatter).apply(unpack(dual.gather).apply(c))
+    np.testing.assert_allclose(back, np.einsum("cij,ic->jc", dense, weights * c), atol=FLOAT32)
+
+
+@pytest.mark.parametrize("far", [False, True])
+def test_a_frame_is_the_steps_of_the_dense_transport(rng: np.random.Generator, far: bool) -> None:
+    T, made = built(rng, far=far)
+    room = Room(made.calibration, made.maps, made.maps.white, start="grey")
+    frame = radiance_frame(rng.choice([0.02, 0.3, 0.6], (*CAMERA, 3)).astype(np.float32))
+    b = np.stack([plane[: CAMERA[0], : CAMERA[1]] for plane in frame.planes], axis=-1) - made.calibration.ambient
+    objective = objective_of(T, made.calibration, DEFAULT_AIMS)
+    drive = next(islice(objective.steps(np.full((T.shape[1], 3), 0.5), objective.bounded(b.reshape(-1, 3))), 5, None))
+    seen = np.einsum("cij,jc->ic", written_out(T), drive).reshape(*CAMERA, 3) + made.calibration.ambient
+    for renderer in (CpuRenderer(room), ReferenceRenderer(room)):
+        renderer.open(frame.format)
+        renderer.upload(frame)
+        renderer.render("projector", compensate=True, steps=5)
+        np.testing.assert_allclose(renderer.linear().reshape(-1, 3), drive, atol=10 * FLOAT32)  # b/T·1 amplifies
+        renderer.render("camera", compensate=True, steps=5)
+        np.testing.assert_allclose(renderer.linear(), seen, atol=10 * FLOAT32)
+
+
+def test_what_full_drive_gives_without_far_light_is_near_and_blurred(rng: np.random.Generator) -> None:
+    T, made = built(rng, far=True)
+    renderer = ReferenceRenderer(Room(made.calibration, made.maps, made.maps.white))
+    most = renderer._maps.most[..., :3].reshape(-1, 3)
+    np.testing.assert_allclose(most, written_out(T.without_far).sum(axis=2).T, atol=FLOAT32)
+
+
+@pytest.mark.parametrize("option", [{"inverse": "whole"}, {"max_cluster": 50}, {"method": "thesis"}, {"damping": 0.0}])
+def test_what_asks_for_an_inverse_is_refused(rng: np.random.Generator, option: dict[str, object]) -> None:
+    T = in_blocks(discs(rng, RADIUS))
+    with pytest.raises(InputError, match=r"--inverse (whole|cut|thesis): blurred light is kept in blocks of pixels"):
+        build_maps(tier_of(calibrated(T), T), InverseOptions(**option))  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("blurred") / "room"
+    write_room(folder, in_blocks(discs(np.random.default_rng(11), RADIUS)))
+    return folder
+
+
+def test_commands_build_play_relight_and_compensate(room: Path, tmp_path: Path) -> None:
+    out = succeed("build", room, "--report", tmp_path / "report")
+    assert "no T⁺, direct mapping (blurred light is kept in blocks of pixels)" in out.splitlines()[-1]
+    picture, shown = tmp_path / "picture.png", tmp_path / "shown.png"
+    letters = np.random.default_rng(2).choice([40, 200], (*CAMERA, 1)).repeat(3, axis=2).astype(np.uint8)
+    cv2.imwrite(str(picture), letters)
+    succeed("play", room, picture, "--output", shown, "--frames", "1")
+    assert cv2.imread(str(shown)).shape == (*PROJECTOR, 3)
+    succeed("relight", room, picture, "--view", "dual", "-o", tmp_path / "dual.png")
+    solved = succeed("compensate", room, picture, "--solver", "map,box,nnls")
+    assert all(name in solved for name in ("map", "box", "nnls"))
+    said = fail("compensate", room, picture, "--solver", "nnls", "--max-cluster", "50")
+    assert "--max-cluster 50: blurred light is kept in blocks of pixels" in said
+    assert "--inverse whole: blurred light" in fail("build", room, "--preset", "best")
+    assert "kept in blocks of pixels" in fail("study", room, "-o", tmp_path / "study")
+
+
+def test_maps_of_which_a_part_is_gone_are_refused(room: Path, tmp_path: Path) -> None:
+    succeed("build", room)
+    path = room / "correction" / "manifest.toml"
+    manifest = tomllib.loads(path.read_text())
+    del manifest["maps"]["blurred_scatter"]
+    write_toml(path, manifest)
+    assert "blurred_scatter" in fail("play", room, room / "mask.png", "--output", tmp_path / "out.png")

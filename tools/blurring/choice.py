@@ -1,0 +1,120 @@
+"""How far rows of T may err for pictures to lose no more than a tolerance, in decibels of the camera's picture.
+
+Measured on the square of the camera's picture where rows are longest: the player's steps, by T as it is and by T in
+cells, towards the best drives for a photograph and for lettering, both judged by T as it is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import BoolArray, FloatArray, IntArray
+from counterlight.maps.row_map import SparseRows, below_each_other
+from counterlight.tools.blurring.pruning import COARSEST, in_cells
+from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.transport.blurred import Pyramid
+from counterlight.tools.transport.objective import Objective
+from counterlight.tools.transport.transport import Transport
+
+LIMITS = 0.032 * np.sqrt(0.5) ** np.arange(16)  # tried: down to 1.8e-4
+SIDE = 128  # camera pixels of the square: several times the widest blur, or drives could do what no room's can
+MOST_ENTRIES = 1 << 25  # of T in it
+NAMES = ("photograph", "letters")
+STEPS = 64  # what stands for the optimum
+DARKEST = 1e-6  # of white², a mean error that counts as none: 60 dB below white
+BRIGHT = 10  # percentile of the floodlit pixels that is white, as `reachable_white`
+
+
+@dataclass(frozen=True)
+class Choice:
+    """limit : as `in_cells` takes it; 0 where none keeps the tolerance.  losses : dB by the names of pictures."""
+
+    limit: float
+    losses: dict[str, float] = field(default_factory=dict)
+
+
+def chosen_limit(bands: Sequence[SparseRows], width: int, raster: tuple[int, int], tolerance: float) -> Choice:
+    """The largest of LIMITS whose pictures lose at most `tolerance` dB.
+
+    bands : T's rows, one after the other, of whole lines of the camera's picture, `width` pixels each.
+    raster : (height, width) of the projector.
+    """
+    square = _Square.of(bands, width, raster)
+    low, high, found = 0, len(LIMITS), Choice(0.0)
+    while low < high:
+        middle = (low + high) // 2
+        losses = square.losses(float(LIMITS[middle]))
+        if max(losses) <= tolerance:
+            high, found = middle, Choice(float(LIMITS[middle]), dict(zip(NAMES, losses, strict=True)))
+        else:
+            low = middle + 1
+    return found
+
+
+class _Square:
+    """Some camera pixels, the projector pixels about them, and what is asked.
+
+    rows : T of the camera pixels.  columns : projector pixels, ascending.  inner : whether it is judged.
+    """
+
+    def __init__(self, rows: SparseRows, raster: tuple[int, int], columns: IntArray, side: tuple[int, int]) -> None:
+        self._rows, self._raster, self._columns = rows, raster, columns
+        self._T = self._objective(Transport(rows))
+        floodlight = self._T.T.composition()
+        self._white = float(np.percentile(floodlight[floodlight.any(axis=1)], BRIGHT))
+        pictures = (picture.reshape(-1, 1) for picture in typical_pictures(side)[: len(NAMES)])
+        self._asked = [np.repeat(self._white * picture, 3, axis=1) for picture in pictures]
+        self._inner = _inner(side)
+        self._errors = [self._error(self._T, b) for b in self._asked]
+
+    @classmethod
+    def of(cls, bands: Sequence[SparseRows], width: int, raster: tuple[int, int]) -> "_Square":
+        lengths = np.concatenate([band.lengths for band in bands]).reshape(-1, width)
+        side = int(min(SIDE, np.sqrt(MOST_ENTRIES / max(lengths.max(), 1))))
+        down, across = (min(side, extent) for extent in lengths.shape)
+        sums = np.pad(lengths.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+        inside = sums[down:, across:] - sums[:-down, across:] - sums[down:, :-across] + sums[:-down, :-across]
+        top, left = np.unravel_index(inside.argmax(), inside.shape)
+        chosen = ((top + np.arange(down))[:, None] * width + left + np.arange(across)).ravel()
+        ends = np.cumsum([0, *(band.shape[0] for band in bands)])
+        parts = np.split(chosen, np.searchsorted(chosen, ends[1:-1]))
+        pairs = zip(bands, parts, ends[:-1], strict=True)
+        within = below_each_other([band.at(part - first) for band, part, first in pairs])
+        return cls(within, raster, _about(within.indices, raster), (down, across))
+
+    def losses(self, limit: float) -> list[float]:
+        """dB of each picture."""
+        near, scatter = in_cells(self._rows, self._raster, limit)
+        made = self._objective(Transport(near, blurred=Pyramid(self._raster).light(scatter)))
+        pairs = zip(self._asked, self._errors, strict=True)
+        return [max(10 * float(np.log10(self._error(made, b) / least)), 0.0) for b, least in pairs]
+
+    def _objective(self, T: Transport) -> Objective:
+        return Objective.plain(T.of_columns(self._columns))
+
+    def _error(self, by: Objective, b: FloatArray) -> float:
+        """The mean of (T p − b)² of the inner pixels, p the best drive by another T."""
+        grey = np.full((self._columns.size, 3), 0.5)
+        drive = next(islice(by.steps(grey, b), STEPS, None))
+        wrong = (self._T.T.apply(drive) - b)[self._inner] / self._white
+        return float(np.mean(wrong**2)) + DARKEST
+
+
+def _about(indices: NDArray[np.integer], raster: tuple[int, int]) -> IntArray:
+    """All pixels of the coarsest blocks within the smallest rectangle that holds some pixels."""
+    y, x = np.divmod(indices.astype(np.int64), raster[1])
+    lines = [
+        np.arange(each.min() // COARSEST * COARSEST, min((each.max() // COARSEST + 1) * COARSEST, extent))
+        for each, extent in ((y, raster[0]), (x, raster[1]))
+    ]
+    return np.asarray((lines[0][:, None] * raster[1] + lines[1]).ravel())
+
+
+def _inner(side: tuple[int, int]) -> BoolArray:
+    """Without an eighth at each border, beyond which nothing is asked."""
+    inner = np.zeros(side, bool)
+    inner[side[0] // 8 : side[0] - side[0] // 8, side[1] // 8 : side[1] - side[1] // 8] = True
+    return inner.ravel()

@@ -1,0 +1,139 @@
+"""Rows of T as entries and cells: each row's own tree of blocks, pruned (Chou, Lookabaugh and Gray 1989).
+
+A block of 2^l × 2^l projector pixels is one cell, its light spread evenly, where that costs less than its four parts.
+A cell or an entry costs λ, and what a cell errs, Σ (T_ij − mean)² over its pixels and channels, is added: no other
+choice of blocks has as few errors for as many numbers. λ = limit² · |row's light|², so paint does not matter. A row's
+light stays what it was, and so does that of each of its cells.
+"""
+
+from collections.abc import Callable
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import IntArray
+from counterlight.maps.products import compiled, kept
+from counterlight.maps.row_map import SparseRows
+from counterlight.tools.transport.blurred import LEVELS, Pyramid
+
+COARSEST = 1 << LEVELS
+LEAST_LIMIT = 1e-12  # so that what is lit costs something
+MANY = 1 << 16  # entries that are worth all cores
+
+
+def in_cells(rows: SparseRows, raster: tuple[int, int], limit: float) -> tuple[SparseRows, SparseRows]:
+    """S and B, float32, columns ascending in each row, of some rows of T.
+
+    raster : (height, width) of the projector.  limit : of an error, as a share of its row's light.
+    """
+    pyramid = Pyramid(raster)
+    levels = np.array([raster, *pyramid.sizes], np.int64)
+    starts = np.append([0], pyramid.starts[:-1] + rows.columns)
+    count, weights = np.zeros(rows.shape[0], np.int64), rows.weights.astype(np.float32)
+    indptr, indices = rows.indptr.astype(np.int64), rows.indices.astype(np.int64)
+    placed, light = np.empty(indices.size, np.int64), np.empty((indices.size, 3), np.float32)
+    pruned: Callable[..., None] = _PRUNED[indices.size >= MANY]
+    pruned(indptr, indices, weights, levels, starts, limit, count, placed, light)
+    at = np.repeat(indptr[:-1] - np.concatenate([[0], np.cumsum(count)[:-1]]), count) + np.arange(count.sum())
+    of_row, placed, light = np.repeat(np.arange(count.size), count), placed[at], light[at]
+    order = np.lexsort((placed, of_row))
+    fine = placed[order] < rows.columns
+    near, wide = order[fine], order[~fine]
+    return (
+        _rows(of_row[near], placed[near], light[near], (count.size, rows.columns)),
+        _rows(of_row[wide], placed[wide] - rows.columns, light[wide], (count.size, pyramid.cells)),
+    )
+
+
+def _rows(row: IntArray, column: IntArray, weights: NDArray[np.float32], shape: tuple[int, int]) -> SparseRows:
+    starts = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=shape[0]))])
+    return SparseRows(starts, column.astype(np.int32), weights, shape[1])
+
+
+def _pruned(indptr, indices, weights, levels, starts, limit, count, placed, given):  # type: ignore[no-untyped-def]
+    """Each row's entries and cells, where its entries were: never more than these.
+
+    levels : (height, width) of each, pixels first.  starts : where each level's numbers start.
+    count : (rows,), placed : (entries,), given : (entries, 3), the output.
+    """
+    width = levels[0, 1]
+    for row in numba.prange(indptr.size - 1):
+        first, last = indptr[row], indptr[row + 1]
+        light = np.zeros((LEVELS + 1, COARSEST, COARSEST, 3))
+        error, cost = np.zeros((LEVELS + 1, COARSEST, COARSEST)), np.zeros((LEVELS + 1, COARSEST, COARSEST))
+        single, total = np.zeros((LEVELS + 1, COARSEST, COARSEST), np.bool_), np.zeros(3)
+        for k in range(first, last):
+            for c in range(3):
+                total[c] += weights[k, c]
+        rent = max(limit, LEAST_LIMIT) ** 2 * (total**2).sum()
+        y, x = indices[first:last] // width, indices[first:last] % width
+        blocks = (y >> LEVELS) * width + (x >> LEVELS)
+        order, begin, found = np.argsort(blocks), 0, 0
+        while begin < order.size:
+            block = blocks[order[begin]]
+            top, left = (block // width) << LEVELS, (block % width) << LEVELS
+            light[0] = 0
+            cost[0] = 0
+            end = begin
+            while end < order.size and blocks[order[end]] == block:
+                i, j = y[order[end]] - top, x[order[end]] - left
+                for c in range(3):
+                    light[0, i, j, c] = weights[first + order[end], c]
+                    if weights[first + order[end], c] != 0:
+                        cost[0, i, j] = rent
+                end += 1
+            for level in range(1, LEVELS + 1):
+                whole = levels[level, 0] - (top >> level), levels[level, 1] - (left >> level)
+                _grow(light, error, cost, single, level, whole, rent)
+            corner = first + found
+            found += _collect(light, cost, single, (top, left), levels, starts, placed[corner:], given[corner:])
+            begin = end
+        count[row] = found
+
+
+@kept()
+def _grow(light, error, cost, single, level, whole, rent):  # type: ignore[no-untyped-def]
+    """Of a level's blocks, from those below: their light, error, least cost, and whether they are one cell.
+
+    whole : blocks down and across that the raster's edge does not cut.
+    """
+    area, side = 4.0 ** (level - 1), COARSEST >> level
+    below, errors, costs = light[level - 1], error[level - 1], cost[level - 1]
+    for i in range(side):
+        for j in range(side):
+            y, x = 2 * i, 2 * j
+            parts = costs[y, x] + costs[y + 1, x] + costs[y, x + 1] + costs[y + 1, x + 1]
+            erred = errors[y, x] + errors[y + 1, x] + errors[y, x + 1] + errors[y + 1, x + 1]
+            for c in range(3):
+                quarter = (below[y, x, c] + below[y + 1, x, c] + below[y, x + 1, c] + below[y + 1, x + 1, c]) / 4
+                for k in range(4):
+                    erred += (below[y + k // 2, x + k % 2, c] - quarter) ** 2 / area
+                light[level, i, j, c] = 4 * quarter
+            error[level, i, j] = erred
+            single[level, i, j] = i < whole[0] and j < whole[1] and erred + rent < parts
+            cost[level, i, j] = erred + rent if single[level, i, j] else parts
+
+
+@kept()
+def _collect(light, cost, single, corner, levels, starts, placed, given):  # type: ignore[no-untyped-def]
+    """The entries and cells of a coarsest block's tree, their numbers and light; returns how many."""
+    stack, waiting, found = np.empty((3 * LEVELS + 1, 3), np.int64), 1, 0
+    stack[0] = LEVELS, 0, 0
+    while waiting:
+        waiting -= 1
+        level, y, x = stack[waiting]
+        if cost[level, y, x] == 0:
+            continue
+        if level == 0 or single[level, y, x]:
+            placed[found] = starts[level] + ((corner[0] >> level) + y) * levels[level, 1] + (corner[1] >> level) + x
+            given[found] = light[level, y, x]
+            found += 1
+            continue
+        for k in range(4):
+            stack[waiting + k] = level - 1, 2 * y + k // 2, 2 * x + k % 2
+        waiting += 4
+    return found
+
+
+_PRUNED = compiled(_pruned)
