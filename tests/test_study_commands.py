@@ -60,9 +60,7 @@ class Commanded:
             _, verb, *options = words
             if verb == "build":
                 room = self._built(options)
-            elif (
-                verb == "play"
-            ):  # uncompensated, a picture fills the projector's raster; one of radiance has the camera's
+            elif verb == "play":  # uncompensated, a picture fills the projector's raster
                 picture = self._plain if "--no-compensation" in options else self._picture
                 succeed(verb, room, picture, *options, "--output", output)
             else:

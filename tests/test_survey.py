@@ -62,7 +62,7 @@ def drawn(room: Room, picture: np.ndarray, start: str, steps: int) -> tuple[Snap
 
 def of(room: Room, found: Snapshot) -> Shortfall:
     assert room.maps.refinement is not None
-    return Survey(room.maps.refinement, room.white).of(found)
+    return Survey(room.maps, room.white).of(found)
 
 
 def excess(objective: Objective, drive: np.ndarray, best: np.ndarray, b: np.ndarray) -> float:
@@ -120,7 +120,7 @@ def test_a_sample_of_squares_says_what_all_say(
     monkeypatch.setattr(surveys, "MOST_ENTRIES", 1)
     monkeypatch.setattr(surveys, "FEWEST", 6)
     assert room.maps.refinement is not None
-    survey = Survey(room.maps.refinement, room.white)
+    survey = Survey(room.maps, room.white)
     samples = [survey.of(found) for _ in range(12)]
     assert all(0 < sample.solved <= 6 for sample in samples)
     assert np.mean([sample.decibels for sample in samples]) == pytest.approx(everything.decibels, rel=0.15)
@@ -184,4 +184,4 @@ def test_nothing_is_gained_at_the_optimum_and_nothing_where_nothing_is_lit(rng: 
     change, lit, _ = descend(square, p, np.ones_like(p), np.zeros_like(p), TO_THE_END, MOST_STEPS)
     assert not change.any()
     assert not lit.any()
-    assert Survey(dark, room.room.white).of(snapshot).decibels == 0
+    assert Survey(replace(room.room.maps, refinement=dark), room.room.white).of(snapshot).decibels == 0

@@ -5,7 +5,8 @@ With r = b − T p, d = TᵀW r and P the prior of refinement.py, a change δ of
     −(d − P p)ᵀδ + ½ δᵀ(TᵀWT + P)δ,        0 ≤ p + δ ≤ 1,
 
 of which a square of the projector's picture needs p, d and its own rows of TᵀW alone: neither b nor any picture of
-the camera's. Far light counts in d; what δ itself changes of it is left out. survey.py makes a picture's figure of it.
+the camera's. Far light counts in d; what δ itself changes of it is left out. survey.py
+makes a picture's figure of it.
 """
 
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from counterlight.maps.products import kept
 from counterlight.maps.room_maps import RefinementMaps
-from counterlight.maps.row_map import rows_of
+from counterlight.maps.row_map import SparseRows, rows_of
 from counterlight.pipeline.refinement import LARGEST_MOMENTUM, OVER_RELAXATION
 
 FloatArray = NDArray[np.float64]
@@ -29,13 +30,14 @@ class Square(NamedTuple):
     """What decides over a part of the projector's picture.
 
     indptr, indices, weights : its rows of TᵀW, as SparseRows'; the indices are among the camera pixels that it lights.
-    trust : w of these, (camera pixels,).
+    cameras, trust : which these are, and w of them, (camera pixels,).
     step, damping, left, right, up, down : step sizes, η, and ω to each side, (height, width, 3).
     """
 
     indptr: NDArray[np.uint64]
     indices: NDArray[np.uint32]
     weights: Picture
+    cameras: NDArray[np.int32]
     trust: Picture
     step: Picture
     damping: Picture
@@ -43,6 +45,10 @@ class Square(NamedTuple):
     right: Picture
     up: Picture
     down: Picture
+
+    def gathered(self, light: NDArray[np.floating]) -> FloatArray:
+        """TᵀW of all the camera's pixels, (pixels, 3) -> (projector pixels, 3)."""
+        return SparseRows(self.indptr, self.indices, self.weights, self.cameras.size).apply(light[self.cameras])
 
 
 def square_of(maps: RefinementMaps, part: tuple[slice, slice]) -> Square:
@@ -56,6 +62,7 @@ def square_of(maps: RefinementMaps, part: tuple[slice, slice]) -> Square:
         rows.indptr.astype(np.uint64),
         local.astype(np.uint32),
         rows.weights,
+        cameras.astype(np.int32),
         np.ascontiguousarray(maps.weights.ravel()[cameras], np.float32),
         *(np.ascontiguousarray(picture, np.float32) for picture in pictures),
     )

@@ -198,8 +198,8 @@ class _Drawing:
     def _survey(self) -> "Survey | None":
         from counterlight.pipeline.survey import Survey  # Numba takes half a second: not before it is used
 
-        maps = self._room.maps.refinement
-        return None if maps is None else Survey(maps, self._room.white)
+        maps = self._room.maps
+        return None if maps.refinement is None else Survey(maps, self._room.white)
 
 
 def _count(limit: int | None) -> range:

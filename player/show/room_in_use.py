@@ -41,7 +41,7 @@ class RoomInUse:
         if room.maps.refinement is None:
             raise InputError(f"{self._folder}: its maps were built without what refinement needs")
         if self._survey is None or self._survey[0] is not room:
-            self._survey = room, Survey(room.maps.refinement, room.white)
+            self._survey = room, Survey(room.maps, room.white)
         return self._survey[1].of(snapshot)
 
     @property

@@ -48,7 +48,7 @@ def rows(folder: Path) -> Iterator[tuple[str, str, int, float, float, float, str
     room, stored = read_room(folder, None), calibration.read(folder)
     objective = objective_of(read_transport(stored), stored.calibration, DEFAULT_AIMS)
     assert room.maps.refinement is not None
-    box, survey = Box(objective, tolerance=TOLERANCE), Survey(room.maps.refinement, room.white)
+    box, survey = Box(objective, tolerance=TOLERANCE), Survey(room.maps, room.white)
     for picture in find_pictures(PICTURES):
         radiance = (room.white * picture.at(stored.calibration.camera.shape)).astype(np.float32)
         b = shown(room, "grey", 1, radiance)[1]
@@ -63,12 +63,12 @@ def rows(folder: Path) -> Iterator[tuple[str, str, int, float, float, float, str
 
 
 def main() -> None:
-    print("| room, picture | start | steps | in truth | estimated | squares | certified |\n" + "|---" * 7 + "|")
+    print("| room, picture | start, steps | in truth | estimated | squares | certified |\n" + "|---" * 6 + "|")
     with TemporaryDirectory() as made:
         for folder in map(Path, sys.argv[1:]) if sys.argv[1:] else shipped(Path(made)):
             for picture, start, steps, truth, estimate, bound, solved in rows(folder):
                 figures = f"{truth:.4f} | {estimate:.4f} | {solved} | {bound:.2g}"
-                print(f"| {folder.name}, {picture} | {start} | {steps} | {figures} |", flush=True)
+                print(f"| {folder.name}, {picture} | {start}, {steps} | {figures} |", flush=True)
 
 
 def shipped(folder: Path) -> Iterator[Path]:
