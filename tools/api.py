@@ -25,7 +25,7 @@ from counterlight.pipeline.refinement import Certificate
 from counterlight.response import Response, parse_response
 from counterlight.tools.acquisition.matrices_room import keep_light
 from counterlight.tools.acquisition.room_options import ASSUMED
-from counterlight.tools.choices import PRESETS, TOLERANCE
+from counterlight.tools.choices import BLUR_TOLERANCE, PRESETS, TOLERANCE
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.factoring.factoring import factored
 from counterlight.tools.shipped import parse_scene
@@ -181,17 +181,19 @@ def simulate(
     projector: Shape | None = None,
     without: Sequence[str] = (),
     only: Sequence[str] = (),
+    tolerance: float = BLUR_TOLERANCE,
 ) -> Room:
     """A room from a scene: a file, or the name of a shipped one.
 
     camera, projector : (height, width), None for the scene's own.  without, only : effects to leave out, or to keep.
+    tolerance : dB that pictures may lose where rows of T are too long for maps; 0 leaves all as they are.
     """
     from counterlight.tools.simulation import simulate as simulation
     from counterlight.tools.simulation.room import simulated_calibration
     from counterlight.tools.simulation.scene import load_scene
 
     described = load_scene(parse_scene(str(scene))).resized(camera, projector)
-    result = simulation.simulate(described, without=without, only=only)
+    result = simulation.simulate(described, without=without, only=only, tolerance=tolerance)
     return _room(simulated_calibration(described, result), result.transport)
 
 
