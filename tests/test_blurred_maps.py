@@ -1,5 +1,6 @@
 """Rooms with blurred light built and played: against numpy's dense T, and by whole commands."""
 
+import shutil
 import tomllib
 from dataclasses import replace
 from itertools import islice
@@ -9,19 +10,24 @@ import cv2
 import numpy as np
 import pytest
 
+from counterlight import calibration
 from counterlight.errors import InputError
 from counterlight.files.manifest import write_toml
 from counterlight.maps.row_map import unpack
 from counterlight.media.frames import radiance_frame
+from counterlight.pipeline.colour import LUMINANCE
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.reference_renderer import ReferenceRenderer
 from counterlight.pipeline.room import Room
+from counterlight.tools.acquisition.registration import _without_far
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.room import BuiltRoom, build_maps
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
+from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
 from tests.blurred_rooms import CAMERA, PROJECTOR, calibrated, discs, far_light, in_blocks, write_room, written_out
+from tests.mutants import READ, REFUSED, DamagedRoom, mutant, outcome
 from tests.programs import fail, succeed
 
 RADIUS = 6.0
@@ -116,3 +122,33 @@ def test_maps_of_which_a_part_is_gone_are_refused(room: Path, tmp_path: Path) ->
     del manifest["maps"]["blurred_scatter"]
     write_toml(path, manifest)
     assert "blurred_scatter" in fail("play", room, room / "mask.png", "--output", tmp_path / "out.png")
+
+
+def test_damaged_blurred_light_is_read_or_refused(room: Path, tmp_path: Path) -> None:
+    """Sixty mutants of the file with renewed checksums, and what no mutant is sure to be."""
+    shutil.copytree(room, tmp_path / "room", ignore=shutil.ignore_patterns("correction"))
+    damaged, name = DamagedRoom.of(tmp_path / "room"), "blurred_light.npz"
+    found = set()
+    for i in range(60):
+        content = mutant(damaged.files[name], name, np.random.default_rng([20061122, i]))
+        damaged.put(name, content)
+        found.add(outcome(lambda: read_transport(calibration.read(damaged.folder))))
+    assert found == {READ, REFUSED}  # else they are too mild, or too harsh, to find anything
+    with np.load(room / name) as stored:
+        parts = dict(stored)
+    wrong = {"cells": np.array(0)}, {"scatter_red_data": parts["scatter_red_data"] * np.nan}
+    for change, complaint in zip(wrong, ("0 cells, expected 1 to", "are NaN or infinite"), strict=True):
+        np.savez(tmp_path / "other.npz", **(parts | change))  # type: ignore[arg-type]
+        damaged.put(name, (tmp_path / "other.npz").read_bytes())
+        with pytest.raises(InputError, match=rf"blurred_light\.npz: .*{complaint}"):
+            read_transport(calibration.read(damaged.folder))
+
+
+def test_a_shift_of_the_projector_is_looked_for_with_all_its_light(rng: np.random.Generator) -> None:
+    T = in_blocks(discs(rng, RADIUS))
+    rows, columns = np.arange(300, 900), np.arange(200, 1500)
+    found = _without_far(T, rows, columns)
+    dense = np.einsum("cij,c->ij", written_out(T), LUMINANCE)[np.ix_(rows, columns)]
+    p, c = rng.normal(size=(columns.size, 8)), rng.normal(size=rows.size)
+    np.testing.assert_allclose(found @ p, dense @ p, atol=FLOAT32)
+    np.testing.assert_allclose(found.T @ c, dense.T @ c, atol=FLOAT32)

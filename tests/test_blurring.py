@@ -13,6 +13,12 @@ from counterlight.errors import InputError
 from counterlight.tools.blurring.choice import chosen_limit
 from counterlight.tools.blurring.pruning import in_cells
 from counterlight.tools.inverse.direct import lit_most
+from counterlight.tools.shipped import parse_scene
+from counterlight.tools.simulation import assembly
+from counterlight.tools.simulation import simulate as simulation
+from counterlight.tools.simulation.effects.blooming import bloom
+from counterlight.tools.simulation.scene import Scene, load_scene
+from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.box import Box
 from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.blurred import LEVELS, Pyramid
@@ -34,6 +40,7 @@ from tests.blurred_rooms import (
     write_room,
     written_out,
 )
+from tests.programs import fail
 
 RADIUS = 6.0
 SUMS = 1e-6  # of the largest, float32 weights: sums of some hundred terms
@@ -247,3 +254,44 @@ def test_what_cannot_be_cut_says_so(T: Transport, tmp_path: Path) -> None:
     write_room(tmp_path / "room", T)
     with pytest.raises(InputError, match=r"room: its blurred light is kept in blocks of pixels"):
         open_room(tmp_path / "room", (10, 10))
+
+
+@pytest.fixture
+def wide() -> Scene:
+    """Two planes through a lens six times as wide: discs of up to five pixels' radius."""
+    scene = load_scene(parse_scene("two_planes")).resized((54, 96), (54, 96))
+    return replace(scene, projector=replace(scene.projector, aperture=6 * scene.projector.aperture))
+
+
+def test_the_simulator_puts_long_rows_in_cells(wide: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulation, "BAND_RAYS", 96 * 16 * 10)  # bands of ten lines: some before the choice, some after
+    full = simulate(wide)
+    assert full.transport.blurred is None  # few enough to be played as they are
+    assert full.blurring is None
+    monkeypatch.setattr(assembly, "MANY", 1000)
+    monkeypatch.setattr(assembly, "LONG", 2)
+    made = simulate(wide, tolerance=0.2)
+    assert made.transport.blurred is not None
+    assert made.blurring is not None
+    assert max(made.blurring.losses.values()) <= 0.2
+    assert made.transport.entries < full.transport.near.indices.size / 2
+    assert "blurred light in blocks of pixels" in str(made.blurring)
+    alike(made.transport.composition(), full.transport.composition())
+    as_it_is = simulate(wide, tolerance=0)
+    assert as_it_is.transport.blurred is None
+    alike(as_it_is.transport.near.weights, full.transport.near.weights)
+
+
+def test_halos_are_those_of_its_entries(T: Transport, wide: Scene) -> None:
+    camera = replace(wide.camera, height=CAMERA[0], width=CAMERA[1], bloom_share=0.05, bloom_radius=0.02)
+    dark = np.zeros((T.shape[0], 3))
+    found, wanted = (
+        bloom(replace(wide, camera=camera), each, dark)[0] for each in (T, replace(T, near=in_one(T), blurred=None))
+    )
+    p = np.random.default_rng(3).uniform(size=(T.shape[1], 3))
+    alike(found.apply(p), wanted.apply(p))
+
+
+def test_a_tolerance_out_of_range_is_refused() -> None:
+    said = fail("simulate", "two_planes", "--explain", "--tolerance", "11")
+    assert "--tolerance 11: expected 0 (T stays as it is) to 10 dB" in said

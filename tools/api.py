@@ -25,7 +25,7 @@ from counterlight.pipeline.refinement import Certificate
 from counterlight.response import Response, parse_response
 from counterlight.tools.acquisition.matrices_room import keep_light
 from counterlight.tools.acquisition.room_options import ASSUMED
-from counterlight.tools.choices import PRESETS, TOLERANCE
+from counterlight.tools.choices import BLUR_TOLERANCE, PRESETS, TOLERANCE
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.factoring.factoring import factored
 from counterlight.tools.shipped import parse_scene
@@ -187,11 +187,13 @@ def simulate(
     without: Sequence[str] = (),
     only: Sequence[str] = (),
     within: float | None = None,
+    tolerance: float = BLUR_TOLERANCE,
 ) -> Room:
     """A room from a scene: a file, or the name of a shipped one.
 
     camera, projector : (height, width), None for the scene's own.  without, only : effects to leave out, or to keep.
     within : decibels of the final picture that may be lost by leaving out what costs time.
+    tolerance : dB that pictures may lose where rows of T are too long for maps; 0 leaves all as they are.
     """
     from counterlight.tools.simulation import simulate as simulation
     from counterlight.tools.simulation.needs import chosen, needs_of
@@ -203,7 +205,8 @@ def simulate(
     results = []
     for view in described.views:
         needs = chosen(needs_of(view), without, only)
-        results.append(simulation.simulate(view, needs if within is None else priced(view, needs, within)))
+        needs = needs if within is None else priced(view, needs, within)
+        results.append(simulation.simulate(view, needs, tolerance=tolerance))
     return _room(*simulated_room(described, results))
 
 
