@@ -1,6 +1,5 @@
 """Simulated rooms whose T is known, for tests of its acquisition."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -10,8 +9,9 @@ from scipy import sparse
 
 from counterlight.response import Response
 from counterlight.tools.acquisition.acquire import Acquisition, acquire
-from counterlight.tools.acquisition.cameras.camera import Camera, Exposures, Shot
+from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, SimulatedRoom
+from counterlight.tools.acquisition.memory import MemoryStore
 from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.store import Wanted, open_store
 from counterlight.tools.simulation.devices import Sensor
@@ -71,27 +71,6 @@ def shown_by(path: Path) -> np.ndarray:
     return picture[..., ::-1]
 
 
-class Memory:
-    """A store that keeps captures in memory."""
-
-    coloured = True
-
-    def __init__(self, exposures: Exposures) -> None:
-        self._exposures, self._kept = exposures, dict[int, Sequence[Shot]]()
-
-    def has(self, number: int) -> bool:
-        return number in self._kept
-
-    def save(self, number: int, shots: Sequence[Shot]) -> None:
-        self._kept[number] = shots
-
-    def shots(self, number: int) -> Sequence[Shot]:
-        return self._kept[number]
-
-    def radiance(self, number: int) -> np.ndarray:
-        return self._exposures.radiance(self._kept[number])
-
-
 def run(
     room: SimulatedRoom,
     scheme: MakeScheme,
@@ -100,7 +79,7 @@ def run(
     given: Response | None = None,
 ) -> Acquisition:
     camera = camera or SimulatedCamera(room, settings)
-    return acquire(camera, Memory(camera.exposures), scheme, room.projector, given)
+    return acquire(camera, MemoryStore(camera.exposures), scheme, room.projector, given)
 
 
 def run_on_disk(folder: Path, room: SimulatedRoom, scheme: MakeScheme) -> Acquisition:

@@ -26,6 +26,7 @@ from counterlight.pipeline.content import camera_psnr, reachable_white
 from counterlight.response import Response
 from counterlight.tools.acquisition.acquire import Acquisition, acquire
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, SimulatedRoom
+from counterlight.tools.acquisition.memory import MemoryStore
 from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.schemes.baselines import FixedBlocksScheme, GrayCodeScheme, PixelByPixelScheme
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
@@ -37,7 +38,6 @@ from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.transport import Transport, channel
-from tests.acquired_rooms import Memory
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE, PLOT = ROOT / "docs" / "acquisition.csv", ROOT / "docs" / "acquisition.png"
@@ -220,7 +220,7 @@ def study(place: StudyRoom, size: str, known: Collection[str]) -> Iterator[Row]:
             continue
         eye = SimulatedCamera(room, sensor(shots))
         start = time.perf_counter()
-        done: Acquisition = acquire(eye, Memory(eye.exposures), make_scheme, room.projector)  # type: ignore[arg-type]
+        done: Acquisition = acquire(eye, MemoryStore(eye.exposures), make_scheme, room.projector)
         seconds = time.perf_counter() - start
         transport = done.measured.transport
         found = [place.compensated(transport, done.room.black, detail) for detail in DETAILS]

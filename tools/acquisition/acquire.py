@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import overload
+from typing import Protocol, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from counterlight.command import LOG_INTERVAL_S, progress_bar
 from counterlight.errors import InputError
 from counterlight.response import Response
-from counterlight.tools.acquisition.cameras.camera import Camera
+from counterlight.tools.acquisition.cameras.camera import Camera, Shot
 from counterlight.tools.acquisition.check import Check, check_coloured, check_colours, check_pattern, check_white
 from counterlight.tools.acquisition.movement import refuse_moved
 from counterlight.tools.acquisition.plan import (
@@ -34,7 +34,6 @@ from counterlight.tools.acquisition.plan import (
     measure_noise,
 )
 from counterlight.tools.acquisition.ramps import ProjectorLight, light_level, measure_light
-from counterlight.tools.acquisition.store import CaptureStore
 
 MOST_SATURATED = 0.02  # of the camera's pixels
 CLEARLY_LIT = 10  # times the noise of all captures together
@@ -43,6 +42,17 @@ UNCLOSED, UNCLOSED_CODE = 0.5, 0.35  # a code's pattern lights about half of eve
 LEAST_LIT, LEAST_RISE = 0.001, 10  # of the camera's pixels rise by so many times the noise
 EXPLAINED = 0.5  # of the coloured check's unexplained error may be left if a white segment is what does not add up
 AGAIN = "fix them, acquire again with other --captures"
+
+
+class Store(Protocol):
+    """Where captures are kept: on disk (store.py), or in memory.  coloured : ramps and primaries are among them."""
+
+    @property
+    def coloured(self) -> bool: ...
+    def has(self, number: int) -> bool: ...
+    def save(self, number: int, shots: Sequence[Shot]) -> None: ...
+    def shots(self, number: int) -> Sequence[Shot]: ...
+    def radiance(self, number: int) -> NDArray[np.float32]: ...
 
 
 @dataclass(frozen=True)
@@ -69,7 +79,7 @@ class Acquisition:
 
 def acquire(
     camera: Camera,
-    store: CaptureStore,
+    store: Store,
     make_scheme: MakeScheme,
     projector: tuple[int, int],
     given: Response | None = None,
@@ -131,7 +141,7 @@ def _run(scheme: Scheme, recorder: "_Recorder", room: Reference) -> Measured:
 class _StoredCaptures(Sequence[NDArray[np.float32]]):
     """Radiance of captures first, first + 1, …, read when it is asked for."""
 
-    def __init__(self, store: CaptureStore, first: int, count: int) -> None:
+    def __init__(self, store: Store, first: int, count: int) -> None:
         self._store, self._first, self._count = store, first, count
 
     def __len__(self) -> int:
@@ -152,7 +162,7 @@ class _StoredCaptures(Sequence[NDArray[np.float32]]):
 class _Recorder:
     """Numbers the captures and takes those that are missing."""
 
-    def __init__(self, camera: Camera, store: CaptureStore) -> None:
+    def __init__(self, camera: Camera, store: Store) -> None:
         self._camera, self._store = camera, store
         self.count, self.resumed, self.start = 0, 0, time.monotonic()
         self._taken = 0
@@ -195,7 +205,7 @@ class _Recorder:
         return f"{each:.2g} s each, {each * captures:.0f} s left in this level{more}"
 
 
-def _reference(camera: Camera, store: CaptureStore, captures: Sequence[NDArray[np.float32]]) -> Reference:
+def _reference(camera: Camera, store: Store, captures: Sequence[NDArray[np.float32]]) -> Reference:
     pictures = [np.asarray(capture, np.float64) for capture in captures]
     black, white = pictures[0::2], pictures[1::2]
     saturated = camera.exposures.saturated(store.shots(1)) | camera.exposures.saturated(store.shots(0))

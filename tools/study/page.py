@@ -5,9 +5,12 @@ from html import escape
 from typing import Any
 
 from counterlight.tools.report.page import Figure, Section, page
+from counterlight.tools.study.questions import page as questions_page
+from counterlight.tools.study.questions.asked import Asked
 from counterlight.tools.study.recommend import Wish
 from counterlight.tools.study.results import Mean, Row, Skipped, pareto
 from counterlight.tools.study.table_6_1 import DIFFERENCES, HEADER, THESIS_ROWS, OurRow, cells
+from counterlight.tools.study.tables import html_table, number
 
 FORMULAS = (
     "All compare what the camera sees, c = T p + e through the whole, undecomposed T with its far light, with the "
@@ -26,17 +29,26 @@ def study_page(
     files: dict[str, str],
     advice: Sequence[Wish],
     table: Sequence[OurRow],
+    asked: Sequence[Asked] = (),
 ) -> str:
-    """The whole document.  averages : methods used in every room.  files : pictures by what they show."""
+    """The whole document, the answers of the user's own rooms first.
+
+    averages : methods used in every room.  files : pictures by what they show.
+    """
     rooms = list(dict.fromkeys(row.room for row in rows))
     pictures = list(dict.fromkeys(row.picture for row in rows))
     intro = (
         f"<p>{len(averages)} methods in {len(rooms)} rooms ({escape(', '.join(rooms))}) on {len(pictures)} pictures "
         f"({escape(', '.join(pictures))}). OpenGL: {escape(facts['opengl'])}; {facts['cores']} cores. "
-        f"{escape(facts['time_note'])}</p><p class='note'>{FORMULAS}</p>"
+        f"{escape(facts['time_note'])}</p>"
     )
-    sections = [_overview(files, averages), _knobs(files), _pictures(rooms, files), _thesis(files), _table_6_1(table)]
-    sections += [_tables(rooms, rows, facts), *_skipped(skipped), _advice(advice)]
+    sections = [
+        *questions_page.headed(asked, files),
+        _overview(files, averages),
+        _knobs(files),
+        _pictures(rooms, files),
+    ]
+    sections += [_thesis(files), _table_6_1(table), _tables(rooms, rows, facts), *_skipped(skipped), _advice(advice)]
     return page("What accuracy costs in time", intro, sections)
 
 
@@ -65,7 +77,8 @@ def _overview(files: dict[str, str], averages: Sequence[Mean]) -> Section:
     front = {
         point.label for point in pareto([point for point in averages if point.on_gpu], lambda point: point.picture_ms)
     }
-    return Section("What accuracy costs", figures, _mean_table(averages, front), wide=True)
+    table = _mean_table(averages, front)
+    return Section("What accuracy costs", figures, f"<p class='note'>{FORMULAS}</p>{table}", wide=True)
 
 
 def _knobs(files: dict[str, str]) -> Section:
@@ -120,7 +133,7 @@ def _tables(rooms: Sequence[str], rows: Sequence[Row], facts: dict[str, Any]) ->
     for room in rooms:
         here = [row for row in rows if row.room == room]
         first = [row for row in here if row.picture == here[0].picture]
-        about = ", ".join(f"{key.replace('_', ' ')} {_number(value)}" for key, value in facts["rooms"][room].items())
+        about = ", ".join(f"{key.replace('_', ' ')} {number(value)}" for key, value in facts["rooms"][room].items())
         head = f"<summary>{escape(room)}: {escape(here[0].picture)}</summary><p class='note'>{escape(about)}</p>"
         parts.append(f"<details>{head}{html_table(ROW_HEADER, [_row(row) for row in first])}</details>")
     return Section("Every figure", [], "".join(parts) + "<p class='note'>All pictures: results.csv, results.json.</p>")
@@ -163,10 +176,10 @@ def _mean_table(averages: Sequence[Mean], front: set[str]) -> str:
             f"{point.below_optimum_db:.2f}",
             f"{point.worst_db:.2f}",
             f"{point.ciede2000:.2f}",
-            _number(point.picture_ms),
+            number(point.picture_ms),
             "GPU" if point.on_gpu else "CPU",
-            _number(point.map_mib),
-            _number(point.preparation_s or None),
+            number(point.map_mib),
+            number(point.preparation_s or None),
             "Pareto" if point.label in front else "",
         ]
         for point in sorted(averages, key=lambda point: point.below_optimum_db)
@@ -200,28 +213,10 @@ def _row(row: Row) -> list[str]:
         f"{row.ciede2000:.2f}",
         f"{100 * row.clipped:.1f}",
         f"{row.below_optimum_db:.3f}",
-        _number(row.certified_db),
-        _number(row.bound_codes),
-        _number(row.preparation_s or None),
-        _number(row.cpu_s),
-        _number(row.gl_ms),
-        _number(row.map_mib),
+        number(row.certified_db),
+        number(row.bound_codes),
+        number(row.preparation_s or None),
+        number(row.cpu_s),
+        number(row.gl_ms),
+        number(row.map_mib),
     ]
-
-
-def _number(value: float | int | str | None) -> str:
-    if value is None:
-        return "–"
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
-def html_table(header: Sequence[str], body: Sequence[Sequence[str]]) -> str:
-    """A table; cells that begin with a digit stand to the right."""
-    head = "".join(f"<th>{escape(words)}</th>" for words in header)
-    lines = "".join(f"<tr>{''.join(map(_cell, line))}</tr>" for line in body)
-    return f"<table><tr>{head}</tr>{lines}</table>"
-
-
-def _cell(words: str) -> str:
-    kind = ' class="number"' if words[:1].isdigit() or words[:1] in "-–" else ""
-    return f"<td{kind}>{escape(words)}</td>"

@@ -106,7 +106,7 @@ def _scatter(axes: Axes, points: Sequence[Mean], cost: Cost, *, small: bool = Fa
         if point.value is not None and not small:
             axes.annotate(f"{point.value:g}", place, (4, 5), "data", "offset points", fontsize=7)
     axes.set_xscale("log")
-    _decibel_axis(axes)
+    decibel_axis(axes)
 
 
 def _by_value(points: Sequence[Mean]) -> list[Mean]:
@@ -119,7 +119,8 @@ def _places(points: Sequence[Mean], cost: Cost) -> tuple[list[float], list[float
     return [x for x, _ in priced], [y for _, y in priced]
 
 
-def _decibel_axis(axes: Axes) -> None:
+def decibel_axis(axes: Axes) -> None:
+    """Logarithmic decibels below the best, from what nobody sees."""
     axes.set_yscale("log")
     axes.set_ylim(UNSEEN_DB * 0.8, None)
     axes.set_yticks([0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30], ["≤ 0.01", "0.03", "0.1", "0.3", "1", "3", "10", "30"])
@@ -165,7 +166,7 @@ def _knobs(rows: Sequence[Row]) -> Figure:
                 *_places(_by_value(_where_all(members)), _value), color=colour, linewidth=2, marker=marker, label=family
             )
         axes.set_xscale("log")
-        _decibel_axis(axes)
+        decibel_axis(axes)
         axes.set_title(KNOBS[knob][1], fontsize=10)
         axes.set_xlabel(KNOBS[knob][0])
         axes.legend(fontsize=8, frameon=False)

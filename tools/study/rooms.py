@@ -32,7 +32,7 @@ from counterlight.tools.study.frames import Bench
 from counterlight.tools.study.pictures import Picture
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.storage import read_transport
-from counterlight.tools.transport.transport import channel, channels
+from counterlight.tools.transport.transport import Transport, channel, channels
 
 R = TypeVar("R")
 BEYOND = 0.1 / 255  # drive; less than this outside 0..1 is rounding, not clipping
@@ -80,7 +80,7 @@ def open_room(place: Path, size: tuple[int, int], colour: str = "auto") -> "Stud
                 f"{place}: its blurred light is kept in blocks of pixels, of which no T⁺ is made; study it simulated "
                 "with fewer pixels"
             )
-        return StudyRoom(place.stem, tier_of(stored.calibration, transport, colour), 0.0)
+        return StudyRoom(place.stem, tier_of(stored.calibration, transport, colour), 0.0, transport)
     scene = load_scene(place)
     scale = min(size[0] / scene.camera.height, size[1] / scene.camera.width)
     camera, projector = (
@@ -99,15 +99,16 @@ def simulated_room(scene: Scene, name: str, colour: str = "auto") -> "StudyRoom"
 class StudyRoom:
     """A room whose maps can be built with any options.
 
-    tier : of colour.  simulation_s : processor seconds of its simulation.  white : radiance of a white picture, as the
+    tier : of colour.  simulation_s : processor seconds of its simulation.  given : T as it is stored in the user's own
+    room, of white light; None for a scene.  white : radiance of a white picture, as the
     player takes it.
     inside : T of the camera pixels that count.  lit : (projector pixels, 3), whether near light leaves them.
     objective : what the player's maps, refinement and `box` minimise.
     Holds the last maps and the last bench, so methods that share them should follow each other; close() at the end.
     """
 
-    def __init__(self, name: str, tier: Tier, simulation_s: float) -> None:
-        self.name, self.tier, self.simulation_s = name, tier, simulation_s
+    def __init__(self, name: str, tier: Tier, simulation_s: float, given: Transport | None = None) -> None:
+        self.name, self.tier, self.simulation_s, self.given = name, tier, simulation_s, given
         self.calibration, self.transport, self.white = tier.calibration, tier.transport, tier.white
         self.inside = self.transport.inside(self.calibration.mask)
         self.objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS)

@@ -1,0 +1,150 @@
+"""Questions about one's own room: coarser devices recomputed, answers with known ends, verdicts of made-up rows."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from counterlight import calibration
+from counterlight.tools.acquire_transport import _parser as acquire_parser
+from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
+from counterlight.tools.study.pictures import find_pictures
+from counterlight.tools.study.questions import acquiring, coarser, colours, drifting, figures
+from counterlight.tools.study.questions.answers import Answer, cheapest, sentence
+from counterlight.tools.study.questions.asked import Asked
+from counterlight.tools.study.questions.page import headed
+from counterlight.tools.study.questions.place import MOST_PIXELS, Place, made_coarser, place_of
+from counterlight.tools.study.results import Row
+from counterlight.tools.transport.coarser import Blocks
+from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.transport import Transport
+from tests.rooms import write_blurred_room
+
+CAMERA, PROJECTOR, CELLS = (19, 22), (17, 19), 4
+ROW = Row("a", "p", "f", "", None, "", 0.1, 20.0, 0.9, 1.0, 0.0, 1.0, None, None, 1.0, None, 1.0, 1.0)
+
+
+def blurred_place(folder: Path, camera: tuple[int, int], projector: tuple[int, int], cells: int) -> Place:
+    write_blurred_room(folder, np.random.default_rng(5), camera, projector, cells)
+    stored = calibration.read(folder)
+    found = place_of(stored.calibration, read_transport(stored), find_pictures(["photograph", "text"]), "auto")
+    assert found.factor == 1
+    return found
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
+    """A wall a little out of focus, with far light."""
+    return blurred_place(tmp_path_factory.mktemp("questions") / "blurred", CAMERA, PROJECTOR, CELLS)
+
+
+def test_blocks_take_what_is_left_over_and_keep_light_and_means(rng: np.random.Generator) -> None:
+    blocks = Blocks((7, 5), 3)
+    assert blocks.coarse == (2, 1)
+    np.testing.assert_array_equal(np.bincount(blocks.of_pixel), [15, 20])
+    picture = rng.random((7, 5, 3))
+    means = blocks.mean(picture)
+    np.testing.assert_allclose(means[0, 0], picture[:3].mean(axis=(0, 1)), rtol=1e-6)  # weights are float32
+    assert blocks.spread(means.reshape(-1, 3)).shape == (35, 3)
+
+
+def test_coarser_devices_see_means_and_light_all_that_they_stand_for(place: Place, rng: np.random.Generator) -> None:
+    small, T = made_coarser(place.calibration, place.transport, 3, 2)
+    seen, shown = Blocks(CAMERA, 3), Blocks(PROJECTOR, 2)
+    assert (small.camera.shape, small.projector.shape) == (seen.coarse, shown.coarse)
+    assert T.far is not None
+    drive = rng.random((shown.coarse[0] * shown.coarse[1], 3))
+    whole = place.transport.apply(shown.spread(drive)).reshape(*CAMERA, 3)
+    # float32 sums of up to 36 entries, and means of them
+    np.testing.assert_allclose(T.apply(drive), seen.mean(whole).reshape(-1, 3), rtol=1e-5)
+
+
+def test_a_large_room_is_asked_as_a_small_one(place: Place) -> None:
+    room = place.calibration
+    wide = replace(room.camera, height=2 * 120, width=2 * 160)
+    assert wide.pixels > MOST_PIXELS
+    huge = np.zeros((240, 320, 3), np.float32)
+    many = replace(room, camera=wide, ambient=huge, mask=np.ones((240, 320), np.bool_), primaries=None)
+    dark = Transport.from_matrices((sparse.csr_array((wide.pixels, room.projector.pixels), dtype=np.float32),) * 3)
+    found = place_of(many, dark, place.pictures, "auto")
+    assert (found.factor, found.calibration.camera.shape, found.transport.camera) == (2, (120, 160), (120, 160))
+
+
+def test_the_whole_room_loses_nothing_and_less_of_it_more(place: Place) -> None:
+    answers = {answer.setting: answer for answer in coarser.sizes(place).answers}
+    assert answers["camera whole, projector whole"].below == pytest.approx(0, abs=1e-9)
+    assert answers["camera whole, projector half"].below > 0.1
+    assert "camera whole, projector a quarter" not in answers  # fewer than 8 pixels would be left
+
+
+def test_what_has_not_moved_costs_nothing_and_a_pixel_is_a_pixel(place: Place) -> None:
+    question = drifting.drift(place)
+    usual = {answer.cost: answer.below for answer in question.answers if answer.series == "--drift 0.1"}
+    assert usual[0.0] == pytest.approx(0, abs=0.01)  # both solved to 0.004 dB
+    assert sorted(usual.values()) == list(usual.values())
+    ready = {answer.cost: answer.below for answer in question.answers if answer.series == "--drift 0.5"}
+    assert ready[0.0] > usual[0.0]
+    drive = np.zeros((*PROJECTOR, 3))
+    drive[4, 5] = 1
+    moved = drifting._moved(drive.reshape(-1, 3), PROJECTOR, np.sqrt(2.0)).reshape(drive.shape)
+    np.testing.assert_allclose(moved[5, 6], 1, atol=1e-9)  # √2 on the diagonal is a pixel right and down
+
+
+def test_a_room_without_primaries_is_not_asked_for_colours(place: Place) -> None:
+    assert place.calibration.primaries is None
+    assert colours.colours(place) is None
+
+
+def test_more_shots_come_closer_to_the_rooms_own_transport(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    place = blurred_place(tmp_path / "small", (12, 14), (10, 12), 0)
+    ways = acquiring.WAYS[0], acquiring.WAYS[4], acquiring.WAYS[5]
+    monkeypatch.setattr(acquiring, "WAYS", ways)
+    question = acquiring.pictures(place)
+    gray, one, more = question.answers
+    assert [answer.more[1] for answer in question.answers] == ["1", "1", "4"]
+    assert gray.below > one.below > more.below  # one place a pixel; noise; half of it
+    assert more.below < 0.1
+    assert (one.cost or 0) < (more.cost or 0)
+    assert "exposures, is within" in question.verdict
+
+
+def test_each_way_of_acquiring_is_a_command() -> None:
+    for way in acquiring.WAYS:
+        options = acquire_parser().parse_args(["--camera", "simulated:x", "-o", "room", *way.options.split()])
+        made = way.make()
+        assert options.scheme in ("hierarchical", "multiplexed", "graycode")
+        if isinstance(made, HierarchicalScheme):
+            assert made == HierarchicalScheme(Threshold(float(options.threshold)))
+
+
+def test_the_verdict_names_the_cheapest_that_is_good_enough() -> None:
+    tried = [Answer("dear", 9.0, 0.01), Answer("good", 3.0, 0.09), Answer("poor", 1.0, 0.2), Answer("free", None, 0.0)]
+    found = cheapest(tried, 0.1)
+    assert found is not None
+    assert found.setting == "good"
+    assert cheapest(tried[:1], 0.001) is None
+    rows = [
+        replace(ROW, family="refined from direct", knob="steps", value=float(n), gl_ms=float(n), below_optimum_db=1 / n)
+        for n in (1, 4, 16)
+    ]
+    question = figures.steps(rows)
+    assert question.verdict == (
+        "The fastest within 0.1 dB of the best: refined from direct, steps 16, 16 ms a frame, 0.06 dB below."
+    )
+    assert figures.steps(rows[:1]).verdict.startswith("No number of steps")
+    assert sentence("a dB") == "A dB."
+
+
+def test_the_page_begins_with_the_verdict() -> None:
+    room = Asked("room", "It is good <enough>.", (figures.steps([]),), "camera 2x2")
+    sections = headed([room], {"asked room": "asked_room.png"})
+    assert [section.title.partition(": ")[2] for section in sections] == [
+        "the verdict",
+        "what costs, and what gives",
+        "answers",
+    ]
+    assert "It is good &lt;enough&gt;." in sections[0].html()
+    assert re.findall(r'src="([^"]+)"', sections[1].html()) == ["asked_room.png"]

@@ -1,0 +1,29 @@
+"""Captures kept in memory: an acquisition that only asks what an acquisition would give."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
+
+
+class MemoryStore:
+    """What `acquire` needs of a CaptureStore; nothing outlives it."""
+
+    coloured = True
+
+    def __init__(self, exposures: Exposures) -> None:
+        self._exposures, self._kept = exposures, dict[int, Sequence[Shot]]()
+
+    def has(self, number: int) -> bool:
+        return number in self._kept
+
+    def save(self, number: int, shots: Sequence[Shot]) -> None:
+        self._kept[number] = shots
+
+    def shots(self, number: int) -> Sequence[Shot]:
+        return self._kept[number]
+
+    def radiance(self, number: int) -> NDArray[np.float32]:
+        return self._exposures.radiance(self._kept[number])

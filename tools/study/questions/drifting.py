@@ -1,0 +1,52 @@
+"""What does it cost if the projector's picture moves after the calibration, and what to be ready for it?"""
+
+import numpy as np
+from scipy import ndimage
+
+from counterlight.arrays import FloatArray
+from counterlight.tools.study.questions.answers import CLOSE_DB, Answer, Question, decibels
+from counterlight.tools.study.questions.place import Place
+from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions
+
+SHIFTS = (0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0)  # projector pixels
+AIMS = (0.0, DEFAULT_AIMS.drift, 0.5)  # --drift
+
+
+def drift(place: Place) -> Question:
+    """The best drives for each --drift, shown by a projector whose picture lies a little further right and down."""
+    answers = []
+    for aim in AIMS:
+        drives = place.drives(place.tier, ObjectiveOptions(drift=aim))
+        answers += [_shown(place, drives, shift, aim) for shift in SHIFTS]
+    return Question(
+        "Drift of the projector's picture",
+        "projector pixels",
+        answers,
+        _verdict(answers),
+        "The drive is moved by so many pixels on a diagonal, between pixels linearly, and shown by T.",
+        command="counterlight verify ROOM --camera CAMERA finds drift and undoes it; counterlight build --drift PIXELS",
+    )
+
+
+def _shown(place: Place, drives: list[FloatArray], shift: float, aim: float) -> Answer:
+    moved = [_moved(drive, place.calibration.projector.shape, shift) for drive in drives]
+    series = f"--drift {aim:g}"
+    return Answer(f"{shift:g} pixels, {series}", shift, max(place.below(moved), 0.0), (), "", series)
+
+
+def _moved(drive: FloatArray, projector: tuple[int, int], shift: float) -> FloatArray:
+    step = shift / np.sqrt(2)
+    picture = drive.reshape(*projector, 3)
+    return np.asarray(ndimage.shift(picture, (step, step, 0), order=1, mode="nearest")).reshape(-1, 3)
+
+
+def _verdict(answers: list[Answer]) -> str:
+    usual = [answer for answer in answers if answer.series == f"--drift {DEFAULT_AIMS.drift:g}"]
+    at = {answer.cost: answer.below for answer in usual}
+    seen = min((shift for shift in SHIFTS if at[shift] - at[0.0] > CLOSE_DB), default=None)
+    end = "" if seen is None else f"; more than {CLOSE_DB:g} dB are lost from {seen:g} pixels on"
+    return (
+        f"A picture that has moved by half a projector pixel costs {decibels(at[0.5] - at[0.0])}, by one "
+        f"{decibels(at[1.0] - at[0.0])}{end}. Being ready for a tenth costs "
+        f"{decibels(at[0.0])} while nothing moves."
+    )

@@ -1,0 +1,68 @@
+"""Steps, cuts and the size of entries, read off the figures of the study's methods in a room."""
+
+from collections.abc import Callable, Sequence
+
+from counterlight.tools.study.questions.answers import CLOSE_DB, NEAR_DB, Answer, Question, cheapest, decibels, sentence
+from counterlight.tools.study.results import Mean, Row, means
+
+STEPPED = ("refined from direct", "refined from T⁺, cut", "refined from T⁺")
+MAPPED = ("T⁺, cut", "T⁺", "T⁺ of the thesis", "direct", "T⁺, 16-bit weights")
+
+
+def steps(rows: Sequence[Row]) -> Question:
+    """Steps of refinement by where they start."""
+    answers = _answers(rows, STEPPED, lambda mean: mean.picture_ms)
+    found = cheapest(answers, CLOSE_DB)
+    verdict = "no number of steps that was tried gets within 0.1 dB of the best"
+    if found is not None:
+        verdict = (
+            f"the fastest within {CLOSE_DB:g} dB of the best: {found.setting}, {found.cost:.3g} ms a frame, "
+            f"{decibels(found.below)} below"
+        )
+    return Question(
+        "Steps of refinement",
+        "ms a frame",
+        answers,
+        sentence(verdict),
+        "Means of the study's pictures, by the player.",
+        ("commands",),
+        "" if found is None else found.more[0],
+    )
+
+
+def maps(rows: Sequence[Row]) -> Question:
+    """What a smaller T⁺ costs: cut into clusters, truncated, or of smaller entries, without any step."""
+    answers = _answers(rows, MAPPED, lambda mean: mean.map_mib)
+    found = cheapest(answers, NEAR_DB)
+    best = min(answers, key=lambda answer: answer.below, default=None)
+    verdict = "no map without steps comes within 1 dB of the best: let the player refine"
+    if best is not None and found is not None:
+        verdict = (
+            f"without steps the smallest map within {NEAR_DB:g} dB is {found.setting}: {found.cost:.3g} MiB, "
+            f"{decibels(found.below)} below; the best, {best.setting}: {best.cost:.3g} MiB, {decibels(best.below)}"
+        )
+    return Question(
+        "Maps: cuts, truncation, size of entries",
+        "MiB that a frame reads",
+        answers,
+        sentence(verdict),
+        "Means of the study's pictures, by the player, no step.",
+        ("commands",),
+        "" if found is None else found.more[0],
+    )
+
+
+def _answers(rows: Sequence[Row], families: Sequence[str], cost: Callable[[Mean], float | None]) -> list[Answer]:
+    found = [mean for mean in means(rows) if mean.family in families]
+    found.sort(key=lambda mean: (families.index(mean.family), mean.value or 0.0))
+    return [
+        Answer(
+            mean.label,
+            cost(mean),
+            max(mean.below_optimum_db, 0.0),
+            (mean.command,),
+            "" if mean.value is None else f"{mean.value:g}",
+            mean.family,
+        )
+        for mean in found
+    ]

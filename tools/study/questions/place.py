@@ -1,0 +1,105 @@
+"""The room in which questions are tried: coarse enough to answer in minutes, with pictures and their best drives."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from counterlight.arrays import FloatArray
+from counterlight.calibration import Calibration
+from counterlight.pipeline.content import psnr
+from counterlight.tools.colour.tiers import Tier, tier_of
+from counterlight.tools.solve.box import Box
+from counterlight.tools.study.pictures import Picture
+from counterlight.tools.transport.coarser import Blocks, coarser
+from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions, objective_of
+from counterlight.tools.transport.transport import Transport
+
+MOST_PIXELS = 160 * 120  # of the camera
+GAP = 1e-3  # of the box optimum: 0.004 dB
+
+
+@dataclass(frozen=True)
+class Place:
+    """A calibrated room.
+
+    factor : pixels a side of the room as it is that one here stands for.
+    """
+
+    calibration: Calibration
+    transport: Transport
+    pictures: Sequence[Picture]
+    colour: str = "auto"
+    factor: int = 1
+
+    @cached_property
+    def tier(self) -> Tier:
+        return tier_of(self.calibration, self.transport, self.colour)
+
+    @cached_property
+    def desired(self) -> list[FloatArray]:
+        """(camera height, camera width, 3) each, in screen primaries."""
+        return [self.tier.white * picture.at(self.calibration.camera.shape) for picture in self.pictures]
+
+    @cached_property
+    def best(self) -> list[FloatArray]:
+        """The drive of each picture, (projector pixels, 3)."""
+        return self.drives(self.tier)
+
+    @cached_property
+    def reached(self) -> list[float]:
+        """PSNR of each picture by its best drive."""
+        return self.psnr(self.best)
+
+    @property
+    def size(self) -> str:
+        """In words."""
+        camera, projector = self.calibration.camera, self.calibration.projector
+        words = f"camera {camera.width}x{camera.height}, projector {projector.width}x{projector.height}"
+        return words if self.factor == 1 else f"{words}, each of its pixels {self.factor} a side of the room's own"
+
+    def drives(
+        self, tier: Tier, aims: ObjectiveOptions = DEFAULT_AIMS, desired: Sequence[FloatArray] | None = None
+    ) -> list[FloatArray]:
+        """What a room in a tier of colour, this or what was made of it, takes for the best of each picture.
+
+        desired : the pictures, if its camera has other pixels.
+        """
+        box = Box(objective_of(tier.transport, tier.calibration, aims), tolerance=GAP)
+        return [box.solve(tier.asked(each).reshape(-1, 3)).drive for each in desired or self.desired]
+
+    def psnr(self, drives: Sequence[FloatArray], seen: Callable[[FloatArray], FloatArray] | None = None) -> list[float]:
+        """Of each picture's drive here.  seen : what the camera sees of a drive, if not as calibrated."""
+        mask, look = self.calibration.mask, seen or self.tier.seen
+        errors = [(look(p) - each)[mask] / self.tier.white for p, each in zip(drives, self.desired, strict=True)]
+        return [psnr(float(np.mean(np.square(error)))) for error in errors]
+
+    def below(self, drives: Sequence[FloatArray], seen: Callable[[FloatArray], FloatArray] | None = None) -> float:
+        """Decibels below the best, mean of the pictures."""
+        return float(np.mean(np.array(self.reached) - np.array(self.psnr(drives, seen))))
+
+
+def place_of(calibration: Calibration, transport: Transport, pictures: Sequence[Picture], colour: str) -> Place:
+    """The room, of at most MOST_PIXELS of the camera."""
+    factor = int(np.ceil(np.sqrt(calibration.camera.pixels / MOST_PIXELS)))
+    if factor == 1:
+        return Place(calibration, transport, pictures, colour)
+    return Place(*made_coarser(calibration, transport, factor, factor), pictures, colour, factor)
+
+
+def made_coarser(
+    calibration: Calibration, transport: Transport, camera: int, projector: int
+) -> tuple[Calibration, Transport]:
+    """The room by devices whose pixels are so many of its own a side."""
+    seen, shown = Blocks(calibration.camera.shape, camera), Blocks(calibration.projector.shape, projector)
+    primaries = calibration.primaries
+    small = replace(
+        calibration,
+        camera=replace(calibration.camera, height=seen.coarse[0], width=seen.coarse[1]),
+        projectors=(replace(calibration.projector, height=shown.coarse[0], width=shown.coarse[1]),),
+        ambient=seen.mean(calibration.ambient).astype(np.float32),
+        mask=seen.mean(calibration.mask.astype(np.float64)) == 1,
+        primaries=primaries if primaries is None else np.stack([seen.mean(each) for each in primaries]).astype("f4"),
+    )
+    return small, coarser(transport, seen, shown)

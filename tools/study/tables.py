@@ -1,0 +1,23 @@
+"""Tables of a study's page."""
+
+from collections.abc import Sequence
+from html import escape
+
+
+def number(value: float | int | str | None) -> str:
+    """Three digits, a dash for what does not exist."""
+    if value is None:
+        return "–"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def html_table(header: Sequence[str], body: Sequence[Sequence[str]]) -> str:
+    """A table; cells that begin with a digit stand to the right."""
+    head = "".join(f"<th>{escape(words)}</th>" for words in header)
+    lines = "".join(f"<tr>{''.join(map(_cell, line))}</tr>" for line in body)
+    return f"<table><tr>{head}</tr>{lines}</table>"
+
+
+def _cell(words: str) -> str:
+    kind = ' class="number"' if words.lstrip("-")[:1].isdigit() or words in ("", "–") else ""
+    return f"<td{kind}>{escape(words)}</td>"
