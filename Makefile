@@ -1,6 +1,6 @@
 # Each target does all of its own set-up.
 # Overrides: PYTHON= (3.11 or newer), VENV= (where the environment goes), WORKERS= (test files run at a time, 0: none),
-# FUZZ= (campaigns and their options).
+# FUZZ= (campaigns and their options), ALL= (figures that take long, too).
 PYTHON ?= python3
 VENV ?= .venv
 WORKERS ?= 2
@@ -11,7 +11,7 @@ folders := $(shell find player tools shaders calib_data -type d ! -name __pycach
 .DEFAULT_GOAL := help
 # apt and pip are run one at a time, whatever -j says.
 .NOTPARALLEL:
-.PHONY: help play test lint fuzz bench study hard-cases clean system-play system-test
+.PHONY: help play test lint fuzz bench study hard-cases figures clean system-play system-test
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST))
@@ -38,6 +38,9 @@ study: $(ready) ## what accuracy costs in time: study/report.html
 
 hard-cases: $(ready) ## how every method takes near-singular, contradictory and noisy systems
 	$(python) -m tests.studies.hard_cases
+
+figures: $(ready) ## which figures of the pages are stale: minutes, ALL=1: hours
+	$(python) -m tests.figures $(if $(ALL),--all)
 
 clean: ## remove the environment and everything that was built
 	[ ! -f $(VENV)/pyvenv.cfg ] || rm -rf $(VENV)

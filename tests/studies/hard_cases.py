@@ -14,6 +14,7 @@ A fourth table says what cutting clusters apart does to all that. `--output FOLD
 import argparse
 import csv
 import json
+import re
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields, replace
@@ -97,6 +98,7 @@ def measure_all() -> list[Figures]:
         for case in cases:
             row = [figures for figures in found if figures.case == case.name]
             print(f"{case.name:34}", *(f"{'refused' if f.refused else cell(f):>12}" for f in row))
+    print(f"\n{markdown(found)}\n")
     for reason in sorted({f"{f.case}, {f.method}: {f.refused}" for f in found if f.refused}):
         print(reason)
     return found
@@ -107,6 +109,51 @@ TABLES: dict[str, Callable[[Figures], str]] = {
     "amplification of noise, σ₁ ‖Δp‖ / ‖Δb‖": lambda f: f"{f.amplification:.2g}",
     "seconds": lambda f: f"{f.seconds:.2f}",
 }
+
+
+SHOWN = {  # a column of docs/hard_cases.md -> the method
+    "plain map, `svd`": "map none",
+    "`qr`": "qr",
+    "`nnls`": "nnls",
+    "map, λ 0.01": "map 0.01",
+    "map, λ 0.1": "map 0.1",
+    "map, auto": "map auto",
+    "`direct`": "direct",
+    "4 steps": "refined 4",
+    "64 steps": "refined 64",
+    "`box`": "box",
+}
+LISTED = {  # a case -> what its row there is called
+    "wall, condition 1e+02": "wall, condition 1e2",
+    "wall, condition 1e+04": "wall, condition 1e4",
+    "wall, condition 1e+08": "wall, condition 1e8",
+    "wall, condition 1e+14": "wall, condition 1e14",
+    "capture noise 1%": "T measured with 1 % noise (1e4)",
+    "capture noise 5%": "T measured with 5 % noise (1e4)",
+    "target one pixel": "target: one bright pixel",
+    "target random": "target: random",
+    "target ambient above": "ambient above the target",
+    "noise floor": "half the wall at the noise floor",
+    "rank-deficient, wide": "rank-deficient, wide",
+    "conflicting rows": "two rows that disagree",
+    "weights 1e-7 to 1e3": "weights 1e-7 to 1e3",
+    "cluster of 2048": "one cluster of 2048",
+}
+
+
+def markdown(found: list[Figures]) -> str:
+    """The page's table: error and amplification of the cases LISTED by the methods of SHOWN."""
+    by_name = {(figures.case, figures.method): figures for figures in found}
+    lines = [["error, % / amplification", *SHOWN], ["---"] * (1 + len(SHOWN))]
+    lines += [[name, *(_cell(by_name[case, method]) for method in SHOWN.values())] for case, name in LISTED.items()]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _cell(figures: Figures) -> str:
+    if figures.refused:
+        return "refused"
+    both = f"{100 * figures.error:.2g} / {figures.amplification:.2g}"
+    return re.sub(r"e([+-])0*(\d)", lambda sign: f"e{sign[1].strip('+')}{sign[2]}", both)
 
 
 # The decomposition's stability (thesis 4.2.2, 6.3)

@@ -1,0 +1,75 @@
+"""python -m tests.figures [--all] [--only WORD]: run the commands that pages name, and list what is stale.
+
+Without --all only those of less than MINUTES. Exit code 1 if a figure is stale; a time that is another is only listed.
+"""
+
+import argparse
+import os
+import shlex
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+from tests.figures.cells import Difference, differences
+from tests.figures.rows import ROWS, Figures
+from tests.programs import ROOT
+
+MINUTES = 5
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.figures", description=__doc__)
+    parser.add_argument("--all", action="store_true", help=f"commands of {MINUTES} minutes and more, too: hours")
+    parser.add_argument("--only", default="", metavar="WORD", help="those whose page or command has this word")
+    parser.add_argument("--list", action="store_true", help="say what would be run, and end")
+    options = parser.parse_args()
+    rows = [row for row in ROWS if options.only in row.name and (options.all or row.minutes < MINUTES)]
+    stale = 0
+    for row in rows:
+        print(f"{row.name} (about {row.minutes:g} minutes)", flush=True)
+        if not options.list:
+            stale += sum(not each.time for each in told(row))
+    if options.list:
+        return 0
+    left = len([row for row in ROWS if options.only in row.name]) - len(rows)
+    print(f"{stale} figures are stale" + (f"; {left} commands take longer: make figures ALL=1" if left else ""))
+    return int(stale > 0)
+
+
+def told(row: Figures) -> Iterator[Difference]:
+    """What differs, each printed."""
+    start, page = time.monotonic(), (ROOT / row.page).read_text(encoding="utf-8")
+    stated = row.stated(page)
+    found = row.found(written_by(row.commands, row.files))
+    different = differences(stated, found, row.times, row.units, row.share)
+    for each in different:
+        print(f"  {'another time' if each.time else 'stale'}: {each}", flush=True)
+        yield each
+    print(f"  {len(stated) - len(different)} of {len(stated)} figures are as stated, {time.monotonic() - start:.0f} s")
+
+
+@cache
+def written_by(commands: tuple[str, ...], files: tuple[str, ...]) -> str:
+    """What commands print, one after the other in a folder of their own, and the text of files that they write."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "calib_data").symlink_to(ROOT / "calib_data")
+        printed = [_printed(shlex.split(command), folder) for command in commands]
+        return "\n".join([*printed, *((folder / file).read_text(encoding="utf-8") for file in files)])
+
+
+def _printed(words: list[str], folder: Path) -> str:
+    program = [sys.executable, "-m", "counterlight"] if words[0] == "counterlight" else [sys.executable]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([*program, *words[1:]], cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
+    if done.returncode:
+        print(f"  {shlex.join(words)} ended with {done.returncode}", flush=True)
+    return done.stdout
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,142 @@
+"""Figures as text has them: cells of Markdown tables, of tables in columns, and what a pattern finds; compared.
+
+A reader takes a page, or what a command printed, and gives its cells by name. Two cells differ if their words do, or
+if a number is further off than a tolerance: so many units of the last digit that the page states, or a share of it.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+Cells: TypeAlias = dict[str, str]
+Reader: TypeAlias = Callable[[str], Cells]
+NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+UNITS, SHARE = 2.0, 0.05  # what rounding, and another order of float32 sums, may change
+ROUNDING = 0.6  # units, of a number with an exponent, which says no more than its order
+SLOWER = 2.0  # times differ by less on machines of a kind
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A cell that the page states and the command does not give; found : None where it gives none."""
+
+    name: str
+    stated: str
+    found: str | None
+    time: bool
+
+    def __str__(self) -> str:
+        return f"{self.name}: the page says {self.stated}, found {'nothing' if self.found is None else self.found}"
+
+
+def markdown(beginning: str) -> Reader:
+    """Cells of every table whose header begins so, named by table, row and column: `2: wall | any, clusters`."""
+
+    def read(text: str) -> Cells:
+        cells: Cells = {}
+        for number, rows in enumerate(_tables(text, beginning), 1):
+            head, above = rows[0], [""] * len(rows[0])
+            for row in rows[2:]:
+                above = [cell or before for cell, before in zip(row, above, strict=False)]
+                label = " | ".join(above[:2])
+                cells |= {
+                    _free(cells, f"{number}: {label}, {column}"): cell for column, cell in zip(head, row, strict=False)
+                }
+        return cells
+
+    return read
+
+
+def _free(cells: Cells, name: str) -> str:
+    """The name, numbered if there is a cell of that name."""
+    return name if name not in cells else next(n for k in range(2, 10_000) if (n := f"{name} ({k})") not in cells)
+
+
+def _tables(text: str, beginning: str) -> Iterator[list[list[str]]]:
+    for block in re.findall(r"(?:^\|.*\n?)+", text, re.MULTILINE):
+        rows = [[cell.strip() for cell in line.strip().strip("|").split(" | ")] for line in block.splitlines()]
+        rows = [[cell.strip("|").strip() for cell in row] for row in rows]
+        if " | ".join(rows[0]).startswith(beginning):
+            yield rows
+
+
+def columns(beginning: str, named: Mapping[str, tuple[str, int]]) -> Reader:
+    """Cells of tables whose columns are apart by two blanks or more, as a command prints them.
+
+    beginning : of the header's line.  named : what a row is called -> its first word, and which such row it is, from 1.
+    """
+
+    def read(text: str) -> Cells:
+        head: Sequence[str] = ()
+        rows: dict[tuple[str, int], dict[str, str]] = {}
+        for line in text.splitlines():
+            cells = re.split(r" {2,}", line.strip())
+            if line.startswith(beginning):
+                head = cells
+            elif head and len(cells) == len(head):
+                count = sum(word == cells[0] for word, _ in rows) + 1
+                rows[cells[0], count] = dict(zip(head, cells, strict=True))
+        return {
+            f"{name}, {column}": rows[at][column] for name, at in named.items() if at in rows for column in rows[at]
+        }
+
+    return read
+
+
+def pattern(**patterns: str) -> Reader:
+    """By name, the groups of the first match of each pattern, side by side; nothing where there is none."""
+
+    def read(text: str) -> Cells:
+        found = {name: re.search(each, text) for name, each in patterns.items()}
+        return {name: " ".join(match.groups()) for name, match in found.items() if match is not None}
+
+    return read
+
+
+def renamed(reader: Reader, names: Mapping[str, str]) -> Reader:
+    """Only cells of these names, under others."""
+    return lambda text: {new: cell for old, cell in reader(text).items() if (new := names.get(old)) is not None}
+
+
+def differences(
+    stated: Cells, found: Cells, times: Callable[[str], bool], units: float = UNITS, share: float = SHARE
+) -> list[Difference]:
+    """What the page states otherwise than the command; times : whether a cell of this name is one."""
+    return [
+        Difference(name, cell, found.get(name), times(name))
+        for name, cell in stated.items()
+        if name not in found or not (like(cell, found[name]) if times(name) else agree(cell, found[name], units, share))
+    ]
+
+
+def agree(stated: str, found: str, units: float = UNITS, share: float = SHARE) -> bool:
+    """Whether two cells have the same words, and numbers that differ by rounding."""
+    one, other = _plain(stated), _plain(found)
+    numbers = [NUMBER.findall(each) for each in (one, other)]
+    if NUMBER.sub("#", one) != NUMBER.sub("#", other):
+        return False
+    return all(
+        abs(float(a) - float(b)) <= max((ROUNDING if "e" in a else units) * last_digit(a), share * abs(float(a)))
+        for a, b in zip(*numbers, strict=True)
+    )
+
+
+def like(stated: str, found: str) -> bool:
+    """Whether two times are of one order."""
+    pairs = [list(map(float, NUMBER.findall(each))) for each in (stated, found)]
+    return len(pairs[0]) == len(pairs[1]) and all(
+        a == b or (min(a, b) > 0 and max(a, b) <= SLOWER * min(a, b)) for a, b in zip(*pairs, strict=True)
+    )
+
+
+def last_digit(number: str) -> float:
+    """What the last digit of a number is worth: 0.01 of 3.14, 10 of 2.1e2."""
+    mantissa, _, exponent = number.partition("e")
+    decimals = len(mantissa.partition(".")[2])
+    return float(10.0 ** (int(exponent or 0) - decimals))
+
+
+def _plain(cell: str) -> str:
+    """Without marks of emphasis and code; a cell that is left out is one that is empty."""
+    return " ".join(re.sub(r"[*`–]", "", cell).split())

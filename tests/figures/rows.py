@@ -1,0 +1,157 @@
+"""Which figures of which page come from which command."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from tests.figures.cells import Cells, Reader, columns, markdown, pattern, renamed
+
+
+@dataclass(frozen=True)
+class Figures:
+    """page : below the repository.  commands : as the page or a user says them, run one after the other.
+
+    stated, found : read the page, and what the commands wrote: what they printed and `files`, below where they ran.
+    minutes : on two cores, about.  times : whether a cell of a name is one.  units, share : see cells.py.
+    """
+
+    page: str
+    commands: tuple[str, ...]
+    minutes: float
+    stated: Reader
+    found: Reader
+    files: tuple[str, ...] = ()
+    times: Callable[[str], bool] = field(default=lambda name: False)
+    units: float = 2.0
+    share: float = 0.05
+
+    @property
+    def name(self) -> str:
+        return f"{self.page}: {'; '.join(self.commands)}"
+
+
+def table(
+    page: str, command: str, minutes: float, beginning: str, times: tuple[str, ...] = (), **told: object
+) -> Figures:
+    """A table that a command prints, or writes into a file, as the page has it.  times : columns."""
+    reader = markdown(beginning)
+    is_time = _ending(*(f", {column}" for column in times))
+    return Figures(page, (command,), minutes, reader, reader, times=is_time, **told)  # type: ignore[arg-type]
+
+
+def _ending(*ends: str) -> Callable[[str], bool]:
+    return lambda name: name.endswith(ends) if ends else False
+
+
+SOLVED = {  # a row of docs/solvers.md -> the solver's name, and which of its rows
+    "`none`": ("none", 1),
+    "`direct`": ("direct", 1),
+    "`map`": ("map", 1),
+    "`svd`, undecomposed (LSMR, 1000 steps)": ("svd", 1),
+    "`nnls`, undecomposed": ("nnls", 1),
+    "`box`": ("box", 1),
+    "`qr`, clusters of up to 200": ("qr", 1),
+    "`svd`, clusters of up to 200": ("svd", 2),
+}
+MEASURES = {  # a column there -> the command's
+    "RMSE, % of white": "RMSE %",
+    "PSNR, dB": "PSNR dB",
+    "SSIM": "SSIM",
+    "CIEDE2000": "CIEDE2000",
+    "clipped, %": "clipped %",
+    "seconds": "seconds",
+}
+
+
+def _solved(text: str) -> Cells:
+    """Of the page, by its own labels without the other columns."""
+    cells = markdown("solver | RMSE")(text)
+    named = {f"1: {row} | ": row for row in SOLVED}
+    return {
+        f"{label}, {column}": cell
+        for name, cell in cells.items()
+        for start, label in named.items()
+        for column in MEASURES
+        if name.startswith(start) and name.endswith(f", {column}") and cell
+    }
+
+
+def _solved_again(text: str) -> Cells:
+    return renamed(
+        columns("solver ", SOLVED),
+        {f"{row}, {theirs}": f"{row}, {ours}" for row in SOLVED for ours, theirs in MEASURES.items()},
+    )(text)
+
+
+CORNER, CLIP = "--camera 640x480 --projector 512x512", "calib_data/media/big_buck_bunny.mp4"
+
+
+def built(room: str) -> Figures:
+    """A row of the README's table of builds."""
+    return Figures(
+        "README.md",
+        (f"counterlight simulate {room} {CORNER} -o {room}", f"counterlight build {room}"),
+        3,
+        pattern(
+            build=rf"\| `{room}` \|[^|]*\| ([\d.]+) s \|",
+            entries=rf"\| `{room}` \|(?:[^|]*\|){{3}} ([\d.]+) million \|",
+            maps=rf"\| `{room}` \|(?:[^|]*\|){{4}} (\d+) MiB \|",
+        ),
+        lambda text: _in_millions(
+            pattern(build=r"\n([\d.]+) s: ", entries=r"(\d+) entries, texture", maps=r"([\d.]+) MiB of maps;")(text)
+        ),
+        times=lambda name: name == "build",
+    )
+
+
+def _in_millions(cells: Cells) -> Cells:
+    return cells | {"entries": f"{float(cells['entries']) / 1e6:.1f}"} if "entries" in cells else cells
+
+
+ROWS = (
+    table("docs/decomposition.md", "python -m tests.studies.decomposition", 4, "room | allowed"),
+    table("docs/mathematics.md", "python -m tests.studies.factoring", 2, "corner | camera", ("CPU s",)),
+    table(
+        "docs/hard_cases.md", "python -m tests.studies.hard_cases", 3, "error, % / amplification", units=5, share=0.3
+    ),
+    table("docs/hard_cases.md", "python -m tests.studies.colour", 2, "condition of the mixing"),
+    *(built(room) for room in ("wall", "corner")),
+    Figures(
+        "docs/solvers.md",
+        (
+            f"counterlight simulate corner {CORNER} -o corner",
+            "counterlight build corner",
+            f"counterlight compensate corner {CLIP} --solver none,direct,map,svd,nnls,box",
+            f"counterlight compensate corner {CLIP} --solver qr,svd --max-cluster 200",
+        ),
+        4,
+        _solved,
+        _solved_again,
+        times=_ending(", seconds"),
+    ),
+    table("docs/refinement.md", "python -m tests.studies.standing", 20, "room, picture | start, steps"),
+    table(
+        "docs/refinement.md",
+        "python -m tests.studies.refinement",
+        20,
+        "start | 1 step | 2 steps | 4 steps | 8 steps | 16 steps",
+        ("before a step, ms", "a step, ms"),
+        share=0.1,
+    ),
+    table("docs/refinement.md", "python -m tests.studies.refinement", 20, "schedule | 1 step"),
+    table("docs/gpu.md", "python -m tests.studies.scaling", 6, "projector | 4 entries", ("entries",)),
+    table(
+        "docs/table_6_1.md",
+        "counterlight study --table-6-1 -o study",
+        60,
+        "scene | captured",
+        files=("study/table_6_1.md",),
+    ),
+    table(
+        "docs/accuracy.md",
+        "counterlight study -o study",
+        240,
+        "method | dB below the best",
+        ("ms a picture", "preparation, s"),
+        files=("study/summary.md",),
+    ),
+)

@@ -1,0 +1,128 @@
+"""make figures: every row points to figures that its page has, and a figure that is another one is found."""
+
+import re
+
+import pytest
+
+from tests.figures.cells import agree, columns, differences, last_digit, like, markdown, pattern, renamed
+from tests.figures.rows import ROWS, SOLVED, Figures
+from tests.programs import ROOT
+
+PAGE = """
+| room | fault | error, dB | ms |
+|---|---|---|---|
+| wall | known | 47.1 (0.3) | 12 |
+| | home | **30** / 1e4 | 14 |
+
+Words.
+
+| other | error |
+|---|---|
+| 1 | 2 |
+
+| room | fault | error, dB | ms |
+|---|---|---|---|
+| wall | known | 5 | 6 |
+"""
+
+
+def page(row: Figures) -> str:
+    return (ROOT / row.page).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
+def test_a_row_points_to_figures_that_its_page_has(row: Figures) -> None:
+    stated = row.stated(page(row))
+    assert len(stated) > 2
+    assert any(re.search(r"\d", cell) for cell in stated.values())
+    assert not all(row.times(name) for name in stated) or "scaling" in row.name
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
+def test_a_row_names_commands_that_there_are(row: Figures) -> None:
+    verbs = {"simulate", "build", "compensate", "study"}
+    for command in row.commands:
+        program, *words = command.split()
+        if program == "python":
+            assert (ROOT / f"{words[1].replace('.', '/')}.py").exists()
+        else:
+            assert words[0] in verbs
+    assert row.minutes > 0
+
+
+def test_tables_are_read_by_their_headers_and_blank_labels_repeat_what_is_above() -> None:
+    cells = markdown("room | fault")(PAGE)
+    assert cells["1: wall | known, error, dB"] == "47.1 (0.3)"
+    assert cells["1: wall | home, ms"] == "14"
+    assert cells["2: wall | known, ms"] == "6"
+    assert not any("other" in name for name in cells)
+
+
+def test_tables_in_columns_are_read_by_first_words() -> None:
+    lines = "head", "solver   PSNR dB  SSIM", "none       9.62  0.2", "   a note", "map       33.36  0.8"
+    text = "\n".join([*lines, "", "solver  PSNR dB  SSIM", "map  1.0  2.0"])
+    read = columns("solver", {"map": ("map", 1), "`map`, cut": ("map", 2), "gone": ("svd", 1)})
+    assert read(text) == {
+        **{"map, solver": "map", "map, PSNR dB": "33.36", "map, SSIM": "0.8"},
+        **{"`map`, cut, solver": "map", "`map`, cut, PSNR dB": "1.0", "`map`, cut, SSIM": "2.0"},
+    }
+    assert renamed(read, {"map, SSIM": "ssim"})(text) == {"ssim": "0.8"}
+
+
+@pytest.mark.parametrize("row", [row for row in ROWS if "compensate" in row.name], ids=lambda row: row.page)
+def test_what_compensate_prints_is_what_its_page_says(row: Figures) -> None:
+    """The names of both sides meet: a command that printed the page's own figures would be right."""
+    stated = row.stated(page(row))
+    head = ["solver", "RMSE %", "PSNR dB", "SSIM", "CIEDE2000", "clipped %", "seconds"]
+    ours = ["RMSE, % of white", "PSNR, dB", "SSIM", "CIEDE2000", "clipped, %", "seconds"]
+    lines = [
+        "  ".join([solver, *(stated.get(f"{label}, {column}", "0") for column in ours)])
+        for label, (solver, _) in SOLVED.items()
+    ]
+    printed = "\n".join(["  ".join(head), *lines])
+    assert differences(stated, row.found(printed), row.times) == []
+    assert len(stated) > 5 * len(SOLVED)
+
+
+def test_another_figure_is_found_and_rounding_is_none() -> None:
+    stated = markdown("room | fault")(PAGE)
+    assert differences(stated, dict(stated), lambda name: False) == []
+    found = markdown("room | fault")(PAGE.replace("47.1", "43.1").replace("| 14 |", "| 40 |").replace("1e4", "2e4"))
+    by_name = {each.name: each for each in differences(stated, found, lambda name: name.endswith(", ms"))}
+    assert by_name.keys() == {"1: wall | known, error, dB", "1: wall | home, ms", "1: wall | home, error, dB"}
+    assert by_name["1: wall | home, ms"].time
+    assert "the page says 47.1 (0.3), found 43.1 (0.3)" in str(by_name["1: wall | known, error, dB"])
+    [missing] = differences({"a": "1"}, {}, lambda name: False)
+    assert "found nothing" in str(missing)
+
+
+@pytest.mark.parametrize(
+    ("stated", "found", "same"),
+    [
+        ("0.02", "0.03", True),  # within two units of the last digit
+        ("0.02", "0.05", False),
+        ("29.6", "29.9", True),  # within a twentieth
+        ("365678", "365901", True),
+        ("**20** / 1e4", "20 / 1.2e+04", True),
+        ("1000", "100", False),
+        ("1, 0.34", "2, 0.34", True),
+        ("2959 (windowed)", "2959", False),
+        ("uncut", "none", False),
+        ("–", "", True),
+        ("-0.00", "0.00", True),
+    ],
+)
+def test_cells_agree_to_what_the_page_states(stated: str, found: str, same: bool) -> None:
+    assert agree(stated, found) == same
+
+
+def test_times_agree_to_a_factor_of_two() -> None:
+    assert like("12", "22")
+    assert not like("12", "25")
+    assert like("0.5; 3 ms", "0.9; 2 ms")
+    assert not like("0.5; 3 ms", "0.9")
+    assert [last_digit(number) for number in ("3.14", "12", "1e4", "2.1e2")] == [0.01, 1, 1e4, 10]
+
+
+def test_a_pattern_gives_its_groups() -> None:
+    assert pattern(a=r"(\d+) of (\d+)", b="x(y)")("3 of 4") == {"a": "3 4"}
