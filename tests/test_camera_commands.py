@@ -34,6 +34,7 @@ def built(views: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Both cameras joined: their sizes tell that the projector is the same."""
     room = tmp_path_factory.mktemp("joint") / "room"
     said = succeed("join", *views, "-o", room)
+    assert said.startswith("taken for several cameras of the same projectors\n")
     assert re.search(r"room: 2 cameras, raster 50x68, screen \d+x\d+\n", said)
     assert re.search(
         r"camera 2: \d+ of its pixels see what is on the screen already; its light times 1\.1\d+ 1\.00\d* 0\.8\d+ ",

@@ -17,7 +17,7 @@ from counterlight.tools.simulation.room import simulated_room
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.box import Box
-from counterlight.tools.transport.joining_cameras import CameraOptions, joined_cameras
+from counterlight.tools.transport.joining_cameras import CameraOptions, joined_cameras, same_projectors
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.shared_screen import SharedRoom
 from counterlight.tools.transport.shares import shares
@@ -281,3 +281,25 @@ def srgb(light: np.ndarray) -> np.ndarray:
 
 def _inside(points: np.ndarray, scene: Scene) -> np.ndarray:
     return np.asarray(((points > 1) & (points < (scene.camera.width - 1, scene.camera.height - 1))).all(axis=-1))
+
+
+@pytest.mark.parametrize(
+    ("names", "cameras_differ", "same"),
+    [
+        ((None, None), True, True),
+        ((None, None), False, False),
+        (("HDMI-1", "HDMI-1"), False, True),
+        (("HDMI-1", "DP-2"), True, False),
+        (("HDMI-1", None), True, True),
+    ],
+)
+def test_the_same_projector_is_told_by_its_monitor_or_the_cameras_sizes(
+    tmp_path: Path, flat: list[RoomSeen], names: tuple[str | None, str | None], cameras_differ: bool, same: bool
+) -> None:
+    folders = []
+    for number, (room, name) in enumerate(zip((flat[0], flat[int(cameras_differ)]), names, strict=True)):
+        folders.append(tmp_path / f"{number}")
+        projectors = tuple(replace(projector, monitor=name) for projector in room[0].projectors)
+        with calibration.writing(folders[-1], replace(room[0], projectors=projectors)) as stage:
+            write_transport(room[1], stage)
+    assert same_projectors(folders) == same

@@ -27,6 +27,8 @@ def _main(argv: Sequence[str] | None) -> None:
     named = {"name": options.name, "force": options.force}
     if options.cameras or same_projectors(options.rooms):
         asked = CameraOptions(options.screen, options.keep_exposures, options.tolerance)
+        if not options.cameras:
+            print("taken for several cameras of the same projectors")
         print(join_cameras(options.rooms, options.output, asked, options.monitor, **named))
         return
     if options.keep_exposures or options.screen != SCREENS[0]:

@@ -112,14 +112,13 @@ class Judged:
             return np.asarray(renderer.linear(), np.float64).reshape(-1, 3)
 
     def grey(self) -> dict[str, float]:
-        """Code values that grey is off before the audience, of each side of the wall, its median."""
+        """Code values that grey is off before the audience: of each side of the wall the median, its worst channel."""
         calibration, transport = self._audience
         drive = self._shown(np.full((*self._calibration.camera.shape, 3), WHITE * GREY), "previous-direct")
         seen = (transport.apply(drive) + calibration.ambient.reshape(-1, 3)).reshape(*CAMERA, 3)
         codes = _srgb(seen / WHITE) - _srgb(np.array(GREY))
-        return {
-            name: float(np.median(codes[side & calibration.mask].mean(axis=1))) for name, side in self._sides.items()
-        }
+        medians = {name: np.median(codes[side & calibration.mask], axis=0) for name, side in self._sides.items()}
+        return {name: float(each[np.abs(each).argmax()]) for name, each in medians.items()}
 
 
 def _srgb(light: FloatArray) -> FloatArray:
@@ -139,13 +138,14 @@ def _sides(wall: Wall) -> dict[str, FloatArray]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.parse_args()
+    parser.add_argument("--projectors", type=int, nargs="+", choices=(1, 2), default=[1, 2])
+    options = parser.parse_args()
     print(f"| {' | '.join(COLUMNS)} |")
     print("|---" * len(COLUMNS) + "|")
     with TemporaryDirectory() as folder:
         wall = Wall.shipped(Path(folder))
     sides = _sides(wall)
-    for projectors in (1, 2):
+    for projectors in options.projectors:
         views = [wall.seen(view, projectors) for view in wall.scene.views]
         audience = wall.seen(wall.audience.views[0], projectors)
         calibrations, transports = zip(*views, strict=True)

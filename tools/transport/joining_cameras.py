@@ -113,14 +113,15 @@ def below_each_other(
 
 
 def same_projectors(folders: Sequence[Path]) -> bool:
-    """Whether rooms are known to have the same projectors: cameras of other sizes, or monitors of the same names."""
+    """Whether rooms seem to have the same projectors: monitors of one name, or no names and cameras of other sizes."""
     rooms = [calibrations.read(folder).calibration for folder in folders]
     shapes = [[device.shape for device in room.projectors] for room in rooms]
     if any(each != shapes[0] for each in shapes):
         return False
-    names = [[device.monitor for device in room.projectors] for room in rooms]
-    named = all(each == names[0] for each in names) and None not in names[0]
-    return named or any(room.camera.shape != rooms[0].camera.shape for room in rooms)
+    names = {tuple(device.monitor for device in room.projectors) for room in rooms}
+    if any(None in each for each in names):
+        return any(room.camera.shape != rooms[0].camera.shape for room in rooms)
+    return len(names) == 1
 
 
 def _check_projectors(rooms: Sequence[Calibration], folders: Sequence[Path]) -> None:

@@ -135,11 +135,8 @@ class _Placing:
     ) -> None:
         self._calibration, self._transport, self._cameras = calibration, transport, cameras
         self._keep = keep_exposures
-        pixels, width = (
-            np.arange(calibration.camera.pixels).reshape(calibration.camera.shape),
-            calibration.projector.width,
-        )
-        self._rows, self._width = [pixels[part] for part in parts_of(cameras)], width
+        pixels = np.arange(calibration.camera.pixels).reshape(calibration.camera.shape)
+        self._rows, self._width = [pixels[part] for part in parts_of(cameras)], calibration.projector.width
         near, mask, light = luminance_matrix(transport.near), calibration.mask.ravel(), transport.composition()
         self._views = [_View.of(rows, near, mask, light) for rows in self._rows]
         count = calibration.projector.pixels
