@@ -335,11 +335,13 @@ def clip_sums(
         out[i] = total
 
 
-@kernel(f"{PICTURE}, {PICTURE}, int32[::1], float32, int64, uint32, {PLANE}, uint8[:, :, ::1]")
+@kernel(f"{PICTURE}, {PICTURE}, int32[::1], {PICTURE}, boolean, float32, int64, uint32, {PLANE}, uint8[:, :, ::1]")
 def encode(
     light: Picture,
     codes: Picture,
-    response_of_column: Whole,
+    of_column: Whole,
+    colours: Picture,
+    mixes: Any,
     scale: Any,
     dither: Any,
     frame: Any,
@@ -348,7 +350,8 @@ def encode(
 ) -> None:
     """Linear light -> code values (encode).
 
-    codes : (responses, 3, samples) over √light.  thresholds : of ORDERED, repeated.
+    codes : (projectors, 3, samples) over √light.  colours : (projectors, 3, 3), if light mixes.
+    thresholds : of ORDERED, repeated.
     """
     for y in numba.prange(out.shape[0]):
         for x in range(out.shape[1]):
@@ -358,12 +361,18 @@ def encode(
             threshold = np.float32(0.5)
             if dither == ORDERED:
                 threshold = thresholds[y % thresholds.shape[0], x % thresholds.shape[1]]
+            own = of_column[x]
             for i in range(3):
                 if dither == NOISE:
                     hashed = _scrambled(seed + np.uint32(i)) >> np.uint32(9)
                     threshold = np.float32((np.float64(hashed) + 0.5) / 8388608.0)
-                root = np.sqrt(within(light[y, x, i] / scale, np.float32(0), np.float32(1)))
-                value = _looked_up(codes[response_of_column[x], i], root) * np.float32(255) + threshold
+                drive = light[y, x, i]
+                if mixes:
+                    drive = colours[own, i, 0] * light[y, x, 0]
+                    drive += colours[own, i, 1] * light[y, x, 1]
+                    drive += colours[own, i, 2] * light[y, x, 2]
+                root = np.sqrt(within(drive / scale, np.float32(0), np.float32(1)))
+                value = _looked_up(codes[own, i], root) * np.float32(255) + threshold
                 out[y, x, i] = np.uint8(min(value, np.float32(255)))
 
 

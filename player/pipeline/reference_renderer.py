@@ -94,8 +94,8 @@ class ReferenceDevice:
         return Adapter(near_light, ambient.astype(np.float64), most, white)
 
     def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> Operation:
-        tables, columns = response.inverse_tables(), response.of_column
-        return Function(lambda light, frame: reference.encode(light, tables, scale, dither, frame, columns))
+        tables, of_column, colours = response.inverse_tables(), response.of_column, response.matrices
+        return Function(lambda light, frame: reference.encode(light, tables, scale, dither, frame, of_column, colours))
 
     def stepper(
         self, shape: tuple[int, int], step_size: FloatArray, prior: Mapping[str, NDArray[np.float32]]
