@@ -25,7 +25,7 @@ from counterlight.files.picture_files import MAX_SIDE, grey, read_picture
 from counterlight.files.png import write_png
 from counterlight.files.reading import MAX_TOML_BYTES, DescribedFiles, Source, opened, parse_toml, read_bytes
 from counterlight.files.tables import LONGEST_TEXT, Table
-from counterlight.response import RasterResponse, Response, read_response
+from counterlight.response import Matrix, RasterResponse, Response, read_response
 from counterlight.screen import FILE as SCREEN
 from counterlight.screen import MOST_CAMERAS, Screen, parts_of, raster_of, read_screen, write_screen
 from counterlight.writing.outputs import check_folder, is_vacant, refuse_strangers
@@ -37,6 +37,7 @@ PRIMARIES = "primary_red.exr", "primary_green.exr", "primary_blue.exr"
 LIGHT = "transport_*.npz", "far_light.npz", "blurred_light.npz"
 PARTS = (TOML, AMBIENT, MASK, *PRIMARIES, SCREEN, *LIGHT, "correction", "placement.toml", "drift")
 MOST_PROJECTORS, LONGEST_PROVENANCE = 64, 1 << 16
+GREY, LEAST_COLOUR = 1e-3, 1e-3  # a row's sum, as text rounds it; the volume that primaries span beside their own
 # White is no less, light no more, in any unit: of what lies between, squares and a frame's sums stay within float32.
 RADIANCE = (1e-12, 1e12)
 REBUILD = (
@@ -82,11 +83,26 @@ class Raster:
 class Device(Raster):
     """A projector or a camera: its size in pixels and, for a projector, its response.
 
-    monitor : name of the monitor that the projector is, if that is known.
+    monitor : name of the monitor that the projector is, if that is known.  colour : its drive of its own primaries for
+    one of those that all projectors of a raster share, (3, 3) ≥ 0, rows of sum 1, so that grey stays grey; None if they
+    are its own.
     """
 
     response: Response
     monitor: str | None = None
+    colour: Matrix | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.colour is None:
+            return
+        values = np.array(self.colour)
+        unlike_grey = values.shape != (3, 3) or values.min() < 0 or np.abs(values.sum(axis=1) - 1).max() > GREY
+        if unlike_grey or abs(np.linalg.det(values)) < LEAST_COLOUR:
+            raise InputError(
+                f"colour {values.tolist()}: expected three rows of three numbers, none below 0, each of sum 1, "
+                "that can be undone; join the projectors again"
+            )
 
 
 @dataclass(frozen=True)
@@ -139,7 +155,10 @@ class Calibration:
     @property
     def response(self) -> RasterResponse:
         """Of the raster, each projector's in its own columns."""
-        return RasterResponse(tuple(p.response for p in self.projectors), tuple(p.width for p in self.projectors))
+        each = self.projectors
+        return RasterResponse(
+            tuple(p.response for p in each), tuple(p.width for p in each), tuple(p.colour for p in each)
+        )
 
     @property
     def cameras(self) -> tuple[tuple[int, int], ...]:
@@ -305,19 +324,25 @@ def _read_cameras(table: Table, files: DescribedFiles) -> tuple[Device, Screen |
 def _projector_to_toml(projector: Device) -> dict[str, Any]:
     response = projector.response
     table: dict[str, Any] = {"width": projector.width, "height": projector.height, "response": response.to_toml()}
-    if response.segment is not None:
-        table["white_segment"] = [list(row) for row in response.segment.samples]
-    return table if projector.monitor is None else table | {"monitor": projector.monitor}
+    segment = None if response.segment is None else [list(row) for row in response.segment.samples]
+    beside = {"white_segment": segment, "monitor": projector.monitor, "colour": projector.colour}
+    return table | {name: value for name, value in beside.items() if value is not None}
 
 
 def _read_projector(table: Table) -> Device:
     device = _read_device(table)
-    if "monitor" not in table:
+    if "monitor" in table:
+        monitor = table.text("monitor")
+        if not monitor:
+            raise table.wrong("monitor", 'the name of a monitor, as in monitor = "HDMI-1"')
+        device = replace(device, monitor=monitor)
+    if "colour" not in table:
         return device
-    monitor = table.text("monitor")
-    if not monitor:
-        raise table.wrong("monitor", 'the name of a monitor, as in monitor = "HDMI-1"')
-    return replace(device, monitor=monitor)
+    rows = table.rows("colour", 3, 3, 0.0, 1.0)
+    try:
+        return replace(device, colour=tuple(tuple(float(value) for value in row) for row in rows))
+    except InputError as error:
+        raise table.refusal(f", {error}") from None
 
 
 def _read_device(table: Table) -> Device:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TypeGuard
+from typing import TypeAlias, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ MOST_SAMPLES = 1 << 12  # of a white segment
 BRIGHTEST = 20.0  # times the primaries' own white, that of a white segment
 MOST_ROWS = 1 << 16  # of a measured table: one for each code of a 16-bit camera
 _SRGB_KNEE = 0.04045
+Matrix: TypeAlias = tuple[tuple[float, ...], ...]  # rows
 PQ_PEAK = 10_000.0  # cd/m² of the highest code
 _PQ_M = 2610 / 16384, 2523 / 4096 * 128
 _PQ_C = 3424 / 4096, 2413 / 4096 * 32, 2392 / 4096 * 32
@@ -140,48 +141,65 @@ class Response:
 
 @dataclass(frozen=True)
 class RasterResponse:
-    """The responses of projectors side by side in one raster.
+    """The responses of projectors side by side in one raster, and their colour matrices if they have any.
 
     responses : of each, from the left.  widths : columns of the raster that are its own.
+    colours : D of each, (3, 3): of a drive q of primaries that all projectors share, it shows D q of its own; None for
+    q itself. Empty if none has one.
     """
 
     responses: tuple[Response, ...]
     widths: tuple[int, ...]
-
-    @cached_property
-    def distinct(self) -> tuple[Response, ...]:
-        return tuple(dict.fromkeys(self.responses))
+    colours: tuple[Matrix | None, ...] = ()
 
     @cached_property
     def of_column(self) -> NDArray[np.int32]:
-        """Which of the distinct responses each column of the raster has, (width,)."""
-        return np.repeat([self.distinct.index(response) for response in self.responses], self.widths).astype(np.int32)
+        """Which of the distinct projectors each column of the raster is of, (width,)."""
+        return np.repeat([self._distinct.index(each) for each in self._each], self.widths).astype(np.int32)
 
     def to_linear(self, codes: NDArray[np.uint8]) -> NDArray[np.float64]:
-        """Linear drive of a raster's 8-bit code values, (height, width, 3)."""
-        light = np.asarray(self._light[self.of_column[:, None], codes, np.arange(3)])
-        for number, response in enumerate(self.distinct):
+        """Linear drive of a raster's 8-bit code values, (height, width, 3), of the shared primaries."""
+        drive = np.asarray(self._light[self.of_column[:, None], codes, np.arange(3)])
+        for number, (response, _) in enumerate(self._distinct):
             if response.segment is not None:
                 own = self.of_column == number
-                light[:, own] += response.segment.beside(light[:, own].min(axis=-1))
-        return light
+                drive[:, own] += response.segment.beside(drive[:, own].min(axis=-1))
+        if self.matrices is None:
+            return drive
+        inverse = np.linalg.inv(self.matrices.astype(np.float64))
+        return np.asarray(np.einsum("xkl,yxl->yxk", inverse[self.of_column], drive))
 
     def inverse_tables(self) -> NDArray[np.float32]:
-        """`Response.inverse_table` of each distinct response: (responses, samples, 3)."""
-        return np.stack([response.inverse_table() for response in self.distinct])
+        """`Response.inverse_table` of each distinct projector: (projectors, samples, 3)."""
+        return np.stack([response.inverse_table() for response, _ in self._distinct])
 
     def segment_tables(self) -> NDArray[np.float32] | None:
-        """`WhiteSegment.tables` of each distinct response, (responses, 2, samples, 3); None if no projector has one."""
-        if all(response.segment is None for response in self.distinct):
+        """`WhiteSegment.tables` of each distinct projector, (projectors, 2, samples, 3); None if none has one."""
+        if all(response.segment is None for response, _ in self._distinct):
             return None
         none = WhiteSegment(((0.0, 0.0, 0.0),) * 2)
-        return np.stack([(response.segment or none).tables() for response in self.distinct])
+        return np.stack([(response.segment or none).tables() for response, _ in self._distinct])
+
+    @cached_property
+    def matrices(self) -> NDArray[np.float32] | None:
+        """D of each distinct projector, (projectors, 3, 3); None if none has one."""
+        if not any(self.colours):
+            return None
+        return np.array([np.eye(3) if colour is None else colour for _, colour in self._distinct], np.float32)
+
+    @cached_property
+    def _each(self) -> list[tuple[Response, Matrix | None]]:
+        return list(zip(self.responses, self.colours or (None,) * len(self.responses), strict=True))
+
+    @cached_property
+    def _distinct(self) -> list[tuple[Response, Matrix | None]]:
+        return list(dict.fromkeys(self._each))
 
     @cached_property
     def _light(self) -> NDArray[np.float64]:
-        """Drive of every 8-bit code by the curves alone: (responses, 256, 3)."""
+        """Drive of every 8-bit code by the curves alone: (projectors, 256, 3)."""
         codes = np.repeat(np.linspace(0, 1, 256)[:, None], 3, axis=1)
-        return np.stack([replace(response, segment=None).to_linear(codes) for response in self.distinct])
+        return np.stack([replace(response, segment=None).to_linear(codes) for response, _ in self._distinct])
 
 
 def parse_response(value: object) -> Response:

@@ -1,17 +1,22 @@
 #version 330 core
-// Linear light -> 8-bit code values: the inverse response, then dithering.
+// Linear light -> 8-bit code values: the projector's own primaries, the inverse response, then dithering.
 //
-// Inputs: `picture`, linear RGB; `inverse_response`, code values over √light 0..1 (width samples, a row a response);
-// `response_of_column` (width of the picture, height 1), which row each column has, if they are SEVERAL.
-// Defines: SEVERAL, for projectors of different responses; SEGMENT, if one has a white segment, whose light is taken out of
-// the primaries: `segments`, two rows a response, the darkest primary over √light and what is beside it over its root;
-// DITHER_ORDERED (8×8 Bayer), DITHER_NOISE (a hash of pixel, channel and frame), or neither: rounding.
+// Inputs: `picture`, linear RGB; `inverse_response`, code values over √light 0..1 (width samples, a row a projector);
+// `of_column` (width of the picture, height 1), which row each column has, if there are SEVERAL; `colours` (3 columns of
+// RGB, a row a projector), the rows of its matrix from shared to own primaries, if light is MIXED; `segments`, two rows a
+// projector, the darkest primary over √light and what is beside it over its root, if one has a white SEGMENT, whose light
+// is taken out of the primaries.
+// Defines: SEVERAL, for projectors that differ; MIXED; SEGMENT; DITHER_ORDERED (8×8 Bayer), DITHER_NOISE (a hash of pixel,
+// channel and frame), or neither: rounding.
 // Output: code / 255.
 // CPU twin: encode in player/pipeline/reference.py.
 uniform sampler2D picture;
 uniform sampler2D inverse_response;
 #ifdef SEVERAL
-uniform usampler2D response_of_column;
+uniform usampler2D of_column;
+#endif
+#ifdef MIXED
+uniform sampler2D colours;
 #endif
 #ifdef SEGMENT
 uniform sampler2D segments;
@@ -74,8 +79,14 @@ void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
     int row = 0;
 #ifdef SEVERAL
-    row = int(texelFetch(response_of_column, ivec2(at.x, 0), 0).r);
+    row = int(texelFetch(of_column, ivec2(at.x, 0), 0).r);
 #endif
-    vec3 code = code_of(texelFetch(picture, at, 0).rgb / scale, row);
+    vec3 light = texelFetch(picture, at, 0).rgb;
+#ifdef MIXED
+    light = vec3(dot(texelFetch(colours, ivec2(0, row), 0).rgb, light),
+                 dot(texelFetch(colours, ivec2(1, row), 0).rgb, light),
+                 dot(texelFetch(colours, ivec2(2, row), 0).rgb, light));
+#endif
+    vec3 code = code_of(light / scale, row);
     encoded = vec4(floor(min(code * 255.0 + threshold(at), 255.0)) / 255.0, 1.0);
 }

@@ -13,6 +13,8 @@ from counterlight.tools.transport.transport import Csr, Transport
 from tests.rooms import CAMERA, PROJECTOR, blurred_transport
 
 FloatArray = NDArray[np.float64]
+LEDS = np.array([[0.95, 0.04, 0.01], [0.05, 0.90, 0.05], [0.00, 0.06, 0.94]])
+WHEEL = np.array([[0.80, 0.17, 0.03], [0.12, 0.78, 0.10], [0.02, 0.14, 0.84]])
 CROSSTALK = np.array([[0.88, 0.08, 0.04], [0.06, 0.88, 0.06], [0.03, 0.09, 0.88]])  # 12 % of white from neighbours
 
 
@@ -47,12 +49,14 @@ def coloured_room(
     camera: tuple[int, int] = CAMERA,
     projector: tuple[int, int] = PROJECTOR,
     ambient: float = 0.01,
+    shift: tuple[float, float] = (0, 0),
 ) -> ColouredRoom:
     """A blurred surface, a third of it white; F_kl = M_kl ρ_l (1 ± paint), each field with a colour of its own.
 
-    paint : how much the reflectance seen by one channel differs from that of the primary's peak.
+    paint : how much the reflectance seen by one channel differs from that of the primary's peak.  shift : of the
+    projector's picture, its pixels right and down.
     """
-    G = blurred_transport(rng, camera, projector, 0.6).toarray().astype(np.float64)
+    G = blurred_transport(rng, camera, projector, 0.6, shift).toarray().astype(np.float64)
     G /= G.sum(axis=1, keepdims=True)
     white = _fields(rng.uniform(size=camera), camera) < 1 / 3
     reflectance = np.where(white[:, None], 1.0, _fields(rng.uniform(0.45, 1, (*camera, 3)), camera))

@@ -18,6 +18,7 @@ from counterlight.tools.transport.transport import FarLight, Transport
 
 CAMERA, PROJECTOR = (11, 17), (7, 13)
 CELLS = (1, 6)
+MIXED, COLOUR = "mixed", ((0.75, 0.25, 0.0), (0.0, 0.875, 0.125), (0.125, 0.125, 0.75))
 UNLIKE = (4, "srgb"), (6, [[0, 0, 0], [0.1, 0.4, 0.2], [1, 1, 1]]), (3, "srgb")  # columns of projectors, responses
 SEGMENT = WhiteSegment(((0, 0, 0), (0.1, 0.05, 0.02), (0.5, 0.4, 0.3)))
 SEGMENTED = (4, "srgb"), (6, Response("gamma", 2.2, segment=SEGMENT)), (3, "srgb")
@@ -60,10 +61,14 @@ def random_room(rng: np.random.Generator, *, far: bool, dither: str = "ordered",
 
 
 def in_strips(room: Room, strips: tuple[tuple[int, object], ...]) -> Room:
-    """The room with several projectors in its raster, of these columns and responses each."""
+    """The room with several projectors, of these columns and responses each; MIXED is one of other colours."""
     height = room.calibration.projector.height
-    responses = (each if isinstance(each, Response) else parse_response(each) for _, each in strips)
-    devices = tuple(Device(height, width, each) for (width, _), each in zip(strips, responses, strict=True))
+    devices = tuple(
+        Device(height, width, parse_response("linear"), None, COLOUR)
+        if response == MIXED
+        else Device(height, width, response if isinstance(response, Response) else parse_response(response))
+        for width, response in strips
+    )
     assert sum(width for width, _ in strips) == room.calibration.projector.width
     return replace(room, calibration=replace(room.calibration, projectors=devices))
 

@@ -26,7 +26,7 @@ from tests.coloured_rooms import with_mixing
 from tests.cubes import UNIT, write_cube
 from tests.programs import python
 from tests.refined_rooms import physical_room
-from tests.rooms import CAMERA, SEGMENTED, UNLIKE, in_strips, random_room, rgb_frame, yuv_frame
+from tests.rooms import CAMERA, MIXED, SEGMENTED, UNLIKE, in_strips, random_room, rgb_frame, yuv_frame
 
 ATOL = 1e-5  # as the shaders': float32 in sums of at most a few hundred terms of at most a few units
 STEPPED = 1e-4  # eight steps, each of which reads what the one before has rounded
@@ -134,7 +134,7 @@ def test_refined_film_is_the_twins(rng: np.random.Generator, start: str, drawn: 
         np.testing.assert_allclose(ours.gap, meant.gap, rtol=STEPPED, atol=STEPPED)
 
 
-@pytest.mark.parametrize("strips", [None, UNLIKE, SEGMENTED])
+@pytest.mark.parametrize("strips", [None, UNLIKE, SEGMENTED, ((6, MIXED), (7, "srgb"))])
 @pytest.mark.parametrize("dither", DITHERS)
 def test_dithers_are_the_twins(
     rng: np.random.Generator, dither: str, strips: tuple[tuple[int, object], ...] | None

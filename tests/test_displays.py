@@ -1,5 +1,6 @@
 """Several projectors: their raster, joint transport and map, and what cannot be joined."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from counterlight.show.room_in_use import RoomInUse
 from counterlight.tools.inverse.inverse import InverseOptions, invert_near_light
 from counterlight.tools.solve.quality import psnr
 from counterlight.tools.transport.joining import join_transports
-from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport, channel, channels
 from tests.joint_rooms import CAMERA, LEFT, RIGHT, join, write_halves
 from tests.programs import fail, succeed
@@ -121,6 +122,26 @@ def test_monitors_are_written_and_read(tmp_path: Path) -> None:
     (joint / "calibration.toml").write_text(text.replace('monitor = "B"', "monitor = 2"))
     with pytest.raises(InputError, match=r"projectors 2, monitor: found 2, expected a text"):
         calibration.read(joint)
+
+
+def test_colour_matrices_are_written_and_read(tmp_path: Path) -> None:
+    colour = ((0.75, 0.25, 0.0), (0.0, 0.875, 0.125), (0.125, 0.125, 0.75))
+    joint = calibration.read(join(write_halves(tmp_path), tmp_path / "joint"))
+    left, right = joint.calibration.projectors
+    turned = replace(joint.calibration, projectors=(left, replace(right, colour=colour)))
+    transport = read_transport(joint)
+    with calibration.writing(joint.folder, turned, force=True) as stage:
+        write_transport(transport, stage)
+    assert calibration.read(joint.folder).calibration.projectors == turned.projectors
+    text = (joint.folder / "calibration.toml").read_text()
+    for old, new, complaint in (
+        ("0.875", "0.8", "projectors 2, colour .*: expected three rows of three numbers, none below 0, each of sum 1"),
+        ("0.875", "-0.875", "projectors 2, colour: found .*, expected 3 numbers from 0 to 1"),
+    ):
+        assert old in text
+        (joint.folder / "calibration.toml").write_text(text.replace(old, new))
+        with pytest.raises(InputError, match=complaint):
+            calibration.read(joint.folder)
 
 
 def test_joint_rooms_are_joined_in_turn(tmp_path: Path, rng: np.random.Generator) -> None:

@@ -60,17 +60,22 @@ def test_a_white_segment_that_cannot_be_is_refused(samples: object) -> None:
         read_response(Table({"white_segment": samples}, "here", "fix"))
 
 
-def test_a_raster_is_encoded_and_read_back_strip_by_strip(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("mixed", [False, True])
+def test_a_raster_is_encoded_and_read_back_strip_by_strip(rng: np.random.Generator, mixed: bool) -> None:
     responses = tuple(parse_response(value) for value in ("srgb", 1.4, [[0, 0, 0], [0.2, 0.5, 0.7], [1, 1, 1]], "srgb"))
-    raster = RasterResponse(responses, (3, 5, 2, 4))
+    turned = ((0.75, 0.25, 0.0), (0.0, 0.875, 0.125), (0.125, 0.125, 0.75))
+    colours = (None, turned, None, turned) if mixed else ()
+    raster = RasterResponse(responses, (3, 5, 2, 4), colours)
     drive = rng.uniform(size=(6, 14, 3))
     codes = encoded_drive(drive, raster)
     lefts = (0, 3, 8, 10, 14)
-    for response, left, right in zip(responses, lefts, lefts[1:], strict=False):
-        own = np.s_[:, left:right]
-        np.testing.assert_array_equal(codes[own], encode(drive[own], response.inverse_table()))
-        np.testing.assert_allclose(raster.to_linear(codes)[own], response.to_linear(codes[own] / 255), atol=1e-15)
-    assert len(raster.inverse_tables()) == 3  # the two that are alike share one
+    for number, response in enumerate(responses):
+        own = np.s_[:, lefts[number] : lefts[number + 1]]
+        D = np.array(colours[number]) if mixed and number % 2 else np.eye(3)
+        np.testing.assert_array_equal(codes[own], encode(drive[own] @ D.T, response.inverse_table()))
+        found = raster.to_linear(codes)[own] @ D.T
+        np.testing.assert_allclose(found, response.to_linear(codes[own] / 255), atol=1e-12)  # D and its inverse
+    assert len(raster.inverse_tables()) == (4 if mixed else 3)  # the two that are alike share one
 
 
 def test_three_column_tables_act_per_channel() -> None:

@@ -81,10 +81,13 @@ class _Encoder:
         own, defines = self._owner.own, {} if dither == "none" else {f"DITHER_{dither.upper()}": None}
         try:
             self._inputs = {"inverse_response": own(picture_texture(context, response.inverse_tables()))}
-            if len(response.distinct) > 1:
+            if response.of_column.any():
                 defines["SEVERAL"] = None
                 columns = response.of_column.astype(np.uint32)[None]
-                self._inputs["response_of_column"] = own(integer_texture(context, columns))
+                self._inputs["of_column"] = own(integer_texture(context, columns))
+            if response.matrices is not None:
+                defines["MIXED"] = None
+                self._inputs["colours"] = own(picture_texture(context, response.matrices))
             segments = response.segment_tables()
             if segments is not None:
                 defines["SEGMENT"] = None

@@ -345,11 +345,16 @@ def clip_sums(
         out[i] = total
 
 
-@kernel(f"{PICTURE}, {PICTURE}, int32[::1], float32[:, :, :, ::1], float32, int64, uint32, {PLANE}, uint8[:, :, ::1]")
+@kernel(
+    f"{PICTURE}, {PICTURE}, int32[::1], {PICTURE}, boolean, float32[:, :, :, ::1], float32, int64, uint32, {PLANE}, "
+    "uint8[:, :, ::1]"
+)
 def encode(
     light: Picture,
     codes: Picture,
-    response_of_column: Whole,
+    of_column: Whole,
+    colours: Picture,
+    mixes: Any,
     segments: Picture,
     scale: Any,
     dither: Any,
@@ -359,17 +364,25 @@ def encode(
 ) -> None:
     """Linear light -> code values (encode).
 
-    codes : (responses, 3, samples) over √light.  segments : (responses, 2, 3, samples), or none.
+    codes : (projectors, 3, samples) over √light.  colours : (projectors, 3, 3), if light mixes.
+    segments : (projectors, 2, 3, samples), or none.
     thresholds : of ORDERED, repeated.
     """
     for y in numba.prange(out.shape[0]):
         for x in range(out.shape[1]):
-            seed, row = np.uint32(0), response_of_column[x]
+            seed, own = np.uint32(0), of_column[x]
             if dither == NOISE:
                 seed = _scrambled(np.uint32(x) + _scrambled(np.uint32(y) + _scrambled(frame)))
-            roots = _root(light[y, x, 0], scale), _root(light[y, x, 1], scale), _root(light[y, x, 2], scale)
+            red, green, blue = light[y, x, 0], light[y, x, 1], light[y, x, 2]
+            if mixes:
+                red, green, blue = (
+                    colours[own, 0, 0] * red + colours[own, 0, 1] * green + colours[own, 0, 2] * blue,
+                    colours[own, 1, 0] * red + colours[own, 1, 1] * green + colours[own, 1, 2] * blue,
+                    colours[own, 2, 0] * red + colours[own, 2, 1] * green + colours[own, 2, 2] * blue,
+                )
+            roots = _root(red, scale), _root(green, scale), _root(blue, scale)
             if segments.shape[0] > 0:
-                roots = _without_segment(roots, segments[row])
+                roots = _without_segment(roots, segments[own])
             threshold = np.float32(0.5)
             if dither == ORDERED:
                 threshold = thresholds[y % thresholds.shape[0], x % thresholds.shape[1]]
@@ -377,7 +390,7 @@ def encode(
                 if dither == NOISE:
                     hashed = _scrambled(seed + np.uint32(i)) >> np.uint32(9)
                     threshold = np.float32((np.float64(hashed) + 0.5) / 8388608.0)
-                value = looked_up(codes[row, i], roots[i]) * np.float32(255) + threshold
+                value = looked_up(codes[own, i], roots[i]) * np.float32(255) + threshold
                 out[y, x, i] = np.uint8(min(value, np.float32(255)))
 
 

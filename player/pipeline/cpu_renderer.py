@@ -193,17 +193,18 @@ def _samples(length: int, count: int, every: int, offset: float) -> tuple[Whole,
 class _Encoder(Held):
     def __init__(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> None:
         self._codes = np.ascontiguousarray(response.inverse_tables().swapaxes(1, 2))
-        self._response_of_column, segments = response.of_column, response.segment_tables()
-        none = np.zeros((0, 2, 3, 1), np.float32)
+        self._of_column, self._mixes = response.of_column, response.matrices is not None
+        self._colours = np.zeros((1, 3, 3), np.float32) if response.matrices is None else response.matrices
+        none, segments = np.zeros((0, 2, 3, 1), np.float32), response.segment_tables()
         self._segments = none if segments is None else np.ascontiguousarray(segments.swapaxes(2, 3))
         self._scale, self._dither = np.float32(scale), DITHERS[dither]
         self._thresholds = reference.bayer(8, 8)[..., 0].astype(np.float32)
         self._target = np.zeros((*shape, 3), np.uint8)
 
     def run(self, light: Picture, frame: int) -> NDArray[np.uint8]:
+        projectors = self._codes, self._of_column, self._colours, self._mixes, self._segments
         dithered = self._dither, np.uint32(frame & 0xFFFFFFFF), self._thresholds
-        told = self._codes, self._response_of_column, self._segments
-        compiled.encode(light, *told, self._scale, *dithered, self._target)
+        compiled.encode(light, *projectors, self._scale, *dithered, self._target)
         return self._target
 
 

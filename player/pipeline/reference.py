@@ -296,19 +296,23 @@ def encode(
     scale: float = 1.0,
     dither: str = "none",
     frame: int = 0,
-    response_of_column: NDArray[np.int32] | None = None,
+    of_column: NDArray[np.int32] | None = None,
+    colours: FloatArray | None = None,
     segments: FloatArray | None = None,
 ) -> NDArray[np.uint8]:
     """Linear light -> 8-bit code values (encode.frag).
 
-    inverse_response : (samples, 3) code values over √light 0..1, or (responses, samples, 3) where columns differ, and
-    response_of_column says which one each has.  scale : light of a white pixel.  dither : "ordered", "noise" or "none".
-    segments : (responses, 2, samples, 3), as `WhiteSegment.tables`, light that is taken out of the primaries.
+    inverse_response : (samples, 3) code values over √light 0..1, or (projectors, samples, 3) where columns differ, and
+    of_column says which one each is of.  scale : light of a white pixel.  dither : "ordered", "noise" or "none".
+    colours : (projectors, 3, 3), what each shows of its own primaries for light of those that all share.
+    segments : (projectors, 2, samples, 3), as `WhiteSegment.tables`, light that is taken out of the primaries.
     """
+    if colours is not None and of_column is not None:
+        light = np.einsum("xkl,yxl->yxk", colours[of_column], light)
     root = np.sqrt(np.clip(light / scale, 0, 1))
     codes = np.empty(root.shape)
     for number, table in enumerate(inverse_response if inverse_response.ndim == 3 else inverse_response[None]):
-        own = slice(None) if response_of_column is None else response_of_column == number
+        own = slice(None) if of_column is None else of_column == number
         if segments is not None:
             root[:, own] = _without_segment(root[:, own], segments[number])
         grid = np.linspace(0, 1, len(table))
@@ -333,7 +337,7 @@ def _without_segment(root: FloatArray, tables: FloatArray) -> FloatArray:
 def encoded_drive(drive: FloatArray, response: RasterResponse) -> NDArray[np.uint8]:
     """The code values of a raster's drive, without dithering."""
     tables, segments = response.inverse_tables(), response.segment_tables()
-    return encode(drive, tables, response_of_column=response.of_column, segments=segments)
+    return encode(drive, tables, of_column=response.of_column, colours=response.matrices, segments=segments)
 
 
 def reach_of(

@@ -1,6 +1,7 @@
 """The pipeline of renderer.py over the twins of the shaders, in numpy: what both backends are held to."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -98,8 +99,9 @@ class ReferenceDevice:
         return Adapter(near_light, ambient.astype(np.float64), most, white)
 
     def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> Operation:
-        tables, columns, segments = response.inverse_tables(), response.of_column, response.segment_tables()
-        return Function(lambda light, frame: reference.encode(light, tables, scale, dither, frame, columns, segments))
+        encode = partial(reference.encode, colours=response.matrices, segments=response.segment_tables())
+        tables, of_column = response.inverse_tables(), response.of_column
+        return Function(lambda light, frame: encode(light, tables, scale, dither, frame, of_column))
 
     def stepper(
         self, shape: tuple[int, int], step_size: FloatArray, prior: Mapping[str, NDArray[np.float32]]

@@ -19,7 +19,18 @@ from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.room import DITHERS
 from counterlight.response import parse_response
 from tests.renderers import both, read
-from tests.rooms import CAMERA, PROJECTOR, SEGMENTED, UNLIKE, in_strips, random_map, random_room, rgb_frame, yuv_frame
+from tests.rooms import (
+    CAMERA,
+    MIXED,
+    PROJECTOR,
+    SEGMENTED,
+    UNLIKE,
+    in_strips,
+    random_map,
+    random_room,
+    rgb_frame,
+    yuv_frame,
+)  # fmt: skip
 
 FLOAT_ATOL = 1e-5  # the bound; float32 sums of at most 20 terms of size 3 are far below
 CODE_ATOL = 1  # a float32 rounding may tip one code value
@@ -206,7 +217,8 @@ def test_each_part_of_a_raster_is_encoded_for_its_own_projector(
 ) -> None:
     alone = random_room(rng, far=False, dither=dither)
     frame, shown = yuv_frame(rng, (9, 15)), {}
-    for name, each in (("unlike", strips), ("alike", tuple((width, "srgb") for width, _ in strips))):
+    alike = tuple((width, "srgb") for width, _ in strips)
+    for name, each in (("unlike", strips), ("alike", alike), ("mixed", ((6, MIXED), (7, "srgb")))):
         with both(gl_context, in_strips(alone, each), frame) as (gl, twin):
             for renderer in (gl, twin):
                 renderer.render("projector", compensate=True, frame=7)
@@ -215,10 +227,9 @@ def test_each_part_of_a_raster_is_encoded_for_its_own_projector(
     with both(gl_context, alone, frame) as (gl, _):
         gl.render("projector", compensate=True, frame=7)
         np.testing.assert_array_equal(gl.encoded(), shown["alike"])
-    other = np.any(shown["unlike"] != shown["alike"], axis=(0, 2))
-    assert other[4:10].all()
-    assert not other[:4].any()
-    assert not other[10:].any()
+    for name, first, last in (("unlike", 4, 10), ("mixed", 0, 6)):
+        other = np.any(shown[name] != shown["alike"], axis=(0, 2))
+        np.testing.assert_array_equal(np.flatnonzero(other), np.arange(first, last))
 
 
 @pytest.mark.parametrize("dither", ["ordered", "noise"])

@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from counterlight import calibration as calibrations
+from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.maps.row_map import SparseRows
 from counterlight.pipeline.colour import LUMINANCE
 from counterlight.pipeline.content import BRIGHT_PERCENTILE
 from counterlight.tools.choices import TOLERANCE
+from counterlight.tools.colour.shared import colour_matrices
 from counterlight.tools.factoring.factoring import Factoring, factored
 from counterlight.tools.transport.blurred import BlurredLight
 from counterlight.tools.transport.mask import FRACTION_OF_AMBIENT
@@ -57,9 +59,20 @@ def join_rooms(
     lines = [
         f"{output}: {len(joint.projectors)} projectors, {raster}, ambient light differs by {100 * difference:.2g} % of "
         "white",
+        *_told_colours(joint.projectors),
         *(f"{folder}: {done}" for folder, done in zip(folders, factorings, strict=True) if done.losses),
     ]
     return "\n".join(lines)
+
+
+def _told_colours(projectors: Sequence[Device]) -> list[str]:
+    """Of projectors whose primaries are not those that all share."""
+    return [
+        f"projector {number}: shows the primaries that all share by up to "
+        f"{100 * (1 - np.diag(each.colour).min()):.0f} % of another of its own"
+        for number, each in enumerate(projectors, 1)
+        if each.colour is not None
+    ]
 
 
 def _join(
@@ -69,20 +82,42 @@ def _join(
     stored = [calibrations.read(folder) for folder in folders]
     rooms = [one.calibration for one in stored]
     _check_cameras(stored)
-    projectors = with_monitors([device for room in rooms for device in room.projectors], monitors)
+    colours, primaries = _join_colours(stored)
+    devices = [_turned(device, D) for room, D in zip(rooms, colours, strict=True) for device in room.projectors]
     provenance = "joined by counterlight join: " + "; ".join(f"{room.name} ({room.provenance})" for room in rooms)
     first = rooms[0]
     mask = np.any([room.mask for room in rooms], axis=0)
-    joint = Calibration(name, provenance, projectors, first.camera, first.ambient, mask, _join_primaries(rooms))
+    projectors = with_monitors(devices, monitors)
+    joint = Calibration(name, provenance, projectors, first.camera, first.ambient, mask, primaries)
     made = [factored(read_transport(one), one.calibration.ambient, tolerance) for one in stored]
     transport = join_transports([each for each, _ in made], [room.projector.shape for room in rooms])
     return joint, transport, _check_ambient(stored, transport.composition()), tuple(done for _, done in made)
 
 
-def _join_primaries(rooms: Sequence[Calibration]) -> NDArray[np.float32] | None:
-    """The light of each primary of all projectors together, None unless it was measured of all."""
+def _join_colours(
+    stored: Sequence[StoredCalibration],
+) -> tuple[tuple[FloatArray | None, ...], NDArray[np.float32] | None]:
+    """The colour matrix of each room, and the light of each shared primary of all together.
+
+    None of either unless the primaries were measured of all rooms.
+    """
+    rooms = [one.calibration for one in stored]
     found = [room.primaries for room in rooms if room.primaries is not None]
-    return np.sum(found, axis=0, dtype=np.float32) if len(found) == len(rooms) else None
+    if len(found) < len(rooms):
+        return (None,) * len(rooms), None
+    colours = colour_matrices(found, [room.mask for room in rooms], [f"{one.folder}" for one in stored])
+    shown = [
+        light if D is None else np.einsum("ml,mhwk->lhwk", D, light) for light, D in zip(found, colours, strict=True)
+    ]
+    return colours, np.sum(shown, axis=0).astype(np.float32)
+
+
+def _turned(projector: Device, D: FloatArray | None) -> Device:
+    """A projector that shows the primaries that its room has by D of them."""
+    if D is None:
+        return projector
+    turned = D if projector.colour is None else np.array(projector.colour) @ D
+    return replace(projector, colour=tuple(tuple(float(value) for value in row) for row in turned))
 
 
 def join_transports(transports: Sequence[Transport], shapes: Sequence[tuple[int, int]]) -> Transport:

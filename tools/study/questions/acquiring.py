@@ -75,7 +75,7 @@ def _fit(place: Place) -> Place:
 
 def _acquired(place: Place, way: Way) -> Answer:
     room = place.calibration
-    seen = SimulatedRoom(room.name, place.transport, room.ambient, room.projector.shape, room.projector.response)
+    seen = SimulatedRoom(room.name, place.transport, room.ambient, room.projector.shape, room.response)
     camera = SimulatedCamera(seen, replace(CameraSettings(), exposures=(1.0,) * way.shots))
     done = acquire(camera, MemoryStore(camera.exposures), way.make(), room.projector.shape)
     found = replace(room, ambient=done.room.black.astype(np.float32))

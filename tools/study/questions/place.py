@@ -97,7 +97,7 @@ def made_coarser(
     small = replace(
         calibration,
         camera=replace(calibration.camera, height=seen.coarse[0], width=seen.coarse[1]),
-        projectors=(replace(calibration.projector, height=shown.coarse[0], width=shown.coarse[1]),),
+        projectors=(replace(calibration.projectors[0], height=shown.coarse[0], width=shown.coarse[1]),),
         ambient=seen.mean(calibration.ambient).astype(np.float32),
         mask=seen.mean(calibration.mask.astype(np.float64)) == 1,
         primaries=primaries if primaries is None else np.stack([seen.mean(each) for each in primaries]).astype("f4"),

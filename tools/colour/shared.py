@@ -1,0 +1,107 @@
+"""Primaries that projectors of different colours share, and how each shows them (thesis 4.1.2, eq. 4.5).
+
+On a white screen projector i shows N_i diag(w_i) p of its drive p, N_i the chromaticities of its primaries, columns of
+sum 1, and w_i how bright they are. Nine matrices for each would be needed, were it not that with
+
+    p = D_i q,    D_i = diag(w_i)⁻¹ N_i⁻¹ G S_i,    S_i = diag(G⁻¹ N_i w_i)
+
+all of them show G S_i q: the same three colours, and q = 1 is each one's own white. Each column of G is the nearest to
+the mean of the projectors' primaries that all can show, N_i⁻¹ G ≥ 0.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from counterlight.arrays import BoolArray, FloatArray
+from counterlight.errors import InputError
+from counterlight.maps.mixing import invertible
+from counterlight.pipeline.content import BRIGHT_PERCENTILE
+from counterlight.tools.colour.neutral import DARK, neutral_mixing
+
+ALIKE = 0.003  # of a primary's light in the wrong channel: 50 dB, as in tiers.py
+BORDER = 1e-6  # of D: a gamut's border is met up to rounding
+FEWEST = 16  # camera pixels that tell how two whites differ
+
+
+def colour_matrices(
+    primaries: Sequence[NDArray[np.floating]], masks: Sequence[BoolArray], names: Sequence[str]
+) -> tuple[FloatArray | None, ...]:
+    """D of each projector, (3, 3) ≥ 0 with rows of sum 1; None where the shared primaries are its own.
+
+    None for all where some projector's primaries cannot be told apart: colour is left aside then (tiers.py).
+
+    primaries : of each, (3, camera height, camera width, 3), light above ambient.  masks : where each lights the scene.
+    Raises InputError, with the projectors' names, for primaries that have no white in common.
+    """
+    neutral = [neutral_mixing(light, mask) for light, mask in zip(primaries, masks, strict=True)]
+    if not all(map(invertible, neutral)):
+        return (None,) * len(names)
+    chromaticities = [mixing / mixing.sum(axis=0) for mixing in neutral]
+    G = _shared(chromaticities)
+    found = [_matrix(N, white, G) for N, white in zip(chromaticities, _whites(primaries, masks), strict=True)]
+    for name, D in zip(names, found, strict=True):
+        if D is None:
+            raise InputError(
+                f"{name}: the colours of {', '.join(names)} have no white in common; set the projectors' colour modes "
+                "alike and acquire them again"
+            )
+    return tuple(None if D is None or np.abs(D - np.eye(3)).max() <= ALIKE else D for D in found)
+
+
+def _matrix(N: FloatArray, white: FloatArray, G: FloatArray) -> FloatArray | None:
+    """D of chromaticities N and a white, (3,), for shared primaries G; None where a share would be below 0."""
+    if not invertible(G):
+        return None
+    shares, w = np.linalg.solve(G, white), np.linalg.solve(N, white)
+    if min(shares.min(), w.min()) <= 0:
+        return None
+    D = np.linalg.solve(N * w, G * shares)
+    if D.min() < -BORDER:
+        return None
+    D = np.maximum(D, 0)
+    return np.asarray(D / D.sum(axis=1, keepdims=True))
+
+
+def _shared(chromaticities: Sequence[FloatArray]) -> FloatArray:
+    """G: of each primary the mean, or what is nearest to it within every gamut, columns of sum 1 (0 if there is none).
+
+    min ‖x − x₀‖ for A x ≥ 0 by non-negative least squares (Lawson and Hanson 1974, chapter 23).
+    """
+    mean = np.mean(chromaticities, axis=0)
+    A = np.concatenate([np.linalg.inv(N) for N in chromaticities])
+    columns = []
+    for wanted in mean.T:
+        E = np.vstack([A.T, -A @ wanted])
+        u, _ = nnls(E, np.array([0.0, 0.0, 0.0, 1.0]))
+        residual = E @ u - [0.0, 0.0, 0.0, 1.0]
+        nearest = wanted - residual[:3] / residual[3]
+        columns.append(nearest / max(nearest.sum(), np.finfo(float).tiny))
+    return np.stack(columns, axis=1)
+
+
+def _whites(primaries: Sequence[NDArray[np.floating]], masks: Sequence[BoolArray]) -> list[FloatArray]:
+    """Each projector's white on a neutral surface as the camera sees it, (3,), against the first one's.
+
+    Where two light the same place paint cancels; where none lights what another does, it does not matter.
+    """
+    floodlights = [np.asarray(light, np.float64).sum(axis=0) for light in primaries]
+    lit = [_well_lit(light, mask) for light, mask in zip(floodlights, masks, strict=True)]
+    whites: dict[int, FloatArray] = {0: np.ones(3)}
+    while len(whites) < len(floodlights):
+        pairs = [(known, new) for known in whites for new in range(len(floodlights)) if new not in whites]
+        known, new = max(pairs, key=lambda pair: np.count_nonzero(lit[pair[0]] & lit[pair[1]]))
+        both = lit[known] & lit[new]
+        whites[new] = np.ones(3)
+        if np.count_nonzero(both) >= FEWEST:
+            tint = np.median(np.log(floodlights[new][both] / floodlights[known][both]), axis=0)
+            whites[new] = whites[known] * np.exp(tint - tint.mean())
+    return [whites[number] for number in range(len(floodlights))]
+
+
+def _well_lit(floodlight: FloatArray, mask: BoolArray) -> BoolArray:
+    inside = floodlight[mask]
+    bright = np.percentile(inside, BRIGHT_PERCENTILE, axis=0) if len(inside) else np.ones(3)
+    return np.asarray(mask & (floodlight > DARK * bright).all(axis=2) & (bright > 0).all())
