@@ -79,7 +79,7 @@ def _study(options: StudyOptions, stage: Path) -> Iterator[str]:
     for place in options.places:
         with closing(open_room(place, options.size, options.colour)) as room:
             found = study_room(room, options.pictures, catalogue(), uncut_knobs(), options.patience_s)
-            if room.given is not None:
+            if room.given is not None and len(room.tier.calibration.cameras) == 1:
                 asked.append(ask(room, room.given, options.pictures[:ASKED_PICTURES], found.rows, options.colour))
         figures.append(found)
         yield f"{found.name}: {len(found.rows)} figures, {len(found.skipped)} methods not for it"
