@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from tests.figures.__main__ import CommandFailedError, told
 from tests.figures.cells import agree, columns, differences, last_digit, like, markdown, pattern, renamed
 from tests.figures.rows import ROWS, SOLVED, Figures
 from tests.programs import ROOT
@@ -126,3 +127,20 @@ def test_times_agree_to_a_factor_of_two() -> None:
 
 def test_a_pattern_gives_its_groups() -> None:
     assert pattern(a=r"(\d+) of (\d+)", b="x(y)")("3 of 4") == {"a": "3 4"}
+
+
+def test_a_command_that_fails_leaves_its_figures_unchecked(capsys: pytest.CaptureFixture[str]) -> None:
+    row = Figures("README.md", ('python -c "raise SystemExit(3)"',), 1, pattern(a="(x)"), pattern(a="(x)"))
+    with pytest.raises(CommandFailedError, match="ended with exit code 3"):
+        list(told(row))
+    assert "stale" not in capsys.readouterr().out
+
+
+def test_what_commands_print_and_write_is_compared_with_the_page(capsys: pytest.CaptureFixture[str]) -> None:
+    """Two programs of one line, one of which writes a file, against the README's first heading."""
+    commands = 'python -c "print(12)"', "python -c \"open('f', 'w').write('Counterlight 7')\""
+    row = Figures("README.md", commands, 1, pattern(name="# (Counterlight)"), pattern(name="(Counterlight)"), ("f",))
+    assert list(told(row)) == []
+    other = Figures("README.md", commands, 1, pattern(name="# (Counterlight)"), pattern(name="(1.)"), ("f",))
+    assert [each.found for each in told(other)] == ["12"]
+    assert "stale: name: the page says Counterlight, found 12" in capsys.readouterr().out

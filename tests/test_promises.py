@@ -81,6 +81,14 @@ def until(stage: Stage, reached: Callable[[], bool]) -> None:
     raise AssertionError("never")
 
 
+def test_statistics_at_the_end_of_a_show_say_where_its_pictures_stood() -> None:
+    stage = Stage(Reader(count=3), usual=4, appraised=True)
+    facts = stage.show.run(limit=1).facts["refinement"]
+    assert facts["below_optimum_db"] == pytest.approx(1 / 5)
+    assert (facts["steps"], facts["squares_solved"], facts["squares"]) == (4, 4, 4)
+    assert "below_optimum_db" not in Stage(Reader(count=3), usual=4).show.run(limit=1).facts["refinement"]
+
+
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("promises") / "room"

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 
 from counterlight.errors import InputError
@@ -13,17 +14,18 @@ from counterlight.show.lookup import LookUp
 
 INTERVAL_S = 0.5  # between two measurements, at least
 ASKED_S = 10.0  # for which a remote that has asked where the picture stands is taken to go on asking
+LAST_S = 30.0  # how long the end of a show waits for an estimate
 REST = 50  # times what reading a snapshot back took: a fiftieth of the show's time
 
 
 class Appraisal:
-    """estimate : of a snapshot, run by a thread of its own.  clock : seconds, monotonic."""
+    """estimate : of a snapshot, run by a thread that then rests for as long.  clock : seconds, monotonic."""
 
     def __init__(self, estimate: Callable[[Snapshot], Shortfall], clock: Callable[[], float]) -> None:
         self.certificate: Certificate | None = None
         self.shortfall: Shortfall | None = None
         self._estimate, self._clock = estimate, clock
-        self._measured_at = self._next_at = self._asked_at = float("-inf")
+        self._measured_at = self._next_at = self._asked_at = self._began_at = float("-inf")
         self._running: LookUp[Shortfall] | None = None
 
     def ask(self) -> Shortfall | None:
@@ -53,6 +55,7 @@ class Appraisal:
             self.shortfall = None
             return
         self.certificate, self._measured_at = snapshot.certificate, self._clock()
+        self._began_at = self._measured_at
         self._running = LookUp(partial(self._estimate, snapshot))
 
     def poll(self, governor: Governor) -> None:
@@ -64,7 +67,16 @@ class Appraisal:
             raise
         if found is not None:
             self._running, self.shortfall = None, found
+            self._next_at = max(self._next_at, 2 * self._clock() - self._began_at)
             governor.judged(found)
+
+    def conclude(self, renderer: Renderer) -> None:
+        """Wait for an estimate if there is none: the show is over."""
+        if self.shortfall is None:
+            self._next_at = float("-inf")
+            self.look(renderer)
+            with suppress(InputError):
+                self.shortfall = None if self._running is None else self._running.result(LAST_S)
 
     def to_dict(self) -> dict[str, float | int | None]:
         """For JSON, what is known."""

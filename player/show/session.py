@@ -117,6 +117,8 @@ class Session:
             self.stats.facts["drift"] = self.room.drifted
         if self._draws:
             self.certificate(max_age_s=0.0)
+            if self._appraised and self._uploaded:
+                self.appraisal.conclude(self.renderer)
             self.stats.facts["gpu_path"] = self.renderer.path.to_dict()
             steps = round(self._steps_made / self._draws, 1)
             self.stats.facts["refinement"] = {"steps": steps, **self.appraisal.to_dict()}
