@@ -60,7 +60,7 @@ def test_tables_are_read_by_their_headers_and_blank_labels_repeat_what_is_above(
 
 
 def test_tables_in_columns_are_read_by_first_words() -> None:
-    lines = "head", "solver   PSNR dB  SSIM", "none       9.62  0.2", "   a note", "map       33.36  0.8"
+    lines = "head", "solver   PSNR dB   SSIM", "none       9.62 0.2", "   a b", "   map 3 x", "map       33.36  0.8"
     text = "\n".join([*lines, "", "solver  PSNR dB  SSIM", "map  1.0  2.0"])
     read = columns("solver", {"map": ("map", 1), "`map`, cut": ("map", 2), "gone": ("svd", 1)})
     assert read(text) == {

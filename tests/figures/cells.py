@@ -62,7 +62,7 @@ def _tables(text: str, beginning: str) -> Iterator[list[list[str]]]:
 
 
 def columns(beginning: str, named: Mapping[str, tuple[str, int]]) -> Reader:
-    """Cells of tables whose columns are apart by two blanks or more, as a command prints them.
+    """Cells of tables in columns, as a command prints them: names are apart by two blanks, numbers by one.
 
     beginning : of the header's line.  named : what a row is called -> its first word, and which such row it is, from 1.
     """
@@ -71,10 +71,10 @@ def columns(beginning: str, named: Mapping[str, tuple[str, int]]) -> Reader:
         head: Sequence[str] = ()
         rows: dict[tuple[str, int], dict[str, str]] = {}
         for line in text.splitlines():
-            cells = re.split(r" {2,}", line.strip())
+            cells = line.split()
             if line.startswith(beginning):
-                head = cells
-            elif head and len(cells) == len(head):
+                head = re.split(r" {2,}", line.strip())
+            elif len(cells) == len(head) > 0 and all(re.fullmatch(r"[-+\d.e]+", cell) for cell in cells[1:]):
                 count = sum(word == cells[0] for word, _ in rows) + 1
                 rows[cells[0], count] = dict(zip(head, cells, strict=True))
         return {

@@ -48,7 +48,8 @@ def noisy(T: Transport, rng: np.random.Generator) -> Transport:
 def losses(T: Transport, found: Transport) -> FloatArray:
     """dB below T's optimum, of the pictures of losses.py."""
     assert T.camera is not None
-    mask = directly_lit(T, np.zeros((*T.camera, 3)))
+    assert T.projector is not None
+    mask = directly_lit(T, np.zeros((*T.camera, 3)), T.projector)
     desired, white = asked(T, mask).desired, reachable_white(T.composition().reshape(*T.camera, 3), mask)
     below = []
     for picture in desired.transpose(2, 0, 1).reshape(-1, *T.camera, 3):
