@@ -260,7 +260,7 @@ def test_media_that_may_not_be_named_are_refused_at_once(tmp_path: Path) -> None
     (tmp_path / "inside.mkv").write_bytes(b"x")
     media = Media(Border((str(tmp_path),)))
     stage = Stage(Reader("a", count=1000))
-    stage.session.programme._opener = media
+    stage.session.programme.opener = media
     for name, why in {
         "lavfi:testsrc": "only the command line may name devices and filters",
         "udp://127.0.0.1:9": "add --allow-live",

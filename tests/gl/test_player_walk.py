@@ -170,7 +170,7 @@ def test_every_documented_command_and_property(xvfb: str, small_room: Path, fold
     assert {name: found[name] for name in expected} == expected
     assert len(found["playlist"]) == 3
     assert found["refine"] == 8
-    assert 0 < found["gap"] < np.inf
+    assert 0 <= found["gap"] < np.inf  # 0 where the clip has just begun: darker than the room, whatever is shown
     assert 10 < found["psnr"] < 80
     assert len(found["corners"]) == 4
     assert (small_room / "placement.toml").exists()

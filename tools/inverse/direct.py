@@ -17,7 +17,7 @@ def direct_mapping(dual: Transport, composition: FloatArray, heard: FloatArray) 
     most = lit_most(dual)
     asking = np.flatnonzero(most >= 0)
     light = composition[most[asking]]
-    inverse = np.divide(1.0, light, out=np.zeros_like(light), where=light > FAINTEST * composition.max(initial=0.0))
+    inverse = np.divide(1.0, light, out=np.zeros(light.shape), where=light > FAINTEST * composition.max(initial=0.0))
     inverse = inverse * heard[asking]
     starts = np.searchsorted(asking, np.arange(dual.shape[0] + 1))
     return SparseRows(starts, most[asking].astype(np.int32), inverse, dual.shape[1])
