@@ -2,14 +2,18 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import moderngl
 import numpy as np
 
 from counterlight.gl.renderer import GlRenderer
+from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
+from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.reference_renderer import ReferenceRenderer
 from counterlight.pipeline.room import Room
+from counterlight.pipeline.shortfall import Snapshot
 
 
 @contextmanager
@@ -30,3 +34,14 @@ def both(
 def read(texture: moderngl.Texture, dtype: type = np.float32) -> np.ndarray:
     """Colours (height, width, 3) of a texture of four channels."""
     return np.frombuffer(texture.read(), dtype).reshape(texture.height, texture.width, 4)[..., :3]
+
+
+def drawn(room: Room, picture: np.ndarray, start: str, steps: int) -> tuple[Snapshot, np.ndarray]:
+    """What is read back of a picture of radiance after so many steps, and b, (camera pixels, 3)."""
+    renderer, frame = CpuRenderer(replace(room, start=start)), radiance_frame(picture)
+    renderer.open(frame.format)
+    renderer.upload(frame)
+    renderer.render("projector", compensate=True, steps=steps)
+    found = renderer.snapshot()
+    assert found is not None
+    return found, (renderer.desired() - room.ambient).reshape(-1, 3).astype(float)

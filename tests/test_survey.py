@@ -8,7 +8,6 @@ import pytest
 from counterlight import calibration
 from counterlight.maps import room_maps as maps
 from counterlight.maps.room_maps import RefinementMaps
-from counterlight.media.frames import radiance_frame
 from counterlight.pipeline import survey as surveys
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.reference_renderer import ReferenceRenderer
@@ -22,6 +21,7 @@ from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, objective_of
 from counterlight.tools.transport.storage import read_transport
 from tests.refined_rooms import physical_room
+from tests.renderers import drawn
 from tests.rooms import write_blurred_room
 from tests.test_refinement import best_errors, desired, light
 
@@ -46,18 +46,6 @@ def letters(room: Room, rng: np.random.Generator) -> np.ndarray:
     height, width = room.calibration.camera.shape
     blocks = rng.choice([0.02, 0.3, 0.9], (-(-height // 6), -(-width // 6), 3))
     return room.white * np.kron(blocks, np.ones((6, 6, 1)))[:height, :width].astype(np.float32)
-
-
-def drawn(room: Room, picture: np.ndarray, start: str, steps: int) -> tuple[Snapshot, np.ndarray]:
-    """What is read back after so many steps, and b."""
-    renderer = CpuRenderer(replace(room, start=start))
-    frame = radiance_frame(picture)
-    renderer.open(frame.format)
-    renderer.upload(frame)
-    renderer.render("projector", compensate=True, steps=steps)
-    found = renderer.snapshot()
-    assert found is not None
-    return found, (renderer.desired() - room.ambient).reshape(-1, 3).astype(float)
 
 
 def of(room: Room, found: Snapshot) -> Shortfall:

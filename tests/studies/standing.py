@@ -7,17 +7,13 @@ Nothing here decides a test.
 
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from counterlight import calibration
-from counterlight.media.frames import radiance_frame
-from counterlight.pipeline.cpu_renderer import CpuRenderer
-from counterlight.pipeline.room import Room, read_room
-from counterlight.pipeline.shortfall import Snapshot
+from counterlight.pipeline.room import read_room
 from counterlight.pipeline.survey import Survey
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.scene import load_scene
@@ -26,21 +22,11 @@ from counterlight.tools.study.pictures import find_pictures
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.storage import read_transport
 from tests.programs import succeed
+from tests.renderers import drawn
 
 PICTURES = ("photograph", "text")
 DRAWN = (("map", 0), ("previous", 1), ("previous", 4), ("previous-direct", 4), ("previous-direct", 8), ("previous", 16))
 TOLERANCE = 1e-5
-
-
-def shown(room: Room, start: str, steps: int, picture: np.ndarray) -> tuple[Snapshot, np.ndarray]:
-    """What is read back of a picture of radiance, and b, (camera pixels, 3)."""
-    renderer, frame = CpuRenderer(replace(room, start=start)), radiance_frame(picture)
-    renderer.open(frame.format)
-    renderer.upload(frame)
-    renderer.render("projector", compensate=True, steps=steps)
-    found = renderer.snapshot()
-    assert found is not None
-    return found, (renderer.desired() - room.ambient).reshape(-1, 3).astype(float)
 
 
 def rows(folder: Path) -> Iterator[tuple[str, str, int, float, float, float, str]]:
@@ -51,10 +37,10 @@ def rows(folder: Path) -> Iterator[tuple[str, str, int, float, float, float, str
     box, survey = Box(objective, tolerance=TOLERANCE), Survey(room.maps, room.white)
     for picture in find_pictures(PICTURES):
         radiance = (room.white * picture.at(stored.calibration.camera.shape)).astype(np.float32)
-        b = shown(room, "grey", 1, radiance)[1]
+        b = drawn(room, radiance, "grey", 1)[1]
         least = objective.certificate(box.solve(b).drive, b).error.sum()
         for start, steps in DRAWN:
-            found, _ = shown(room, start, steps, radiance)
+            found, _ = drawn(room, radiance, start, steps)
             error = objective.certificate(found.drive.reshape(-1, 3).astype(float), b).error.sum()
             estimate = survey.of(found)
             truth, bound = 10 * np.log10(error / least), found.certificate.decibels
