@@ -11,7 +11,7 @@ from counterlight.errors import InputError
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import SparseRows, pack
 from counterlight.media.video import Frame
-from counterlight.pipeline import reference, views
+from counterlight.pipeline import encoding, reference, views
 from counterlight.pipeline.adaptation import Limits, tone_of
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments, adjusted_decoding, adjusted_transfer
 from counterlight.pipeline.colour import decoding_of
@@ -275,7 +275,7 @@ def test_the_error_map_is_signed_scaled_and_says_what_does_not_count() -> None:
     reach = np.ones((1, 7, 4))
     reach[0, 6, 3] = 0
     light = reference.error_map(seen, ambient, b, reach, white) / white
-    codes = reference.encode(light, Response("srgb").inverse_table())
+    codes = encoding.encode(light, Response("srgb").inverse_table())
     between = [(np.array(end) + views.RIGHT) / 2 for end in (views.TOO_DARK, views.TOO_BRIGHT)]
     expected = [views.TOO_DARK, views.TOO_DARK, between[0], views.RIGHT, between[1], views.TOO_BRIGHT, views.UNLIT]
     np.testing.assert_allclose(codes[0], expected, atol=0.51)  # rounding to codes
@@ -318,7 +318,7 @@ def test_cards_are_what_their_names_say() -> None:
     ring = np.abs(np.hypot(rows + 2 - 59.5, columns + 2 - 79.5) - 54) < 1
     angles = np.arctan2(rows[ring] + 2 - 59.5, columns[ring] + 2 - 79.5)
     assert np.diff(np.sort(angles)).max() < 0.06  # round, and closed
-    codes = reference.encode(cards["grey"], Response("srgb").inverse_table())
+    codes = encoding.encode(cards["grey"], Response("srgb").inverse_table())
     np.testing.assert_allclose(np.unique(codes[0]), np.linspace(0, 255, 11), atol=0.51)
     assert np.unique(codes[60]).tolist() == [*range(5), *range(251, 256)]
     assert {tuple(pixel) for pixel in cards["bars"][0].tolist()} == {

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from counterlight import calibration
 from counterlight.arrays import FloatArray
-from counterlight.pipeline.reference import encoded_drive
+from counterlight.pipeline.encoding import encoded_drive
 from counterlight.response import Response
 from counterlight.tools import acquire_transport
 from counterlight.tools.acquisition import store

@@ -15,7 +15,7 @@ from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files.exr import write_rgb
 from counterlight.files.reading import read_toml
-from counterlight.pipeline.reference import encode
+from counterlight.pipeline.encoding import encode
 from counterlight.response import Response, named_response, projector_response
 from counterlight.tools.acquisition.captures import find_captures
 from counterlight.tools.acquisition.graycode import Decoded, decode

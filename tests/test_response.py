@@ -5,7 +5,7 @@ import pytest
 
 from counterlight.errors import InputError
 from counterlight.files.tables import Table
-from counterlight.pipeline.reference import encode, encoded_drive
+from counterlight.pipeline.encoding import encode, encoded_drive
 from counterlight.response import RasterResponse, parse_response, read_response, transfer_table
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from counterlight.media.frames import radiance_frame
-from counterlight.pipeline import adaptation, reference, reference_renderer
+from counterlight.pipeline import adaptation, encoding, reference, reference_renderer
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.reference_renderer import ReferenceRenderer
 from counterlight.pipeline.views import VIEWS
@@ -47,7 +47,9 @@ def test_the_renderer_without_opengl_runs_every_twin(rng: np.random.Generator, m
 
         return run
 
-    homes = {f"player/pipeline/{home.__name__.rpartition('.')[2]}.py": home for home in (adaptation, reference)}
+    homes = {
+        f"player/pipeline/{home.__name__.rpartition('.')[2]}.py": home for home in (adaptation, encoding, reference)
+    }
     twins = {twin: homes[file] for twin, file in named().values() if file in homes}
     for name in twins.keys() - {"PreparedRows"}:
         original = getattr(twins[name], name)

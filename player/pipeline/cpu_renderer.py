@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from counterlight.maps.row_map import RowMap, unpack
 from counterlight.media.frames import PixelFormat
-from counterlight.pipeline import compiled, compiled_colour, reference
+from counterlight.pipeline import compiled, compiled_colour, compiled_encoding, encoding
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.compiled_passes import NOTHING, PASSES, Drawn, Picture, Whole, clip_sums, flat
 from counterlight.pipeline.device import NearLight, Operation, Pass, Planes, StoredMaps
@@ -30,7 +30,7 @@ COMBINE = {
     "CLAMP": compiled.CLAMP,
 }
 AS_IT_IS = np.array([0, 1], np.float32)  # a transfer table that leaves codes codes
-DITHERS = {"none": compiled.NO_DITHER, "ordered": compiled.ORDERED, "noise": compiled.NOISE}
+DITHERS = {"none": compiled_encoding.NO_DITHER, "ordered": compiled_encoding.ORDERED, "noise": compiled_encoding.NOISE}
 
 
 class CpuRenderer(Renderer):
@@ -198,13 +198,13 @@ class _Encoder(Held):
         none, segments = np.zeros((0, 2, 3, 1), np.float32), response.segment_tables()
         self._segments = none if segments is None else np.ascontiguousarray(segments.swapaxes(2, 3))
         self._scale, self._dither = np.float32(scale), DITHERS[dither]
-        self._thresholds = reference.bayer(8, 8)[..., 0].astype(np.float32)
+        self._thresholds = encoding.bayer(8, 8)[..., 0].astype(np.float32)
         self._target = np.zeros((*shape, 3), np.uint8)
 
     def run(self, light: Picture, frame: int) -> NDArray[np.uint8]:
         projectors = self._codes, self._of_column, self._colours, self._mixes, self._segments
         dithered = self._dither, np.uint32(frame & 0xFFFFFFFF), self._thresholds
-        compiled.encode(light, *projectors, self._scale, *dithered, self._target)
+        compiled_encoding.encode(light, *projectors, self._scale, *dithered, self._target)
         return self._target
 
 

@@ -31,7 +31,6 @@ from counterlight.pipeline.views import (
     UNDER,
     error_colours,
 )
-from counterlight.response import RasterResponse
 
 FloatArray = NDArray[np.floating]
 TINY = 1e-12  # pixels: a width that may be divided by
@@ -290,56 +289,6 @@ def split(left: FloatArray, right: FloatArray, line: float) -> FloatArray:
     return result
 
 
-def encode(
-    light: FloatArray,
-    inverse_response: FloatArray,
-    scale: float = 1.0,
-    dither: str = "none",
-    frame: int = 0,
-    of_column: NDArray[np.int32] | None = None,
-    colours: FloatArray | None = None,
-    segments: FloatArray | None = None,
-) -> NDArray[np.uint8]:
-    """Linear light -> 8-bit code values (encode.frag).
-
-    inverse_response : (samples, 3) code values over √light 0..1, or (projectors, samples, 3) where columns differ, and
-    of_column says which one each is of.  scale : light of a white pixel.  dither : "ordered", "noise" or "none".
-    colours : (projectors, 3, 3), what each shows of its own primaries for light of those that all share.
-    segments : (projectors, 2, samples, 3), as `WhiteSegment.tables`, light that is taken out of the primaries.
-    """
-    if colours is not None and of_column is not None:
-        light = np.einsum("xkl,yxl->yxk", colours[of_column], light)
-    root = np.sqrt(np.clip(light / scale, 0, 1))
-    codes = np.empty(root.shape)
-    for number, table in enumerate(inverse_response if inverse_response.ndim == 3 else inverse_response[None]):
-        own = slice(None) if of_column is None else of_column == number
-        if segments is not None:
-            root[:, own] = _without_segment(root[:, own], segments[number])
-        grid = np.linspace(0, 1, len(table))
-        for i in range(3):
-            codes[:, own, i] = np.interp(root[:, own, i], grid, table[:, i])
-    height, width = light.shape[:2]
-    threshold: float | NDArray[np.float64] = 0.5
-    if dither != "none":
-        threshold = bayer(height, width) if dither == "ordered" else _noise(height, width, frame)
-    return np.asarray(np.floor(np.minimum(codes * 255 + threshold, 255)), np.uint8)
-
-
-def _without_segment(root: FloatArray, tables: FloatArray) -> FloatArray:
-    """√p, (…, 3) -> √(p − s(m)), m the darkest level at which that is what is left."""
-    grid = np.linspace(0, 1, tables.shape[1])
-    each = [np.interp(root[..., i], grid, tables[0, :, i]) for i in range(3)]
-    darkest = np.sqrt(np.min(each, axis=0))
-    beside = np.stack([np.interp(darkest, grid, tables[1, :, i]) for i in range(3)], axis=-1)
-    return np.asarray(np.sqrt(np.maximum(root**2 - beside, 0)))
-
-
-def encoded_drive(drive: FloatArray, response: RasterResponse) -> NDArray[np.uint8]:
-    """The code values of a raster's drive, without dithering."""
-    tables, segments = response.inverse_tables(), response.segment_tables()
-    return encode(drive, tables, of_column=response.of_column, colours=response.matrices, segments=segments)
-
-
 def reach_of(
     seen: FloatArray,
     ambient: FloatArray,
@@ -417,30 +366,6 @@ def _upsample(plane: FloatArray, size: tuple[int, ...], decoding: Decoding) -> N
         b = np.take(result, np.clip(low + 1, 0, last).astype(int), axis)
         result = a + (b - a) * share
     return result
-
-
-def bayer(height: int, width: int) -> NDArray[np.float64]:
-    """Thresholds of ordered dither, repeated every 8 pixels: (height, width, 1)."""
-    y, x = np.mgrid[:height, :width]
-    x ^= y
-    rank = np.zeros((height, width), np.int64)
-    for bit in range(3):
-        rank = (rank << 2) | (((x >> bit) & 1) << 1) | ((y >> bit) & 1)
-    return ((rank + 0.5) / 64)[..., None]
-
-
-def _noise(height: int, width: int, frame: int) -> NDArray[np.float64]:
-    """Uniform thresholds from the PCG hash of pixel, channel and frame (Jarzynski and Olano 2020)."""
-    y, x = np.mgrid[:height, :width].astype(np.uint32)
-    seed = _scramble(x + _scramble(y + _scramble(np.full((1, 1), frame & 0xFFFFFFFF, np.uint32))))
-    noise = np.stack([_scramble(seed + np.uint32(i)) for i in range(3)], axis=-1)
-    return ((noise >> np.uint32(9)).astype(np.float64) + 0.5) / 8388608.0
-
-
-def _scramble(v: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    v = v * np.uint32(747796405) + np.uint32(2891336453)
-    v = ((v >> ((v >> np.uint32(28)) + np.uint32(4))) ^ v) * np.uint32(277803737)
-    return (v >> np.uint32(22)) ^ v
 
 
 def blend(now: FloatArray, before: FloatArray, weight: float) -> FloatArray:

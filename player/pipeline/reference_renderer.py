@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import RowMap
 from counterlight.media.frames import PixelFormat
-from counterlight.pipeline import adaptation, device, reference
+from counterlight.pipeline import adaptation, device, encoding, reference
 from counterlight.pipeline.adaptation import Limits, SumsOf
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.content import Succession, approach
@@ -99,7 +99,7 @@ class ReferenceDevice:
         return Adapter(near_light, ambient.astype(np.float64), most, white)
 
     def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> Operation:
-        encode = partial(reference.encode, colours=response.matrices, segments=response.segment_tables())
+        encode = partial(encoding.encode, colours=response.matrices, segments=response.segment_tables())
         tables, of_column = response.inverse_tables(), response.of_column
         return Function(lambda light, frame: encode(light, tables, scale, dither, frame, of_column))
 

@@ -13,7 +13,7 @@ from counterlight.gl.row_map_pass import MapTextures, RowMapPass
 from counterlight.gl.shaders import ShaderError, build_program
 from counterlight.maps.row_map import RowMap, SparseRows, pack
 from counterlight.media.frames import radiance_frame
-from counterlight.pipeline import reference
+from counterlight.pipeline import encoding, reference
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.reference import PreparedRows
 from counterlight.pipeline.room import DITHERS
@@ -205,7 +205,7 @@ def test_encoding_equals_its_twin(
     result = read(target, np.uint8).astype(int)
     for resource in (step, *resources):
         resource.release()
-    expected = reference.encode(light, table, 1.0, dither, 77)
+    expected = encoding.encode(light, table, 1.0, dither, 77)
     assert np.abs(result - expected).max() <= CODE_ATOL
     assert np.mean(result != expected) < 0.01  # tips are rare: a threshold within 1e-6 of the code
 
@@ -236,8 +236,8 @@ def test_each_part_of_a_raster_is_encoded_for_its_own_projector(
 def test_dithering_keeps_the_mean_and_the_ends(dither: str) -> None:
     table = parse_response("linear").inverse_table()
     for value in (0.0, 1.0):
-        assert np.all(reference.encode(np.full((8, 8, 3), value), table, 1.0, dither) == round(255 * value))
-    flat = reference.encode(np.full((64, 64, 3), 100.3 / 255), table, 1.0, dither)
+        assert np.all(encoding.encode(np.full((8, 8, 3), value), table, 1.0, dither) == round(255 * value))
+    flat = encoding.encode(np.full((64, 64, 3), 100.3 / 255), table, 1.0, dither)
     assert set(np.unique(flat)) == {100, 101}
     # ordered: 64 steps of 1/64; noise: 12288 independent draws, four standard deviations of √(0.21/12288).
     assert flat.mean() == pytest.approx(100.3, abs=1 / 64 + 0.017)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from counterlight.gl.device import GlDevice
-from counterlight.pipeline import reference
+from counterlight.pipeline import encoding
 from counterlight.pipeline.reference_renderer import ReferenceDevice
 from counterlight.pipeline.small_pictures import LONGEST, SmallPicture
 from counterlight.pipeline.views import VIEWS
@@ -22,7 +22,7 @@ def test_blocks_are_averaged_in_linear_light(gl_context: moderngl.Context, rng: 
     rows, columns = shape[0] // side, shape[1] // side
     means = light[: rows * side, : columns * side].reshape(rows, side, columns, side, 3).mean(axis=(1, 3))
     table = Response("srgb").inverse_table()
-    expected = reference.encode(means, table, white).astype(int)
+    expected = encoding.encode(means, table, white).astype(int)
     for device in (GlDevice(gl_context), ReferenceDevice()):
         small, picture = SmallPicture(device, shape, white), device.picture(light)
         found = device.read(small.run(picture), np.uint8)

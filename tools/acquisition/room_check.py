@@ -16,7 +16,7 @@ from scipy import ndimage
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration, Region
 from counterlight.errors import InputError
-from counterlight.pipeline import reference
+from counterlight.pipeline import encoding
 from counterlight.pipeline.drift import Drift, Moved
 from counterlight.tools.acquisition.camera_shift import CameraShift, camera_shift
 from counterlight.tools.acquisition.photographer import Photographer
@@ -79,7 +79,7 @@ def registration_codes(room: Calibration, region: Region) -> Codes:
     """The random picture of one projector, the others black: (height, width, 3)."""
     drive = np.zeros((*room.projector.shape, 3))
     drive[region.part] = random_field((region.height, region.width))[..., None]
-    return reference.encoded_drive(drive, room.response)
+    return encoding.encoded_drive(drive, room.response)
 
 
 class _Looked:

@@ -13,7 +13,7 @@ import numpy as np
 from counterlight.arrays import FloatArray
 from counterlight.calibration import StoredCalibration
 from counterlight.maps.room_maps import read_maps
-from counterlight.pipeline import reference
+from counterlight.pipeline import encoding
 from counterlight.pipeline.content import camera_psnr
 from counterlight.pipeline.drift import Drift
 from counterlight.pipeline.operators import compensation
@@ -111,7 +111,7 @@ class Verification:
         drive = self._box.solve(light).drive if self._T_pinv is None else self._T_pinv.apply(light)
         drive = np.clip(drive, 0, 1).reshape(*self._room.projector.shape, 3)
         shown = self._drift.shown(drive, self._room.regions)
-        return reference.encoded_drive(shown, self._room.response)
+        return encoding.encoded_drive(shown, self._room.response)
 
     def _arriving(self, codes: Codes) -> FloatArray:
         """What the projector makes of whole code values, where it lands in the calibrated raster."""

@@ -10,7 +10,7 @@ from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.files.png import write_png
 from counterlight.media.video import MediaReader
-from counterlight.pipeline import reference
+from counterlight.pipeline import encoding, reference
 from counterlight.pipeline.placement import corners_of, homography, place, shown_shape
 from counterlight.pipeline.signal import signal_of
 from counterlight.response import Response
@@ -57,7 +57,7 @@ def white_level(linear_rgb: FloatArray) -> float:
 
 def encoded(linear_rgb: FloatArray, white: float) -> NDArray[np.uint8]:
     """8-bit sRGB with `white` at 255; below 0 and above white is cut."""
-    return reference.encode(linear_rgb, Response("srgb").inverse_table(), white)
+    return encoding.encode(linear_rgb, Response("srgb").inverse_table(), white)
 
 
 def write_view(path: Path, linear_rgb: FloatArray, white: float) -> None:

@@ -16,7 +16,7 @@ from counterlight.files import exr
 from counterlight.files.png import write_png
 from counterlight.maps.mixing import Mixing
 from counterlight.maps.room_maps import RoomMaps, read_maps
-from counterlight.pipeline import reference
+from counterlight.pipeline import encoding, reference
 from counterlight.pipeline.operators import compensation
 from counterlight.response import RasterResponse
 from counterlight.tools.choices import COMPENSATIONS
@@ -238,4 +238,4 @@ def _write(path: Path, drive: FloatArray, response: RasterResponse) -> None:
         if path.suffix.lower() == ".exr":
             exr.write_rgb(temporary, drive.astype(np.float32))
         else:
-            write_png(temporary, reference.encoded_drive(drive, response))
+            write_png(temporary, encoding.encoded_drive(drive, response))
