@@ -57,7 +57,7 @@ def test_a_lens_is_judged_by_its_picture_not_by_its_circle_of_confusion(tmp_path
         soft = replace(scene, projector=lens)
         need = priced(soft, needs_of(soft), 0.1)["projector_defocus"]
         assert need.worth is not None
-        assert need.on == (need.worth > 0.075)
+        assert need.on == (need.worth > 0.05)
         worth.append(need.worth)
     assert sorted(worth) == worth
     assert worth[0] < 0.05 < worth[2]

@@ -31,13 +31,13 @@ FEWEST_CELLS, FEWEST_SAMPLES = 400, 4  # of the small room, if the scene has mor
 GAP, MOST_STEPS = 3e-3, 300  # of the box optimum: 0.013 dB, unless a T that lacks something takes too long
 UNJUDGED = ("direct", "capture_noise")  # no picture is without the first; T has nothing of the second
 FREE = ("ambient_light", "black_level", "vignetting", "crosstalk")  # a few numbers a pixel: nothing to save
-SPENT = 0.75  # of a tolerance, in the small room
+SPENT = 0.5  # of a tolerance, in the small room
 
 
 def priced(scene: Scene, needs: Mapping[str, Need], within: float | None = None) -> dict[str, Need]:
     """The needs, each effect that is on with what it is worth.
 
-    within : a tolerance in decibels; what costs time and stays within three quarters of it, all together, is switched
+    within : a tolerance in decibels; what costs time and stays within half of it, all together, is switched
     off, least worth first. The rest is for what a small room does not show.
     """
     judged = [name for name, need in needs.items() if need.on and name not in UNJUDGED]
