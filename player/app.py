@@ -261,6 +261,7 @@ def play_in_window(
             fullscreen=options.fullscreen,
             exact=not options.any_size,
             vsync=options.vsync,
+            bits=None if options.bits == "auto" else int(options.bits),
         )
         window = stack.enter_context(display)
         stack.enter_context(lost_screen.farewell(farewell))
@@ -270,7 +271,7 @@ def play_in_window(
 
         def renewed(fresh: Room) -> Renderer:
             """A renderer of the room as it is now; the window takes its shader anew if nothing is damaged."""
-            renderer = GlRenderer(window.context, fresh, path)
+            renderer = GlRenderer(window.context, fresh, path, window.bits)
             try:
                 window.reload()
             except BaseException:
@@ -281,7 +282,7 @@ def play_in_window(
         session = Session(
             Playlist(options.media, loop=options.loop and len(options.media) > 1, start=options.playlist_start),
             Media(options.border, options.fps),
-            GlRenderer(window.context, room, path),
+            GlRenderer(window.context, room, path, window.bits),
             window,
             RoomInUse(options.calibration, room, lambda: room_of(options), renewed),
             view=options.view,

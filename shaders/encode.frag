@@ -1,5 +1,5 @@
 #version 330 core
-// Linear light -> 8-bit code values: the projector's own primaries, the inverse response, then dithering.
+// Linear light -> code values, 8 bit or the screen's: the projector's own primaries, the inverse response, then dithering.
 //
 // Inputs: `picture`, linear RGB; `inverse_response`, code values over √light 0..1 (width samples, a row a projector);
 // `of_column` (width of the picture, height 1), which row each column has, if there are SEVERAL; `colours` (3 columns of
@@ -8,7 +8,7 @@
 // is taken out of the primaries.
 // Defines: SEVERAL, for projectors that differ; MIXED; SEGMENT; DITHER_ORDERED (8×8 Bayer), DITHER_NOISE (a hash of pixel,
 // channel and frame), or neither: rounding.
-// Output: code / 255.
+// Output: code / highest.
 // CPU twin: encode in player/pipeline/encoding.py.
 uniform sampler2D picture;
 uniform sampler2D inverse_response;
@@ -22,6 +22,7 @@ uniform sampler2D colours;
 uniform sampler2D segments;
 #endif
 uniform float scale;      // light of a white pixel, 1 for drive
+uniform float highest;    // code: 255, of 10 bits 1023
 #ifdef DITHER_NOISE
 uniform uint frame;
 #endif
@@ -88,5 +89,5 @@ void main() {
                  dot(texelFetch(colours, ivec2(2, row), 0).rgb, light));
 #endif
     vec3 code = code_of(light / scale, row);
-    encoded = vec4(floor(min(code * 255.0 + threshold(at), 255.0)) / 255.0, 1.0);
+    encoded = vec4(floor(min(code * highest + threshold(at), highest)) / highest, 1.0);
 }

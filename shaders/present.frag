@@ -1,5 +1,5 @@
 #version 330 core
-// Put the finished 8-bit picture, or a part of it, into the window, upright (OpenGL's windows start at the bottom), with the overlay's text.
+// Put the finished picture, or a part of it, into the window, upright (OpenGL's windows start at the bottom), with the overlay's text.
 //
 // Inputs: `picture`, encoded RGB; `overlay`, RGBA text of its own size, at the window's upper left, alpha 0 where none.
 // Output: the window's pixels.

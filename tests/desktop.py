@@ -4,6 +4,7 @@ import contextlib
 import subprocess
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -41,17 +42,35 @@ def screen(display: str, box: Box) -> np.ndarray:
     return grabbed[top : top + height, left : left + width].astype(int)
 
 
+def fine_screen(display: str, box: Box) -> np.ndarray:
+    """The same of a screen of depth 30, in codes of 10 bits."""
+    connection = Display(display)
+    found = connection.screen().root.get_image(*box, X.ZPixmap, 0xFFFFFFFF)
+    connection.close()
+    assert found.depth == 30
+    packed = np.frombuffer(found.data, "<u4").reshape(box[3], box[2], 1)
+    return (packed >> np.uint32([20, 10, 0]) & 1023).astype(int)
+
+
 def mapped_windows(display: str) -> set[Box]:
     """Places of the visible windows of a desktop without a window manager."""
+    return {(each.x, each.y, each.width, each.height) for each in _visible(display)}
+
+
+def window_depths(display: str) -> set[int]:
+    """Bits of a pixel of each of them."""
+    return {each.depth for each in _visible(display)}
+
+
+def _visible(display: str) -> list[Any]:
     connection = Display(display)
-    boxes = set()
+    found = []
     for window in connection.screen().root.query_tree().children:
         with contextlib.suppress(BadDrawable, BadWindow):  # closed meanwhile
             if window.get_attributes().map_state == X.IsViewable:
-                box = window.get_geometry()
-                boxes.add((box.x, box.y, box.width, box.height))
+                found.append(window.get_geometry())
     connection.close()
-    return boxes
+    return found
 
 
 def press(display: str, key: str, *held: str) -> None:

@@ -46,12 +46,15 @@ class NoServerError(Exception):
 
 
 @contextmanager
-def one_screen(folder: Path, size: tuple[int, int] = (1280, 720), display: str = "") -> Iterator[str]:
+def one_screen(folder: Path, size: tuple[int, int] = (1280, 720), display: str = "", depth: int = 24) -> Iterator[str]:
     """Run Xvfb with one screen of (width, height); yields its DISPLAY, which may be given.
+
+    depth : bits of a pixel, 24, or 30 for codes of 10 bits.
 
     `folder` takes the server's log.
     """
-    with _server(["Xvfb", *display.split(), "-screen", "0", f"{size[0]}x{size[1]}x24"], folder / "xvfb.log") as display:
+    screen = f"{size[0]}x{size[1]}x{depth}"
+    with _server(["Xvfb", *display.split(), "-screen", "0", screen], folder / "xvfb.log") as display:
         yield display
 
 

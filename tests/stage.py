@@ -111,6 +111,7 @@ class Screen:
     closed: bool = False
     fullscreen: bool = False
     monitor: str = "A"
+    bits: int = 8
     size: tuple[int, int] = (720, 1280)
     title: str = ""
     uploaded: list[int] = field(default_factory=list)

@@ -18,13 +18,17 @@ from counterlight.pipeline.room import Room
 from counterlight.response import RasterResponse
 
 BLOCK = 16
+CODES = {8: 0x8058, 10: 0x8059}  # internal formats: RGBA8, RGB10_A2
 
 
 class GlDevice:
-    """Pictures are RGBA32F textures. The caller owns the context."""
+    """Pictures are RGBA32F textures. The caller owns the context.
 
-    def __init__(self, context: moderngl.Context) -> None:
-        self._context = context
+    bits : of the code values that are encoded, 8 or 10.
+    """
+
+    def __init__(self, context: moderngl.Context, bits: int = 8) -> None:
+        self._context, self._bits = context, bits
 
     def picture(self, picture: NDArray[np.floating]) -> moderngl.Texture:
         return picture_texture(self._context, picture.astype(np.float32, copy=False))
@@ -53,7 +57,7 @@ class GlDevice:
         return Adapter(self._context, near_light, ambient, most, white)
 
     def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> "_Encoder":
-        return _Encoder(self._context, shape, response, scale, dither)
+        return _Encoder(self._context, shape, response, scale, dither, self._bits)
 
     def stepper(
         self, shape: tuple[int, int], step_size: NDArray[np.float32], prior: Mapping[str, moderngl.Texture]
@@ -75,7 +79,13 @@ class _Encoder:
     """encode.frag."""
 
     def __init__(
-        self, context: moderngl.Context, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str
+        self,
+        context: moderngl.Context,
+        shape: tuple[int, int],
+        response: RasterResponse,
+        scale: float,
+        dither: str,
+        bits: int,
     ) -> None:
         self._owner, self._noisy = Owner(), dither == "noise"
         own, defines = self._owner.own, {} if dither == "none" else {f"DITHER_{dither.upper()}": None}
@@ -92,8 +102,8 @@ class _Encoder:
             if segments is not None:
                 defines["SEGMENT"] = None
                 self._inputs["segments"] = own(picture_texture(context, segments.reshape(-1, *segments.shape[2:])))
-            target = context.texture((shape[1], shape[0]), 4, dtype="f1")
-            self._pass = own(Pass(context, "encode.frag", target, defines, scale=scale))
+            target = context.texture((shape[1], shape[0]), 4, dtype="f1", internal_format=CODES[bits])
+            self._pass = own(Pass(context, "encode.frag", target, defines, scale=scale, highest=2**bits - 1))
         except BaseException:
             self.release()
             raise

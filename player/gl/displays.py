@@ -32,6 +32,11 @@ class Displays:
     def context(self) -> moderngl.Context:
         return self._first.context
 
+    @property
+    def bits(self) -> int:
+        """Of a code value that every window can show."""
+        return min(window.bits for window in self._windows)
+
     def attach(self, picture: Callable[[], moderngl.Texture], drive: Callable[[], bool]) -> None:
         """Say where the rendered view is found, and whether that is the raster of all projectors."""
         self._picture, self._drive = picture, drive
@@ -128,10 +133,12 @@ def open_display(
     fullscreen: bool,
     exact: bool,
     vsync: bool,
+    bits: int | None = None,
 ) -> Iterator[Window | Displays]:
     """A window for every region, closed at the end, its context released. Raises InputError as `Window`.
 
     monitors : name or number of each projector's, where its window goes full screen.
+    bits : of a code value, 8 or 10; None for what each monitor is set to.
     there : whether the windows stand there from the beginning; if not, several stand side by side as in the raster.
     """
     chosen: Sequence[Monitor | None] = [None] * len(regions)
@@ -151,6 +158,7 @@ def open_display(
                 goal=goal,
                 sharing=windows[0] if windows else None,
                 hides=len(regions) > 1,
+                bits=bits,
             )
             stack.callback(window.release)
             windows.append(window)

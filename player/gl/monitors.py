@@ -18,7 +18,7 @@ WITHOUT_SCREEN = "use --output FILE to render without one, or start one with: xv
 
 @dataclass(frozen=True)
 class Monitor:
-    """One monitor as it is set now: size in pixels of its video mode, position on the desktop."""
+    """One monitor as it is set now: size in pixels of its video mode, position on the desktop, bits of a code value."""
 
     index: int
     name: str
@@ -28,9 +28,10 @@ class Monitor:
     x: int
     y: int
     primary: bool
+    bits: int = 8
 
     def __str__(self) -> str:
-        primary = ", primary" if self.primary else ""
+        primary = (f", {self.bits} bits" if self.bits > 8 else "") + (", primary" if self.primary else "")
         return (
             f"{self.index} {self.name} ({self.width}x{self.height} at {self.x},{self.y}, {self.refresh_hz} Hz{primary})"
         )
@@ -101,7 +102,8 @@ def _describe(index: int, name: str, handle: Any) -> Monitor:
     mode = glfw.get_video_mode(handle)
     x, y = glfw.get_monitor_pos(handle)
     # GLFW lists the primary monitor first.
-    return Monitor(index, name, mode.size.width, mode.size.height, mode.refresh_rate, x, y, primary=index == 0)
+    bits = 10 if min(mode.bits) >= 10 else 8
+    return Monitor(index, name, mode.size.width, mode.size.height, mode.refresh_rate, x, y, index == 0, bits)
 
 
 def _unique(names: Sequence[str]) -> list[str]:

@@ -8,13 +8,16 @@ from counterlight.pipeline.room import Room
 
 
 class GlRenderer(Renderer):
-    """The caller owns the context."""
+    """The caller owns the context.
 
-    def __init__(self, context: moderngl.Context, room: Room, path: str = "fragment") -> None:
-        super().__init__(GlDevice(context), room, path)
+    bits : of the code values, 8 or 10: those of the window that shows them. `encoded` has 8 in any case.
+    """
+
+    def __init__(self, context: moderngl.Context, room: Room, path: str = "fragment", bits: int = 8) -> None:
+        super().__init__(GlDevice(context, bits), room, path)
 
     @property
     def encoded_texture(self) -> moderngl.Texture:
-        """The rendered view, RGBA8, row 0 at the top."""
+        """The rendered view, RGBA8 or RGB10_A2, row 0 at the top."""
         texture: moderngl.Texture = self._encoded
         return texture

@@ -1,7 +1,7 @@
 """The player's window: a GLFW window with an OpenGL context, 4.3 or else 3.3, its keys, the pass that presents."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import glfw
@@ -55,6 +55,7 @@ class Window:
     goal : name or number of the monitor that set_fullscreen goes to as long as the window has been on none.
     sharing : a window whose textures this one can show.
     hides : while its monitor is unplugged, so as not to cover what other windows show.
+    bits : of a code value, 8 or 10; None for what the monitor is set to. `bits` then says how many there are.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Window:
         goal: str = "0",
         sharing: "Window | None" = None,
         hides: bool = False,
+        bits: int | None = None,
     ) -> None:
         start_glfw()
         self._shape, self._vsync, self._goal, self._hides = shape, vsync, goal, hides
@@ -81,9 +83,11 @@ class Window:
         self._cursor_moved_at = time.monotonic()
         if fullscreen and exact and monitor is not None:
             _check_size(shape, monitor)
-        self._handle: Any = _open(shape, title, None if sharing is None else sharing._handle)
+        bits = bits or max((each.bits for each in ([monitor] if monitor else list_monitors()[:1])), default=8)
+        self._handle: Any = _open(shape, title, bits, None if sharing is None else sharing._handle)
         try:
             self.context = moderngl.create_context(require=330)
+            self.bits = _bits_of(self.context)
             self._present = Presenter(self.context)
         except BaseException:
             self.release()
@@ -337,14 +341,14 @@ def wait_for_events(timeout_s: float) -> None:
         glfw.poll_events()
 
 
-def _open(shape: tuple[int, int], title: str, sharing: Any) -> Any:
+def _open(shape: tuple[int, int], title: str, bits: int, sharing: Any) -> Any:
     try:
-        return _open_with((4, 3), shape, title, sharing)
+        return _open_with((4, 3), shape, title, bits, sharing)
     except InputError:
-        return _open_with((3, 3), shape, title, sharing)
+        return _open_with((3, 3), shape, title, bits, sharing)
 
 
-def _open_with(version: tuple[int, int], shape: tuple[int, int], title: str, sharing: Any) -> Any:
+def _open_with(version: tuple[int, int], shape: tuple[int, int], title: str, bits: int, sharing: Any) -> Any:
     height, width = shape
     hints = {
         glfw.CONTEXT_VERSION_MAJOR: version[0],
@@ -355,6 +359,10 @@ def _open_with(version: tuple[int, int], shape: tuple[int, int], title: str, sha
         glfw.AUTO_ICONIFY: False,  # a projector's window stays when another gets the focus
         glfw.DEPTH_BITS: 0,
         glfw.STENCIL_BITS: 0,
+        glfw.RED_BITS: bits,  # what comes nearest is given
+        glfw.GREEN_BITS: bits,
+        glfw.BLUE_BITS: bits,
+        glfw.ALPHA_BITS: 0 if bits > 8 else 8,
     }
     for hint, value in hints.items():
         glfw.window_hint(hint, value)
@@ -367,6 +375,13 @@ def _open_with(version: tuple[int, int], shape: tuple[int, int], title: str, sha
         raise InputError("no window with OpenGL 3.3; install a driver: apt-get install libgl1, or use --output FILE")
     glfw.make_context_current(handle)
     return handle
+
+
+def _bits_of(context: moderngl.Context) -> int:
+    """Of a code value on its screen: 8, or 10 where the window system gave them."""
+    found: Mapping[str, int] = context.screen.bits  # type: ignore[assignment]
+    context.error  # noqa: B018 - takes back what asking for parts that a screen lacks has left
+    return 10 if min(found[colour] for colour in ("red", "green", "blue")) >= 10 else 8
 
 
 def _check_size(shape: tuple[int, int], monitor: Monitor) -> None:

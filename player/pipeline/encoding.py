@@ -1,5 +1,7 @@
 """Light -> code values, in numpy: the twin of encode.frag, and what projectors are told beside the frames of a show."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,8 +19,9 @@ def encode(
     of_column: NDArray[np.int32] | None = None,
     colours: FloatArray | None = None,
     segments: FloatArray | None = None,
-) -> NDArray[np.uint8]:
-    """Linear light -> 8-bit code values (encode.frag).
+    bits: int = 8,
+) -> NDArray[Any]:
+    """Linear light -> code values of so many bits (encode.frag), uint8 or uint16.
 
     inverse_response : (samples, 3) code values over √light 0..1, or (projectors, samples, 3) where columns differ, and
     of_column says which one each is of.  scale : light of a white pixel.  dither : "ordered", "noise" or "none".
@@ -40,7 +43,8 @@ def encode(
     threshold: float | NDArray[np.float64] = 0.5
     if dither != "none":
         threshold = bayer(height, width) if dither == "ordered" else _noise(height, width, frame)
-    return np.asarray(np.floor(np.minimum(codes * 255 + threshold, 255)), np.uint8)
+    highest = 2**bits - 1
+    return np.asarray(np.floor(np.minimum(codes * highest + threshold, highest)), np.uint8 if bits == 8 else np.uint16)
 
 
 def _without_segment(root: FloatArray, tables: FloatArray) -> FloatArray:

@@ -20,6 +20,10 @@ class Display(Protocol):
         """Name of the monitor that the window is on."""
 
     @property
+    def bits(self) -> int:
+        """Of a code value that it shows."""
+
+    @property
     def size(self) -> tuple[int, int]:
         """(height, width) of what text may cover."""
 

@@ -35,7 +35,7 @@ from counterlight.unattended.cues import PORT, read_address
 from counterlight.unattended.supervisor import SAFE
 
 WINDOW_ONLY = (
-    *("fullscreen", "monitor", "any_size", "vsync", "audio", "volume", "mute", "blackout", "osd"),
+    *("fullscreen", "monitor", "any_size", "vsync", "bits", "audio", "volume", "mute", "blackout", "osd"),
     *("screenshot_directory", "speed", "image_display_duration", "playlist_start"),
     *("control", "remote", "osc", "heartbeat", "lead", "follow", "at", "schedule"),
 )
@@ -265,7 +265,13 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
         "the start and keeps the fastest (default: auto in a window; fragment\n"
         "with --output, so that its result repeats)",
     )
-    add("--dither", choices=DITHERS, default="ordered", help="how 8-bit steps are hidden (default ordered)")
+    add("--dither", choices=DITHERS, default="ordered", help="how steps of a code value are hidden (default ordered)")
+    add(
+        "--bits",
+        choices=("auto", "8", "10"),
+        default="auto",
+        help="of a code value in a window (default auto: as the monitors are set)",
+    )
     add("--control", type=Path, metavar="SOCKET", help="take commands there, JSON lines as mpv's IPC")
     add(
         "--remote",

@@ -21,10 +21,11 @@ def stats_page(session: Session, message: str) -> Page:
     size = f"{info.format.width}x{info.format.height}"
     certificate = session.appraisal.certificate
     compensation = "on" if session.compensation else "off"
+    screen = f"monitor {session.display.monitor}, {session.display.bits} bits"
     lines = [
         f"medium\t{Path(info.path).name}, {size}, {info.codec}, {info.frames_per_second:.3g} fps",
         f"position\t{position(session)}, medium {session.programme.on + 1} of {len(session.playlist.media)}",
-        f"view\t{session.view}, compensation {compensation}, monitor {session.display.monitor}",
+        f"view\t{session.view}, compensation {compensation}, {screen}",
         f"frames\t{stats.frames} shown at {stats.frames_per_second:.1f} fps, {stats.dropped} dropped"
         + (f", {stats.stalled_s:.1f} s stood still for the decoder" if stats.stalled_s else ""),
         "time\t" + ", ".join(f"{stage} {stats.median_ms(stage):.1f} ms" for stage in STAGES),

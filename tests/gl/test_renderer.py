@@ -188,26 +188,31 @@ def test_stored_codes_become_the_light_that_the_standards_say(gl_context: modern
             np.testing.assert_allclose(desired[np.ix_(rows, columns)], light, atol=2e-6)  # table interpolation
 
 
-@pytest.mark.parametrize(("dither", "response"), [("ordered", "srgb"), ("noise", "linear"), ("none", "2.2")])
+@pytest.mark.parametrize(
+    ("dither", "response", "bits"),
+    [("ordered", "srgb", 8), ("noise", "linear", 8), ("none", "2.2", 8), ("ordered", "2.2", 10), ("none", "srgb", 10)],
+)
 def test_encoding_equals_its_twin(
-    gl_context: moderngl.Context, rng: np.random.Generator, dither: str, response: str
+    gl_context: moderngl.Context, rng: np.random.Generator, dither: str, response: str, bits: int
 ) -> None:
     light = rng.uniform(-0.2, 1.3, (17, 23, 3)).astype(np.float32)
     light[0, :3] = [[0, 0, 0], [1, 1, 1], [1e-6, 1e-4, 0.999999]]
     table = parse_response(response).inverse_table()
     defines = {} if dither == "none" else {f"DITHER_{dither.upper()}": None}
-    target = gl_context.texture((23, 17), 4, dtype="f1")
-    step = Pass(gl_context, "encode.frag", target, defines, scale=1.0)
+    highest = 2**bits - 1
+    target = gl_context.texture((23, 17), 4, dtype="f4")
+    step = Pass(gl_context, "encode.frag", target, defines, scale=1.0, highest=highest)
     if dither == "noise":
         step.set(frame=77)
     resources = upload(gl_context, light), table_texture(gl_context, table)
     step.run(picture=resources[0], inverse_response=resources[1])
-    result = read(target, np.uint8).astype(int)
+    result = np.rint(read(target, np.float32) * highest).astype(int)
     for resource in (step, *resources):
         resource.release()
-    expected = encoding.encode(light, table, 1.0, dither, 77)
+    expected = encoding.encode(light, table, 1.0, dither, 77, bits=bits).astype(int)
+    assert expected.max() == highest
     assert np.abs(result - expected).max() <= CODE_ATOL
-    assert np.mean(result != expected) < 0.01  # tips are rare: a threshold within 1e-6 of the code
+    assert np.mean(result != expected) < 0.01 * (bits - 7)  # tips are rare: a threshold within 1e-6 of the code
 
 
 @pytest.mark.parametrize("dither", DITHERS)

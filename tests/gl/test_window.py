@@ -12,10 +12,14 @@ import cv2
 import numpy as np
 import pytest
 
+from counterlight.files import exr
+from counterlight.pipeline import encoding
+from counterlight.response import Response
 from counterlight.tools.shipped import CLIP
-from tests.desktop import expected_picture, playing, press, screen, xrandr
+from tests.desktop import expected_picture, fine_screen, playing, press, screen, window_depths, xrandr
 from tests.programs import PATIENCE_S, command, descendants, fail, on, succeed, wait_until
 from tests.rooms import write_blurred_room, write_one_to_one_room
+from tests.screens import one_screen
 
 WINDOW = (0, 0, 50, 37)  # left, top, width, height, of the room's projector on a bare X server
 SECOND_MONITOR = (1280, 0, 1024, 768)
@@ -64,6 +68,34 @@ def test_full_screen_on_the_chosen_monitor_shows_the_exact_pixels(
                 lambda: screen(two_monitors, (0, 0, 1280, 720)).max() > 200, "its name on the other one", process
             )
             press(two_monitors, "q")
+            assert process.wait(PATIENCE_S) == 0
+
+
+def test_a_screen_of_ten_bits_gets_codes_of_ten_bits(large_room: Path, tmp_path: Path) -> None:
+    """A ramp from OpenEXR, in steps finer than 8 bits, read from the X server in codes of 10."""
+    shape = SECOND_MONITOR[3], SECOND_MONITOR[2]
+    ramp = np.broadcast_to(np.linspace(0, 0.4, shape[1], dtype=np.float32)[:, None], (*shape, 3))
+    exr.write_rgb(tmp_path / "ramp.exr", ramp)
+    succeed("play", large_room, tmp_path / "ramp.exr", "--backend", "gl", "--output", tmp_path / "drive.exr")
+    drive = exr.read_rgb(tmp_path / "drive.exr")
+    expected = encoding.encode(drive, Response("linear").inverse_table(), bits=10).astype(int)
+    box = (0, 0, shape[1], shape[0])
+    with one_screen(tmp_path, (shape[1], shape[0]), depth=30) as display:
+        assert "10 bits" in command("play", "--list-monitors", **on(display)).stdout
+
+        def exact() -> bool:
+            wrong = np.abs(fine_screen(display, box) - expected)
+            return bool(wrong.max() <= 1 and np.mean(wrong > 0) < 1e-4)  # tips: a threshold within 1e-6 of the code
+
+        with playing(display, large_room, tmp_path / "ramp.exr", "--dither", "none") as process:
+            wait_until(exact, "the ramp", process)
+            assert window_depths(display) == {30}
+            press(display, "q")
+            assert process.wait(PATIENCE_S) == 0
+        with playing(display, large_room, tmp_path / "ramp.exr", "--bits", "8") as process:
+            wait_until(lambda: bool(window_depths(display)), "the window", process)
+            assert 30 not in window_depths(display)
+            press(display, "q")
             assert process.wait(PATIENCE_S) == 0
 
 
