@@ -37,12 +37,13 @@ from counterlight.show.output import check_output
 from counterlight.show.playlist import Playlist, files_of
 from counterlight.show.remotes import open_remotes
 from counterlight.show.room_in_use import RoomInUse
-from counterlight.show.schedule_file import ScheduleFile
+from counterlight.show.schedule_file import ScheduleFile, read_schedule
 from counterlight.show.session import Session
 from counterlight.show.show import Show
 from counterlight.show.stats import Stats
 from counterlight.unattended.cues import Beacon, Listener
 from counterlight.unattended.heartbeat import Heartbeat, Notifier
+from counterlight.unattended.lamps import Lamps
 from counterlight.unattended.room_checks import RoomChecks
 from counterlight.unattended.supervisor import supervise
 from counterlight.writing.outputs import check_apart, check_file, check_log
@@ -213,6 +214,18 @@ def _checks(options: argparse.Namespace) -> RoomChecks | None:
     return RoomChecks(verify, every_s)
 
 
+def _lamps(options: argparse.Namespace, stack: ExitStack) -> Lamps | None:
+    """The projectors of the schedule, on the stack."""
+    if options.schedule is None:
+        return None
+    try:
+        lamps = Lamps(read_schedule(options.schedule).projectors)
+    except InputError:  # damaged since the supervisor began, which has said so
+        return None
+    stack.callback(lamps.close)
+    return lamps
+
+
 def _in_step(options: argparse.Namespace, session: Session, stack: ExitStack) -> list[Callable[[], None]]:
     """What keeps a show in step with others, on the stack."""
     beside: list[Callable[[], None]] = []
@@ -311,7 +324,16 @@ def play_in_window(
         window.attach(shown, lambda: session.rendered_view == "projector")
         checks = _checks(options)
         beside = _in_step(options, session, stack)
-        show = Show(session, bindings=options.keys, remotes=remotes, heartbeat=heartbeat, checks=checks, beside=beside)
+        lamps = _lamps(options, stack)
+        show = Show(
+            session,
+            bindings=options.keys,
+            remotes=remotes,
+            heartbeat=heartbeat,
+            checks=checks,
+            lamps=lamps,
+            beside=beside,
+        )
         return show.run(options.frames)
 
 

@@ -9,8 +9,9 @@ import pytest
 
 from counterlight.errors import InputError
 from counterlight.show.schedule_file import ScheduleFile, read_schedule
-from counterlight.unattended import hours, pjlink
+from counterlight.unattended import hours, lamps, pjlink
 from counterlight.unattended.hours import Hours, Keeper, Schedule, days_of
+from counterlight.unattended.lamps import Lamps
 from counterlight.unattended.pjlink import Projector, Status, status_of, switch
 from tests.pjlink_projector import COOLING, OFF, ON, WARMING, Lamp, projector
 from tests.programs import PATIENCE_S, command, fail, succeed
@@ -195,6 +196,35 @@ def test_a_keeper_switches_projectors_and_leaves_them_alone_then(
     assert told.count("Connection refused") == 1  # and not once a look
 
 
+def test_lamps_are_switched_and_told_of_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One warms up slowly, one asks for a password that is wrong; one is switched alone, then all."""
+    monkeypatch.setattr(lamps, "AGAIN_S", 0.02)
+    with projector(slow=3, erst="000010") as slow, projector(password="right") as locked, projector() as other:
+        asked = Lamps([of(slow), of(locked, "wrong"), of(other)])
+        until(lambda: asked.told()[0]["power"] == "off", "asked")
+        until(lambda: asked.told()[1]["trouble"] is not None, "refused")
+        asked.switch(0, on=True)
+        until(lambda: asked.told()[0]["power"] == "warming up", "told while it warms up")
+        until(lambda: asked.told()[0]["power"] == "on", "looked at again")
+        assert (slow.count("POWR 1"), other.power) == (1, OFF)
+        asked.switch(None, on=True)
+        until(lambda: other.power == ON, "all")
+        asked.switch(None, on=False)
+        until(lambda: asked.told()[0]["power"] == asked.told()[2]["power"] == "off", "all off")
+        asked.close()
+    told = asked.told()
+    assert told[0] == {
+        "address": f"127.0.0.1:{slow.port}",
+        "power": "off",
+        "lamp-hours": [1234],
+        "faults": ["filter: warning"],
+        "trouble": None,
+    }
+    assert (told[1]["power"], told[1]["lamp-hours"]) == (None, [])
+    assert "the password is wrong" in told[1]["trouble"]
+    assert (slow.count("POWR 1"), slow.count("POWR 0")) == (1, 1)
+
+
 FILE = """format = 1
 minutes-ahead = 3
 closed = [2026-12-24, "2026-12-25"]
@@ -223,6 +253,8 @@ def test_a_schedule_is_read(tmp_path: Path) -> None:
     assert found.plays(at("23 18:29:59"))
     assert found.plays(at("24 00:59:59"))
     assert not found.plays(at("23 20:00:29"))
+    (tmp_path / "hours.toml").write_text('format = 1\n[[projectors]]\naddress = "10.0.0.21"\n')
+    assert read_schedule(tmp_path / "hours.toml").plays(at("23 20:00:29"))  # no hours: always
 
 
 @pytest.mark.parametrize(
@@ -239,7 +271,7 @@ def test_a_schedule_is_read(tmp_path: Path) -> None:
         ("minutes-ahead = 3", "minutes-ahead = 500", "minutes-ahead: .*expected a number from 0 to 120"),
         ("minutes-ahead", "minutes_ahead", "unknown key 'minutes_ahead'; did you mean 'minutes-ahead'"),
         ('password = "secret"', "passwort = 1", "unknown key 'passwort'; did you mean 'password'"),
-        ("[[hours]]", "[[days]]", "needs hours"),
+        ("[[hours]]", "[[days]]", "unknown key 'days'"),
     ],
 )
 def test_a_wrong_schedule_is_told_in_a_line(was: str, now: str, message: str, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 from counterlight.command import tell
 from counterlight.pipeline.kinds import Choice, Number
+from counterlight.pipeline.parameters import FLAG
 from counterlight.show.look import read_again
 from counterlight.show.output import write_picture
 from counterlight.show.placing import Placing
@@ -17,6 +18,7 @@ from counterlight.show.properties import TIME, playback_of, properties_of
 from counterlight.show.registry import Command, CommandError, Commands
 from counterlight.show.session import Session
 from counterlight.show.stats_page import position
+from counterlight.unattended.lamps import Lamps
 from counterlight.writing.replacing import replacing_file
 
 ANY_NUMBER = Number(-1e9, 1e9)
@@ -24,12 +26,14 @@ SEEKS = Choice(("relative", "absolute", "absolute-percent"))
 LOADS = Choice(("replace", "append"))
 
 
-def commands_of(session: Session, check: Callable[[], object], checking: Callable[[], bool]) -> Commands:
+def commands_of(
+    session: Session, check: Callable[[], object], checking: Callable[[], bool], lamps: Lamps | None = None
+) -> Commands:
     """Everything that can be done with a session.
 
-    check : begins a check of the room.  checking : whether one runs.
+    check : begins a check of the room.  checking : whether one runs.  lamps : projectors that can be switched.
     """
-    return Commands(_commands(_Actions(session), check), properties_of(session, checking))
+    return Commands(_commands(_Actions(session, lamps), check), properties_of(session, checking, lamps))
 
 
 def _commands(do: "_Actions", check: Callable[[], object]) -> dict[str, Command]:
@@ -67,6 +71,9 @@ def _commands(do: "_Actions", check: Callable[[], object]) -> dict[str, Command]
         "place-save": Command("keep the placement beside the calibration", do.place_save),
         "place-cancel": Command("leave the placement as it was", do.place_cancel),
         "check-room": Command("look at the room with its camera, and correct what has moved", check),
+        "projector": Command(
+            "switch a projector of --schedule, from 0, or all of them, on or off", do.projector, "on|off [NUMBER]"
+        ),
         "quit": Command("end the player", do.quit),
     }
 
@@ -74,8 +81,8 @@ def _commands(do: "_Actions", check: Callable[[], object]) -> dict[str, Command]
 class _Actions:
     """What commands do; a text that is returned is also said on the screen when a key did it."""
 
-    def __init__(self, session: Session) -> None:
-        self._session, self._previews = session, Previews(session)
+    def __init__(self, session: Session, lamps: Lamps | None) -> None:
+        self._session, self._previews, self._lamps = session, Previews(session), lamps
 
     def seek(self, seconds: object, how: object = "relative") -> str:
         playback = playback_of(self._session)
@@ -215,6 +222,15 @@ class _Actions:
         session.adjust(replace(session.adjustments, corners=placing.before))
         session.placing = None
         return "placement as it was"
+
+    def projector(self, power: object, number: object = None) -> str:
+        lamps = self._lamps
+        if lamps is None or not len(lamps):
+            raise CommandError("projector: none is named; start with --supervise --schedule FILE")
+        on = FLAG.read(power)
+        which = None if number is None else int(Number(0, len(lamps) - 1, whole=True).read(number))
+        lamps.switch(which, on=on)
+        return f"projector{'s' if which is None else f' {which}'} {'on' if on else 'off'}"
 
     def quit(self) -> None:
         self._session.done = True

@@ -11,14 +11,15 @@ from counterlight.show.playback import Playback
 from counterlight.show.refining import refining
 from counterlight.show.registry import CommandError, Property, named
 from counterlight.show.session import Session
+from counterlight.unattended.lamps import Lamps
 
 TIME = Number(0, 1e9)
 
 
-def properties_of(session: Session, checking: Callable[[], bool]) -> dict[str, Property]:
-    """checking : whether a check of the room runs."""
+def properties_of(session: Session, checking: Callable[[], bool], lamps: Lamps | None) -> dict[str, Property]:
+    """checking : whether a check of the room runs.  lamps : projectors that can be switched."""
     parts = _playing, _adjustments, look_properties, _showing, refining
-    return {name: each for part in parts for name, each in part(session).items()} | _told(session, checking)
+    return {name: each for part in parts for name, each in part(session).items()} | _told(session, checking, lamps)
 
 
 def playback_of(session: Session) -> Playback:
@@ -166,7 +167,7 @@ def _showing(session: Session) -> dict[str, Property]:
     }
 
 
-def _told(session: Session, checking: Callable[[], bool]) -> dict[str, Property]:
+def _told(session: Session, checking: Callable[[], bool], lamps: Lamps | None) -> dict[str, Property]:
     """How the show goes."""
 
     stats = session.stats
@@ -183,6 +184,10 @@ def _told(session: Session, checking: Callable[[], bool]) -> dict[str, Property]
             "what the last check of the room found, null if nobody has checked", lambda: session.room.drifted
         ),
         "checking": Property("whether a check of the room is running", checking),
+        "projectors": Property(
+            "the projectors of --schedule: address, power, hours of lamps, faults, trouble; null without",
+            lambda: None if lamps is None else lamps.told(),
+        ),
     }
 
 

@@ -22,7 +22,7 @@ def read_schedule(path: Path) -> Schedule:
     file = Table(read_toml(path, FIX), f"{path}", FIX)
     file.format(FORMAT)
     file.raw("format", FORMAT)
-    hours = tuple(_hours(entry) for entry in file.tables("hours", MOST_HOURS))
+    hours = tuple(_hours(entry) for entry in file.tables("hours", MOST_HOURS)) if "hours" in file else None
     projectors = file.tables("projectors", MOST_PROJECTORS) if "projectors" in file else []
     closed = frozenset(_day(file, value) for value in _listed(file, "closed", MOST_CLOSED))
     ahead = timedelta(minutes=file.number("minutes-ahead", 2.0, 0, 120))

@@ -18,6 +18,7 @@ from counterlight.show.session import Session
 from counterlight.show.stats import Stats
 from counterlight.show.stats_page import facts, status_line
 from counterlight.unattended.heartbeat import Heartbeat
+from counterlight.unattended.lamps import Lamps
 from counterlight.unattended.room_checks import RoomChecks
 
 STATUS_INTERVAL_S = 0.5
@@ -28,6 +29,7 @@ class Show:
     """A session and all that it answers to.
 
     bindings : of the settings file, see Keys.  checks : of the room; None for none.
+    lamps : projectors that remotes may switch.
     beside : what else is done from loop to loop, without waiting.
     """
 
@@ -39,9 +41,10 @@ class Show:
         remotes: Sequence[Remote] = (),
         heartbeat: Heartbeat | None = None,
         checks: RoomChecks | None = None,
+        lamps: Lamps | None = None,
         beside: Sequence[Callable[[], None]] = (),
     ) -> None:
-        self.session, self.commands = session, commands_of(session, self._check, self._checking)
+        self.session, self.commands = session, commands_of(session, self._check, self._checking, lamps)
         self._keys = Keys(self.commands, bindings)
         self._overlay = Overlay(session, self._keys)
         self._remotes, self._heartbeat = remotes, heartbeat

@@ -33,15 +33,18 @@ class Hours:
 
 @dataclass(frozen=True)
 class Schedule:
-    """closed : days on which nothing begins.  ahead : how long before the show projectors are switched on."""
+    """hours : None for always.  closed : days on which nothing begins.
 
-    hours: tuple[Hours, ...]
+    ahead : how long before the show projectors are switched on.
+    """
+
+    hours: tuple[Hours, ...] | None
     closed: frozenset[date] = frozenset()
     projectors: tuple[Projector, ...] = ()
     ahead: timedelta = timedelta(minutes=2)
 
     def plays(self, now: datetime) -> bool:
-        return any(each.cover(now, self.closed) for each in self.hours)
+        return self.hours is None or any(each.cover(now, self.closed) for each in self.hours)
 
     def lit(self, now: datetime) -> bool:
         """Whether projectors are to be on."""

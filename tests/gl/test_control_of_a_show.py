@@ -31,7 +31,7 @@ def test_every_documented_command_and_property_by_the_socket(xvfb: str, small_ro
             if name.startswith("place-"):  # the next medium would end it
                 client.ask("set_property", "pause", True)
                 client.ask("place")
-            if name != "quit":
+            if name not in ("quit", "projector"):  # see test_projectors_are_switched
                 answer = client.ask(name, *arguments.get(name, []))
                 assert answer["error"] == "success", answer
                 if name.startswith("place-"):

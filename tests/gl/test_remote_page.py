@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.browser import Page, browser
+from tests.pjlink_projector import OFF, ON, projector
 from tests.programs import PATIENCE_S, wait_until
 from tests.web_remote import Place, child, show_with_remote
 
@@ -71,6 +72,30 @@ def test_a_show_is_seen_and_commanded(tabs: Callable[[], Page], xvfb: str, small
         page.click("#check")
         page.wait("document.querySelector('#message').textContent.includes('--check-with')")
         assert page.complaints == []
+
+
+def test_projectors_are_switched(tabs: Callable[[], Page], xvfb: str, small_room: Path, folder: Path) -> None:
+    hours = folder / "hours.toml"
+    with projector(power=ON, erst="000010") as left, projector(power=ON) as right:
+        addresses = [f"127.0.0.1:{lamp.port}" for lamp in (left, right)]
+        hours.write_text("format = 1\n" + "".join(f'[[projectors]]\naddress = "{each}"\n' for each in addresses))
+        words = small_room, "clip.mkv", "--loop", "--supervise", "--schedule", hours
+        with show_with_remote(xvfb, folder, *words) as (process, place), place.visit() as visitor:
+            page = opened(tabs, place)
+            said = "[...document.querySelectorAll('#projectors dd')].map(each => each.firstChild.textContent)"
+            page.wait(f"{said}.join('; ') === 'on, 1234 h of lamp, filter: warning; on, 1234 h of lamp'")
+            page.ask("window.confirm = () => true")
+            page.click("#projectors dd:last-child button")
+            wait_until(lambda: right.power == OFF, "one alone", process)
+            assert left.power == ON
+            page.wait(f"{said}[1].startsWith('off')")
+            page.click("[data-run='projector off']")
+            wait_until(lambda: left.power == OFF, "all", process)
+            page.click("#projectors dd:last-child button")
+            wait_until(lambda: right.power == ON, "on again", process)
+            line = visitor.ask("projector", "on", 2)["message"]
+            assert line.startswith("projector: expected")
+            assert page.complaints == []
 
 
 def test_a_corner_is_dragged_on_the_preview(

@@ -198,7 +198,7 @@ document.querySelectorAll("[data-run]").forEach((button) => {
   button.onclick = async () => {
     if (button.dataset.sure && !confirm(button.dataset.sure)) return;
     const [name, ...words] = button.dataset.run.split(" ");
-    await run(name, ...words.map(Number));
+    await run(name, ...words.map((word) => (isNaN(word) ? word : Number(word))));
     if (name === "place" && !values.corners) run("place-fit"); // so that there are corners to drag
     if (name === "place") show("camera");
   };
@@ -334,6 +334,19 @@ const driftText = ({ checked, moved = [], gain = [] }) => {
   const light = gain.flat().map((factor) => `${Math.round(100 * factor)} %`).join(", ");
   return `${[shifts && `moved by ${shifts}`, light && `light ${light}`].filter(Boolean).join("; ")} (${new Date(checked).toLocaleString()})`;
 };
+
+watch("projectors", (lamps) => {
+  $("lamps").hidden = !lamps?.length;
+  $("projectors").replaceChildren(...(lamps || []).flatMap(({ address, power, faults, trouble, ...lamp }, number) => {
+    const hours = lamp["lamp-hours"].map((count) => `${count} h of lamp`);
+    const said = trouble || [power || "being asked", ...hours, ...faults].join(", ");
+    const on = power === "on" || power === "warming up";
+    const turn = make("button", { textContent: on ? "Off" : "On", onclick: () => {
+      if (!on || confirm(`Switch ${address} off?`)) run("projector", on ? "off" : "on", number);
+    } });
+    return [make("dt", { textContent: address }), make("dd", { className: trouble || faults.length ? "fault" : "" }, said, turn)];
+  }));
+});
 
 const heard = new Map(); // a line of the log, and when this page saw it first
 watch("notices", (lines) => {
