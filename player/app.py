@@ -13,12 +13,14 @@ from counterlight.calibration import check_order
 from counterlight.command import run, tell
 from counterlight.errors import InputError
 from counterlight.media.audio import open_audio
+from counterlight.media.line_in import LineIn
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.placement import read_placement
 from counterlight.pipeline.refinement import STEPS_OF_A_STILL
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room, read_room
+from counterlight.show.chase import Chase
 from counterlight.show.control import ControlServer, Remote
 from counterlight.show.governor import Governor
 from counterlight.show.headless import headless_renderer, render_to_file
@@ -214,6 +216,15 @@ def _checks(options: argparse.Namespace) -> RoomChecks | None:
     return RoomChecks(verify, every_s)
 
 
+def _chase(options: argparse.Namespace, items: Callable[[], int], stack: ExitStack) -> Chase:
+    """Of the timecode at a sound input, which is on the stack."""
+    line = LineIn(options.timecode, lambda samples, heard_s: chase.take(samples, heard_s))
+    stack.callback(line.close)
+    chase = Chase(line.rate, options.timecode_start, items)
+    line.start()
+    return chase
+
+
 def _lamps(options: argparse.Namespace, stack: ExitStack) -> Lamps | None:
     """The projectors of the schedule, on the stack."""
     if options.schedule is None:
@@ -237,6 +248,11 @@ def _in_step(options: argparse.Namespace, session: Session, stack: ExitStack) ->
         listener = Listener(options.follow)
         stack.callback(listener.close)
         beside.append(Follower(session, listener).poll)
+    if options.timecode is not None:
+        if options.follow is not None:
+            raise InputError("--timecode and --follow: a show follows one of them; leave the other out")
+        chase = _chase(options, lambda: len(session.playlist.media), stack)
+        beside.append(Follower(session, chase, "waits for timecode").poll)
     if options.at is not None:
         beside.append(Curtain(session, options.at).poll)
     return beside

@@ -4,10 +4,11 @@ import time
 from collections.abc import Callable
 from datetime import datetime, timedelta
 from statistics import median
+from typing import Protocol
 
 from counterlight.show.playback import Playback
 from counterlight.show.session import Session
-from counterlight.unattended.cues import Beacon, Cue, Heard, Listener
+from counterlight.unattended.cues import Beacon, Cue, Heard
 
 FAR_S = 1.0  # out of step by more, a follower seeks; by less, its media time is put right
 CLOSE_S, CLOSE_WITH_SOUND_S = 0.002, 0.03  # nothing is done about less: putting sound right is heard
@@ -16,6 +17,14 @@ OTHER_ITEM_S, AGAIN_S = 0.5, 10.0  # how long another item plays before it is ta
 LONGEST_SEEK_S = 5.0
 LATEST_START_S = 5.0  # that is made up for, where the first medium was not open in time
 HALF_A_DAY = timedelta(hours=12)
+
+
+class Listening(Protocol):
+    """What a follower follows."""
+
+    @property
+    def heard(self) -> Heard | None:
+        """What the leader says; None while it is silent."""
 
 
 class Leader:
@@ -38,10 +47,13 @@ def cue_of(session: Session) -> Cue:
 
 
 class Follower:
-    """Goes where the leader is: item, pause, speed and time. While the leader is silent, the show goes on alone."""
+    """Goes where the leader is: item, pause, speed and time. While the leader is silent, the show goes on alone.
 
-    def __init__(self, session: Session, listener: Listener) -> None:
-        self._session, self._listener = session, listener
+    begins : what is said when the leader is heard.
+    """
+
+    def __init__(self, session: Session, listener: Listening, begins: str = "in touch with the leader") -> None:
+        self._session, self._listener, self._begins = session, listener, begins
         self._in_touch = False
         self._other: tuple[int, float] | None = None  # an item that the leader plays and we do not, since when
         self._tried: tuple[int, float] | None = None  # the one that was gone to last, when
@@ -73,10 +85,11 @@ class Follower:
         in_touch = heard is not None
         if in_touch != self._in_touch:
             self._in_touch = in_touch
-            self._session.notice("in touch with the leader" if in_touch else "the leader is silent; going on alone")
+            self._session.notice(self._begins if in_touch else "the leader is silent; going on alone")
         told = {"role": "follow", "in_touch": in_touch}
         if heard is not None:
-            told |= {"round_trip_ms": round(1000 * heard.round_trip_s, 3)}
+            told |= {} if heard.round_trip_s is None else {"round_trip_ms": round(1000 * heard.round_trip_s, 3)}
+            told |= {} if heard.timecode is None else {"timecode": heard.timecode}
         self._session.stats.facts["in_step"] = self._session.stats.facts.get("in_step", {}) | told
 
     def _plays(self, cue: Cue) -> bool:

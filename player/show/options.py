@@ -33,11 +33,12 @@ from counterlight.show.remotes import PORT as PAGE_PORT
 from counterlight.show.settings import Several, apply_settings, default_path
 from counterlight.unattended.cues import PORT, read_address
 from counterlight.unattended.supervisor import SAFE
+from counterlight.unattended.timecode import Timecode, parse_timecode
 
 WINDOW_ONLY = (
     *("fullscreen", "monitor", "any_size", "vsync", "bits", "audio", "volume", "mute", "blackout", "osd"),
     *("screenshot_directory", "speed", "image_display_duration", "playlist_start"),
-    *("control", "remote", "osc", "heartbeat", "lead", "follow", "at", "schedule"),
+    *("control", "remote", "osc", "heartbeat", "lead", "follow", "timecode", "at", "schedule"),
 )
 
 
@@ -221,6 +222,15 @@ def _add_step(parser: argparse.ArgumentParser) -> None:
     add("--lead", type=_address(host=""), metavar="[HOST:]PORT", help=text)
     text = f"go where the leader on another machine is\n(its port: {PORT} if left out)"
     add("--follow", type=_address(port=PORT), metavar="HOST[:PORT]", help=text)
+    add(
+        "--timecode",
+        nargs="?",
+        const="",
+        metavar="DEVICE",
+        help="go where linear timecode (LTC) at this sound input is: a name or number\n(alone: the system's)",
+    )
+    text = "timecode of the first medium's beginning (default 00:00:00:00); every\nfurther medium begins an hour later"
+    add("--timecode-start", type=_timecode, default=parse_timecode("00:00:00"), metavar="HH:MM:SS:FF", help=text)
     add("--at", type=_time_of_day, metavar="HH:MM:SS", help="begin at this time of the day, black until then")
 
 
@@ -233,6 +243,13 @@ def _address(**defaults: Any) -> Callable[[str], tuple[str, int]]:
             raise argparse.ArgumentTypeError(f"expected {expected}, found {word!r}") from None
 
     return read
+
+
+def _timecode(word: str) -> Timecode:
+    try:
+        return parse_timecode(word)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected HH:MM:SS or HH:MM:SS:FF, found {word!r}") from None
 
 
 def _time_of_day(word: str) -> datetime:
