@@ -68,7 +68,7 @@ class _Lamp:
                 self._look()
                 self._trouble = None
             except InputError as error:
-                self._status, self._trouble = None, str(error)
+                self._status, self._trouble = None, str(error).removeprefix(f"projector {self._projector}: ")
             settled = self._wanted is None and self._status is not None and self._status.power in POWERS[:2]
             self._awake.wait(LOOK_S if settled else AGAIN_S)
 

@@ -344,7 +344,7 @@ watch("projectors", (lamps) => {
     const turn = make("button", { textContent: on ? "Off" : "On", onclick: () => {
       if (!on || confirm(`Switch ${address} off?`)) run("projector", on ? "off" : "on", number);
     } });
-    return [make("dt", { textContent: address }), make("dd", { className: trouble || faults.length ? "fault" : "" }, said, turn)];
+    return [make("dt", { textContent: address }), make("dd", { className: trouble || faults.length ? "fault" : "" }, make("span", { textContent: said }), turn)];
   }));
 });
 
