@@ -11,6 +11,7 @@ from pathlib import Path
 
 from tests.fuzz.calibrations import Calibrations
 from tests.fuzz.disks import Disks
+from tests.fuzz.evening import Evening
 from tests.fuzz.kills import Kills
 from tests.fuzz.lists import Lists
 from tests.fuzz.media import Media
@@ -26,6 +27,7 @@ KINDS: tuple[type[Campaign], ...] = (
     Media,
     Lists,
     Remotes,
+    Evening,
     Kills,
     Disks,
     Signals,

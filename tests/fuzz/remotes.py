@@ -19,6 +19,7 @@ import numpy as np
 
 from counterlight.tools import build_correction_map
 from tests import screens
+from tests.fuzz.heart import Heart
 from tests.fuzz.names import Ground, draw_name
 from tests.fuzz.tally import CRASHED, HUNG, LEFT, READ, REFUSED, WRONG, Plan, Tally, Trial
 from tests.media import numbered, write_video
@@ -98,8 +99,8 @@ class Remotes:
             found = [Trial(WRONG, words) for client in clients for words in client.complaints[:1]] + show.ended()
         for index, trial in enumerate(found):
             tally.add(index, trial, {"errors": (plan.scratch / "errors").read_bytes()})
-        tally.peak, tally.slowest_s = show.grown, show.longest_s
-        tally.notes |= {"connections": sum(client.connections for client in clients), "frames": show.frames}
+        tally.peak, tally.slowest_s = show.heart.grown, show.heart.longest_s
+        tally.notes |= {"connections": sum(client.connections for client in clients), "frames": show.heart.frames}
         tally.notes["minutes"] = round(show.minutes, 1)
         return tally
 
@@ -109,9 +110,9 @@ class _Show:
 
     def __init__(self, process: subprocess.Popen[str], folder: Path, media: Sequence[str], ground: Ground) -> None:
         self.process, self.folder, self.media, self.ground = process, folder, media, ground
-        self.control, self._beats = folder / "show.socket", folder / "show.log"
+        self.control = folder / "show.socket"
         self.over = threading.Event()
-        self._since, self.longest_s, self.frames, self.grown, self._first, self._read = 0.0, 0.0, 0, 0, 0, 0
+        self.heart = Heart(folder / "show.log")
         self._begun = time.monotonic()
         self.minutes = 0.0
         with Client(self.control) as client:
@@ -121,23 +122,17 @@ class _Show:
     def look(self) -> None:
         """Take the beats since the last look."""
         self.minutes = (time.monotonic() - self._begun) / 60
-        with self._beats.open() as lines:
-            lines.seek(self._read)
-            text = lines.read()
-        whole = text[: text.rfind("\n") + 1]
-        self._read += len(whole.encode())
-        for line in whole.splitlines():
-            beat = json.loads(line)
-            self._first = self._first or beat["rss_bytes"]
-            self.grown = max(self.grown, beat["rss_bytes"] - self._first)
-            self.longest_s = max(self.longest_s, beat["time"] - self._since if self._since else 0.0)
-            self._since, self.frames = beat["time"], beat["frames"]
+        self.heart.look()
 
     def ended(self) -> list[Trial]:
         """End the show as its user would; what was wrong with it or is left of it."""
         if self.process.poll() is not None:
             return [Trial(CRASHED, f"the show ended with {self.process.returncode}: {self._said()}")]
-        found = [Trial(HUNG, f"{self.longest_s:.1f} s between beats")] if self.longest_s > INTERVAL_S + LATEST_S else []
+        found = (
+            [Trial(HUNG, f"{self.heart.longest_s:.1f} s between beats")]
+            if self.heart.longest_s > INTERVAL_S + LATEST_S
+            else []
+        )
         children = descendants(self.process.pid)
         try:
             with Client(self.control) as client:
