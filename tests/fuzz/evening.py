@@ -1,4 +1,4 @@
-"""An evening in rounds of a minute: three people at the remote, a stream that is cut off, a monitor that comes and goes.
+"""An evening in rounds of a minute: three people at the remote, a stream cut off, a monitor that comes and goes.
 
 Each of them sends a random command of the page's a second. Behind each round the picture is set back to what an
 audience would see: it must be there, moving, on its monitor; the heartbeat never late, memory as it was.
@@ -29,16 +29,8 @@ WARM_UP, MOST_GROWTH = 5, 10 << 20  # rounds, bytes
 SECOND_MONITOR = 1280, 0, 1024, 768
 SHOW: dict[str, object] = {
     **{"blackout": False, "pause": False, "view": "projector", "compensation": True, "test-card": "no", "speed": 1.0},
-    **{
-        "brightness": 0,
-        "contrast": 0,
-        "gamma": 0,
-        "saturation": 0,
-        "black-level": 0.0,
-        "adapt": 0.0,
-        "clipping": False,
-    },
-    **{"refine": "auto", "loop-file": False, "ab-loop-a": "no", "ab-loop-b": "no", "image-display-duration": 5.0},
+    **{"brightness": 0, "contrast": 0, "gamma": 0, "saturation": 0, "black-level": 0.0, "adapt": 0.0},
+    **{"clipping": False, "refine": "auto", "loop-file": False, "ab-loop-a": "no", "ab-loop-b": "no", "image-display-duration": 5.0},
     **{"budget": "no", "within": "no", "monitor": "DUMMY1", "fullscreen": True, "loop-playlist": True},
 }
 HANDS_OFF = {"lut", "corners", "monitor", "loop-playlist", "osd"}  # paths, and what has no kind to draw from

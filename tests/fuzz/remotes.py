@@ -128,11 +128,8 @@ class _Show:
         """End the show as its user would; what was wrong with it or is left of it."""
         if self.process.poll() is not None:
             return [Trial(CRASHED, f"the show ended with {self.process.returncode}: {self._said()}")]
-        found = (
-            [Trial(HUNG, f"{self.heart.longest_s:.1f} s between beats")]
-            if self.heart.longest_s > INTERVAL_S + LATEST_S
-            else []
-        )
+        longest_s = self.heart.longest_s
+        found = [Trial(HUNG, f"{longest_s:.1f} s between beats")] if longest_s > INTERVAL_S + LATEST_S else []
         children = descendants(self.process.pid)
         try:
             with Client(self.control) as client:
