@@ -30,8 +30,9 @@ SECOND_MONITOR = 1280, 0, 1024, 768
 SHOW: dict[str, object] = {
     **{"blackout": False, "pause": False, "view": "projector", "compensation": True, "test-card": "no", "speed": 1.0},
     **{"brightness": 0, "contrast": 0, "gamma": 0, "saturation": 0, "black-level": 0.0, "adapt": 0.0},
-    **{"clipping": False, "refine": "auto", "loop-file": False, "ab-loop-a": "no", "ab-loop-b": "no", "image-display-duration": 5.0},
-    **{"budget": "no", "within": "no", "monitor": "DUMMY1", "fullscreen": True, "loop-playlist": True},
+    **{"refine": "auto", "loop-file": False, "ab-loop-a": "no", "ab-loop-b": "no", "image-display-duration": 5.0},
+    **{"clipping": False, "budget": "no", "within": "no"},
+    **{"monitor": "DUMMY1", "fullscreen": True, "loop-playlist": True},
 }
 HANDS_OFF = {"lut", "corners", "monitor", "loop-playlist", "osd"}  # paths, and what has no kind to draw from
 DARK = 20  # codes; the clip's pictures have brighter places

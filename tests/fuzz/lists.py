@@ -22,7 +22,7 @@ from tests.canaries import Canary, canary
 from tests.fuzz.calls import Rules, calls_of, watched
 from tests.fuzz.names import Ground, Name, draw_name
 from tests.fuzz.tally import CRASHED, HUNG, READ, REFUSED, WRONG, Plan, Tally, Trial
-from tests.programs import on, script
+from tests.programs import on, verb
 from tests.remote import Client
 from tests.rooms import write_blurred_room
 
@@ -109,7 +109,7 @@ class WatchedShow:
         (self.ground.media / "names.m3u").write_bytes(listed)
         control = self._scratch / "tmp" / "socket"
         media = ("clip.mkv", "--loop", "--control", control) if remote else ("names.m3u",)
-        words = watched([script("play"), self._room, *media, *OPTIONS], self._log)
+        words = watched([*verb("play"), self._room, *media, *OPTIONS], self._log)
         quiet = {
             "PYTHONDONTWRITEBYTECODE": "1",
             "MESA_SHADER_CACHE_DISABLE": "true",

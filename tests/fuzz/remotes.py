@@ -23,7 +23,7 @@ from tests.fuzz.heart import Heart
 from tests.fuzz.names import Ground, draw_name
 from tests.fuzz.tally import CRASHED, HUNG, LEFT, READ, REFUSED, WRONG, Plan, Tally, Trial
 from tests.media import numbered, write_video
-from tests.programs import descendants, on, running, script
+from tests.programs import descendants, on, running, verb
 from tests.remote import Client
 from tests.rooms import write_blurred_room
 from tests.test_live import Sender, udp_port
@@ -167,7 +167,7 @@ def _show(folder: Path, display: str) -> Iterator[_Show]:
     live = f"udp://127.0.0.1:{port}"
     options = "--loop", "--no-config", "--no-audio", "--path", "fragment", "--screenshot-directory", folder / "shots"
     told = "--control", folder / "show.socket", "--heartbeat", folder / "show.log"
-    words = [script("play"), folder / "room", *clips, live, *options, *told]
+    words = [*verb("play"), folder / "room", *clips, live, *options, *told]
     with (
         (folder / "errors").open("w") as errors,
         Sender(port, (320, 240), loss=LOSS),

@@ -23,7 +23,7 @@ from tests.faults import Run, Runner
 from tests.fuzz.bench import ASKED, KILLED, NO_END, Bench, Blow
 from tests.fuzz.tally import CRASHED, HANG_S, HUNG, LEFT, READ, Plan, Tally, Trial
 from tests.media import numbered, write_video
-from tests.programs import ROOT, descendants, is_running, on, script
+from tests.programs import ROOT, descendants, is_running, on, verb
 from tests.rooms import write_blurred_room
 from tests.writing_commands import COMMANDS
 
@@ -125,7 +125,7 @@ class _Show:
         )
         more = ("--supervise",) if supervised else ()
         with tempfile.TemporaryFile("w+") as errors:
-            program = [script("play"), "room", "clip.mkv", *options, *more]
+            program = [*verb("play"), "room", "clip.mkv", *options, *more]
             environment = on(self._display) | {"PYTHONPATH": str(self._folder / "clock")}
             process = _started(program, errors.fileno(), self._folder, environment)
             with suppress(subprocess.TimeoutExpired):
