@@ -6,7 +6,7 @@ listed in calibration.toml with its size and SHA-256 and is refused if it differ
 """
 
 import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from io import BufferedReader
@@ -57,6 +57,13 @@ class Region(NamedTuple):
     def part(self) -> tuple[slice, slice]:
         """Of a picture: rows and columns."""
         return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
+
+
+def side_by_side(shapes: Sequence[tuple[int, int]]) -> tuple[tuple[int, int], tuple[Region, ...]]:
+    """The raster of projectors of these (height, width), and each one's part of it: from the left, all at the top."""
+    lefts = accumulate((width for _, width in shapes), initial=0)
+    regions = tuple(Region(left, 0, width, height) for left, (height, width) in zip(lefts, shapes, strict=False))
+    return (max(height for height, _ in shapes), sum(width for _, width in shapes)), regions
 
 
 @dataclass(frozen=True)
@@ -149,8 +156,7 @@ class Calibration:
         """
         if len(self.projectors) == 1:
             return self.projectors[0]
-        height, width = max(p.height for p in self.projectors), sum(p.width for p in self.projectors)
-        return Raster(height, width)
+        return Raster(*side_by_side([each.shape for each in self.projectors])[0])
 
     @property
     def response(self) -> RasterResponse:
@@ -178,8 +184,7 @@ class Calibration:
     @property
     def regions(self) -> tuple[Region, ...]:
         """Where each projector's picture is in the raster."""
-        lefts = accumulate((p.width for p in self.projectors), initial=0)
-        return tuple(Region(left, 0, p.width, p.height) for left, p in zip(lefts, self.projectors, strict=False))
+        return side_by_side([each.shape for each in self.projectors])[1]
 
 
 @dataclass(frozen=True)
