@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from io import BufferedReader
 from itertools import accumulate
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,10 @@ REBUILD = (
 )
 
 
+Shape: TypeAlias = tuple[int, int]  # (height, width)
+Shapes: TypeAlias = tuple[Shape, ...]
+
+
 class Region(NamedTuple):
     """A rectangle of a picture, in pixels."""
 
@@ -59,7 +63,7 @@ class Region(NamedTuple):
         return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
 
 
-def side_by_side(shapes: Sequence[tuple[int, int]]) -> tuple[tuple[int, int], tuple[Region, ...]]:
+def side_by_side(shapes: Sequence[Shape]) -> tuple[Shape, tuple[Region, ...]]:
     """The raster of projectors of these (height, width), and each one's part of it: from the left, all at the top."""
     lefts = accumulate((width for _, width in shapes), initial=0)
     regions = tuple(Region(left, 0, width, height) for left, (height, width) in zip(lefts, shapes, strict=False))

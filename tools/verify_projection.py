@@ -24,7 +24,7 @@ from counterlight.writing.outputs import check_folder
 from counterlight.writing.replacing import replacing_folder
 
 if TYPE_CHECKING:
-    from counterlight.calibration import StoredCalibration
+    from counterlight.calibration import Calibration, Shapes, StoredCalibration
     from counterlight.pipeline.drift import Drift
     from counterlight.tools.acquisition.cameras.camera import Camera
     from counterlight.tools.acquisition.photographer import Photographer
@@ -71,14 +71,8 @@ def _verify(options: argparse.Namespace, stage: Path | None) -> int:
             f"{options.calibration}: has {len(room.cameras)} cameras, of which any may have moved, and one is looked "
             "through; verify the room of each camera by itself, or acquire again"
         )
-    with threadpool_limits(limits=1), open_rig(options) as (camera, projector):
-        if projector != room.projector.shape:
-            swapped = projector[::-1] == room.projector.shape
-            fix = "width and height are swapped" if swapped else "choose the calibrated one"
-            raise InputError(
-                f"the projector has {projector[1]}x{projector[0]} pixels, {options.calibration} is for "
-                f"{room.projector.width}x{room.projector.height}; {fix}"
-            )
+    with threadpool_limits(limits=1), open_rig(options) as (camera, projectors):
+        _check_projectors(options, room, projectors)
         if isinstance(camera, LiveCamera) and not options.no_preflight:
             for finding in preflight(camera):
                 refuse_bad(finding)
@@ -89,6 +83,18 @@ def _verify(options: argparse.Namespace, stage: Path | None) -> int:
             if options.watch is None:
                 return code
             time.sleep(options.watch)
+
+
+def _check_projectors(options: argparse.Namespace, room: "Calibration", found: "Shapes") -> None:
+    """InputError unless these are the room's, or one that has all of its raster."""
+    wanted = tuple(projector.shape for projector in room.projectors)
+    if found in (wanted, (room.projector.shape,)):
+        return
+    swapped = tuple((width, height) for height, width in found) == wanted
+    sizes, expected = (" and ".join(f"{width}x{height}" for height, width in each) for each in (found, wanted))
+    many = "s have" if len(found) > 1 else " has"
+    fix = "width and height are swapped" if swapped else "choose the calibrated one" + "s" * (len(wanted) > 1)
+    raise InputError(f"the projector{many} {sizes} pixels, {options.calibration} is for {expected}; {fix}")
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from counterlight import calibration
 from counterlight.arrays import FloatArray
-from counterlight.calibration import Calibration
+from counterlight.calibration import Calibration, Shape, Shapes, side_by_side
 from counterlight.errors import InputError
 from counterlight.maps.mixing import mixed
 from counterlight.response import RasterResponse, Response
@@ -63,7 +63,7 @@ class CameraSettings:
 class SimulatedRoom:
     """What is in front of the camera.
 
-    ambient : (camera height, camera width, 3).  projector : (height, width).  response : of its raster.
+    ambient : (camera height, camera width, 3).  projectors : (height, width) of each.  response : of their raster.
     mixing : (camera height, camera width, 3, 3), or one for all, what the camera's channels see of the light that the
     transport gives of each primary; None for their own alone.  sensor : the scene's own, if it describes one.
     """
@@ -71,10 +71,15 @@ class SimulatedRoom:
     name: str
     transport: Transport
     ambient: NDArray[np.float32]
-    projector: tuple[int, int]
+    projectors: Shapes
     response: RasterResponse
     mixing: FloatArray | None = None
     sensor: Sensor | None = None
+
+    @property
+    def projector(self) -> Shape:
+        """(height, width) of the raster."""
+        return side_by_side(self.projectors)[0]
 
     def seen(self, drive: FloatArray) -> FloatArray:
         """The camera's radiance, (camera height, camera width, 3); drive : (projector pixels, 3)."""
@@ -184,7 +189,7 @@ def _views(room: Calibration, tier: Tier) -> list[SimulatedRoom]:
             room.name,
             tier.transport.at(pixels[view].ravel()),
             room.ambient[view],
-            room.projector.shape,
+            tuple(projector.shape for projector in room.projectors),
             room.response,
             mixing if mixing is None or mixing.ndim == 2 else mixing[view],
         )
@@ -199,7 +204,7 @@ def _simulated(scene: Scene) -> SimulatedRoom:
         scene.name,
         result.transport if light is None else light.transport,
         result.ambient,
-        (scene.projector.height, scene.projector.width),
+        ((scene.projector.height, scene.projector.width),),
         scene.projector.response.over(scene.projector.width),
         None if light is None else light.mixing,
         scene.camera.sensor,
