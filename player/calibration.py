@@ -6,13 +6,12 @@ listed in calibration.toml with its size and SHA-256 and is refused if it differ
 """
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from io import BufferedReader
-from itertools import accumulate
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +24,7 @@ from counterlight.files.picture_files import MAX_SIDE, grey, read_picture
 from counterlight.files.png import write_png
 from counterlight.files.reading import MAX_TOML_BYTES, DescribedFiles, Source, opened, parse_toml, read_bytes
 from counterlight.files.tables import LONGEST_TEXT, Table
+from counterlight.raster import Raster, Region, side_by_side
 from counterlight.response import Matrix, RasterResponse, Response, read_response
 from counterlight.screen import FILE as SCREEN
 from counterlight.screen import MOST_CAMERAS, Screen, parts_of, raster_of, read_screen, write_screen
@@ -43,51 +43,6 @@ RADIANCE = (1e-12, 1e12)
 REBUILD = (
     "make the calibration again (counterlight simulate, counterlight import-transport or counterlight import-graycode)"
 )
-
-
-Shape: TypeAlias = tuple[int, int]  # (height, width)
-Shapes: TypeAlias = tuple[Shape, ...]
-
-
-class Region(NamedTuple):
-    """A rectangle of a picture, in pixels."""
-
-    left: int
-    top: int
-    width: int
-    height: int
-
-    @property
-    def part(self) -> tuple[slice, slice]:
-        """Of a picture: rows and columns."""
-        return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
-
-
-def side_by_side(shapes: Sequence[Shape]) -> tuple[Shape, tuple[Region, ...]]:
-    """The raster of projectors of these (height, width), and each one's part of it: from the left, all at the top."""
-    lefts = accumulate((width for _, width in shapes), initial=0)
-    regions = tuple(Region(left, 0, width, height) for left, (height, width) in zip(lefts, shapes, strict=False))
-    return (max(height for height, _ in shapes), sum(width for _, width in shapes)), regions
-
-
-@dataclass(frozen=True)
-class Raster:
-    """A picture's size in pixels."""
-
-    height: int
-    width: int
-
-    def __post_init__(self) -> None:
-        if not (1 <= self.height <= MAX_SIDE and 1 <= self.width <= MAX_SIDE):
-            raise InputError(f"size {self.width}x{self.height}: expected 1 to {MAX_SIDE} pixels a side")
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        return self.height, self.width
-
-    @property
-    def pixels(self) -> int:
-        return self.height * self.width
 
 
 @dataclass(frozen=True)
@@ -155,8 +110,7 @@ class Calibration:
     def projector(self) -> Raster:
         """What T's columns and the maps are made for: the projector, or the raster of several (docs/displays.md).
 
-        The raster is as high as the highest and as wide as all together; below lower ones it has pixels that light
-        nothing.
+        Below lower projectors it has pixels that light nothing.
         """
         if len(self.projectors) == 1:
             return self.projectors[0]
@@ -166,9 +120,7 @@ class Calibration:
     def response(self) -> RasterResponse:
         """Of the raster, each projector's in its own columns."""
         each = self.projectors
-        return RasterResponse(
-            tuple(p.response for p in each), tuple(p.width for p in each), tuple(p.colour for p in each)
-        )
+        return RasterResponse(tuple(p.response for p in each), self.regions, tuple(p.colour for p in each))
 
     @property
     def cameras(self) -> tuple[tuple[int, int], ...]:

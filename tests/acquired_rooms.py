@@ -38,7 +38,7 @@ def error(found: Transport, truth: Transport) -> float:
 
 def room_of(transport: Transport, ambient: float = 0.01, projector: tuple[int, int] = PROJECTOR) -> SimulatedRoom:
     picture = np.full((*CAMERA, 3), ambient, np.float32)
-    return SimulatedRoom("test", transport, picture, (projector,), LINEAR.over(projector[1]))
+    return SimulatedRoom("test", transport, picture, (projector,), LINEAR.over(projector))
 
 
 def sharp_wall(rng: np.random.Generator, sigma: float = 0.5) -> Transport:

@@ -9,9 +9,10 @@ import pytest
 
 import counterlight as cl
 from counterlight import calibration
-from counterlight.calibration import Device, Region
+from counterlight.calibration import Device
 from counterlight.files import exr
 from counterlight.pipeline.room import read_room
+from counterlight.raster import Region
 from counterlight.response import Response
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.tools.relighting.pictures import read_placed

@@ -24,8 +24,9 @@ from counterlight.writing.outputs import check_folder
 from counterlight.writing.replacing import replacing_folder
 
 if TYPE_CHECKING:
-    from counterlight.calibration import Calibration, Shapes, StoredCalibration
+    from counterlight.calibration import Calibration, StoredCalibration
     from counterlight.pipeline.drift import Drift
+    from counterlight.raster import Shapes
     from counterlight.tools.acquisition.cameras.camera import Camera
     from counterlight.tools.acquisition.photographer import Photographer
     from counterlight.tools.acquisition.verify import Verification, Verified

@@ -9,12 +9,12 @@ from contextlib import ExitStack, contextmanager
 import glfw
 import moderngl
 
-from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.gl.monitors import Monitor, find_monitor, list_monitors, refuse_shared
 from counterlight.gl.window import REDRAW, Window, wait_for_events
 from counterlight.overlay.osd import Page
 from counterlight.overlay.pointer import Pointer
+from counterlight.raster import Region
 
 
 class Displays:

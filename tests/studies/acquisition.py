@@ -124,14 +124,14 @@ def rooms(
         simulated = simulate(scene)
         yield StudyRoom(
             SimulatedRoom(
-                name, simulated.transport, simulated.ambient, (projector,), scene.projector.response.over(projector[1])
+                name, simulated.transport, simulated.ambient, (projector,), scene.projector.response.over(projector)
             )
         )
     if wanted and not {"out of focus", "mirror"} & set(wanted):
         return
     rng = np.random.default_rng(2006)
     ambient = np.full((*camera, 3), 0.004, np.float32)
-    linear = Response("linear").over(projector[1])
+    linear = Response("linear").over(projector)
     blurred = blurred_strips(rng, camera, projector, 1.3)
     yield StudyRoom(
         SimulatedRoom("out of focus", Transport.from_matrices((blurred,) * 3), ambient, (projector,), linear)

@@ -19,9 +19,9 @@ from typing import Protocol, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.calibration import Region, Shape, side_by_side
 from counterlight.command import LOG_INTERVAL_S, progress_bar
 from counterlight.errors import InputError
+from counterlight.raster import Region, Shape, side_by_side
 from counterlight.response import Response
 from counterlight.tools.acquisition.cameras.camera import Camera, Shot
 from counterlight.tools.acquisition.check import Check, check_coloured, check_colours, check_pattern, check_white

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from counterlight import calibration
 from counterlight.arrays import BoolArray, FloatArray
-from counterlight.calibration import Calibration, Device, Shape, Shapes
+from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files.manifest import sha256_of
+from counterlight.raster import Shape, Shapes
 from counterlight.response import Response
 from counterlight.screen import parts_of
 from counterlight.tools.acquisition.acquire import Acquisition, acquire

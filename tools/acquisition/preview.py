@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from counterlight.calibration import side_by_side
 from counterlight.errors import InputError
 from counterlight.gl.monitors import Monitor, find_monitor, list_monitors
 from counterlight.gl.preview_window import CLOSED, PreviewWindow
 from counterlight.overlay.osd import Legend, Page
 from counterlight.pipeline.test_cards import card
+from counterlight.raster import side_by_side
 from counterlight.tools.acquisition.aiming import Framing, brightest, framing, sharpness, shown
 from counterlight.tools.acquisition.cameras.aim_folder import AimedFolder
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot

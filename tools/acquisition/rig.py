@@ -7,8 +7,8 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from counterlight.calibration import Shapes
 from counterlight.errors import InputError
+from counterlight.raster import Shapes
 from counterlight.response import Response, named_response
 from counterlight.tools.acquisition.cameras.camera import Camera, Exposures
 from counterlight.tools.acquisition.cameras.folder import FolderCamera

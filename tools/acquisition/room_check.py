@@ -14,10 +14,11 @@ import numpy as np
 from scipy import ndimage
 
 from counterlight.arrays import BoolArray, FloatArray
-from counterlight.calibration import Calibration, Region
+from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.pipeline import encoding
 from counterlight.pipeline.drift import Drift, Moved
+from counterlight.raster import Region
 from counterlight.tools.acquisition.camera_shift import CameraShift, camera_shift
 from counterlight.tools.acquisition.photographer import Photographer
 from counterlight.tools.acquisition.plan import Codes, Noise, measure_noise

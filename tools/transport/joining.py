@@ -17,11 +17,12 @@ from scipy import sparse
 
 from counterlight import calibration as calibrations
 from counterlight.arrays import FloatArray
-from counterlight.calibration import Calibration, Device, Region, StoredCalibration, side_by_side
+from counterlight.calibration import Calibration, Device, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.maps.row_map import SparseRows
 from counterlight.pipeline.colour import LUMINANCE
 from counterlight.pipeline.content import BRIGHT_PERCENTILE
+from counterlight.raster import Region, side_by_side
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.colour.shared import colour_matrices
 from counterlight.tools.factoring.factoring import Factoring, factored

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from counterlight.calibration import Shape, side_by_side
+from counterlight.raster import Shape, side_by_side
 from counterlight.tools.acquisition.cameras.simulated import VisibleScreen
 from counterlight.tools.acquisition.plan import Codes
 

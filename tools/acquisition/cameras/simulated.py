@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from counterlight import calibration
 from counterlight.arrays import FloatArray
-from counterlight.calibration import Calibration, Shape, Shapes, side_by_side
+from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.maps.mixing import mixed
+from counterlight.raster import Shape, Shapes, side_by_side
 from counterlight.response import RasterResponse, Response
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Exposures, Shot
 from counterlight.tools.acquisition.cameras.live import LiveCamera, Screen
@@ -205,7 +206,7 @@ def _simulated(scene: Scene) -> SimulatedRoom:
         result.transport if light is None else light.transport,
         result.ambient,
         ((scene.projector.height, scene.projector.width),),
-        scene.projector.response.over(scene.projector.width),
+        scene.projector.response.over((scene.projector.height, scene.projector.width)),
         None if light is None else light.mixing,
         scene.camera.sensor,
     )

@@ -6,10 +6,10 @@ from contextlib import ExitStack, contextmanager
 import numpy as np
 from PIL import ImageGrab
 
-from counterlight.calibration import Shapes, side_by_side
 from counterlight.errors import InputError
 from counterlight.gl.monitors import Monitor, find_monitor, list_monitors, refuse_shared
 from counterlight.gl.pattern_window import PatternWindow
+from counterlight.raster import Shapes, side_by_side
 from counterlight.tools.acquisition.cameras.side_by_side import SideBySide
 from counterlight.tools.acquisition.plan import Codes
 
