@@ -12,6 +12,7 @@ from counterlight.tools.simulation.geometry import trace
 from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport
+from tests.programs import succeed
 
 PROJECTOR = (27, 48)
 FIRST, SECOND = (36, 50), (32, 44)  # (height, width) of the cameras
@@ -31,6 +32,8 @@ def homography(H: np.ndarray) -> Map:
 # The first camera sees the projector's left two thirds, the second its right two thirds, each askew.
 LEFT = np.array([[0.62, 0.03, 2.0], [-0.02, 0.65, 2.0], [0.0008, 0.0003, 1.0]])
 RIGHT = np.array([[0.66, -0.03, 17.0], [0.02, 0.7, 2.5], [-0.0006, 0.0004, 1.0]])
+# From the projector's pixels to those of another one, whose picture lies askew over the first one's.
+BESIDE = np.array([[0.94, 0.05, -4.0], [-0.04, 1.02, 1.5], [0.0, 0.0002, 1.0]])
 
 
 def folded(H: np.ndarray, fold: float = 24.0, bend: float = 0.25) -> Map:
@@ -88,6 +91,16 @@ def write_views(
         with writing(rooms[-1], calibration_of(transport, name)) as stage:
             write_transport(transport, stage)
     return rooms
+
+
+def write_pairs(folder: Path, gain: tuple[float, float, float] = (1, 1, 1)) -> list[Path]:
+    """Calibrations `first pair` and `second pair`: two projectors, as each camera saw them; gain : of the second's."""
+    alone = write_views(folder / "one", gain), write_views(folder / "other", gain, lambda H: homography(BESIDE @ H))
+    pairs = []
+    for views in zip(*alone, strict=True):
+        pairs.append(folder / f"{views[0].name} pair")
+        succeed("join", *views, "-o", pairs[-1])
+    return pairs
 
 
 def position_in_first(camera: tuple[int, int], H: np.ndarray) -> np.ndarray:

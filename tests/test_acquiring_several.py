@@ -15,6 +15,7 @@ from counterlight.tools.acquisition.plan import REPEATS
 from counterlight.tools.acquisition.ramps import light_level
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import channel
+from tests.camera_rooms import write_pairs
 from tests.joint_rooms import LEFT, RIGHT, join, write_halves
 from tests.programs import fail, succeed
 from tests.test_acquisition import same_files, unfinished
@@ -86,6 +87,26 @@ def test_verify_projects_with_both(truth: Path, acquired: Path, capsys: pytest.C
     capsys.readouterr()
     assert verify_projection.main([str(acquired), "--camera", f"simulated:{truth}", *FAINT]) == 0
     assert "nothing has changed" in capsys.readouterr().out
+
+
+def test_two_projectors_and_two_cameras_at_once(tmp_path: Path) -> None:
+    """The room that joining projectors, then cameras, makes of exact parts."""
+    pairs = write_pairs(tmp_path, gain=(0.9, 1.0, 1.2))
+    truth, found = tmp_path / "truth", tmp_path / "found"
+    succeed("join", *pairs, "--cameras", "-o", truth)
+    cameras = [part for pair in pairs for part in ("--camera", f"simulated:{pair}")]
+    said = succeed("acquire", *cameras, *FAINT, "-o", found)
+    assert re.search(r"camera 2: \d+ of its pixels see what is on the screen already; its light times 1\.1", said)
+    exact, measured = (calibration.read(each) for each in (truth, found))
+    room, expected = measured.calibration, exact.calibration
+    assert (room.cameras, room.regions) == (expected.cameras, expected.regions)
+    T, meant = (channel(read_transport(each).near, 1).toarray() for each in (measured, exact))
+    assert np.linalg.norm(T - meant) < 0.05 * np.linalg.norm(meant)  # noise, and what the threshold leaves out
+    assert room.screen is not None
+    assert expected.screen is not None
+    both = room.mask & expected.mask
+    away = (room.screen.positions - expected.screen.positions)[both]
+    assert np.percentile(np.abs(away - np.median(away, axis=0)), 95) < 0.3  # camera pixels: a fifth of the projector's
 
 
 def test_a_folder_is_shown_the_raster(tmp_path: Path) -> None:
