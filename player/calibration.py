@@ -40,6 +40,7 @@ MOST_PROJECTORS, LONGEST_PROVENANCE = 64, 1 << 16
 GREY, LEAST_COLOUR = 1e-3, 1e-3  # a row's sum, as text rounds it; the volume that primaries span beside their own
 # White is no less, light no more, in any unit: of what lies between, squares and a frame's sums stay within float32.
 RADIANCE = (1e-12, 1e12)
+GAIN = (1e-6, 1e6)  # of one camera's light beside another's
 REBUILD = (
     "make the calibration again (counterlight simulate, counterlight import-transport or counterlight import-graycode)"
 )
@@ -128,9 +129,21 @@ class Calibration:
         return (self.camera.shape,) if self.screen is None else self.screen.cameras
 
     @property
+    def gains(self) -> NDArray[np.float64]:
+        """What each camera's light was multiplied with when they came together, (cameras, 3)."""
+        gains = None if self.screen is None else self.screen.gains
+        return np.ones((len(self.cameras), 3)) if gains is None else gains
+
+    @property
     def views(self) -> tuple[tuple[slice, slice], ...]:
         """Rows and columns of each camera's picture in the raster."""
         return parts_of(self.cameras)
+
+    def pixels_of(self, number: int) -> NDArray[np.bool_]:
+        """Which of the raster's pixels are of one camera, from 0: (camera height, camera width)."""
+        pixels = np.zeros(self.camera.shape, np.bool_)
+        pixels[self.views[number]] = True
+        return pixels
 
     @property
     def placed_on(self) -> tuple[int, int]:
@@ -266,20 +279,23 @@ def _to_toml(calibration: Calibration, files: dict[str, Any]) -> dict[str, Any]:
 
 
 def _cameras_to_toml(calibration: Calibration) -> dict[str, Any]:
-    sizes = [{"width": width, "height": height} for height, width in calibration.cameras]
+    cameras = [{"width": width, "height": height} for height, width in calibration.cameras]
     if calibration.screen is None:
-        return {"camera": sizes[0]}
+        return {"camera": cameras[0]}
     height, width = calibration.screen.shape
-    return {"cameras": sizes, "screen": {"width": width, "height": height}}
+    matched = [{**camera, "gain": gain.tolist()} for camera, gain in zip(cameras, calibration.gains, strict=True)]
+    return {"cameras": matched, "screen": {"width": width, "height": height}}
 
 
 def _read_cameras(table: Table, files: DescribedFiles) -> tuple[Device, Screen | None]:
     """The camera, or the raster of several and their screen."""
     if "cameras" not in table:
         return _read_device(table.table("camera")), None
-    cameras = tuple(_read_device(entry).shape for entry in table.tables("cameras", MOST_CAMERAS))
+    entries = table.tables("cameras", MOST_CAMERAS)
+    cameras = tuple(_read_device(entry).shape for entry in entries)
+    gains = np.stack([entry.numbers("gain", 3, (1.0,) * 3, *GAIN) for entry in entries])
     raster = Device(*raster_of(cameras), Response("linear"))
-    return raster, read_screen(table.table("screen"), files, cameras, REBUILD)
+    return raster, read_screen(table.table("screen"), files, cameras, gains, REBUILD)
 
 
 def _projector_to_toml(projector: Device) -> dict[str, Any]:

@@ -1,8 +1,9 @@
 """counterlight verify: is the room as it was calibrated, and does the compensated picture arrive?
 
-The camera stands where it stood when the calibration was made, with the same settings. A projector's picture that has
-moved, a lamp that has dimmed and another light in the room are found and undone: counterlight play takes that over when
-it starts or is told to reload. Exit code 3: the calibration no longer holds, acquire again.
+Cameras stand where they stood when the calibration was made, with the same settings; all projectors show, all cameras
+look. A projector's picture that has moved, a lamp that has dimmed and another light in the room are found and undone:
+counterlight play takes that over when it starts or is told to reload. Exit code 3: the calibration no longer holds,
+acquire again.
 """
 
 import argparse
@@ -67,11 +68,6 @@ def _verify(options: argparse.Namespace, stage: Path | None) -> int:
 
     stored = calibrations.read(options.calibration)
     room = stored.calibration
-    if room.screen is not None:
-        raise InputError(
-            f"{options.calibration}: has {len(room.cameras)} cameras, of which any may have moved, and one is looked "
-            "through; verify the room of each camera by itself, or acquire again"
-        )
     with threadpool_limits(limits=1), open_rig(options) as (camera, projectors):
         _check_projectors(options, room, projectors)
         if isinstance(camera, LiveCamera) and not options.no_preflight:
@@ -106,13 +102,13 @@ def _photographing(
     from counterlight.tools.acquisition.cameras.folder import FolderCamera
     from counterlight.tools.acquisition.photographer import Photographer
 
-    device = stored.calibration.camera
+    room = stored.calibration
     if not isinstance(camera, FolderCamera):
-        yield Photographer(camera, device)
+        yield Photographer(camera, room)
         return
     told = stored.fingerprint, options.picture, options.rounds, options.repeats, options.solver, options.colour
     first = camera.begin(hashlib.sha256(repr(told).encode()).hexdigest())
-    yield Photographer(camera, device, first)
+    yield Photographer(camera, room, first)
     camera.end(first)
 
 
@@ -145,7 +141,8 @@ def _once(
     outcome = ("not corrected" if options.no_correct else "corrected") if checked.drift.changes else ""
     print(f"{checked.said}: {outcome}" if outcome else checked.said, flush=True)
     if options.picture is not None:
-        _show(options, stored, transport, photographer, drift, stage)
+        photographer.expose(checked.exposures)
+        _show(options, stored, transport, photographer, drift, checked.asked, stage)
     return 0
 
 
@@ -155,6 +152,7 @@ def _show(
     transport: "Transport",
     photographer: "Photographer",
     drift: "Drift",
+    asked: tuple[bool, ...],
     stage: Path | None,
 ) -> None:
     """Print every round of the picture, and what to make of the best one; write that."""
@@ -170,6 +168,7 @@ def _show(
         transport,
         drift,
         picture,
+        asked=asked,
         radiance=radiance,
         solver=options.solver,
         colour=options.colour,
@@ -186,13 +185,6 @@ def _show(
     if stage is not None:
         _write(stage, task, best)
         print(f"{options.output}: round {best.round}, written")
-
-
-def _exchange(options: argparse.Namespace, stored: "StoredCalibration") -> str:
-    """What a folder's captures are of: this room, picture and solver; another verification is not given them."""
-    picture = options.picture.read_bytes()
-    said = f"{stored.fingerprint} {options.solver} {options.repeats}".encode()
-    return hashlib.sha256(said + picture).hexdigest()
 
 
 def _refuse_existing(folder: Path) -> None:

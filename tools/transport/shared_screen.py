@@ -207,7 +207,8 @@ class _Placing:
             rows = self._rows[placed.number - 1].ravel()
             positions[rows], gains[rows] = self._positions[placed.number - 1], placed.gain
         shape, positions = _framed(positions, self._calibration.mask.ravel())
-        screen = Screen(shape, self._cameras, positions.reshape(*raster, 2).astype(np.float32))
+        each = np.stack([placed.gain for placed in sorted(self._placed, key=lambda placed: placed.number)])
+        screen = Screen(shape, self._cameras, positions.reshape(*raster, 2).astype(np.float32), each)
         calibration = brightened(self._calibration, gains)
         return SharedRoom(replace(calibration, screen=screen), scaled(self._transport, gains), tuple(self._placed))
 

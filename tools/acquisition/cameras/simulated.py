@@ -67,6 +67,7 @@ class SimulatedRoom:
     ambient : (camera height, camera width, 3).  projectors : (height, width) of each.  response : of their raster.
     mixing : (camera height, camera width, 3, 3), or one for all, what the camera's channels see of the light that the
     transport gives of each primary; None for their own alone.  sensor : the scene's own, if it describes one.
+    gain : (3,), what the camera's own light was multiplied with to be that of the transport.
     """
 
     name: str
@@ -76,6 +77,7 @@ class SimulatedRoom:
     response: RasterResponse
     mixing: FloatArray | None = None
     sensor: Sensor | None = None
+    gain: FloatArray | None = None
 
     @property
     def projector(self) -> Shape:
@@ -85,7 +87,8 @@ class SimulatedRoom:
     def seen(self, drive: FloatArray) -> FloatArray:
         """The camera's radiance, (camera height, camera width, 3); drive : (projector pixels, 3)."""
         light = self.transport.apply(drive).reshape(self.ambient.shape)
-        return np.asarray((light if self.mixing is None else mixed(self.mixing, light)) + self.ambient)
+        seen = (light if self.mixing is None else mixed(self.mixing, light)) + self.ambient
+        return np.asarray(seen if self.gain is None else seen / self.gain)
 
 
 class VisibleScreen(Screen, Protocol):
@@ -193,8 +196,9 @@ def _views(room: Calibration, tier: Tier) -> list[SimulatedRoom]:
             tuple(projector.shape for projector in room.projectors),
             room.response,
             mixing if mixing is None or mixing.ndim == 2 else mixing[view],
+            gain=gain,
         )
-        for view in room.views
+        for view, gain in zip(room.views, room.gains, strict=True)
     ]
 
 
