@@ -15,6 +15,7 @@ from counterlight.pipeline.room import read_room
 from counterlight.raster import Region
 from counterlight.response import Response
 from counterlight.show.room_in_use import RoomInUse
+from counterlight.tools import join_projectors
 from counterlight.tools.relighting.pictures import read_placed
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport, channels
@@ -165,6 +166,16 @@ def test_projectors_and_cameras_are_joined_in_turn(views: list[Path], tmp_path: 
     three = succeed("join", tmp_path / "two", views[0], "--cameras", "--name", "three", "-o", tmp_path / "three")
     assert "3 cameras" in three
     assert calibration.read(tmp_path / "three").calibration.cameras == (FIRST, SECOND, FIRST)
+
+
+def test_a_raster_beyond_memory_is_refused_with_the_figure(
+    views: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("counterlight.tools.transport.shared_screen.PIXEL_BYTES", 2.0**40)
+    assert join_projectors.main([*map(str, views), "--cameras", "-o", str(tmp_path / "room")]) == 2
+    line = capsys.readouterr().err
+    assert "placing 2 cameras that see projectors of 48x27 together needs about 4808704.0 GiB of memory, " in line
+    assert not (tmp_path / "room").exists()
 
 
 def test_options_of_cameras_are_not_for_projectors(views: list[Path], tmp_path: Path) -> None:

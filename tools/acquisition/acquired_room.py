@@ -30,7 +30,7 @@ from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.factoring.factoring import Factoring, factored
 from counterlight.tools.solve.box import CHECK_EVERY, Box
-from counterlight.tools.transport.joining import joined, with_monitors
+from counterlight.tools.transport.joining import joined, told_colours, with_monitors
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.shared_screen import SharedRoom, on_one_screen
@@ -172,6 +172,7 @@ def _report(parts: Sequence[_Part], found: SharedRoom, given: Response | None) -
         entries=int(indices.size),
         clusters=find_clusters(luminance_matrix(transport.near)),
         outside=_light_outside(room, transport),
+        colours=tuple(told_colours(room.projectors)),
         placed=found.placed,
     )
 

@@ -133,7 +133,7 @@ class AcquisitionReport:
 
     covered : share of the projectors' pixels that some camera pixel sees.  lit, camera_pixels : inside the mask, and in
     all.  entries : near light, of one channel.  outside : what a compensated picture leaves lit beside itself.
-    placed : how each of several cameras came on the screen.
+    colours : of projectors that show primaries of others.  placed : how each of several cameras came on the screen.
     """
 
     projectors: tuple[ProjectorReport, ...]
@@ -143,6 +143,7 @@ class AcquisitionReport:
     entries: int
     clusters: Clusters
     outside: LightOutside | None = None
+    colours: tuple[str, ...] = ()
     placed: tuple[Placed, ...] = ()
 
     def __str__(self) -> str:
@@ -158,6 +159,7 @@ class AcquisitionReport:
             *self._of_each(lambda each: [str(each.factoring)]),
             *([f"light outside: {self.outside}"] if self.outside else []),
             *self._of_each(lambda each: [*each.light, *each.checks]),
+            *self.colours,
         ]
         return "\n".join(lines)
 

@@ -60,14 +60,14 @@ def join_rooms(
     lines = [
         f"{output}: {len(joint.projectors)} projectors, {raster}, ambient light differs by {100 * difference:.2g} % of "
         "white",
-        *_told_colours(joint.projectors),
+        *told_colours(joint.projectors),
         *(f"{folder}: {done}" for folder, done in zip(folders, factorings, strict=True) if done.losses),
     ]
     return "\n".join(lines)
 
 
-def _told_colours(projectors: Sequence[Device]) -> list[str]:
-    """Of projectors whose primaries are not those that all share."""
+def told_colours(projectors: Sequence[Device]) -> list[str]:
+    """Of projectors whose primaries are not those that all share, a line each."""
     return [
         f"projector {number}: shows the primaries that all share by up to "
         f"{100 * (1 - np.diag(each.colour).min()):.0f} % of another of its own"
