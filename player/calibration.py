@@ -10,9 +10,8 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from io import BufferedReader
-from itertools import accumulate
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +24,7 @@ from counterlight.files.picture_files import MAX_SIDE, grey, read_picture
 from counterlight.files.png import write_png
 from counterlight.files.reading import MAX_TOML_BYTES, DescribedFiles, Source, opened, parse_toml, read_bytes
 from counterlight.files.tables import LONGEST_TEXT, Table
+from counterlight.raster import Raster, Region, side_by_side
 from counterlight.response import Matrix, RasterResponse, Response, read_response
 from counterlight.screen import FILE as SCREEN
 from counterlight.screen import MOST_CAMERAS, Screen, parts_of, raster_of, read_screen, write_screen
@@ -40,43 +40,10 @@ MOST_PROJECTORS, LONGEST_PROVENANCE = 64, 1 << 16
 GREY, LEAST_COLOUR = 1e-3, 1e-3  # a row's sum, as text rounds it; the volume that primaries span beside their own
 # White is no less, light no more, in any unit: of what lies between, squares and a frame's sums stay within float32.
 RADIANCE = (1e-12, 1e12)
+GAIN = (1e-6, 1e6)  # of one camera's light beside another's
 REBUILD = (
     "make the calibration again (counterlight simulate, counterlight import-transport or counterlight import-graycode)"
 )
-
-
-class Region(NamedTuple):
-    """A rectangle of a picture, in pixels."""
-
-    left: int
-    top: int
-    width: int
-    height: int
-
-    @property
-    def part(self) -> tuple[slice, slice]:
-        """Of a picture: rows and columns."""
-        return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
-
-
-@dataclass(frozen=True)
-class Raster:
-    """A picture's size in pixels."""
-
-    height: int
-    width: int
-
-    def __post_init__(self) -> None:
-        if not (1 <= self.height <= MAX_SIDE and 1 <= self.width <= MAX_SIDE):
-            raise InputError(f"size {self.width}x{self.height}: expected 1 to {MAX_SIDE} pixels a side")
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        return self.height, self.width
-
-    @property
-    def pixels(self) -> int:
-        return self.height * self.width
 
 
 @dataclass(frozen=True)
@@ -144,21 +111,17 @@ class Calibration:
     def projector(self) -> Raster:
         """What T's columns and the maps are made for: the projector, or the raster of several (docs/displays.md).
 
-        The raster is as high as the highest and as wide as all together; below lower ones it has pixels that light
-        nothing.
+        Below lower projectors it has pixels that light nothing.
         """
         if len(self.projectors) == 1:
             return self.projectors[0]
-        height, width = max(p.height for p in self.projectors), sum(p.width for p in self.projectors)
-        return Raster(height, width)
+        return Raster(*side_by_side([each.shape for each in self.projectors])[0])
 
     @property
     def response(self) -> RasterResponse:
         """Of the raster, each projector's in its own columns."""
         each = self.projectors
-        return RasterResponse(
-            tuple(p.response for p in each), tuple(p.width for p in each), tuple(p.colour for p in each)
-        )
+        return RasterResponse(tuple(p.response for p in each), self.regions, tuple(p.colour for p in each))
 
     @property
     def cameras(self) -> tuple[tuple[int, int], ...]:
@@ -166,9 +129,21 @@ class Calibration:
         return (self.camera.shape,) if self.screen is None else self.screen.cameras
 
     @property
+    def gains(self) -> NDArray[np.float64]:
+        """What each camera's light was multiplied with when they came together, (cameras, 3)."""
+        gains = None if self.screen is None else self.screen.gains
+        return np.ones((len(self.cameras), 3)) if gains is None else gains
+
+    @property
     def views(self) -> tuple[tuple[slice, slice], ...]:
         """Rows and columns of each camera's picture in the raster."""
         return parts_of(self.cameras)
+
+    def pixels_of(self, number: int) -> NDArray[np.bool_]:
+        """Which of the raster's pixels are of one camera, from 0: (camera height, camera width)."""
+        pixels = np.zeros(self.camera.shape, np.bool_)
+        pixels[self.views[number]] = True
+        return pixels
 
     @property
     def placed_on(self) -> tuple[int, int]:
@@ -178,8 +153,7 @@ class Calibration:
     @property
     def regions(self) -> tuple[Region, ...]:
         """Where each projector's picture is in the raster."""
-        lefts = accumulate((p.width for p in self.projectors), initial=0)
-        return tuple(Region(left, 0, p.width, p.height) for left, p in zip(lefts, self.projectors, strict=False))
+        return side_by_side([each.shape for each in self.projectors])[1]
 
 
 @dataclass(frozen=True)
@@ -305,20 +279,23 @@ def _to_toml(calibration: Calibration, files: dict[str, Any]) -> dict[str, Any]:
 
 
 def _cameras_to_toml(calibration: Calibration) -> dict[str, Any]:
-    sizes = [{"width": width, "height": height} for height, width in calibration.cameras]
+    cameras = [{"width": width, "height": height} for height, width in calibration.cameras]
     if calibration.screen is None:
-        return {"camera": sizes[0]}
+        return {"camera": cameras[0]}
     height, width = calibration.screen.shape
-    return {"cameras": sizes, "screen": {"width": width, "height": height}}
+    matched = [{**camera, "gain": gain.tolist()} for camera, gain in zip(cameras, calibration.gains, strict=True)]
+    return {"cameras": matched, "screen": {"width": width, "height": height}}
 
 
 def _read_cameras(table: Table, files: DescribedFiles) -> tuple[Device, Screen | None]:
     """The camera, or the raster of several and their screen."""
     if "cameras" not in table:
         return _read_device(table.table("camera")), None
-    cameras = tuple(_read_device(entry).shape for entry in table.tables("cameras", MOST_CAMERAS))
+    entries = table.tables("cameras", MOST_CAMERAS)
+    cameras = tuple(_read_device(entry).shape for entry in entries)
+    gains = np.stack([entry.numbers("gain", 3, (1.0,) * 3, *GAIN) for entry in entries])
     raster = Device(*raster_of(cameras), Response("linear"))
-    return raster, read_screen(table.table("screen"), files, cameras, REBUILD)
+    return raster, read_screen(table.table("screen"), files, cameras, gains, REBUILD)
 
 
 def _projector_to_toml(projector: Device) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from counterlight.errors import InputError, shown
 from counterlight.files.reading import read_toml
 from counterlight.files.tables import Table
+from counterlight.raster import Region, Shape, side_by_side
 
 TABLE_SIZE = 1024
 FIX = "a response file holds: response = [[0, 0, 0], …, [1, 1, 1]], as in a calibration.toml"
@@ -130,9 +131,9 @@ class Response:
         columns = (table[:, i % table.shape[1]] for i in range(3))
         return np.stack([np.interp(light, column, grid) for column in columns], axis=-1).astype(np.float32)
 
-    def over(self, width: int) -> "RasterResponse":
-        """The same in every column of a raster."""
-        return RasterResponse((self,), (width,))
+    def over(self, shape: Shape) -> "RasterResponse":
+        """The same in all of a raster of (height, width)."""
+        return RasterResponse((self,), side_by_side([shape])[1])
 
     def to_toml(self) -> object:
         """What calibration.toml holds as `response`: a name, a gamma or a table."""
@@ -143,31 +144,44 @@ class Response:
 class RasterResponse:
     """The responses of projectors side by side in one raster, and their colour matrices if they have any.
 
-    responses : of each, from the left.  widths : columns of the raster that are its own.
+    responses : of each.  regions : of the raster, its own.
     colours : D of each, (3, 3): of a drive q of primaries that all projectors share, it shows D q of its own; None for
     q itself. Empty if none has one.
     """
 
     responses: tuple[Response, ...]
-    widths: tuple[int, ...]
+    regions: tuple[Region, ...]
     colours: tuple[Matrix | None, ...] = ()
 
     @cached_property
+    def row_height(self) -> int:
+        """Of the raster's rows of projectors: pixels."""
+        return next((region.top for region in self.regions if region.top), max(each.height for each in self.regions))
+
+    @cached_property
     def of_column(self) -> NDArray[np.int32]:
-        """Which of the distinct projectors each column of the raster is of, (width,)."""
-        return np.repeat([self._distinct.index(each) for each in self._each], self.widths).astype(np.int32)
+        """Which of the distinct projectors each column is of, (rows of projectors, width); the first where none is."""
+        rows = self.regions[-1].top // self.row_height + 1
+        columns = np.zeros((rows, max(region.left + region.width for region in self.regions)), np.int32)
+        for region, each in zip(self.regions, self._each, strict=True):
+            right, row = region.left + region.width, region.top // self.row_height
+            columns[row, region.left : right] = self._distinct.index(each)
+        return columns
 
     def to_linear(self, codes: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Linear drive of a raster's 8-bit code values, (height, width, 3), of the shared primaries."""
-        drive = np.asarray(self._light[self.of_column[:, None], codes, np.arange(3)])
-        for number, (response, _) in enumerate(self._distinct):
-            if response.segment is not None:
-                own = self.of_column == number
-                drive[:, own] += response.segment.beside(drive[:, own].min(axis=-1))
-        if self.matrices is None:
-            return drive
-        inverse = np.linalg.inv(self.matrices.astype(np.float64))
-        return np.asarray(np.einsum("xkl,yxl->yxk", inverse[self.of_column], drive))
+        inverse = None if self.matrices is None else np.linalg.inv(self.matrices.astype(np.float64))
+        drive = np.empty(codes.shape)
+        for top, each in zip(range(0, len(codes), self.row_height), self.of_column, strict=True):
+            row = slice(top, top + self.row_height)
+            drive[row] = self._light[each[:, None], codes[row], np.arange(3)]
+            for number in np.unique(each):
+                segment, own = self._distinct[number][0].segment, (row, each == number)
+                if segment is not None:
+                    drive[own] += segment.beside(drive[own].min(axis=-1))
+            if inverse is not None:
+                drive[row] = np.einsum("xkl,yxl->yxk", inverse[each], drive[row])
+        return drive
 
     def inverse_tables(self) -> NDArray[np.float32]:
         """`Response.inverse_table` of each distinct projector: (projectors, samples, 3)."""

@@ -30,11 +30,14 @@ class Screen:
 
     positions : (raster height, raster width, 2) float32, x and y on the screen of each pixel's centre, in pixels from
     the upper left; they may lie outside it. Of no meaning beside a camera that is narrower than the raster.
+    gains : (cameras, 3), what each one's light was multiplied with, so that all are as bright where they overlap; None
+    for nothing.
     """
 
     shape: tuple[int, int]
     cameras: tuple[tuple[int, int], ...]
     positions: NDArray[np.float32]
+    gains: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         for height, width in (self.shape, *self.cameras):
@@ -44,6 +47,8 @@ class Screen:
         if self.positions.shape != (height, width, 2):
             found = "x".join(map(str, self.positions.shape[1::-1]))
             raise InputError(f"screen: positions of {found} pixels, the cameras' raster is {width}x{height}")
+        if self.gains is not None and self.gains.shape != (len(self.cameras), 3):
+            raise InputError(f"screen: gains of shape {self.gains.shape} for {len(self.cameras)} cameras")
         for number, part in enumerate(self.parts, 1):
             if not np.all(np.abs(self.positions[part]) <= FARTHEST):  # NaN is not
                 raise InputError(f"screen: camera {number} looks where there is no number; join the cameras again")
@@ -100,12 +105,18 @@ def write_screen(screen: Screen, folder: Path) -> None:
     exr.write_channels(folder / FILE, {name: screen.positions[..., i] for i, name in enumerate(CHANNELS)})
 
 
-def read_screen(table: Table, files: DescribedFiles, cameras: tuple[tuple[int, int], ...], fix: str) -> Screen:
+def read_screen(
+    table: Table,
+    files: DescribedFiles,
+    cameras: tuple[tuple[int, int], ...],
+    gains: NDArray[np.float64],
+    fix: str,
+) -> Screen:
     """The screen of a described folder.  table : its width and height.  InputError if it does not fit the cameras."""
     height, width = (table.integer(key, None, 2, MAX_SIDE) for key in ("height", "width"))
     with files.opened(files.folder / FILE) as file:
         positions = exr.read_beside(file, CHANNELS, exr.sized(raster_of(cameras), "the cameras' raster", fix))
     try:
-        return Screen((height, width), cameras, positions.astype(np.float32, copy=False))
+        return Screen((height, width), cameras, positions.astype(np.float32, copy=False), gains)
     except InputError as error:
         raise InputError(f"{files.folder / FILE}: {error}") from None

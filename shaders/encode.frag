@@ -2,12 +2,12 @@
 // Linear light -> code values, 8 bit or the screen's: the projector's own primaries, the inverse response, then dithering.
 //
 // Inputs: `picture`, linear RGB; `inverse_response`, code values over √light 0..1 (width samples, a row a projector);
-// `of_column` (width of the picture, height 1), which row each column has, if there are SEVERAL; `colours` (3 columns of
-// RGB, a row a projector), the rows of its matrix from shared to own primaries, if light is MIXED; `segments`, two rows a
-// projector, the darkest primary over √light and what is beside it over its root, if one has a white SEGMENT, whose light
-// is taken out of the primaries.
-// Defines: SEVERAL, for projectors that differ; MIXED; SEGMENT; DITHER_ORDERED (8×8 Bayer), DITHER_NOISE (a hash of pixel,
-// channel and frame), or neither: rounding.
+// `of_column` (width of the picture, a texel row for each row of projectors), which of those each has, if there are
+// SEVERAL; `colours` (3 columns of RGB, a row a projector), the rows of its matrix from shared to own primaries, if light
+// is MIXED; `segments`, two rows a projector, the darkest primary over √light and what is beside it over its root, if one
+// has a white SEGMENT, whose light is taken out of the primaries.
+// Defines: SEVERAL, for projectors that differ, the height of a row of them; MIXED; SEGMENT; DITHER_ORDERED (8×8 Bayer),
+// DITHER_NOISE (a hash of pixel, channel and frame), or neither: rounding.
 // Output: code / highest.
 // CPU twin: encode in player/pipeline/encoding.py.
 uniform sampler2D picture;
@@ -80,7 +80,7 @@ void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
     int row = 0;
 #ifdef SEVERAL
-    row = int(texelFetch(of_column, ivec2(at.x, 0), 0).r);
+    row = int(texelFetch(of_column, ivec2(at.x, at.y / SEVERAL), 0).r);
 #endif
     vec3 light = texelFetch(picture, at, 0).rgb;
 #ifdef MIXED

@@ -2,8 +2,8 @@
 // A drive for projectors whose pictures have moved since the calibration: each pixel shows what the place that it lights
 // now was meant to get, between six by six pixels (Keys 1981), over what is left of its light.
 //
-// Inputs: `drive`, linear RGB, 0..1; `projectors`, a row for each, five texels: the rows of N, (left, width, height) of
-// its region, its gain g. N takes a position of its pixels to one of the calibrated region, homogeneous, in pixels.
+// Inputs: `drive`, linear RGB, 0..1; `projectors`, a row for each, six texels: the rows of N, (left, top) and (width,
+// height) of its region, its gain g. N takes a position of its pixels to one of the calibrated region, homogeneous, in pixels.
 // Output: drive, 0..1. Beyond the calibrated raster it goes on as in a mirror and fades: nobody knows what is there.
 // CPU twin: moved in player/pipeline/drift.py.
 uniform sampler2D drive;
@@ -24,27 +24,33 @@ float keys(float x) {
 int mirrored(int index, int last) { return clamp(last - abs(last - abs(index)), 0, last); }
 
 void main() {
-    int last = textureSize(projectors, 0).y - 1, projector = 0;
-    while (projector < last && gl_FragCoord.x > row_of(projector + 1, 3).x) ++projector;
-    vec3 region = row_of(projector, 3);
+    int count = textureSize(projectors, 0).y, projector = 0;
     shown = vec4(0.0, 0.0, 0.0, 1.0);
-    vec3 own = vec3(gl_FragCoord.x - region.x, gl_FragCoord.y, 1.0);
+    vec2 origin, size;
+    vec3 own;
+    for (; projector < count; ++projector) {
+        origin = row_of(projector, 3).xy;
+        size = row_of(projector, 4).xy;
+        own = vec3(gl_FragCoord.xy - origin, 1.0);
+        if (all(greaterThan(own.xy, vec2(0.0))) && all(lessThan(own.xy, size))) break;
+    }
+    if (projector == count) return;
     float scale = dot(row_of(projector, 2), own);
-    if (own.y > region.z || scale <= 0.0) return;
+    if (scale <= 0.0) return;
     vec2 at = vec2(dot(row_of(projector, 0), own), dot(row_of(projector, 1), own)) / scale - 0.5;
-    vec2 lands = clamp(1.0 + (min(at, region.yz - 1.0 - at) + 0.5) / FADE, 0.0, 1.0);
+    vec2 lands = clamp(1.0 + (min(at, size - 1.0 - at) + 0.5) / FADE, 0.0, 1.0);
     if (lands.x * lands.y <= 0.0) return;
-    ivec2 first = ivec2(floor(at)), most = ivec2(region.yz) - 1;
+    ivec2 first = ivec2(floor(at)), most = ivec2(size) - 1;
     vec2 between = at - vec2(first);
     vec3 sum = vec3(0.0);
     for (int i = -2; i <= 3; ++i) {
-        int y = mirrored(first.y + i, most.y);
+        int y = mirrored(first.y + i, most.y) + int(origin.y);
         vec3 line = vec3(0.0);
         for (int j = -2; j <= 3; ++j) {
-            int x = mirrored(first.x + j, most.x) + int(region.x);
+            int x = mirrored(first.x + j, most.x) + int(origin.x);
             line += keys(between.x - float(j)) * texelFetch(drive, ivec2(x, y), 0).rgb;
         }
         sum += keys(between.y - float(i)) * line;
     }
-    shown.rgb = clamp(lands.x * lands.y * sum / row_of(projector, 4), 0.0, 1.0);
+    shown.rgb = clamp(lands.x * lands.y * sum / row_of(projector, 5), 0.0, 1.0);
 }

@@ -38,7 +38,7 @@ def error(found: Transport, truth: Transport) -> float:
 
 def room_of(transport: Transport, ambient: float = 0.01, projector: tuple[int, int] = PROJECTOR) -> SimulatedRoom:
     picture = np.full((*CAMERA, 3), ambient, np.float32)
-    return SimulatedRoom("test", transport, picture, projector, LINEAR.over(projector[1]))
+    return SimulatedRoom("test", transport, picture, (projector,), LINEAR.over(projector))
 
 
 def sharp_wall(rng: np.random.Generator, sigma: float = 0.5) -> Transport:
@@ -79,11 +79,11 @@ def run(
     given: Response | None = None,
 ) -> Acquisition:
     camera = camera or SimulatedCamera(room, settings)
-    return acquire(camera, MemoryStore(camera.exposures), scheme, room.projector, given)
+    return acquire(camera, MemoryStore(camera.exposures), scheme, room.projectors, given)[0]
 
 
 def run_on_disk(folder: Path, room: SimulatedRoom, scheme: MakeScheme) -> Acquisition:
     camera = SimulatedCamera(room, NOISY)
     session, wanted = {"camera": camera.name}, Wanted(folder / "room")
     with open_store(folder / "captures", session, camera.exposures, wanted) as store:
-        return acquire(camera, store, scheme, room.projector)
+        return acquire(camera, store, scheme, room.projectors)[0]

@@ -12,6 +12,7 @@ from counterlight.tools.simulation.geometry import trace
 from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport
+from tests.programs import succeed
 
 PROJECTOR = (27, 48)
 FIRST, SECOND = (36, 50), (32, 44)  # (height, width) of the cameras
@@ -31,6 +32,13 @@ def homography(H: np.ndarray) -> Map:
 # The first camera sees the projector's left two thirds, the second its right two thirds, each askew.
 LEFT = np.array([[0.62, 0.03, 2.0], [-0.02, 0.65, 2.0], [0.0008, 0.0003, 1.0]])
 RIGHT = np.array([[0.66, -0.03, 17.0], [0.02, 0.7, 2.5], [-0.0006, 0.0004, 1.0]])
+# From the projector's pixels to those of another one, whose picture lies askew over the first one's.
+BESIDE = np.array([[0.94, 0.05, -4.0], [-0.04, 1.02, 1.5], [0.0, 0.0002, 1.0]])
+
+
+def beside(H: np.ndarray) -> Map:
+    """Of the other projector, on the same paint."""
+    return homography(BESIDE @ H)
 
 
 def folded(H: np.ndarray, fold: float = 24.0, bend: float = 0.25) -> Map:
@@ -55,14 +63,20 @@ def centres(camera: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     return x, y
 
 
-def transport_seen(camera: tuple[int, int], where: Map, gain: tuple[float, float, float] = (1, 1, 1)) -> Transport:
-    """T of a wall in the projector's light: Gaussian footprints around what each pixel looks at."""
+def transport_seen(
+    camera: tuple[int, int], where: Map, gain: tuple[float, float, float] = (1, 1, 1), painted: Map | None = None
+) -> Transport:
+    """T of a wall in the projector's light: Gaussian footprints around what each pixel looks at.
+
+    painted : where on the paint each pixel looks, if not where the projector's picture is.
+    """
     u, v = where(*centres(camera))
+    on_paint = (painted or where)(*centres(camera))
     row, column = np.mgrid[: PROJECTOR[0], : PROJECTOR[1]].reshape(2, -1) + 0.5
     weights = np.exp(-((column - u[:, None]) ** 2 + (row - v[:, None]) ** 2) / (2 * SPREAD**2))
     weights[weights < 1e-3] = 0
     light = weights / (2 * np.pi * SPREAD**2)
-    colours = (paint(u, v) * gain).T
+    colours = (paint(*on_paint) * gain).T
     near = [sparse.csr_array((light * colour[:, None]).astype(np.float32)) for colour in colours]
     return Transport.from_matrices(near, camera=camera, projector=PROJECTOR)
 
@@ -78,16 +92,32 @@ def calibration_of(transport: Transport, name: str, ambient: float = 0.01) -> Ca
 
 
 def write_views(
-    folder: Path, gain: tuple[float, float, float] = (1, 1, 1), bend: Callable[[np.ndarray], Map] = homography
+    folder: Path,
+    gain: tuple[float, float, float] = (1, 1, 1),
+    bend: Callable[[np.ndarray], Map] = homography,
+    painted: Callable[[np.ndarray], Map] | None = None,
 ) -> list[Path]:
-    """Calibrations `first` and `second` of the two cameras; gain : of the second's light."""
+    """Calibrations `first` and `second` of the two cameras; gain : of the second's light.
+
+    bend : a camera's homography -> where it sees the projector's picture.  painted : likewise the paint, if elsewhere.
+    """
     rooms = []
     for name, camera, H, factor in (("first", FIRST, LEFT, (1, 1, 1)), ("second", SECOND, RIGHT, gain)):
-        transport = transport_seen(camera, bend(H), factor)  # type: ignore[arg-type]
+        transport = transport_seen(camera, bend(H), factor, painted(H) if painted else None)  # type: ignore[arg-type]
         rooms.append(folder / name)
         with writing(rooms[-1], calibration_of(transport, name)) as stage:
             write_transport(transport, stage)
     return rooms
+
+
+def write_pairs(folder: Path, gain: tuple[float, float, float] = (1, 1, 1)) -> list[Path]:
+    """Calibrations `first pair` and `second pair`: two projectors, as each camera saw them; gain : of the second's."""
+    alone = write_views(folder / "one", gain), write_views(folder / "other", gain, beside, homography)
+    pairs = []
+    for views in zip(*alone, strict=True):
+        pairs.append(folder / f"{views[0].name} pair")
+        succeed("join", *views, "-o", pairs[-1])
+    return pairs
 
 
 def position_in_first(camera: tuple[int, int], H: np.ndarray) -> np.ndarray:

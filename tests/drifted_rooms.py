@@ -20,35 +20,52 @@ def write_changed(
     *,
     shift: tuple[float, float] = (0, 0),
     shifts: Sequence[tuple[float, float]] = (),
+    lamps: Sequence[float] = (),
     camera: tuple[int, int] = (0, 0),
+    cameras: Sequence[tuple[int, int]] = (),
+    exposures: Sequence[float] = (),
     light: tuple[float, float, float] = (1, 1, 1),
     ambient: float = 1.0,
 ) -> None:
     """A room that a simulated camera can look at now.
 
     shift : of the projector's picture, its pixels right and down: boxes of light over boxes; shifts : of several
-    projectors'.  camera : by whole pixels.
+    projectors'.  camera : by whole pixels; cameras : each of several.  lamps, exposures : what is left of each
+    projector's light, and what each camera sees of its own.
     """
     room, transport = stored.calibration, read_transport(stored)
-    boxes = _boxes(room, shifts or [shift])
-    turned = rolled_rows(room.camera.shape, camera)
+    boxes = _boxes(room, shifts or [shift] * len(room.regions), lamps or [1.0] * len(room.regions))
+    turned = _turned(room, cameras or [camera] * len(room.views))
+    exposed = np.ones(room.camera.shape)
+    for view, exposure in zip(room.views, exposures, strict=False):
+        exposed[view] = exposure
     near = [
-        sparse.csr_array(gain * (matrix[turned] @ boxes), dtype=np.float32)
+        sparse.csr_array(sparse.diags_array(gain * exposed.ravel()) @ (matrix[turned] @ boxes), dtype=np.float32)
         for gain, matrix in zip(light, channels(transport.near), strict=True)
     ]
-    seen = np.asarray(ambient * room.ambient.reshape(-1, 3)[turned].reshape(room.ambient.shape), np.float32)
+    seen = ambient * room.ambient.reshape(-1, 3)[turned].reshape(room.ambient.shape) * exposed[..., None]
+    seen = seen.astype(np.float32)
     with writing(folder, replace(room, ambient=seen)) as stage:
         write_transport(Transport.from_matrices(near), stage)
 
 
-def _boxes(room: Calibration, shifts: Sequence[tuple[float, float]]) -> sparse.csr_array:
+def _turned(room: Calibration, cameras: Sequence[tuple[int, int]]) -> np.ndarray:
+    """Which old pixel of the raster each pixel of it sees now."""
+    number = np.arange(room.camera.pixels).reshape(room.camera.shape)
+    for view, moved in zip(room.views, cameras, strict=True):
+        own = number[view]
+        number[view] = own.ravel()[rolled_rows(own.shape, moved)].reshape(own.shape)  # type: ignore[arg-type]
+    return number.ravel()
+
+
+def _boxes(room: Calibration, shifts: Sequence[tuple[float, float]], lamps: Sequence[float]) -> sparse.csr_array:
     """Of every projector in its own region of the raster."""
     number = np.arange(room.projector.pixels).reshape(room.projector.shape)
     total = sparse.csr_array((number.size, number.size))
-    for (left, top, width, height), shift in zip(room.regions, shifts, strict=True):
+    for (left, top, width, height), shift, lamp in zip(room.regions, shifts, lamps, strict=True):
         own = number[top : top + height, left : left + width].ravel()
         part = sparse.coo_array(shifted_boxes((height, width), shift))
-        total += sparse.coo_array((part.data, (own[part.row], own[part.col])), shape=total.shape)
+        total += sparse.coo_array((lamp * part.data, (own[part.row], own[part.col])), shape=total.shape)
     return sparse.csr_array(total)
 
 

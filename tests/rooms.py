@@ -12,7 +12,8 @@ from counterlight.maps.room_maps import FarMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack
 from counterlight.media.video import Frame, PixelFormat, PlaneShape
 from counterlight.pipeline.room import Room
-from counterlight.response import Response, WhiteSegment, parse_response
+from counterlight.raster import Region
+from counterlight.response import RasterResponse, Response, WhiteSegment, parse_response
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import FarLight, Transport
 
@@ -71,6 +72,12 @@ def in_strips(room: Room, strips: tuple[tuple[int, object], ...]) -> Room:
     )
     assert sum(width for width, _ in strips) == room.calibration.projector.width
     return replace(room, calibration=replace(room.calibration, projectors=devices))
+
+
+def in_two_rows() -> RasterResponse:
+    """Of a raster of 9x13: three projectors of different responses, the third, of other colours, below the others."""
+    responses = parse_response("srgb"), parse_response(1.6), parse_response("linear")
+    return RasterResponse(responses, (Region(0, 0, 6, 5), Region(6, 0, 7, 4), Region(0, 5, 8, 4)), (None, None, COLOUR))
 
 
 def yuv_frame(rng: np.random.Generator, shape: tuple[int, int], **changes: object) -> Frame:

@@ -81,11 +81,11 @@ def test_a_single_clipped_pixel_is_marked(shape: tuple[int, int]) -> None:
 
 def test_the_preview_goes_where_the_projector_is_not() -> None:
     desk, beamer = Monitor(0, "DP-1", 1920, 1080, 60, 0, 0, True), Monitor(1, "HDMI-1", 1024, 768, 60, 1920, 0, False)
-    assert preview_monitor([desk, beamer], "HDMI-1") == desk
-    assert preview_monitor([desk, beamer], "0") == beamer
-    assert preview_monitor([desk], None) == desk
+    assert preview_monitor([desk, beamer], ["HDMI-1"]) == desk
+    assert preview_monitor([desk, beamer], ["0"]) == beamer
+    assert preview_monitor([desk], []) == desk
     with pytest.raises(InputError, match="--preview needs a monitor beside the projector's"):
-        preview_monitor([beamer], "HDMI-1")
+        preview_monitor([desk, beamer], ["HDMI-1", "DP-1"])
 
 
 def test_a_folder_shows_what_is_to_be_shown_and_reads_the_newest_photograph(tmp_path: Path) -> None:

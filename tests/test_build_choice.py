@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.maps.row_map import SparseRows
 from counterlight.pipeline.refinement import Advice, advice_of, default_start, default_steps
 from counterlight.pipeline.room import read_room
+from counterlight.raster import Region
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.inverse import inverse as inverses
 from counterlight.tools.inverse import price

@@ -26,7 +26,7 @@ from tests.coloured_rooms import with_mixing
 from tests.cubes import UNIT, write_cube
 from tests.programs import python
 from tests.refined_rooms import physical_room
-from tests.rooms import CAMERA, MIXED, SEGMENTED, UNLIKE, in_strips, random_room, rgb_frame, yuv_frame
+from tests.rooms import CAMERA, MIXED, SEGMENTED, UNLIKE, in_strips, in_two_rows, random_room, rgb_frame, yuv_frame
 
 ATOL = 1e-5  # as the shaders': float32 in sums of at most a few hundred terms of at most a few units
 STEPPED = 1e-4  # eight steps, each of which reads what the one before has rounded
@@ -148,6 +148,16 @@ def test_dithers_are_the_twins(
             renderer.render("projector", compensate=True, frame=number)
         tipped = ours.encoded() != meant.encoded()
         assert tipped.mean() < 0.01  # a threshold of its own would differ in half of the pixels
+
+
+@pytest.mark.parametrize("dither", DITHERS)
+def test_projectors_in_two_rows_are_encoded_as_the_twin_does(rng: np.random.Generator, dither: str) -> None:
+    drive = rng.uniform(0, 1, (10, 13, 3)).astype(np.float32)
+    ours, meant = (
+        device.encoder((10, 13), in_two_rows(), 1.0, dither).run(drive, 5)
+        for device in (CpuDevice(), ReferenceDevice())
+    )
+    assert np.mean(ours != meant) < 0.01  # tips, as above
 
 
 def test_a_moved_picture_is_the_twins(rng: np.random.Generator) -> None:

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from counterlight import app, calibration
-from counterlight.calibration import Calibration, Device, Region
+from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files import exr
+from counterlight.raster import Region, side_by_side
 from counterlight.response import Response
 from counterlight.show.options import monitors_of, read_options
 from counterlight.show.room_in_use import RoomInUse
@@ -192,11 +193,16 @@ def test_what_cannot_be_joined(tmp_path: Path) -> None:
     assert not (tmp_path / "joint").exists()
 
 
-def test_a_raster_is_no_larger_than_a_picture_may_be() -> None:
-    projector, camera = Device(4, 9000, Response("linear")), Device(2, 3, Response("linear"))
+def test_a_raster_too_wide_for_a_picture_goes_on_below() -> None:
+    """Ten projectors of 1920 pixels: eight, and two below them; pixels that nobody has light nothing."""
+    shape, regions = side_by_side([(1080, 1920)] * 9 + [(1200, 1600)])
+    assert shape == (2400, 15360)
+    assert regions[7:] == (Region(13440, 0, 1920, 1080), Region(0, 1200, 1920, 1080), Region(1920, 1200, 1600, 1200))
+    projector, camera = Device(9000, 4, Response("linear")), Device(2, 3, Response("linear"))
     light, mask = np.zeros((2, 3, 3), np.float32), np.ones((2, 3), bool)
-    with pytest.raises(InputError, match="size 18000x4: expected 1 to 16384"):
-        Calibration("wide", "", (projector, projector), camera, light, mask)
+    wide = Device(9000, 16384, Response("linear"))
+    with pytest.raises(InputError, match="size 16384x18000: expected 1 to 16384"):
+        Calibration("wide", "", (projector, wide), camera, light, mask)
 
 
 def test_a_file_holds_the_raster(tmp_path: Path) -> None:

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from counterlight import calibration
-from counterlight.calibration import Region, StoredCalibration
+from counterlight.calibration import StoredCalibration
 from counterlight.errors import InputError
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.drift import FILE, FOLDER, Drift, Moved, moved, read_drift, resampled, sampled, write_drift
 from counterlight.pipeline.room import read_room
+from counterlight.raster import Region
 from counterlight.tools import build_correction_map
 from tests.drifted_rooms import moved_by
 from tests.rooms import random_room, write_blurred_room, yuv_frame

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from counterlight.calibration import Region
 from counterlight.gl.presenter import overlay_of
 from counterlight.maps.row_map import RowMap, SparseRows, pack
 from counterlight.overlay.osd import Page
 from counterlight.overlay.outline import GROUND, INK, SELECTED, Outline, draw_outline, lit_by, outline_of
 from counterlight.pipeline.placement import Corners
+from counterlight.raster import Region
 from tests.stage import Stage
 
 CAMERA, PROJECTOR = (4, 6), (3, 5)

@@ -19,11 +19,10 @@ from counterlight.tools.acquisition.cameras.live import LiveCamera
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, MemoryScreen, SimulatedEye, SimulatedRoom
 from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
-from counterlight.tools.acquisition.summary import AcquisitionReport
-from counterlight.tools.clusters.components import find_clusters
+from counterlight.tools.acquisition.summary import ProjectorReport
 from counterlight.tools.factoring.factoring import Factoring
 from counterlight.tools.simulation.devices import Sensor
-from counterlight.tools.transport.transport import Transport, channels, luminance_matrix
+from counterlight.tools.transport.transport import Transport, channels
 from tests.acquired_rooms import CAMERA, NOISY, PROJECTOR, room_of, run, sharp_wall
 from tests.rooms import write_blurred_room
 from tests.test_acquisition import unfinished
@@ -60,11 +59,9 @@ def acquired(
     return run(room, HierarchicalScheme(), camera=LiveCamera(eye.screen, eye, Exposures((time,))), given=given)
 
 
-def report_on(done: Acquisition, given: Response | None = None) -> AcquisitionReport:
-    near = done.measured.transport.near
-    entries = int(near.indices.size)
-    left = Factoring(entries, entries, entries)
-    return AcquisitionReport(done, given, 1.0, 1, 1, entries, find_clusters(luminance_matrix(near)), left)
+def report_on(done: Acquisition, given: Response | None = None) -> ProjectorReport:
+    entries = int(done.measured.transport.near.indices.size)
+    return ProjectorReport(done, given, Factoring(entries, entries, entries))
 
 
 def gammas(*exponents: float) -> Light:
@@ -155,7 +152,7 @@ def test_a_white_segment_is_measured_and_taken_out(rng: np.random.Generator, mix
     ratio = done.measured.transport.composition().sum() / wall.composition().sum()
     assert ratio == pytest.approx((1 - BLACK) / 1.5, rel=0.01)
     drive = rng.random((16, 64, 3))
-    codes = encoded_drive(drive, response.over(64))
+    codes = encoded_drive(drive, response.over(drive.shape[:2]))
     shown = 1.5 * with_white_segment(codes.reshape(-1, 3) / 255).reshape(drive.shape)
     assert np.abs(shown - drive).mean() < 0.004  # half a code is 0.2 % of white, and as much as s is known to
     assert np.abs(shown - drive).max() < 0.02

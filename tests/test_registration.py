@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import ndimage, sparse
 
-from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.pipeline.drift import Moved, resampled
+from counterlight.raster import Region
 from counterlight.tools.acquisition.camera_shift import camera_shift
 from counterlight.tools.acquisition.plan import Noise
 from counterlight.tools.acquisition.registration import Registrar, random_field

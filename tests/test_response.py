@@ -6,6 +6,7 @@ import pytest
 from counterlight.errors import InputError
 from counterlight.files.tables import Table
 from counterlight.pipeline.encoding import encode, encoded_drive
+from counterlight.raster import side_by_side
 from counterlight.response import RasterResponse, parse_response, read_response, transfer_table
 
 
@@ -34,7 +35,7 @@ def test_what_a_white_segment_adds_is_taken_out(rng: np.random.Generator, sample
     response = read_response(table)
     levels = np.linspace(0, 1, len(samples))
     wanted = rng.uniform(size=(40, 30, 3)) ** np.array([1, 2, 3])
-    codes = encoded_drive(wanted, response.over(30)) / 255
+    codes = encoded_drive(wanted, response.over((40, 30))) / 255
     darkest = codes.min(axis=2)
     shown = codes + np.stack([np.interp(darkest, levels, column) for column in np.transpose(samples)], axis=2)
     assert np.abs(shown - wanted).max() < 2.5 / 255  # half a code, and what half a code does to the segment
@@ -61,16 +62,20 @@ def test_a_white_segment_that_cannot_be_is_refused(samples: object) -> None:
 
 
 @pytest.mark.parametrize("mixed", [False, True])
-def test_a_raster_is_encoded_and_read_back_strip_by_strip(rng: np.random.Generator, mixed: bool) -> None:
+@pytest.mark.parametrize("widest", [14, 9])  # in one row, or the last two below the first two
+def test_a_raster_is_encoded_and_read_back_projector_by_projector(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, widest: int, mixed: bool
+) -> None:
+    monkeypatch.setattr("counterlight.raster.MAX_SIDE", widest)
     responses = tuple(parse_response(value) for value in ("srgb", 1.4, [[0, 0, 0], [0.2, 0.5, 0.7], [1, 1, 1]], "srgb"))
     turned = ((0.75, 0.25, 0.0), (0.0, 0.875, 0.125), (0.125, 0.125, 0.75))
     colours = (None, turned, None, turned) if mixed else ()
-    raster = RasterResponse(responses, (3, 5, 2, 4), colours)
-    drive = rng.uniform(size=(6, 14, 3))
+    shape, regions = side_by_side(((6, 3), (4, 5), (5, 2), (6, 4)))
+    raster = RasterResponse(responses, regions, colours)
+    drive = rng.uniform(size=(*shape, 3))
     codes = encoded_drive(drive, raster)
-    lefts = (0, 3, 8, 10, 14)
-    for number, response in enumerate(responses):
-        own = np.s_[:, lefts[number] : lefts[number + 1]]
+    for number, (response, region) in enumerate(zip(responses, regions, strict=True)):
+        own = region.part
         D = np.array(colours[number]) if mixed and number % 2 else np.eye(3)
         np.testing.assert_array_equal(codes[own], encode(drive[own] @ D.T, response.inverse_table()))
         found = raster.to_linear(codes)[own] @ D.T

@@ -1,4 +1,4 @@
-"""counterlight acquire: a calibration folder from a projector and a camera, or from a simulated pair.
+"""counterlight acquire: a calibration folder from projectors and a camera, or from a simulated room.
 
 Patterns are black and white, so that the projector's response does not matter; it is measured beside them. Every
 capture is on disk before the next pattern is shown; the same command goes on where an interrupted one stopped.
@@ -54,9 +54,10 @@ def _main(argv: Sequence[str] | None) -> None:
         print("nothing acquired")
         return
     # One BLAS thread: two made small products several times slower.
-    with threadpool_limits(limits=1), open_rig(options) as (camera, projector):
+    with threadpool_limits(limits=1), open_rig(options) as (camera, projectors):
         findings = [] if options.no_preflight or wanted.reuse else _checked(camera)
-        plan = Plan(options.scheme, make_scheme, projector, decides, response, options.tolerance)
+        monitors = tuple(options.monitor) if len(projectors) > 1 else ()
+        plan = Plan(options.scheme, make_scheme, projectors, decides, response, options.tolerance, monitors)
         report = acquire_room(camera, plan, captures, wanted, name=options.name)
         print(f"{report}\n{output}: written; the captures stay in {captures}")
         for warning in report.warnings:

@@ -1,8 +1,9 @@
 """counterlight verify: is the room as it was calibrated, and does the compensated picture arrive?
 
-The camera stands where it stood when the calibration was made, with the same settings. A projector's picture that has
-moved, a lamp that has dimmed and another light in the room are found and undone: counterlight play takes that over when
-it starts or is told to reload. Exit code 3: the calibration no longer holds, acquire again.
+Cameras stand where they stood when the calibration was made, with the same settings; all projectors show, all cameras
+look. A projector's picture that has moved, a lamp that has dimmed and another light in the room are found and undone:
+counterlight play takes that over when it starts or is told to reload. Exit code 3: the calibration no longer holds,
+acquire again.
 """
 
 import argparse
@@ -24,8 +25,9 @@ from counterlight.writing.outputs import check_folder
 from counterlight.writing.replacing import replacing_folder
 
 if TYPE_CHECKING:
-    from counterlight.calibration import StoredCalibration
+    from counterlight.calibration import Calibration, StoredCalibration
     from counterlight.pipeline.drift import Drift
+    from counterlight.raster import Shapes
     from counterlight.tools.acquisition.cameras.camera import Camera
     from counterlight.tools.acquisition.photographer import Photographer
     from counterlight.tools.acquisition.verify import Verification, Verified
@@ -66,19 +68,8 @@ def _verify(options: argparse.Namespace, stage: Path | None) -> int:
 
     stored = calibrations.read(options.calibration)
     room = stored.calibration
-    if room.screen is not None:
-        raise InputError(
-            f"{options.calibration}: has {len(room.cameras)} cameras, of which any may have moved, and one is looked "
-            "through; verify the room of each camera by itself, or acquire again"
-        )
-    with threadpool_limits(limits=1), open_rig(options) as (camera, projector):
-        if projector != room.projector.shape:
-            swapped = projector[::-1] == room.projector.shape
-            fix = "width and height are swapped" if swapped else "choose the calibrated one"
-            raise InputError(
-                f"the projector has {projector[1]}x{projector[0]} pixels, {options.calibration} is for "
-                f"{room.projector.width}x{room.projector.height}; {fix}"
-            )
+    with threadpool_limits(limits=1), open_rig(options) as (camera, projectors):
+        _check_projectors(options, room, projectors)
         if isinstance(camera, LiveCamera) and not options.no_preflight:
             for finding in preflight(camera):
                 refuse_bad(finding)
@@ -91,6 +82,18 @@ def _verify(options: argparse.Namespace, stage: Path | None) -> int:
             time.sleep(options.watch)
 
 
+def _check_projectors(options: argparse.Namespace, room: "Calibration", found: "Shapes") -> None:
+    """InputError unless these are the room's, or one that has all of its raster."""
+    wanted = tuple(projector.shape for projector in room.projectors)
+    if found in (wanted, (room.projector.shape,)):
+        return
+    swapped = tuple((width, height) for height, width in found) == wanted
+    sizes, expected = (" and ".join(f"{width}x{height}" for height, width in each) for each in (found, wanted))
+    many = "s have" if len(found) > 1 else " has"
+    fix = "width and height are swapped" if swapped else "choose the calibrated one" + "s" * (len(wanted) > 1)
+    raise InputError(f"the projector{many} {sizes} pixels, {options.calibration} is for {expected}; {fix}")
+
+
 @contextmanager
 def _photographing(
     camera: "Camera", stored: "StoredCalibration", options: argparse.Namespace
@@ -99,13 +102,13 @@ def _photographing(
     from counterlight.tools.acquisition.cameras.folder import FolderCamera
     from counterlight.tools.acquisition.photographer import Photographer
 
-    device = stored.calibration.camera
+    room = stored.calibration
     if not isinstance(camera, FolderCamera):
-        yield Photographer(camera, device)
+        yield Photographer(camera, room)
         return
     told = stored.fingerprint, options.picture, options.rounds, options.repeats, options.solver, options.colour
     first = camera.begin(hashlib.sha256(repr(told).encode()).hexdigest())
-    yield Photographer(camera, device, first)
+    yield Photographer(camera, room, first)
     camera.end(first)
 
 
@@ -138,7 +141,8 @@ def _once(
     outcome = ("not corrected" if options.no_correct else "corrected") if checked.drift.changes else ""
     print(f"{checked.said}: {outcome}" if outcome else checked.said, flush=True)
     if options.picture is not None:
-        _show(options, stored, transport, photographer, drift, stage)
+        photographer.expose(checked.exposures)
+        _show(options, stored, transport, photographer, drift, checked.asked, stage)
     return 0
 
 
@@ -148,6 +152,7 @@ def _show(
     transport: "Transport",
     photographer: "Photographer",
     drift: "Drift",
+    asked: tuple[bool, ...],
     stage: Path | None,
 ) -> None:
     """Print every round of the picture, and what to make of the best one; write that."""
@@ -163,6 +168,7 @@ def _show(
         transport,
         drift,
         picture,
+        asked=asked,
         radiance=radiance,
         solver=options.solver,
         colour=options.colour,
@@ -179,13 +185,6 @@ def _show(
     if stage is not None:
         _write(stage, task, best)
         print(f"{options.output}: round {best.round}, written")
-
-
-def _exchange(options: argparse.Namespace, stored: "StoredCalibration") -> str:
-    """What a folder's captures are of: this room, picture and solver; another verification is not given them."""
-    picture = options.picture.read_bytes()
-    said = f"{stored.fingerprint} {options.solver} {options.repeats}".encode()
-    return hashlib.sha256(said + picture).hexdigest()
 
 
 def _refuse_existing(folder: Path) -> None:

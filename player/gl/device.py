@@ -88,13 +88,14 @@ class _Encoder:
         bits: int,
     ) -> None:
         self._owner, self._noisy = Owner(), dither == "noise"
-        own, defines = self._owner.own, {} if dither == "none" else {f"DITHER_{dither.upper()}": None}
+        own, defines = self._owner.own, dict[str, int | None]()
+        if dither != "none":
+            defines[f"DITHER_{dither.upper()}"] = None
         try:
             self._inputs = {"inverse_response": own(picture_texture(context, response.inverse_tables()))}
             if response.of_column.any():
-                defines["SEVERAL"] = None
-                columns = response.of_column.astype(np.uint32)[None]
-                self._inputs["of_column"] = own(integer_texture(context, columns))
+                defines["SEVERAL"] = response.row_height
+                self._inputs["of_column"] = own(integer_texture(context, response.of_column.astype(np.uint32)))
             if response.matrices is not None:
                 defines["MIXED"] = None
                 self._inputs["colours"] = own(picture_texture(context, response.matrices))

@@ -9,12 +9,12 @@ from contextlib import ExitStack, contextmanager
 import glfw
 import moderngl
 
-from counterlight.calibration import Region
 from counterlight.errors import InputError
-from counterlight.gl.monitors import Monitor, find_monitor, list_monitors
+from counterlight.gl.monitors import Monitor, find_monitor, list_monitors, refuse_shared
 from counterlight.gl.window import REDRAW, Window, wait_for_events
 from counterlight.overlay.osd import Page
 from counterlight.overlay.pointer import Pointer
+from counterlight.raster import Region
 
 
 class Displays:
@@ -105,7 +105,7 @@ class Displays:
     def set_fullscreen(self, on: bool) -> None:
         """Fill every projector's monitor, or none; InputError if one is not there or two are the same."""
         if on:
-            _refuse_shared([window.wanted_monitor for window in self._windows])
+            refuse_shared([window.wanted_monitor for window in self._windows])
         for window in self._windows:
             window.set_fullscreen(on)
 
@@ -185,11 +185,5 @@ def _find_all(names: Sequence[str], count: int) -> list[Monitor]:
         there = "; ".join(map(str, monitors)) or "none"
         raise InputError(f"{count} projectors need as many monitors, found: {there}; connect them, or play in windows")
     chosen = [find_monitor(monitors, name) for name in names]
-    _refuse_shared(chosen)
+    refuse_shared(chosen)
     return chosen
-
-
-def _refuse_shared(monitors: Sequence[Monitor]) -> None:
-    for number, monitor in enumerate(monitors):
-        if monitor in monitors[:number]:
-            raise InputError(f"monitor {monitor.name}: named for two projectors; each has its own")

@@ -77,6 +77,13 @@ def find_monitor(monitors: Sequence[Monitor], name_or_index: str | int) -> Monit
     raise InputError(f"monitor {wanted!r}: not there, found: {there}; give one of these names or numbers")
 
 
+def refuse_shared(monitors: Sequence[Monitor]) -> None:
+    """InputError if one is named for two projectors."""
+    for number, monitor in enumerate(monitors):
+        if monitor in monitors[:number]:
+            raise InputError(f"monitor {monitor.name}: named for two projectors; each has its own")
+
+
 def monitor_handle(monitor: Monitor) -> Any:
     """GLFW's pointer for a monitor of `list_monitors`; InputError if it has gone since."""
     handles = glfw.get_monitors()

@@ -7,10 +7,10 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.calibration import Region
 from counterlight.gl.passes import ScreenPass
 from counterlight.overlay.osd import Page, draw, scale_for
 from counterlight.overlay.outline import Points, draw_outline
+from counterlight.raster import Region
 
 Box: TypeAlias = tuple[int, int, int, int]  # left, top, width, height
 

@@ -7,7 +7,6 @@ from typing import Any
 import glfw
 import moderngl
 
-from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.gl.monitor_labels import MonitorLabels
 from counterlight.gl.monitors import (
@@ -23,6 +22,7 @@ from counterlight.gl.mouse import Mouse
 from counterlight.gl.presenter import Presenter
 from counterlight.overlay.osd import Page
 from counterlight.overlay.pointer import Pointer
+from counterlight.raster import Region
 
 REDRAW = "redraw"  # not a key: the window was resized or uncovered
 CURSOR_S = 1.0  # how long a cursor that rests is seen in a window; full screen it never is

@@ -10,9 +10,16 @@ from counterlight.pipeline.compiled import PICTURE, Picture, inlined, kernel, pr
 from counterlight.pipeline.drift import FADE, TAPS
 
 
-@kernel(f"{PICTURE}, float64[:, ::1], float64[::1], int64, int64, int64, {PICTURE}")
+@kernel(f"{PICTURE}, float64[:, ::1], float64[::1], int64, int64, int64, int64, {PICTURE}")
 def moved(
-    drive: Picture, N: NDArray[np.float64], light: NDArray[np.float64], left: int, width: int, height: int, out: Picture
+    drive: Picture,
+    N: NDArray[np.float64],
+    light: NDArray[np.float64],
+    left: int,
+    top: int,
+    width: int,
+    height: int,
+    out: Picture,
 ) -> None:
     """One projector's part of a drive as it is shown now (moved in drift.py)."""
     for y in numba.prange(height):
@@ -23,19 +30,19 @@ def moved(
                 across, down = 1 + min(u, width - u) / FADE, 1 + min(v, height - v) / FADE
                 lands = within(across, 0.0, 1.0) * within(down, 0.0, 1.0)
             if lands > 0:
-                first, top = np.floor(u - 0.5), np.floor(v - 0.5)
-                of_column, of_row = _keys(u - 0.5 - first), _keys(v - 0.5 - top)
+                first, above = np.floor(u - 0.5), np.floor(v - 0.5)
+                of_column, of_row = _keys(u - 0.5 - first), _keys(v - 0.5 - above)
                 for i in range(TAPS):
-                    row = _mirrored(np.int64(top) + i - 2, height - 1)
+                    row = top + _mirrored(np.int64(above) + i - 2, height - 1)
                     for j in range(TAPS):
                         column = left + _mirrored(np.int64(first) + j - 2, width - 1)
                         weight = lands * of_row[i] * of_column[j]
                         red += weight * drive[row, column, 0]
                         green += weight * drive[row, column, 1]
                         blue += weight * drive[row, column, 2]
-            out[y, left + x, 0] = within(red / light[0], 0.0, 1.0)
-            out[y, left + x, 1] = within(green / light[1], 0.0, 1.0)
-            out[y, left + x, 2] = within(blue / light[2], 0.0, 1.0)
+            out[top + y, left + x, 0] = within(red / light[0], 0.0, 1.0)
+            out[top + y, left + x, 1] = within(green / light[1], 0.0, 1.0)
+            out[top + y, left + x, 2] = within(blue / light[2], 0.0, 1.0)
 
 
 @inlined

@@ -12,13 +12,14 @@ NO_DITHER, ORDERED, NOISE = range(3)
 
 
 @kernel(
-    f"{PICTURE}, {PICTURE}, int32[::1], {PICTURE}, boolean, float32[:, :, :, ::1], float32, int64, uint32, {PLANE}, "
-    "uint8[:, :, ::1]"
+    f"{PICTURE}, {PICTURE}, int32[:, ::1], int64, {PICTURE}, boolean, float32[:, :, :, ::1], float32, int64, uint32, "
+    f"{PLANE}, uint8[:, :, ::1]"
 )
 def encode(
     light: Picture,
     codes: Picture,
     of_column: Whole,
+    row_height: Any,
     colours: Picture,
     mixes: Any,
     segments: Picture,
@@ -30,13 +31,14 @@ def encode(
 ) -> None:
     """Linear light -> code values (encode).
 
-    codes : (projectors, 3, samples) over √light.  colours : (projectors, 3, 3), if light mixes.
+    codes : (projectors, 3, samples) over √light.  of_column : whose each is, in each row of projectors.
+    colours : (projectors, 3, 3), if light mixes.
     segments : (projectors, 2, 3, samples), or none.
     thresholds : of ORDERED, repeated.
     """
     for y in numba.prange(out.shape[0]):
         for x in range(out.shape[1]):
-            seed, own = np.uint32(0), of_column[x]
+            seed, own = np.uint32(0), of_column[y // row_height, x]
             if dither == NOISE:
                 seed = _scrambled(np.uint32(x) + _scrambled(np.uint32(y) + _scrambled(frame)))
             red, green, blue = light[y, x, 0], light[y, x, 1], light[y, x, 2]

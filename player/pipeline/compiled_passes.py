@@ -86,8 +86,8 @@ def pinned(
 
 def moved(out: Picture, *, drive: Picture, projectors: Picture) -> None:
     for rows in projectors.astype(np.float64):
-        left, width, height = (int(value) for value in rows[3])
-        compiled_drift.moved(drive, rows[:3], rows[4], left, width, height, out)
+        region = [int(value) for value in (*rows[3, :2], *rows[4, :2])]
+        compiled_drift.moved(drive, rows[:3], rows[5], *region, out)
 
 
 def clip_sums(

@@ -193,7 +193,8 @@ def _samples(length: int, count: int, every: int, offset: float) -> tuple[Whole,
 class _Encoder(Held):
     def __init__(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> None:
         self._codes = np.ascontiguousarray(response.inverse_tables().swapaxes(1, 2))
-        self._of_column, self._mixes = response.of_column, response.matrices is not None
+        self._of_column, self._row_height = response.of_column, response.row_height
+        self._mixes = response.matrices is not None
         self._colours = np.zeros((1, 3, 3), np.float32) if response.matrices is None else response.matrices
         none, segments = np.zeros((0, 2, 3, 1), np.float32), response.segment_tables()
         self._segments = none if segments is None else np.ascontiguousarray(segments.swapaxes(2, 3))
@@ -202,7 +203,8 @@ class _Encoder(Held):
         self._target = np.zeros((*shape, 3), np.uint8)
 
     def run(self, light: Picture, frame: int) -> NDArray[np.uint8]:
-        projectors = self._codes, self._of_column, self._colours, self._mixes, self._segments
+        whose = self._of_column, self._row_height
+        projectors = self._codes, *whose, self._colours, self._mixes, self._segments
         dithered = self._dither, np.uint32(frame & 0xFFFFFFFF), self._thresholds
         compiled_encoding.encode(light, *projectors, self._scale, *dithered, self._target)
         return self._target

@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
-from counterlight.calibration import Device, Region, StoredCalibration, read_light
+from counterlight.calibration import Device, StoredCalibration, read_light
 from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.files.generation import read_steadily
 from counterlight.files.manifest import describe_files, write_toml
 from counterlight.files.reading import DescribedFiles, read_toml
 from counterlight.files.tables import Table
+from counterlight.raster import Region
 from counterlight.writing.replacing import replacing_folder
 
 FOLDER, FILE, AMBIENT, FORMAT = "drift", "drift.toml", "ambient.exr", 1
@@ -99,9 +100,9 @@ class Drift:
         return float(min(each.gain.min() for each in self.projectors))
 
     def table(self, regions: tuple[Region, ...]) -> NDArray[np.float32]:
-        """For moved.frag: (projectors, 5, 3), rows of N, then (left, width, height) of the region, then g."""
+        """For moved.frag: (projectors, 6, 3), rows of N, then (left, top, 0), (width, height, 0) and g."""
         rows = [
-            np.vstack([moved.to_raster, (region.left, region.width, region.height), moved.gain])
+            np.vstack([moved.to_raster, (*region[:2], 0), (*region[2:], 0), moved.gain])
             for moved, region in zip(self.projectors, regions, strict=True)
         ]
         return np.asarray(rows, np.float32)
@@ -146,9 +147,8 @@ def moved(drive: Light, projectors: Light) -> FloatArray:
     """A drive (height, width, 3) as it is shown (moved.frag).  projectors : of `Drift.table`."""
     shown = np.zeros(drive.shape)
     for rows in np.asarray(projectors, np.float64):
-        left, width, height = (int(value) for value in rows[3])
-        part = slice(height), slice(left, left + width)
-        shown[part] = np.clip(resampled(drive[part], rows[:3], FADE) / rows[4], 0, 1)
+        part = Region(*(int(value) for value in (*rows[3, :2], *rows[4, :2]))).part
+        shown[part] = np.clip(resampled(drive[part], rows[:3], FADE) / rows[5], 0, 1)
     return shown
 
 

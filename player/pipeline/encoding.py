@@ -17,34 +17,40 @@ def encode(
     dither: str = "none",
     frame: int = 0,
     of_column: NDArray[np.int32] | None = None,
+    row_height: int = 0,
     colours: FloatArray | None = None,
     segments: FloatArray | None = None,
     bits: int = 8,
 ) -> NDArray[Any]:
     """Linear light -> code values of so many bits (encode.frag), uint8 or uint16.
 
-    inverse_response : (samples, 3) code values over √light 0..1, or (projectors, samples, 3) where columns differ, and
-    of_column says which one each is of.  scale : light of a white pixel.  dither : "ordered", "noise" or "none".
+    inverse_response : (samples, 3) code values over √light 0..1, or (projectors, samples, 3) where they differ, and
+    of_column, (rows of projectors, width), says whose each column is, each row being row_height pixels high, 0 for all.
+    scale : light of a white pixel.  dither : "ordered", "noise" or "none".
     colours : (projectors, 3, 3), what each shows of its own primaries for light of those that all share.
     segments : (projectors, 2, samples, 3), as `WhiteSegment.tables`, light that is taken out of the primaries.
     """
-    if colours is not None and of_column is not None:
-        light = np.einsum("xkl,yxl->yxk", colours[of_column], light)
-    root = np.sqrt(np.clip(light / scale, 0, 1))
-    codes = np.empty(root.shape)
-    for number, table in enumerate(inverse_response if inverse_response.ndim == 3 else inverse_response[None]):
-        own = slice(None) if of_column is None else of_column == number
-        if segments is not None:
-            root[:, own] = _without_segment(root[:, own], segments[number])
-        grid = np.linspace(0, 1, len(table))
-        for i in range(3):
-            codes[:, own, i] = np.interp(root[:, own, i], grid, table[:, i])
     height, width = light.shape[:2]
+    tables = inverse_response.reshape(-1, *inverse_response.shape[-2:])
+    codes = np.empty(light.shape)
+    for row, columns in enumerate(np.zeros((1, width), int) if of_column is None else of_column):
+        rows = slice(row * row_height, (row + 1) * row_height or height)
+        for number in np.unique(columns):
+            own = rows, columns == number
+            shown = light[own] if colours is None else light[own] @ colours[number].T
+            root = np.sqrt(np.clip(shown / scale, 0, 1))
+            codes[own] = _codes(root if segments is None else _without_segment(root, segments[number]), tables[number])
     threshold: float | NDArray[np.float64] = 0.5
     if dither != "none":
         threshold = bayer(height, width) if dither == "ordered" else _noise(height, width, frame)
     highest = 2**bits - 1
     return np.asarray(np.floor(np.minimum(codes * highest + threshold, highest)), np.uint8 if bits == 8 else np.uint16)
+
+
+def _codes(root: FloatArray, table: FloatArray) -> FloatArray:
+    """Code values 0..1 over √light, (…, 3)."""
+    grid = np.linspace(0, 1, len(table))
+    return np.stack([np.interp(root[..., i], grid, table[:, i]) for i in range(3)], axis=-1)
 
 
 def _without_segment(root: FloatArray, tables: FloatArray) -> FloatArray:
@@ -58,8 +64,14 @@ def _without_segment(root: FloatArray, tables: FloatArray) -> FloatArray:
 
 def encoded_drive(drive: FloatArray, response: RasterResponse) -> NDArray[np.uint8]:
     """The code values of a raster's drive, without dithering."""
-    tables, segments = response.inverse_tables(), response.segment_tables()
-    return encode(drive, tables, of_column=response.of_column, colours=response.matrices, segments=segments)
+    return encode(
+        drive,
+        response.inverse_tables(),
+        of_column=response.of_column,
+        row_height=response.row_height,
+        colours=response.matrices,
+        segments=response.segment_tables(),
+    )
 
 
 def bayer(height: int, width: int) -> NDArray[np.float64]:

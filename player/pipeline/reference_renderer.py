@@ -100,8 +100,8 @@ class ReferenceDevice:
 
     def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> Operation:
         encode = partial(encoding.encode, colours=response.matrices, segments=response.segment_tables())
-        tables, of_column = response.inverse_tables(), response.of_column
-        return Function(lambda light, frame: encode(light, tables, scale, dither, frame, of_column))
+        tables, whose = response.inverse_tables(), (response.of_column, response.row_height)
+        return Function(lambda light, frame: encode(light, tables, scale, dither, frame, *whose))
 
     def stepper(
         self, shape: tuple[int, int], step_size: FloatArray, prior: Mapping[str, NDArray[np.float32]]

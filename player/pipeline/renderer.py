@@ -78,7 +78,7 @@ class Renderer:
         self._request = own(Request(device, room, ambient, self._maps, self._near_light, mixer))
         self._moved = None if room.drift is None or not room.drift.moves else own(_Moved(device, room, room.drift))
         self._projector_view = own(device.encoder(projector, calibration.response, 1.0, room.dither))
-        self._camera_view = own(device.encoder(camera, Response("srgb").over(camera[1]), room.white, "none"))
+        self._camera_view = own(device.encoder(camera, Response("srgb").over(camera), room.white, "none"))
 
     @cached_property
     def _observers(self) -> list[Observer]:

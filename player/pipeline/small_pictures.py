@@ -19,7 +19,7 @@ class SmallPicture:
         own = self._owner.own
         try:
             self._sums = own(device.make_pass("block_sum.frag", small, {"SIDE": side}))
-            self._encoder = own(device.encoder(small, Response("srgb").over(small[1]), white * side**2, "none"))
+            self._encoder = own(device.encoder(small, Response("srgb").over(small), white * side**2, "none"))
         except BaseException:
             self.release()
             raise

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from counterlight import calibration
-from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.media.frames import PixelFormat
 from counterlight.overlay.outline import Outline, Points, lit_by, moved, outline_of, outline_on
@@ -19,6 +18,7 @@ from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Shortfall, Snapshot
+from counterlight.raster import Region
 
 if TYPE_CHECKING:
     from counterlight.pipeline.survey import Survey

@@ -6,14 +6,14 @@ import moderngl
 import numpy as np
 import pytest
 
-from counterlight.calibration import Region
 from counterlight.gl.passes import Pass, float_texture, picture_texture
 from counterlight.pipeline.drift import Drift, Moved, moved
+from counterlight.raster import Region
 from tests.drifted_rooms import moved_by
 from tests.renderers import both, read
 from tests.rooms import random_room, yuv_frame
 
-REGIONS = Region(0, 0, 13, 7), Region(13, 0, 11, 5), Region(24, 0, 4, 7)
+REGIONS = Region(0, 0, 13, 7), Region(13, 0, 11, 5), Region(24, 0, 4, 7), Region(0, 7, 12, 6)
 # Positions of up to 28 pixels in float32 are off by 28 · 2⁻²³ · a few roundings, slopes of random drives are below 4.
 ATOL = 1e-4
 
@@ -25,9 +25,9 @@ def some(rng: np.random.Generator, reach: float) -> Moved:
 
 @pytest.mark.parametrize("reach", [0.0, 0.3, 1.0, 4.0])
 def test_the_pass_equals_its_twin(gl_context: moderngl.Context, rng: np.random.Generator, reach: float) -> None:
-    drive = rng.uniform(0, 1, (7, 28, 3)).astype(np.float32)
+    drive = rng.uniform(0, 1, (14, 28, 3)).astype(np.float32)
     table = Drift(tuple(some(rng, reach) for _ in REGIONS)).table(REGIONS)
-    step = Pass(gl_context, "moved.frag", float_texture(gl_context, (7, 28)))
+    step = Pass(gl_context, "moved.frag", float_texture(gl_context, (14, 28)))
     inputs = picture_texture(gl_context, drive), picture_texture(gl_context, table)
     result = read(step.run(drive=inputs[0], projectors=inputs[1]))
     for resource in (step, *inputs):

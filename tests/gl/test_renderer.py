@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from counterlight.errors import InputError
+from counterlight.gl.device import GlDevice
 from counterlight.gl.passes import Pass, float_texture, table_texture
 from counterlight.gl.renderer import GlRenderer
 from counterlight.gl.row_map_pass import MapTextures, RowMapPass
@@ -16,6 +17,7 @@ from counterlight.media.frames import radiance_frame
 from counterlight.pipeline import encoding, reference
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.reference import PreparedRows
+from counterlight.pipeline.reference_renderer import ReferenceDevice
 from counterlight.pipeline.room import DITHERS
 from counterlight.response import parse_response
 from tests.renderers import both, read
@@ -26,11 +28,12 @@ from tests.rooms import (
     SEGMENTED,
     UNLIKE,
     in_strips,
+    in_two_rows,
     random_map,
     random_room,
     rgb_frame,
     yuv_frame,
-)  # fmt: skip
+)
 
 FLOAT_ATOL = 1e-5  # the bound; float32 sums of at most 20 terms of size 3 are far below
 CODE_ATOL = 1  # a float32 rounding may tip one code value
@@ -235,6 +238,19 @@ def test_each_part_of_a_raster_is_encoded_for_its_own_projector(
     for name, first, last in (("unlike", 4, 10), ("mixed", 0, 6)):
         other = np.any(shown[name] != shown["alike"], axis=(0, 2))
         np.testing.assert_array_equal(np.flatnonzero(other), np.arange(first, last))
+
+
+def test_projectors_in_two_rows_are_encoded_as_the_twin_does(
+    gl_context: moderngl.Context, rng: np.random.Generator
+) -> None:
+    drive = rng.uniform(0, 1, (10, 13, 3)).astype(np.float32)
+    light = upload(gl_context, drive)
+    encoder = GlDevice(gl_context).encoder((10, 13), in_two_rows(), 1.0, "ordered")
+    result = read(encoder.run(light, 5), np.uint8)
+    for resource in (encoder, light):
+        resource.release()
+    expected = ReferenceDevice().encoder((10, 13), in_two_rows(), 1.0, "ordered").run(drive, 5)
+    assert np.mean(result != expected) < 0.01  # tips, as above
 
 
 @pytest.mark.parametrize("dither", ["ordered", "noise"])

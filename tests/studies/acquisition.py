@@ -124,22 +124,24 @@ def rooms(
         simulated = simulate(scene)
         yield StudyRoom(
             SimulatedRoom(
-                name, simulated.transport, simulated.ambient, projector, scene.projector.response.over(projector[1])
+                name, simulated.transport, simulated.ambient, (projector,), scene.projector.response.over(projector)
             )
         )
     if wanted and not {"out of focus", "mirror"} & set(wanted):
         return
     rng = np.random.default_rng(2006)
     ambient = np.full((*camera, 3), 0.004, np.float32)
-    linear = Response("linear").over(projector[1])
+    linear = Response("linear").over(projector)
     blurred = blurred_strips(rng, camera, projector, 1.3)
-    yield StudyRoom(SimulatedRoom("out of focus", Transport.from_matrices((blurred,) * 3), ambient, projector, linear))
+    yield StudyRoom(
+        SimulatedRoom("out of focus", Transport.from_matrices((blurred,) * 3), ambient, (projector,), linear)
+    )
     sharp = blurred_strips(rng, camera, projector, 0.5)
     row, column = np.mgrid[: projector[0], : projector[1]]
     mirrored = sharp[:, (row * projector[1] + projector[1] - 1 - column).ravel()]
     upper = sparse.diags_array(np.repeat(np.arange(camera[0]) < camera[0] // 2, camera[1]).astype(np.float32))
     both = sparse.csr_array(sharp + 0.5 * (upper @ mirrored), dtype=np.float32)
-    yield StudyRoom(SimulatedRoom("mirror", Transport.from_matrices((both,) * 3), ambient, projector, linear))
+    yield StudyRoom(SimulatedRoom("mirror", Transport.from_matrices((both,) * 3), ambient, (projector,), linear))
 
 
 def blurred_strips(
@@ -220,7 +222,7 @@ def study(place: StudyRoom, size: str, known: Collection[str]) -> Iterator[Row]:
             continue
         eye = SimulatedCamera(room, sensor(shots))
         start = time.perf_counter()
-        done: Acquisition = acquire(eye, MemoryStore(eye.exposures), make_scheme, room.projector)
+        done: Acquisition = acquire(eye, MemoryStore(eye.exposures), make_scheme, room.projectors)[0]
         seconds = time.perf_counter() - start
         transport = done.measured.transport
         found = [place.compensated(transport, done.room.black, detail) for detail in DETAILS]

@@ -4,6 +4,9 @@ Black and floodlight come first, sixteen times each: black is subtracted from ev
 pixel is in all decides how smooth pictures turn out. They also give the noise. Then ramps, from which the projector's
 response is measured, and its primaries. Floodlight comes again at the end, which tells a moved camera, and last random
 pictures that no scheme has seen, black and white and coloured: how well they are predicted is the honest measure.
+
+Several projectors are measured one after the other, the others black; black, which holds the black levels of all, is
+captured once.
 """
 
 import sys
@@ -18,6 +21,7 @@ from numpy.typing import NDArray
 
 from counterlight.command import LOG_INTERVAL_S, progress_bar
 from counterlight.errors import InputError
+from counterlight.raster import Region, Shape, side_by_side
 from counterlight.response import Response
 from counterlight.tools.acquisition.cameras.camera import Camera, Shot
 from counterlight.tools.acquisition.check import Check, check_coloured, check_colours, check_pattern, check_white
@@ -25,6 +29,7 @@ from counterlight.tools.acquisition.movement import refuse_moved
 from counterlight.tools.acquisition.plan import (
     REPEATS,
     Captures,
+    LazyPatterns,
     Level,
     MakeScheme,
     Measured,
@@ -57,10 +62,11 @@ class Store(Protocol):
 
 @dataclass(frozen=True)
 class Acquisition:
-    """What was acquired.
+    """What was acquired of a projector.
 
     light : what the projector makes of code values, None if the captures are of a time when that was not measured.
-    pictures, exposures : shown, and photographed.  seconds : of this run.  resumed : captures that were there already.
+    pictures, exposures : shown, and photographed for it.  seconds : of this run.  resumed : captures that were there
+    already.
     check : of T, by a random pattern.  coloured : of T and the response, by random greys and colours.
     by_measured : the same with the response that was measured, even where another one was given.
     """
@@ -81,23 +87,32 @@ def acquire(
     camera: Camera,
     store: Store,
     make_scheme: MakeScheme,
-    projector: tuple[int, int],
+    projectors: Sequence[Shape],
     given: Response | None = None,
-) -> Acquisition:
-    """Show, capture and solve; what is in the store already is not shown again.
+) -> list[Acquisition]:
+    """Show, capture and solve for each projector; what is in the store already is not shown again.
 
-    projector : (height, width).  given : its response, where that is not to be the measured one.
+    projectors : (height, width) of each; pictures are of the raster of all.  given : their response, where that is not
+    to be the measured one.
     Raises InputError for captures that are saturated, black, inconsistent or of another size, and for a moved camera.
     """
     recorder = _Recorder(camera, store)
-    black, white = np.zeros(projector, np.bool_), np.ones(projector, np.bool_)
-    first = Level("black and floodlight", [black, white] * REPEATS, further=1)
-    room = _reference(camera, store, recorder.capture(first))
-    light = measure_light(recorder.capture(light_level(projector)), room) if store.coloured else None
-    measured = _run(make_scheme(room, projector), recorder, room)
+    shape, regions = side_by_side(projectors)
+    parts = [_Part(recorder, shape, region, number) for number, region in enumerate(regions, 1)]
+    whites = [part.in_raster(np.ones(part.projector, np.bool_)) for part in parts]
+    first = Level("black and floodlight", [np.zeros(shape, np.bool_), *whites] * REPEATS, further=1)
+    captures = recorder.capture(first)
+    rooms = [_reference(camera, store, captures, part, len(parts)) for part in parts]
+    return [_acquire(part, make_scheme, room, given) for part, room in zip(parts, rooms, strict=True)]
+
+
+def _acquire(part: "_Part", make_scheme: MakeScheme, room: Reference, given: Response | None) -> Acquisition:
+    projector, white = part.projector, np.ones(part.projector, np.bool_)
+    light = measure_light(part.capture(light_level(projector)), room) if part.coloured else None
+    measured = _run(make_scheme(room, projector), part, room)
     pattern, colours = check_pattern(projector), check_colours(projector)
     shown: list[Picture] = [white, pattern, colours] if light else [white, pattern]
-    last = [np.asarray(seen, np.float64) for seen in recorder.capture(Level("floodlight and check", shown, further=0))]
+    last = [np.asarray(seen, np.float64) for seen in part.capture(Level("floodlight and check", shown, further=0))]
     before, after = (room.above_black(picture) for picture in (room.floodlight, last[0]))
     refuse_moved(before, after, room.noise, 1 + 1 / REPEATS, AGAIN)
     T, coloured, by_measured = measured.transport, None, None
@@ -110,25 +125,15 @@ def acquire(
             if tried.excess < EXPLAINED * by_measured.excess:
                 T, light, by_measured = primary, replace(light, response=response), tried
         coloured = predicted(T, response=light.curve(given)) if given else by_measured
-    return Acquisition(
-        replace(measured, transport=T),
-        room,
-        light,
-        recorder.count,
-        recorder.count * len(camera.exposures.times),
-        time.monotonic() - recorder.start,
-        recorder.resumed,
-        check_white(measured.transport, room, pattern, last[1]),
-        coloured,
-        by_measured,
-    )
+    check = check_white(measured.transport, room, pattern, last[1])
+    return Acquisition(replace(measured, transport=T), room, light, *part.taken(), check, coloured, by_measured)
 
 
-def _run(scheme: Scheme, recorder: "_Recorder", room: Reference) -> Measured:
+def _run(scheme: Scheme, part: "_Part", room: Reference) -> Measured:
     """Give a scheme the captures that it asks for."""
     level = next(scheme)
     while True:
-        captures = recorder.capture(level)
+        captures = part.capture(level)
         if level.cover:
             _check_closure(level, captures, room)
         try:
@@ -165,7 +170,19 @@ class _Recorder:
     def __init__(self, camera: Camera, store: Store) -> None:
         self._camera, self._store = camera, store
         self.count, self.resumed, self.start = 0, 0, time.monotonic()
-        self._taken = 0
+        self._taken, self._before = 0, (0, 0, self.start)
+
+    @property
+    def coloured(self) -> bool:
+        return self._store.coloured
+
+    def taken_since(self) -> tuple[int, int, float, int]:
+        """Pictures, exposures, seconds and resumed captures since this was last asked."""
+        count, resumed, then = self._before
+        self._before = self.count, self.resumed, time.monotonic()
+        pictures = self.count - count
+        exposures = pictures * len(self._camera.exposures.times)
+        return pictures, exposures, self._before[2] - then, self.resumed - resumed
 
     def capture(self, level: Level) -> _StoredCaptures:
         first, self.count = self.count, self.count + len(level.patterns)
@@ -205,13 +222,52 @@ class _Recorder:
         return f"{each:.2g} s each, {each * captures:.0f} s left in this level{more}"
 
 
-def _reference(camera: Camera, store: Store, captures: Sequence[NDArray[np.float32]]) -> Reference:
-    pictures = [np.asarray(capture, np.float64) for capture in captures]
-    black, white = pictures[0::2], pictures[1::2]
-    saturated = camera.exposures.saturated(store.shots(1)) | camera.exposures.saturated(store.shots(0))
+class _Part:
+    """Shows one projector's pictures, the others black, and counts what was captured for it.
+
+    raster : (height, width) of all.  number : from 1; the first one's captures are also those of black and floodlights.
+    """
+
+    def __init__(self, recorder: "_Recorder", raster: Shape, region: Region, number: int) -> None:
+        self._recorder, self._raster, self._region, self.number = recorder, raster, region, number
+        self.projector = region.height, region.width
+
+    @property
+    def coloured(self) -> bool:
+        return self._recorder.coloured
+
+    @property
+    def name(self) -> str:
+        """Before what is said of it, if it is not the only one."""
+        return "" if self._raster == self.projector else f"projector {self.number}: "
+
+    def capture(self, level: Level) -> _StoredCaptures:
+        if self._raster == self.projector:
+            return self._recorder.capture(level)
+        shown = LazyPatterns(len(level.patterns), lambda index: self.in_raster(level.patterns[index]))
+        return self._recorder.capture(replace(level, name=f"{self.name}{level.name}", patterns=shown))
+
+    def in_raster(self, picture: Picture) -> Picture:
+        shown = np.zeros((*self._raster, *picture.shape[2:]), picture.dtype)
+        shown[self._region.part] = picture
+        return shown
+
+    def taken(self) -> tuple[int, int, float, int]:
+        """Pictures, exposures, seconds and resumed captures since the part before had its own."""
+        return self._recorder.taken_since()
+
+
+def _reference(
+    camera: Camera, store: Store, captures: Sequence[NDArray[np.float32]], part: _Part, parts: int
+) -> Reference:
+    black, white = (
+        [np.asarray(captures[index], np.float64) for index in range(first, len(captures), parts + 1)]
+        for first in (0, part.number)
+    )
+    saturated = camera.exposures.saturated(store.shots(part.number)) | camera.exposures.saturated(store.shots(0))
     if saturated.mean() > MOST_SATURATED:
         raise InputError(
-            f"the floodlit room saturates {100 * saturated.mean():.0f} % of the camera's pixels, at most "
+            f"{part.name}the floodlit room saturates {100 * saturated.mean():.0f} % of the camera's pixels, at most "
             f"{100 * MOST_SATURATED:.0f} % may be; shorten the exposure (or add a shorter one) and capture again"
         )
     noise = measure_noise(black, white)
@@ -219,8 +275,8 @@ def _reference(camera: Camera, store: Store, captures: Sequence[NDArray[np.float
     lit = np.any((rise > 0) & (rise >= LEAST_RISE * noise.dark), axis=2)
     if lit.mean() < LEAST_LIT:
         raise InputError(
-            f"from black to floodlight {int(lit.sum())} of {lit.size} camera pixels rise clearly above the noise; "
-            "check that the projector is on, that the camera sees it, and that the exposure is long enough"
+            f"{part.name}from black to floodlight {int(lit.sum())} of {lit.size} camera pixels rise clearly above the "
+            "noise; check that the projector is on, that the camera sees it, and that the exposure is long enough"
         )
     return Reference(np.mean(black, axis=0), np.mean(white, axis=0), noise, saturated, REPEATS)
 

@@ -1,5 +1,6 @@
 """From an acquisition to a calibration folder."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files.manifest import sha256_of
+from counterlight.raster import Shape, Shapes
 from counterlight.response import Response
 from counterlight.screen import parts_of
 from counterlight.tools.acquisition.acquire import Acquisition, acquire
@@ -22,12 +24,13 @@ from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.ramps import ProjectorLight
 from counterlight.tools.acquisition.room_options import ASSUMED
 from counterlight.tools.acquisition.store import CaptureStore, Wanted, open_store
-from counterlight.tools.acquisition.summary import AcquisitionReport, LightOutside
+from counterlight.tools.acquisition.summary import AcquisitionReport, LightOutside, ProjectorReport
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.factoring.factoring import Factoring, factored
 from counterlight.tools.solve.box import CHECK_EVERY, Box
+from counterlight.tools.transport.joining import joined, told_colours, with_monitors
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.shared_screen import SharedRoom, on_one_screen
@@ -42,17 +45,18 @@ MOST_TRIED = 1 << 17  # camera pixels up to which a white picture is tried; buil
 class Plan:
     """What to acquire.
 
-    scheme : its name, for the records.  projector : (height, width).  options : what else decides which pattern comes
-    next.  response : of the projector, None for the measured one.  tolerance : dB that pictures may lose where a
-    dense T is factored, 0 for T as it is.
+    scheme : its name, for the records.  projectors : (height, width) of each.  options : what else decides which
+    pattern comes next.  response : of the projectors, None for the measured ones.  tolerance : dB that pictures may
+    lose where a dense T is factored, 0 for T as it is.  monitors : names of several projectors', none if nobody said.
     """
 
     scheme: str
     make_scheme: MakeScheme
-    projector: tuple[int, int]
+    projectors: Shapes
     options: dict[str, Any]
     response: Response | None = None
     tolerance: float = TOLERANCE
+    monitors: tuple[str, ...] = ()
 
 
 def acquire_room(
@@ -67,33 +71,44 @@ def acquire_room(
         if isinstance(camera, FolderCamera):
             camera.bind(store.id, first=not store.replaces)
         with calibration.replacing(folder, force=wanted.anew) as stage:
-            found, done, factoring = _acquire(camera, plan, store, folder.name if name is None else name)
+            parts = _acquire(camera, plan, store, folder.name if name is None else name)
+            found = _together(parts, plan.monitors, views_of(camera))
             room, transport = found.calibration, found.transport
             write_transport(transport, stage)
             calibration.write(room, stage)
             store.made(sha256_of(stage / calibration.TOML))
         store.finish()
-    return _report(done, found, plan.response, factoring)
+    return _report(parts, found, plan.response)
 
 
 def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
     """What captures are of."""
-    return {
-        "camera": camera.name,
-        "scheme": plan.scheme,
-        "projector": [plan.projector[1], plan.projector[0]],
-        **plan.options,
-    }
+    sizes = [[width, height] for height, width in plan.projectors]
+    shown = {"projector": sizes[0]} if len(sizes) == 1 else {"projectors": sizes}
+    return {"camera": camera.name, "scheme": plan.scheme, **shown, **plan.options}
 
 
-def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> tuple[SharedRoom, Acquisition, Factoring]:
-    done = acquire(camera, store, plan.make_scheme, plan.projector, plan.response)
+@dataclass(frozen=True)
+class _Part:
+    """One projector's room, its transport and how they came about."""
+
+    room: Calibration
+    transport: Transport
+    done: Acquisition
+    factoring: Factoring
+
+
+def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> list[_Part]:
+    found = acquire(camera, store, plan.make_scheme, plan.projectors, plan.response)
+    return [_part(done, shape, camera, plan, name) for done, shape in zip(found, plan.projectors, strict=True)]
+
+
+def _part(done: Acquisition, projector: Shape, camera: Camera, plan: Plan, name: str) -> _Part:
     ambient = np.maximum(done.room.black, 0).astype(np.float32)
     shape = ambient.shape
-    whole = replace(done.measured.transport, camera=shape[:2], projector=plan.projector)
+    whole = replace(done.measured.transport, camera=shape[:2], projector=projector)
     transport, factoring = factored(whole, ambient, plan.tolerance)
-    cameras = views_of(camera)
-    mask = _lit(transport, ambient, plan.projector, done.room.rise_noise, cameras) & ~done.room.saturated
+    mask = _lit(transport, ambient, projector, done.room.rise_noise, views_of(camera)) & ~done.room.saturated
     if not mask.any():
         raise InputError(
             "no camera pixel is clearly lit by single projector pixels; lower --threshold, or darken the room"
@@ -102,22 +117,32 @@ def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> tupl
     room = Calibration(
         name,
         f"acquire-transport, scheme {plan.scheme}, {done.pictures} pictures, camera {camera.name}; response {source}",
-        (Device(*plan.projector, response),),
+        (Device(*projector, response),),
         Device(shape[0], shape[1], LINEAR),
         ambient,
         mask,
         None if done.light is None else done.light.primaries,
     )
-    found = on_one_screen(room, transport, cameras) if cameras else SharedRoom(room, transport)
-    return found, done, factoring
+    return _Part(room, transport, done, factoring)
+
+
+def _together(parts: Sequence[_Part], monitors: Sequence[str], cameras: Shapes) -> SharedRoom:
+    """The room of all projectors; cameras : of several, (height, width) of each."""
+    room, transport = parts[0].room, parts[0].transport
+    if len(parts) > 1:
+        names = [f"projector {number}" for number in range(1, len(parts) + 1)]
+        room, transport = joined([part.room for part in parts], [part.transport for part in parts], names)
+        told = "; ".join(f"{name}: {part.room.provenance}" for name, part in zip(names, parts, strict=True))
+        room = replace(room, provenance=told, projectors=with_monitors(room.projectors, monitors))
+    return on_one_screen(room, transport, cameras) if cameras else SharedRoom(room, transport)
 
 
 def _lit(
     transport: Transport,
     ambient: NDArray[np.float32],
-    projector: tuple[int, int],
+    projector: Shape,
     noise: FloatArray | None,
-    cameras: tuple[tuple[int, int], ...],
+    cameras: Shapes,
 ) -> BoolArray:
     """Camera by camera: what is around a pixel is in its own picture."""
     if not cameras:
@@ -136,24 +161,18 @@ def _response(given: Response | None, light: ProjectorLight | None) -> tuple[Res
     return (light.response, light.fit) if light else (ASSUMED, "sRGB assumed")
 
 
-def _report(
-    done: Acquisition,
-    found: SharedRoom,
-    given: Response | None,
-    factoring: Factoring,
-) -> AcquisitionReport:
+def _report(parts: Sequence[_Part], found: SharedRoom, given: Response | None) -> AcquisitionReport:
     room, transport = found.calibration, found.transport
     indices = transport.near.indices
     return AcquisitionReport(
-        acquisition=done,
-        given=given,
-        covered=float(np.unique(indices).size / transport.shape[1]),
+        projectors=tuple(ProjectorReport(part.done, given, part.factoring) for part in parts),
+        covered=float(np.unique(indices).size / sum(each.pixels for each in room.projectors)),
         lit=int(room.mask.sum()),
         camera_pixels=room.mask.size,
         entries=int(indices.size),
         clusters=find_clusters(luminance_matrix(transport.near)),
-        factoring=factoring,
         outside=_light_outside(room, transport),
+        colours=tuple(told_colours(room.projectors)),
         placed=found.placed,
     )
 

@@ -5,24 +5,26 @@ from collections.abc import Sequence
 import numpy as np
 
 from counterlight.arrays import BoolArray, FloatArray
-from counterlight.calibration import Device
+from counterlight.calibration import Calibration
 from counterlight.errors import InputError
-from counterlight.tools.acquisition.cameras.camera import Camera
+from counterlight.tools.acquisition.cameras.camera import Camera, Shot
+from counterlight.tools.acquisition.cameras.together import views_of
 from counterlight.tools.acquisition.plan import Picture
 
 
 class Photographer:
-    """device : the calibrated camera.  first : number of the first capture; `taken` is that of the next.
+    """room : the calibrated one.  first : number of the first capture; `taken` is that of the next.
 
-    saturated : (height, width), where any capture was at the top of the camera's range.
+    saturated : (height, width), where any capture was at the top of its camera's range.
     """
 
-    def __init__(self, camera: Camera, device: Device, first: int = 0) -> None:
-        self._camera, self._device, self.taken = camera, device, first
-        self.saturated: BoolArray = np.zeros(device.shape, np.bool_)
+    def __init__(self, camera: Camera, room: Calibration, first: int = 0) -> None:
+        self._camera, self._room, self.taken = camera, room, first
+        self._gains = room.gains
+        self.saturated: BoolArray = np.zeros(room.camera.shape, np.bool_)
 
     def take(self, pictures: Sequence[Picture]) -> list[FloatArray]:
-        """Radiance of one level of pictures, (height, width, 3) each; InputError for a camera of another size."""
+        """Radiance of one level of pictures, (height, width, 3) each; InputError for cameras of other sizes."""
         first, self.taken = self.taken, self.taken + len(pictures)
         self._camera.prepare(first, pictures, range(first, self.taken))
         return [self._radiance(first + index, picture) for index, picture in enumerate(pictures)]
@@ -30,13 +32,29 @@ class Photographer:
     def mean(self, picture: Picture, repeats: int) -> FloatArray:
         return np.asarray(np.mean(self.take([picture] * repeats), axis=0))
 
+    def expose(self, exposures: FloatArray) -> None:
+        """From now on each camera's light is divided by what its exposure is of what it was, (cameras, 3)."""
+        self._gains = self._gains / exposures
+
     def _radiance(self, number: int, picture: Picture) -> FloatArray:
         shots = self._camera.capture(number, picture)
-        seen = self._camera.exposures.radiance(shots)
-        if seen.shape[:2] != self._device.shape:
-            raise InputError(
-                f"the camera gives {seen.shape[1]}x{seen.shape[0]}, the calibration was made with "
-                f"{self._device.width}x{self._device.height}; set the camera to that size"
-            )
+        self._check_sizes(shots[0])
+        seen = self._camera.exposures.radiance(shots).astype(np.float64)
         self.saturated |= self._camera.exposures.saturated(shots)
-        return seen.astype(np.float64)
+        for view, gain in zip(self._room.views, self._gains, strict=True):
+            seen[view] *= gain
+        return seen
+
+    def _check_sizes(self, shot: Shot) -> None:
+        found, wanted = views_of(self._camera) or ((shot.shape[0], shot.shape[1]),), self._room.cameras
+        if found == wanted:
+            return
+        sizes, expected = (" and ".join(f"{width}x{height}" for height, width in each) for each in (found, wanted))
+        if len(wanted) == 1:
+            raise InputError(
+                f"the camera gives {sizes}, the calibration was made with {expected}; set the camera to that size"
+            )
+        raise InputError(
+            f"the cameras give {sizes}, the calibration was made with {expected}: name each of them with --camera, in "
+            "that order, set to that size"
+        )

@@ -6,7 +6,7 @@ where in the view its picture is.
 
 import argparse
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from counterlight.gl.monitors import Monitor, find_monitor, list_monitors
 from counterlight.gl.preview_window import CLOSED, PreviewWindow
 from counterlight.overlay.osd import Legend, Page
 from counterlight.pipeline.test_cards import card
+from counterlight.raster import side_by_side
 from counterlight.tools.acquisition.aiming import Framing, brightest, framing, sharpness, shown
 from counterlight.tools.acquisition.cameras.aim_folder import AimedFolder
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
@@ -40,11 +41,11 @@ def preview(options: argparse.Namespace) -> tuple[float, ...] | None:
 
     Raises InputError as `open_rig` does, and where there is no monitor beside the projector's.
     """
-    with open_rig(options) as (camera, projector):
+    with open_rig(options) as (camera, projectors):
         if isinstance(camera, LiveCamera):
             aim = _Aim(camera.screen, camera.eye, camera.exposures, max(SETTLED, camera.lag))
         else:
-            folder = AimedFolder(Path(options.camera[0].partition(":")[2]), projector)
+            folder = AimedFolder(Path(options.camera[0].partition(":")[2]), side_by_side(projectors)[0])
             aim = _Aim(folder, folder, camera.exposures, None)
         begins = aim.run(options.monitor)
     return tuple(aim.factor * exposure for exposure in options.exposures or (1.0,)) if begins else None
@@ -65,13 +66,13 @@ class _Aim:
         """What the exposures are to be multiplied by."""
         return float(2 ** (self._steps / STEPS))
 
-    def run(self, projector: str | None) -> bool:
+    def run(self, projectors: Sequence[str]) -> bool:
         """Whether the acquisition is to begin."""
         self._show_card()
         if self._settled is not None:
             self._eye.expose(self._exposures.shortest)
         shot = self._eye.frame()
-        with _opened_window(shot, self._screen, projector) as window:
+        with _opened_window(shot, self._screen, projectors) as window:
             while True:
                 light = self._exposures.one(shot, 1.0)
                 clipped = self._exposures.saturated([shot] * len(self._exposures.times))
@@ -137,12 +138,12 @@ class _Aim:
 
 
 @contextmanager
-def _opened_window(shot: Shot, screen: Screen, projector: str | None) -> Iterator[PreviewWindow]:
-    """A window for pictures like `shot`, on a monitor that is not the projector's, beside the projector's window."""
-    monitor = preview_monitor(list_monitors(), projector)
+def _opened_window(shot: Shot, screen: Screen, projectors: Sequence[str]) -> Iterator[PreviewWindow]:
+    """A window for pictures like `shot`, on a monitor that is no projector's, beside the projectors' window."""
+    monitor = preview_monitor(list_monitors(), projectors)
     height, width = shot.shape[:2]
     scale = FILLED * min(monitor.height / height, monitor.width / width)
-    beside = screen.place[2] + GAP if isinstance(screen, WindowScreen) and projector is None else GAP
+    beside = screen.place[2] + GAP if isinstance(screen, WindowScreen) and not projectors else GAP
     shape = max(1, round(scale * height)), max(1, round(scale * width))
     window = PreviewWindow(shape, monitor, (beside, GAP))
     try:
@@ -151,10 +152,10 @@ def _opened_window(shot: Shot, screen: Screen, projector: str | None) -> Iterato
         window.release()
 
 
-def preview_monitor(monitors: list[Monitor], projector: str | None) -> Monitor:
-    """The first that is not the projector; InputError if there is none."""
-    taken = None if projector is None else find_monitor(monitors, projector).name
-    free = [monitor for monitor in monitors if monitor.name != taken]
+def preview_monitor(monitors: list[Monitor], projectors: Sequence[str]) -> Monitor:
+    """The first that is no projector; InputError if there is none."""
+    taken = {find_monitor(monitors, projector).name for projector in projectors}
+    free = [monitor for monitor in monitors if monitor.name not in taken]
     if not free:
         raise InputError("--preview needs a monitor beside the projector's; connect one, or aim without --preview")
     return free[0]

@@ -15,11 +15,11 @@ from scipy import fft, ndimage
 from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
 from counterlight.arrays import BoolArray, FloatArray, IntArray
-from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.pipeline.colour import LUMINANCE
 from counterlight.pipeline.content import BRIGHT_PERCENTILE
 from counterlight.pipeline.drift import Moved, positions, resampled, sampled
+from counterlight.raster import Region
 from counterlight.tools.acquisition.plan import MAD_TO_SIGMA, Noise
 from counterlight.tools.transport.transport import Csr, Transport, luminance, luminance_matrix
 

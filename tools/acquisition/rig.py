@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from counterlight.errors import InputError
+from counterlight.raster import Shapes
 from counterlight.response import Response, named_response
 from counterlight.tools.acquisition.cameras.camera import Camera, Exposures
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
@@ -27,29 +28,30 @@ LIVE = "v4l2", "pylon", "gphoto2"
 
 
 @contextmanager
-def open_rig(options: argparse.Namespace) -> Iterator[tuple[Camera, tuple[int, int]]]:
-    """The camera and the projector's (height, width) that the options name; InputError for what is not there."""
+def open_rig(options: argparse.Namespace) -> Iterator[tuple[Camera, Shapes]]:
+    """The camera, and each projector's (height, width), that the options name; InputError for what is not there."""
     kind, sources = _kind_of(options.camera)
     response = named_response(options.camera_response)
     with ExitStack() as opened:
         if kind == "simulated":
             rooms = [room for source in sources for room in simulated_rooms(Path(source))]
-            projector = _shared_projector(rooms)
-            screen = _screen(options, projector, opened) if options.monitor or options.window else None
-            yield _simulated(options, rooms, response, screen), projector
+            projectors = _shared_projectors(rooms)
+            _check_sizes(options, rooms[0])
+            shown = options.monitor or options.window
+            screen = _screens(options, projectors, opened)[0] if shown else None
+            yield _simulated(options, rooms, response, screen), projectors
         elif kind == "folder":
-            size = _needed_size(options)
+            sizes = _needed_sizes(options)
             exposures = Exposures(_bracket(options), response)
-            yield FolderCamera(Path(sources[0]), exposures, options.wait), size
+            yield FolderCamera(Path(sources[0]), exposures, options.wait), sizes
         else:
             if not (options.monitor or options.window):
                 raise InputError(f"--camera {kind}: where is the projector? add --monitor NAME (or --window to try)")
             if not options.exposures:
                 raise InputError(f"--camera {kind}: needs exposure times in seconds; add --exposures, such as 0.033")
             eye = together([_eye(*_parted(camera), response, opened) for camera in options.camera])
-            shown = _screen(options, options.projector, opened)
-            camera = LiveCamera(shown, eye, Exposures(_bracket(options), response))
-            yield camera, shown.shape
+            screen, shapes = _screens(options, tuple(options.projector), opened)
+            yield LiveCamera(screen, eye, Exposures(_bracket(options), response)), shapes
 
 
 def _kind_of(cameras: Sequence[str]) -> tuple[str, list[str]]:
@@ -72,35 +74,42 @@ def _parted(camera: str) -> tuple[str, str]:
     return kind, source
 
 
-def _shared_projector(rooms: Sequence[SimulatedRoom]) -> tuple[int, int]:
-    """(height, width); InputError unless all cameras look at the same."""
+def _shared_projectors(rooms: Sequence[SimulatedRoom]) -> Shapes:
+    """(height, width) of each; InputError unless all cameras look at the same."""
     first = rooms[0]
     for room in rooms[1:]:
-        if (room.projector, room.response) != (first.projector, first.response):
+        if (room.projectors, room.response) != (first.projectors, first.response):
             raise InputError(
-                f"--camera: {room.name} has another projector than {first.name}; cameras that acquire together see one"
+                f"--camera: {room.name} has other projectors than {first.name}; cameras that acquire together see the "
+                "same"
             )
-    return first.projector
+    return first.projectors
 
 
 def _simulated(
     options: argparse.Namespace, rooms: Sequence[SimulatedRoom], response: Response, screen: VisibleScreen | None
 ) -> SimulatedCamera:
     room = rooms[0]
-    if options.projector not in (None, room.projector):
-        height, width = room.projector
-        fix = "width and height are swapped" if options.projector == (width, height) else "leave it out"
-        raise InputError(f"--projector: the projector of {room.name} has {width}x{height} pixels; {fix}")
     given = {name: getattr(options, name) for name in SENSOR if getattr(options, name) is not None}
     sensor = replace(room.sensor or Sensor(), **given)
     settings = CameraSettings(sensor, _bracket(options), response, options.seed, options.lag)
     return SimulatedCamera(room, settings, screen, rooms[1:])
 
 
-def _screen(options: argparse.Namespace, shape: tuple[int, int] | None, opened: ExitStack) -> VisibleScreen:
-    from counterlight.tools.acquisition.cameras.window import open_screen  # OpenGL, for those who show something
+def _check_sizes(options: argparse.Namespace, room: SimulatedRoom) -> None:
+    """InputError for projectors that are not the room's."""
+    if not options.projector or tuple(options.projector) == room.projectors:
+        return
+    sizes = " and ".join(f"{width}x{height}" for height, width in room.projectors)
+    swapped = tuple((width, height) for height, width in options.projector) == room.projectors
+    fix = "width and height are swapped" if swapped else "leave it out"
+    raise InputError(f"--projector: {room.name} has {sizes} pixels; {fix}")
 
-    return opened.enter_context(open_screen(shape, options.monitor, desktop=options.desktop))
+
+def _screens(options: argparse.Namespace, shapes: Shapes, opened: ExitStack) -> tuple[VisibleScreen, Shapes]:
+    from counterlight.tools.acquisition.cameras.window import open_screens  # OpenGL, for those who show something
+
+    return opened.enter_context(open_screens(shapes, options.monitor, desktop=options.desktop))
 
 
 def _eye(kind: str, source: str, response: Response, opened: ExitStack) -> Eye:
@@ -117,13 +126,13 @@ def _eye(kind: str, source: str, response: Response, opened: ExitStack) -> Eye:
     return opened.enter_context(open_tethered_eye(response))
 
 
-def _needed_size(options: argparse.Namespace) -> tuple[int, int]:
-    if options.projector is None:
+def _needed_sizes(options: argparse.Namespace) -> Shapes:
+    if not options.projector:
         raise InputError("--camera folder: needs the projector's size; add --projector WIDTHxHEIGHT")
-    height, width = options.projector
-    if height > width:
-        print(f"note: a projector {width} pixels wide and {height} high, upright: WIDTHxHEIGHT", file=sys.stderr)
-    return height, width
+    for height, width in options.projector:
+        if height > width:
+            print(f"note: a projector {width} pixels wide and {height} high, upright: WIDTHxHEIGHT", file=sys.stderr)
+    return tuple(options.projector)
 
 
 def _bracket(options: argparse.Namespace) -> tuple[float, ...]:

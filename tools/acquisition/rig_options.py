@@ -1,4 +1,4 @@
-"""What the commands with a camera share: which camera, and what the projector is; rig.py opens them."""
+"""What the commands with a camera share: which camera, and what the projectors are; rig.py opens them."""
 
 import argparse
 
@@ -15,11 +15,24 @@ def add_rig_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--camera", required=True, action="append", metavar="CAMERA", help=f"{CAMERAS}; several photograph together"
     )
-    parser.add_argument("--projector", type=parse_size, metavar="WIDTHxHEIGHT", help="its pixels (a scene knows them)")
+    parser.add_argument(
+        "--projector",
+        type=parse_size,
+        action="append",
+        default=[],
+        metavar="WIDTHxHEIGHT",
+        help="its pixels (a scene knows them); once for each",
+    )
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--monitor", metavar="NAME|N", help="the projector, filled with the patterns")
+    where.add_argument(
+        "--monitor",
+        action="append",
+        default=[],
+        metavar="NAME|N",
+        help="the projector, filled with the patterns; once for each, from left to right",
+    )
     where.add_argument("--window", action="store_true", help="patterns in a plain window, to try things with")
-    parser.add_argument("--desktop", action="store_true", help="the projector may be the primary monitor")
+    parser.add_argument("--desktop", action="store_true", help="a projector may be the primary monitor")
     parser.add_argument(
         "--exposures",
         type=_times,

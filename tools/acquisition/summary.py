@@ -1,5 +1,6 @@
 """What a user should know of an acquisition: what was measured, in lines, and what to mend."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,51 +35,31 @@ class LightOutside:
 
 
 @dataclass(frozen=True)
-class AcquisitionReport:
-    """What was acquired; its text is the command's output.
+class ProjectorReport:
+    """What was acquired of one projector.
 
-    given : the response that was not to be the measured one, if any.  covered : share of the projector's pixels that
-    some camera pixel sees.  lit, camera_pixels : inside the mask, and in all.  entries : near light, of one channel.
-    factoring : what a dense T became.  outside : what a compensated picture leaves lit beside itself.
-    placed : how each of several cameras came on the screen.
+    given : the response that was not to be the measured one, if any.  factoring : what a dense T became.
     """
 
     acquisition: Acquisition
     given: Response | None
-    covered: float
-    lit: int
-    camera_pixels: int
-    entries: int
-    clusters: Clusters
     factoring: Factoring
-    outside: LightOutside | None = None
-    placed: tuple[Placed, ...] = ()
 
-    def __str__(self) -> str:
+    @property
+    def taken(self) -> list[str]:
+        """How it was captured."""
         done = self.acquisition
         resumed = f", {done.resumed} of them from before" if done.resumed else ""
-        sizes = self.clusters.projector_sizes
         noise = 100 * float(np.max(done.room.noise.dark)) / float(np.max(done.room.floodlight))
-        lines = [
+        return [
             *done.measured.notes,
             f"{done.pictures} pictures, {done.exposures} exposures{resumed}, {done.seconds:.1f} s; noise of a dark "
             f"capture {noise:.2g} % of the brightest",
-            f"coverage: {100 * self.covered:.1f} % of the projector's pixels seen, {self.lit} of {self.camera_pixels} "
-            "camera pixels lit",
-            f"clusters: {self.clusters.count}, the largest of {sizes.max(initial=0)} projector pixels; {self.entries} "
-            "near entries a channel",
-            *map(str, self.placed),
-            str(self.factoring),
-            *([f"light outside: {self.outside}"] if self.outside else []),
-            *self._of_light(),
-            f"check: a random pattern is predicted to {done.check}",
         ]
-        if done.coloured:
-            lines.append(f"check: random greys and colours are predicted to {done.coloured}")
-        return "\n".join(lines)
 
-    def _of_light(self) -> list[str]:
-        """The projector's response, black and primaries."""
+    @property
+    def light(self) -> list[str]:
+        """Its response, black and primaries."""
         room, light = self.acquisition.room, self.acquisition.light
         response = "response: as given" if self.given else f"response: {light.fit}" if light else ASSUMED_LINE
         lit = ~room.saturated & np.any(room.floodlight - room.black > room.floodlight.max() / 10, axis=2)
@@ -97,6 +78,15 @@ class AcquisitionReport:
                 f"colour: red, green and blue add up to grey within {apart:.2g} % of white; "
                 f"{100 * light.crosstalk:.1f} % of a camera channel's light is its neighbours'"
             )
+        return said
+
+    @property
+    def checks(self) -> list[str]:
+        """How well random pictures are predicted."""
+        done = self.acquisition
+        said = [f"check: a random pattern is predicted to {done.check}"]
+        if done.coloured:
+            said.append(f"check: random greys and colours are predicted to {done.coloured}")
         return said
 
     @property
@@ -135,6 +125,54 @@ class AcquisitionReport:
             f"colours to {100 * done.coloured.error:.1f} %, the measured one to {100 * done.by_measured.error:.1f} %; "
             "leave out --response (with --force --reuse-captures no picture is taken again)"
         ]
+
+
+@dataclass(frozen=True)
+class AcquisitionReport:
+    """What was acquired; its text is the command's output.
+
+    covered : share of the projectors' pixels that some camera pixel sees.  lit, camera_pixels : inside the mask, and in
+    all.  entries : near light, of one channel.  outside : what a compensated picture leaves lit beside itself.
+    colours : of projectors that show primaries of others.  placed : how each of several cameras came on the screen.
+    """
+
+    projectors: tuple[ProjectorReport, ...]
+    covered: float
+    lit: int
+    camera_pixels: int
+    entries: int
+    clusters: Clusters
+    outside: LightOutside | None = None
+    colours: tuple[str, ...] = ()
+    placed: tuple[Placed, ...] = ()
+
+    def __str__(self) -> str:
+        sizes = self.clusters.projector_sizes
+        whose = "projector's" if len(self.projectors) == 1 else "projectors'"
+        lines = [
+            *self._of_each(lambda each: each.taken),
+            f"coverage: {100 * self.covered:.1f} % of the {whose} pixels seen, {self.lit} of {self.camera_pixels} "
+            "camera pixels lit",
+            f"clusters: {self.clusters.count}, the largest of {sizes.max(initial=0)} projector pixels; {self.entries} "
+            "near entries a channel",
+            *map(str, self.placed),
+            *self._of_each(lambda each: [str(each.factoring)]),
+            *([f"light outside: {self.outside}"] if self.outside else []),
+            *self._of_each(lambda each: [*each.light, *each.checks]),
+            *self.colours,
+        ]
+        return "\n".join(lines)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a user should mend, a line each."""
+        return self._of_each(lambda each: each.warnings)
+
+    def _of_each(self, lines: Callable[[ProjectorReport], list[str]]) -> list[str]:
+        """Lines on every projector, which is named if there are several."""
+        if len(self.projectors) == 1:
+            return lines(self.projectors[0])
+        return [f"projector {number}: {line}" for number, each in enumerate(self.projectors, 1) for line in lines(each)]
 
 
 SCATTERED = (

@@ -7,16 +7,18 @@ little would not do: much of that no drive within 0..1 can give, and the rest wo
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
-from counterlight.arrays import FloatArray
+from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import StoredCalibration
 from counterlight.maps.room_maps import read_maps
 from counterlight.pipeline import encoding
 from counterlight.pipeline.content import camera_psnr
 from counterlight.pipeline.drift import Drift
 from counterlight.pipeline.operators import compensation
+from counterlight.pipeline.refinement import Certificate
 from counterlight.tools.acquisition.photographer import Photographer
 from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.colour.tiers import tier_of
@@ -24,6 +26,7 @@ from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions, objective_of
 from counterlight.tools.transport.transport import Transport
 
+Figures: TypeAlias = tuple[float, float, float]  # PSNR of prediction, capture, and of one against the other, dB
 MUCH_WORSE = 3.0  # dB: a capture so far below its prediction is worth a word
 
 
@@ -31,22 +34,28 @@ MUCH_WORSE = 3.0  # dB: a capture so far below its prediction is worth a word
 class Verified:
     """One round: PSNR in dB of what T predicts, of what was captured, and of the capture against the prediction.
 
-    codes : what was shown.  predicted, captured : (camera height, camera width, 3), screen primaries.
+    certificate : of the drive that is meant to arrive.  codes : what was shown.
+    predicted, captured : (camera height, camera width, 3), screen primaries.
+    cameras : of several, the three figures as each of those that are asked sees them, by number from 1.
     """
 
     round: int
     predicted_psnr: float
     measured_psnr: float
     model_psnr: float
+    certificate: Certificate
     codes: Codes
     predicted: FloatArray
     captured: FloatArray
+    cameras: dict[int, Figures]
 
     def __str__(self) -> str:
-        return (
-            f"round {self.round}: predicted {self.predicted_psnr:.2f} dB, measured {self.measured_psnr:.2f} dB; the "
-            f"capture agrees with the prediction to {self.model_psnr:.2f} dB"
-        )
+        lines = [
+            f"round {self.round}: {_told(self.predicted_psnr, self.measured_psnr, self.model_psnr)}",
+            f"  {self.certificate}",
+            *(f"  camera {number}: {_told(*figures)}" for number, figures in self.cameras.items()),
+        ]
+        return "\n".join(lines)
 
     @property
     def verdict(self) -> str:
@@ -60,10 +69,17 @@ class Verified:
         )
 
 
+def _told(predicted: float, measured: float, model: float) -> str:
+    return (
+        f"predicted {predicted:.2f} dB, measured {measured:.2f} dB; the capture agrees with the prediction to "
+        f"{model:.2f} dB"
+    )
+
+
 class Verification:
     """A picture in a calibrated room.
 
-    transport : the stored calibration's.  drift : what is undone.
+    transport : the stored calibration's.  drift : what is undone.  asked : of each camera, whether its captures count.
     picture : (camera height, camera width, 3), linear 0..1, or the desired camera radiance itself.
     colour : of choices.COLOURS; the solver `map` takes that of the maps.
     desired, and what is predicted and captured, are in screen primaries.
@@ -77,6 +93,7 @@ class Verification:
         drift: Drift,
         picture: FloatArray,
         *,
+        asked: tuple[bool, ...],
         radiance: bool,
         solver: str,
         colour: str = "auto",
@@ -84,11 +101,13 @@ class Verification:
     ) -> None:
         ambient = stored.calibration.ambient if drift.ambient is None else drift.ambient
         self._photographer, self._room, self._drift = photographer, replace(stored.calibration, ambient=ambient), drift
+        self._cameras = {number: self._room.pixels_of(number - 1) for number, ask in enumerate(asked, 1) if ask}
+        self._told: BoolArray = np.any(list(self._cameras.values()), axis=0)
         maps = read_maps(stored) if solver == "map" else None
         self._T_pinv = None if maps is None else compensation(maps)
         self.tier = tier_of(self._room, transport, colour if maps is None else maps.mixing.tier)
-        objective = objective_of(self.tier.transport, self._room, aims)
-        self._box = prepare("box", self.tier.transport, self._room.mask, objective)
+        self._objective = objective_of(self.tier.transport, self._room, aims)
+        self._box = prepare("box", self.tier.transport, self._room.mask, self._objective)
         self.white = self.tier.white * drift.dimming
         self.desired: FloatArray = (
             np.asarray(self.tier.mixing.on_screen(picture), np.float64) if radiance else picture * self.white
@@ -98,19 +117,31 @@ class Verification:
         """The plain compensation, and then `rounds` of feedback.  repeats : captures of each, averaged."""
         target = self.desired
         for index in range(rounds + 1):
-            codes = self._codes(target)
+            light = self.tier.asked(target)
+            drive = self._drive(light)
+            certificate = self._objective.certificate(drive, light.reshape(-1, 3))
+            codes = self._codes(drive)
             predicted = self.tier.seen(self._arriving(codes))
             captured = np.asarray(self.tier.mixing.on_screen(self._photographer.mean(codes, repeats)), np.float64)
-            pairs = (self.desired, predicted), (self.desired, captured), (predicted, captured)
-            figures = [camera_psnr(wanted, seen, self._room.mask, self.white) for wanted, seen in pairs]
-            yield Verified(index, figures[0], figures[1], figures[2], codes, predicted, captured)
-            target = self.desired - (captured - predicted)
+            figures = self._figures(predicted, captured, self._told)
+            several = self._cameras if len(self._room.cameras) > 1 else {}
+            cameras = {number: self._figures(predicted, captured, pixels) for number, pixels in several.items()}
+            yield Verified(index, *figures, certificate, codes, predicted, captured, cameras)
+            target = self.desired - np.where(self._told[..., None], captured - predicted, 0)
 
-    def _codes(self, target: FloatArray) -> Codes:
-        light = self.tier.asked(target)
+    def _figures(self, predicted: FloatArray, captured: FloatArray, pixels: BoolArray) -> Figures:
+        """Of some pixels, as far as they count."""
+        pairs, counts = ((self.desired, predicted), (self.desired, captured), (predicted, captured)), self._room.mask
+        found = [camera_psnr(wanted, seen, counts & pixels, self.white) for wanted, seen in pairs]
+        return found[0], found[1], found[2]
+
+    def _drive(self, light: FloatArray) -> FloatArray:
+        """0..1, (projector pixels, 3)."""
         drive = self._box.solve(light).drive if self._T_pinv is None else self._T_pinv.apply(light)
-        drive = np.clip(drive, 0, 1).reshape(*self._room.projector.shape, 3)
-        shown = self._drift.shown(drive, self._room.regions)
+        return np.asarray(np.clip(drive, 0, 1).reshape(-1, 3))
+
+    def _codes(self, drive: FloatArray) -> Codes:
+        shown = self._drift.shown(drive.reshape(*self._room.projector.shape, 3), self._room.regions)
         return encoding.encoded_drive(shown, self._room.response)
 
     def _arriving(self, codes: Codes) -> FloatArray:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
-from counterlight.calibration import Region
 from counterlight.errors import InputError
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import SparseRows
+from counterlight.raster import Region
 from counterlight.tools.choices import INVERSE_METHODS, INVERSES
 from counterlight.tools.clusters.components import Clusters, find_clusters, no_clusters
 from counterlight.tools.clusters.decomposition import Decomposition, Parameters, Report, decompose

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.calibration import Region
 from counterlight.memory import available_bytes
+from counterlight.raster import Region
 from counterlight.tools.clusters.components import Clusters
 from counterlight.tools.inverse.memory import ENTRY_BYTES, bytes_of_windows
 from counterlight.tools.inverse.pieces import Truncation

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, sparse
 
 from counterlight.arrays import FloatArray, IntArray
-from counterlight.calibration import Region
+from counterlight.raster import Region
 from counterlight.tools.inverse.banded import columns_of_inverse
 from counterlight.tools.inverse.pieces import Piece, Truncation, truncated_piece
 from counterlight.tools.jobs import run_jobs

@@ -16,10 +16,11 @@ import numpy as np
 
 from counterlight import calibration as calibrations
 from counterlight.arrays import FloatArray
-from counterlight.calibration import Calibration, Raster, StoredCalibration
+from counterlight.calibration import Calibration, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.maps.room_maps import RoomMaps, read_maps
 from counterlight.pipeline.operators import compensation
+from counterlight.raster import Raster
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.relighting.pictures import SUFFIXES, read_placed, white_level, write_view
 from counterlight.tools.transport.storage import read_transport

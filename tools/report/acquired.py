@@ -1,5 +1,6 @@
 """The report on an acquisition: what was captured, what T became of it, and how well a picture could be compensated."""
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
-from counterlight.calibration import Calibration
+from counterlight.calibration import Calibration, Device
 from counterlight.pipeline.content import psnr, reachable_white
 from counterlight.tools.acquisition.preflight import Finding
-from counterlight.tools.acquisition.summary import AcquisitionReport, LightOutside
+from counterlight.tools.acquisition.summary import AcquisitionReport, LightOutside, ProjectorReport
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.relighting.pictures import encoded, white_level
 from counterlight.tools.report import charts, pictures
@@ -67,10 +68,10 @@ def predicted_quality(
 def _pictures(
     transport: Transport, calibration: Calibration, report: AcquisitionReport
 ) -> tuple[dict[str, NDArray[np.uint8]], dict[str, float]]:
-    room = report.acquisition.room
+    rooms = [each.acquisition.room for each in report.projectors]
     views = {
-        "floodlight.png": room.floodlight,
-        "black.png": room.black,
+        **dict(zip(_floodlights(len(rooms)), (room.floodlight for room in rooms), strict=True)),
+        "black.png": rooms[0].black,
         "composition.png": transport.floodlight(calibration.ambient),
         "dual.png": transport.apply_transpose(np.ones((*calibration.camera.shape, 3))),
     }
@@ -87,11 +88,17 @@ def _pictures(
     }, whites
 
 
+def _floodlights(count: int) -> list[str]:
+    """Files of as many projectors' floodlit rooms."""
+    return ["floodlight.png"] if count == 1 else [f"floodlight_{number}.png" for number in range(1, count + 1)]
+
+
 def _figures(
     transport: Transport, calibration: Calibration, report: AcquisitionReport, findings: list[Finding]
 ) -> dict[str, Any]:
-    done = report.acquisition
+    taken = [each.acquisition for each in report.projectors]
     small = calibration.camera.pixels <= MOST_PREDICTED
+    worst = max(done.check.error for done in taken)
     return {
         "format": FORMAT,
         "name": calibration.name,
@@ -100,14 +107,12 @@ def _figures(
         "camera": {"width": calibration.camera.width, "height": calibration.camera.height},
         "projector": {"width": calibration.projector.width, "height": calibration.projector.height},
         "preflight": [{"check": f.check, "grade": f.grade, "sentence": f.sentence} for f in findings],
-        "pictures": done.pictures,
-        "exposures": done.exposures,
-        "seconds": done.seconds,
-        "check": {"error": done.check.error, "noise": done.check.noise, "suspect": report.suspect},
-        "coloured_check": None
-        if done.coloured is None
-        else {"error": done.coloured.error, "noise": done.coloured.noise},
-        "response": _response(calibration, report),
+        "pictures": sum(done.pictures for done in taken),
+        "exposures": sum(done.exposures for done in taken),
+        "seconds": sum(done.seconds for done in taken),
+        "projectors": [
+            _of_projector(device, each) for device, each in zip(calibration.projectors, report.projectors, strict=True)
+        ],
         "warnings": report.warnings,
         "coverage": report.covered,
         "light_outside": None if report.outside is None else asdict(report.outside),
@@ -118,7 +123,7 @@ def _figures(
             "count": report.clusters.count,
             "projector_size_bins": charts.bins_of(report.clusters.projector_sizes),
         },
-        "predicted_psnr": predicted_quality(transport, calibration, done.check.error) if small else {},
+        "predicted_psnr": predicted_quality(transport, calibration, worst) if small else {},
     }
 
 
@@ -144,17 +149,25 @@ def _outside(light: dict[str, Any] | None) -> str:
     return "-" if light is None else f"{LightOutside(**light)}"
 
 
+def _each(figures: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """What is said of every projector, and what comes before it: its name, if there are several."""
+    several = len(figures["projectors"]) > 1
+    for number, found in enumerate(figures["projectors"], 1):
+        yield f"projector {number}: " if several else "", found
+
+
 def _quality(figures: dict[str, Any]) -> Section:
-    check = figures["check"]
-    rows = [
-        (
-            "a random pattern that no scheme has seen: error of the prediction (noise alone)",
-            f"{100 * check['error']:.1f} % ({100 * check['noise']:.1f} %)",
-        )
-    ]
-    if coloured := figures["coloured_check"]:
-        error, noise = (f"{100 * coloured[key]:.1f} %" for key in ("error", "noise"))
-        rows.append(("random greys and colours, which ask the response, too", f"{error} ({noise})"))
+    rows = []
+    for name, found in _each(figures):
+        checks = {
+            "a random pattern that no scheme has seen: error of the prediction (noise alone)": found["check"],
+            "random greys and colours, which ask the response, too": found["coloured_check"],
+        }
+        rows += [
+            (f"{name}{what}", f"{100 * check['error']:.1f} % ({100 * check['noise']:.1f} %)")
+            for what, check in checks.items()
+            if check
+        ]
     for name, found in figures["predicted_psnr"].items():
         both = f"{found['by_transport']:.1f} dB, {found['with_check_error']:.1f} dB"
         rows.append((f"{name}: best PSNR by this T, and with the check's error", both))
@@ -167,11 +180,14 @@ def _quality(figures: dict[str, Any]) -> Section:
 
 
 def _captured(figures: dict[str, Any]) -> Section:
-    white = figures["picture_white"]
+    white, names = figures["picture_white"], [name or "Projector " for name, _ in _each(figures)]
     return Section(
         "What was captured",
         [
-            Figure("Floodlight", f"Projector white. White is {white['floodlight.png']:.3g}.", file="floodlight.png"),
+            *(
+                Figure("Floodlight", f"{name}white. White is {white[file]:.3g}.", file=file)
+                for name, file in zip(names, _floodlights(len(names)), strict=True)
+            ),
             Figure(
                 "Black level",
                 f"The projector black: ambient light and leakage. Brightened, white is {white['black.png']:.3g}.",
@@ -182,30 +198,34 @@ def _captured(figures: dict[str, Any]) -> Section:
     )
 
 
-def _response(calibration: Calibration, report: AcquisitionReport) -> dict[str, Any]:
-    """The curves that the room has, and how well they and the light of the primaries were measured."""
-    codes = np.repeat(np.linspace(0, 1, CURVE)[:, None], 3, axis=1)
-    light = report.acquisition.light
+def _of_projector(device: Device, report: ProjectorReport) -> dict[str, Any]:
+    """How one was measured: checks, the curves that the room has of it, and how good readings and primaries were."""
+    codes, done = np.repeat(np.linspace(0, 1, CURVE)[:, None], 3, axis=1), report.acquisition
+    light = done.light
     measured = {} if light is None else {
         "off_readings": light.fitted, "noise": light.noise, "unadded": light.unadded.tolist(),
         "crosstalk": light.crosstalk,
     }  # fmt: skip
-    return {"curves": calibration.projectors[0].response.to_linear(codes).T.tolist(), **measured}
+    return {
+        "width": device.width,
+        "height": device.height,
+        "check": {"error": done.check.error, "noise": done.check.noise, "suspect": report.suspect},
+        "coloured_check": None if done.coloured is None else {
+            "error": done.coloured.error, "noise": done.coloured.noise,
+        },
+        "response": {"curves": device.response.to_linear(codes).T.tolist(), **measured},
+        "light": report.light,
+    }  # fmt: skip
 
 
 def _light(figures: dict[str, Any]) -> Section:
-    said = [line.partition(": ") for line in figures["summary"]]
-    return Section(
-        "The projector's light",
-        [
-            Figure(
-                "Response",
-                "Light above black of a code value, of red, green and blue.",
-                svg=charts.rising(figures["response"]["curves"], PRIMARY_COLOURS, "code value, 0 to 255"),
-            )
-        ],
-        table([(what, words) for what, _, words in said if what in ("response", "contrast", "colour")]),
-    )
+    curves, rows = [], []
+    for name, found in _each(figures):
+        caption = "Light above black of a code value, of red, green and blue."
+        drawn = charts.rising(found["response"]["curves"], PRIMARY_COLOURS, "code value, 0 to 255")
+        curves.append(Figure(f"{name}response".capitalize(), caption, svg=drawn))
+        rows += [(f"{name}{what}", words) for what, _, words in (line.partition(": ") for line in found["light"])]
+    return Section("The projector's light", curves, table(rows))
 
 
 def _transport(figures: dict[str, Any]) -> Section:

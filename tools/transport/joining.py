@@ -22,6 +22,7 @@ from counterlight.errors import InputError
 from counterlight.maps.row_map import SparseRows
 from counterlight.pipeline.colour import LUMINANCE
 from counterlight.pipeline.content import BRIGHT_PERCENTILE
+from counterlight.raster import Region, side_by_side
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.colour.shared import colour_matrices
 from counterlight.tools.factoring.factoring import Factoring, factored
@@ -59,14 +60,14 @@ def join_rooms(
     lines = [
         f"{output}: {len(joint.projectors)} projectors, {raster}, ambient light differs by {100 * difference:.2g} % of "
         "white",
-        *_told_colours(joint.projectors),
+        *told_colours(joint.projectors),
         *(f"{folder}: {done}" for folder, done in zip(folders, factorings, strict=True) if done.losses),
     ]
     return "\n".join(lines)
 
 
-def _told_colours(projectors: Sequence[Device]) -> list[str]:
-    """Of projectors whose primaries are not those that all share."""
+def told_colours(projectors: Sequence[Device]) -> list[str]:
+    """Of projectors whose primaries are not those that all share, a line each."""
     return [
         f"projector {number}: shows the primaries that all share by up to "
         f"{100 * (1 - np.diag(each.colour).min()):.0f} % of another of its own"
@@ -82,30 +83,38 @@ def _join(
     stored = [calibrations.read(folder) for folder in folders]
     rooms = [one.calibration for one in stored]
     _check_cameras(stored)
-    colours, primaries = _join_colours(stored)
-    devices = [_turned(device, D) for room, D in zip(rooms, colours, strict=True) for device in room.projectors]
-    provenance = "joined by counterlight join: " + "; ".join(f"{room.name} ({room.provenance})" for room in rooms)
-    first = rooms[0]
-    mask = np.any([room.mask for room in rooms], axis=0)
-    projectors = with_monitors(devices, monitors)
-    joint = Calibration(name, provenance, projectors, first.camera, first.ambient, mask, primaries)
     made = [factored(read_transport(one), one.calibration.ambient, tolerance) for one in stored]
-    transport = join_transports([each for each, _ in made], [room.projector.shape for room in rooms])
-    return joint, transport, _check_ambient(stored, transport.composition()), tuple(done for _, done in made)
+    provenance = "joined by counterlight join: " + "; ".join(f"{room.name} ({room.provenance})" for room in rooms)
+    parts = joined(rooms, [each for each, _ in made], [f"{one.folder}" for one in stored])
+    joint = replace(parts[0], name=name, provenance=provenance, projectors=with_monitors(parts[0].projectors, monitors))
+    return joint, parts[1], _check_ambient(stored, parts[1].composition()), tuple(done for _, done in made)
+
+
+def joined(
+    rooms: Sequence[Calibration], transports: Sequence[Transport], names: Sequence[str]
+) -> tuple[Calibration, Transport]:
+    """Rooms of one camera as one, with the name and the ambient light of the first.
+
+    names : for messages.  Raises InputError for projectors that have no white in common.
+    """
+    colours, primaries = _join_colours(rooms, names)
+    devices = [_turned(device, D) for room, D in zip(rooms, colours, strict=True) for device in room.projectors]
+    mask = np.any([room.mask for room in rooms], axis=0)
+    joint = replace(rooms[0], projectors=tuple(devices), mask=mask, primaries=primaries)
+    return joint, join_transports(transports, [room.projector.shape for room in rooms])
 
 
 def _join_colours(
-    stored: Sequence[StoredCalibration],
+    rooms: Sequence[Calibration], names: Sequence[str]
 ) -> tuple[tuple[FloatArray | None, ...], NDArray[np.float32] | None]:
     """The colour matrix of each room, and the light of each shared primary of all together.
 
     None of either unless the primaries were measured of all rooms.
     """
-    rooms = [one.calibration for one in stored]
     found = [room.primaries for room in rooms if room.primaries is not None]
     if len(found) < len(rooms):
         return (None,) * len(rooms), None
-    colours = colour_matrices(found, [room.mask for room in rooms], [f"{one.folder}" for one in stored])
+    colours = colour_matrices(found, [room.mask for room in rooms], names)
     shown = [
         light if D is None else np.einsum("ml,mhwk->lhwk", D, light) for light, D in zip(found, colours, strict=True)
     ]
@@ -125,9 +134,8 @@ def join_transports(transports: Sequence[Transport], shapes: Sequence[tuple[int,
 
     shapes : (height, width) of each projector.
     """
-    height, width = max(shape[0] for shape in shapes), sum(shape[1] for shape in shapes)
-    lefts = np.cumsum([0, *(shape[1] for shape in shapes)])
-    places = np.concatenate([_places(shape, left, width) for shape, left in zip(shapes, lefts, strict=False)])
+    (height, width), regions = side_by_side(shapes)
+    places = np.concatenate([_places(region, width) for region in regions])
     near = [
         _columns_at(sparse.hstack(parts), places, height * width)
         for parts in zip(*(channels(transport.near) for transport in transports), strict=True)
@@ -139,10 +147,10 @@ def join_transports(transports: Sequence[Transport], shapes: Sequence[tuple[int,
     return Transport(stacked(near), far, transports[0].camera, (height, width), blurred)
 
 
-def _places(shape: tuple[int, int], left: int, width: int) -> NDArray[np.int64]:
-    """Index in a raster of `width` columns of each pixel of a picture at `left`, (pixels,)."""
-    rows, columns = np.mgrid[: shape[0], : shape[1]]
-    return np.asarray((rows * width + columns + left).ravel(), np.int64)
+def _places(region: Region, width: int) -> NDArray[np.int64]:
+    """Index in a raster of `width` columns of each pixel of a region, (pixels,)."""
+    rows, columns = np.mgrid[region.part]
+    return np.asarray((rows * width + columns).ravel(), np.int64)
 
 
 def _columns_at(matrix: Csr, places: NDArray[np.int64], columns: int) -> Csr:

@@ -86,7 +86,12 @@ def joined_cameras(
     """The cameras of rooms with the same projectors, in the rooms' order."""
     joint, transport = below_each_other(rooms, transports, name, monitors)
     cameras = tuple(chain.from_iterable(room.cameras for room in rooms))
-    return on_one_screen(joint, transport, cameras, screen=options.screen, keep_exposures=options.keep_exposures)
+    shared = on_one_screen(joint, transport, cameras, screen=options.screen, keep_exposures=options.keep_exposures)
+    room, screen = shared.calibration, shared.calibration.screen
+    assert screen is not None
+    before = np.concatenate([each.gains for each in rooms])  # of rooms that had several cameras already
+    room = replace(room, screen=replace(screen, gains=room.gains * before))
+    return replace(shared, calibration=room)
 
 
 def below_each_other(

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import BoolArray, FloatArray
-from counterlight.calibration import Calibration, Region
+from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import SparseRows
 from counterlight.pipeline.reference import pull
 from counterlight.pipeline.refinement import OVER_RELAXATION, Certificate, momentum
+from counterlight.raster import Region
 from counterlight.tools.choices import OUTSIDE
 from counterlight.tools.transport.shares import shares
 from counterlight.tools.transport.transport import Transport

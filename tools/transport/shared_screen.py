@@ -14,11 +14,13 @@ from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.files.picture_files import MAX_SIDE
+from counterlight.memory import check
 from counterlight.screen import Screen, parts_of, raster_of
 from counterlight.tools.transport.smooth_field import smooth_field
 from counterlight.tools.transport.ties import BRIGHT_PERCENTILE, FAINTEST, carried
 from counterlight.tools.transport.transport import Csr, Transport, luminance_matrix
 
+PIXEL_BYTES = 150  # of placing, a pixel of both rasters; 125 measured with ten projectors of 1920x1080
 FEWEST = 24  # pixels that tie a camera: an affine map has 6 numbers, and some pixels are wrong
 NOISY = 1.5  # times the camera pixels that see one projector pixel alike
 FARTHEST = 2.0  # screens: further off it matters to no picture where a pixel looks
@@ -71,6 +73,12 @@ def on_one_screen(
     screen : of choices.SCREENS, whose view it is.  keep_exposures : leave the cameras' light as it is.
     Raises InputError for a camera that nothing ties to the others.
     """
+    raster = calibration.projector
+    check(
+        PIXEL_BYTES * float(raster.pixels + calibration.camera.pixels),
+        f"placing {len(cameras)} cameras that see projectors of {raster.width}x{raster.height} together",
+        "use smaller projectors or cameras, or a machine with more",
+    )
     found = _Placing(calibration, transport, cameras, keep_exposures=keep_exposures)
     if screen == "projector":
         found.begin_with_projector()
@@ -207,7 +215,8 @@ class _Placing:
             rows = self._rows[placed.number - 1].ravel()
             positions[rows], gains[rows] = self._positions[placed.number - 1], placed.gain
         shape, positions = _framed(positions, self._calibration.mask.ravel())
-        screen = Screen(shape, self._cameras, positions.reshape(*raster, 2).astype(np.float32))
+        each = np.stack([placed.gain for placed in sorted(self._placed, key=lambda placed: placed.number)])
+        screen = Screen(shape, self._cameras, positions.reshape(*raster, 2).astype(np.float32), each)
         calibration = brightened(self._calibration, gains)
         return SharedRoom(replace(calibration, screen=screen), scaled(self._transport, gains), tuple(self._placed))
 

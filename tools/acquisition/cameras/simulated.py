@@ -14,6 +14,7 @@ from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.maps.mixing import mixed
+from counterlight.raster import Shape, Shapes, side_by_side
 from counterlight.response import RasterResponse, Response
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Exposures, Shot
 from counterlight.tools.acquisition.cameras.live import LiveCamera, Screen
@@ -63,23 +64,31 @@ class CameraSettings:
 class SimulatedRoom:
     """What is in front of the camera.
 
-    ambient : (camera height, camera width, 3).  projector : (height, width).  response : of its raster.
+    ambient : (camera height, camera width, 3).  projectors : (height, width) of each.  response : of their raster.
     mixing : (camera height, camera width, 3, 3), or one for all, what the camera's channels see of the light that the
     transport gives of each primary; None for their own alone.  sensor : the scene's own, if it describes one.
+    gain : (3,), what the camera's own light was multiplied with to be that of the transport.
     """
 
     name: str
     transport: Transport
     ambient: NDArray[np.float32]
-    projector: tuple[int, int]
+    projectors: Shapes
     response: RasterResponse
     mixing: FloatArray | None = None
     sensor: Sensor | None = None
+    gain: FloatArray | None = None
+
+    @property
+    def projector(self) -> Shape:
+        """(height, width) of the raster."""
+        return side_by_side(self.projectors)[0]
 
     def seen(self, drive: FloatArray) -> FloatArray:
         """The camera's radiance, (camera height, camera width, 3); drive : (projector pixels, 3)."""
         light = self.transport.apply(drive).reshape(self.ambient.shape)
-        return np.asarray((light if self.mixing is None else mixed(self.mixing, light)) + self.ambient)
+        seen = (light if self.mixing is None else mixed(self.mixing, light)) + self.ambient
+        return np.asarray(seen if self.gain is None else seen / self.gain)
 
 
 class VisibleScreen(Screen, Protocol):
@@ -184,11 +193,12 @@ def _views(room: Calibration, tier: Tier) -> list[SimulatedRoom]:
             room.name,
             tier.transport.at(pixels[view].ravel()),
             room.ambient[view],
-            room.projector.shape,
+            tuple(projector.shape for projector in room.projectors),
             room.response,
             mixing if mixing is None or mixing.ndim == 2 else mixing[view],
+            gain=gain,
         )
-        for view in room.views
+        for view, gain in zip(room.views, room.gains, strict=True)
     ]
 
 
@@ -199,8 +209,8 @@ def _simulated(scene: Scene) -> SimulatedRoom:
         scene.name,
         result.transport if light is None else light.transport,
         result.ambient,
-        (scene.projector.height, scene.projector.width),
-        scene.projector.response.over(scene.projector.width),
+        ((scene.projector.height, scene.projector.width),),
+        scene.projector.response.over((scene.projector.height, scene.projector.width)),
         None if light is None else light.mixing,
         scene.camera.sensor,
     )

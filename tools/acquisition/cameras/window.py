@@ -1,14 +1,16 @@
-"""The projector as a GLFW window: full screen on its monitor, or a plain window to try things with."""
+"""Projectors as GLFW windows: full screen on their monitors, or a plain window to try things with."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 
 import numpy as np
 from PIL import ImageGrab
 
 from counterlight.errors import InputError
-from counterlight.gl.monitors import Monitor, find_monitor, list_monitors
+from counterlight.gl.monitors import Monitor, find_monitor, list_monitors, refuse_shared
 from counterlight.gl.pattern_window import PatternWindow
+from counterlight.raster import Shapes, side_by_side
+from counterlight.tools.acquisition.cameras.side_by_side import SideBySide
 from counterlight.tools.acquisition.plan import Codes
 
 
@@ -52,18 +54,37 @@ class WindowScreen:
 
 
 @contextmanager
-def open_screen(shape: tuple[int, int] | None, monitor: str | None, *, desktop: bool) -> Iterator[WindowScreen]:
-    """Fill a monitor, or open a window of `shape` where `monitor` is None.
+def open_screens(
+    shapes: Shapes, monitors: Sequence[str], *, desktop: bool
+) -> Iterator[tuple[WindowScreen | SideBySide, Shapes]]:
+    """Fill a monitor for each projector, or open one window for all, side by side, where none is named.
 
-    shape : (height, width); None for the monitor's own.  desktop : the monitor may be the primary one.
-    Raises InputError for a monitor of another size, and for the desktop itself.
+    shapes : (height, width) of each projector; empty for the monitors' own.  desktop : the primary monitor may be one.
+    Yields the screen of the raster and the shapes.
+    Raises InputError for monitors of another number or size, one named twice, and the desktop itself.
     """
-    chosen = None if monitor is None else projector_monitor(list_monitors(), monitor, desktop=desktop)
-    if chosen is not None and shape is None:
-        shape = chosen.height, chosen.width
-    if shape is None:
-        raise InputError("--window needs the projector's size; add --projector WIDTHxHEIGHT")
-    window = PatternWindow(shape, chosen)
+    if not monitors:
+        if not shapes:
+            raise InputError("--window needs the projector's size; add --projector WIDTHxHEIGHT")
+        with _opened(side_by_side(shapes)[0], None) as screen:
+            yield screen, shapes
+        return
+    if shapes and len(shapes) != len(monitors):
+        raise InputError(
+            f"--monitor: {len(monitors)} given, of projectors {len(shapes)}; give one for each, from the left"
+        )
+    there = list_monitors()
+    chosen = [projector_monitor(there, name, desktop=desktop) for name in monitors]
+    refuse_shared(chosen)
+    shapes = shapes or tuple((monitor.height, monitor.width) for monitor in chosen)
+    with ExitStack() as opened:
+        screens = [opened.enter_context(_opened(shape, monitor)) for shape, monitor in zip(shapes, chosen, strict=True)]
+        yield (screens[0] if len(screens) == 1 else SideBySide(screens)), shapes
+
+
+@contextmanager
+def _opened(shape: tuple[int, int], monitor: Monitor | None) -> Iterator[WindowScreen]:
+    window = PatternWindow(shape, monitor)
     try:
         yield WindowScreen(window)
     finally:

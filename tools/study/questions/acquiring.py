@@ -74,10 +74,10 @@ def _fit(place: Place) -> Place:
 
 
 def _acquired(place: Place, way: Way) -> Answer:
-    room = place.calibration
-    seen = SimulatedRoom(room.name, place.transport, room.ambient, room.projector.shape, room.response)
+    room, raster = place.calibration, (place.calibration.projector.shape,)
+    seen = SimulatedRoom(room.name, place.transport, room.ambient, raster, room.response)
     camera = SimulatedCamera(seen, replace(CameraSettings(), exposures=(1.0,) * way.shots))
-    done = acquire(camera, MemoryStore(camera.exposures), way.make(), room.projector.shape)
+    (done,) = acquire(camera, MemoryStore(camera.exposures), way.make(), raster)
     found = replace(room, ambient=done.room.black.astype(np.float32))
     drives = place.drives(tier_of(found, done.measured.transport, "independent"))
     more = str(done.pictures), str(way.shots), way.options

@@ -1,0 +1,231 @@
+"""The floodlit room as it was calibrated, and as it is seen now: what has become of cameras, light and things."""
+
+from functools import cached_property
+
+import numpy as np
+from scipy import ndimage
+
+from counterlight.arrays import BoolArray, FloatArray
+from counterlight.calibration import Calibration
+from counterlight.raster import Region
+from counterlight.tools.acquisition.camera_shift import CameraShift, camera_shift
+from counterlight.tools.acquisition.plan import Noise
+from counterlight.tools.acquisition.registration import cauchy_weights, lit, robust_scale
+from counterlight.tools.transport.transport import Transport, luminance
+
+MARGIN = 8  # of the raster's side: what is nearer to its border than so large a part of it
+INNER = 0.999  # gives an inner pixel no more light than a thousandth
+OWN = 0.99  # share of a camera pixel's light that is one projector's
+CAMERA_MOVED, CAMERA_UNSURE = 0.1, 0.1  # of the camera's pixels
+EXPLAINED = 0.5  # of a change by more than a pixel, or it is no camera's movement
+SURE = 5.0  # standard deviations
+SAME = 0.002  # of the light: a floodlit room that changes by less is the same, wherever a bare wall seems to be
+OTHERWISE, MOST_OTHERWISE = 0.1, 0.03  # brighter or darker by more than that; so much of the view may be
+ROOM_LIGHT, SMOOTH = 0.001, 3.0  # of the floodlight, likewise, over so many camera pixels
+GAIN = 0.2, 5.0  # what can still be the same lamp
+ROUNDS, FINEST = 8, 1e-6  # of a fit with weights; its least scale, a share of the light
+
+
+class Known:
+    """What T says of the floodlit room.
+
+    before : T·1, (camera pixels, 3).  shares : for each projector, of near light, what the inside of its region gives,
+    (camera pixels,).
+    """
+
+    def __init__(self, room: Calibration, transport: Transport) -> None:
+        self.room, self.transport = room, transport
+        self.before = transport.composition()
+        self.lit = lit(luminance(self.before))
+        self.shares = [self._inner_share(region) for region in room.regions]
+
+    @cached_property
+    def of_projectors(self) -> list[FloatArray]:
+        """T·1 of each projector alone, (camera pixels, 3)."""
+        if len(self.room.regions) == 1:
+            return [self.before]
+        return [self.transport.apply(self._white(region.part)) for region in self.room.regions]
+
+    def _inner_share(self, region: Region) -> FloatArray:
+        down, right = (max(side // MARGIN, 1) for side in (region.height, region.width))
+        inside = Region(
+            region.left + right, region.top + down, max(region.width - 2 * right, 0), max(region.height - 2 * down, 0)
+        )
+        near = self.transport.without_far
+        all_, some = luminance(near.composition()), luminance(near.apply(self._white(inside.part)))
+        return np.divide(some, all_, out=np.zeros_like(all_), where=all_ > 0)
+
+    def _white(self, part: tuple[slice, slice]) -> FloatArray:
+        """A part of the raster white, (projector pixels, 3)."""
+        drive = np.zeros((*self.room.projector.shape, 3))
+        drive[part] = 1
+        return drive.reshape(-1, 3)
+
+
+class Looked:
+    """The room under black and white.
+
+    black, white : (camera height, camera width, 3).  usable : camera pixels that were not saturated, likewise.
+    asked : of each camera, whether what it sees tells anything.
+    """
+
+    def __init__(
+        self,
+        known: Known,
+        black: FloatArray,
+        white: FloatArray,
+        noise: Noise,
+        usable: BoolArray,
+        asked: tuple[bool, ...],
+    ) -> None:
+        self.known, self.black, self.white, self.noise, self.usable = known, black, white, noise, usable
+        self.asked, self.after = asked, (white - black).reshape(-1, 3)
+        self._of_asked = np.any([known.room.pixels_of(number) for number, ask in enumerate(asked) if ask], axis=0)
+        self.counts: BoolArray = known.room.mask & usable & self._of_asked
+
+    def asking(self, asked: tuple[bool, ...], exposures: FloatArray) -> "Looked":
+        """Some of the cameras; exposures : (cameras, 3), what each one's light is of what it would have been."""
+        black, white = (divided(picture, self.known.room, exposures) for picture in (self.black, self.white))
+        return Looked(self.known, black, white, self.noise, self.usable, asked)
+
+    @cached_property
+    def inner(self) -> BoolArray:
+        """(camera pixels,): lit, and not by what is near a raster's border."""
+        return np.asarray(self.bright & (sum(self.known.shares) > INNER))
+
+    @property
+    def bright(self) -> BoolArray:
+        return np.asarray(self.counts.ravel() & self.known.lit)
+
+    def gain(self, number: int, within: BoolArray | None = None) -> FloatArray:
+        """Of each channel's light of one projector, (3,); NaN where it lights no pixel alone.
+
+        within : (camera pixels,), of these alone.
+        """
+        own = self.bright & (self.known.shares[number] > OWN)
+        own = own if within is None else own & within
+        before, after = self.known.before[own], self.after[own]
+        return np.asarray(
+            [np.median(a[b > 0] / b[b > 0]) if b.any() else np.nan for a, b in zip(after.T, before.T, strict=True)]
+        )
+
+    @property
+    def room_light(self) -> tuple[float, float, bool]:
+        """Before and now, shares of the floodlight, and whether that is another light."""
+        room = self.known.room
+        lit, old, new = self.known.lit.reshape(room.camera.shape) & self._of_asked, room.ambient, self.black
+        level = float(self.known.before[lit.ravel()].mean())
+        change = np.where(lit[..., None], new - old, 0)
+        for view in room.views:
+            change[view] = ndimage.gaussian_filter(change[view], (SMOOTH, SMOOTH, 0))  # noise is not
+        other = float(np.sqrt(np.mean(change[lit] ** 2))) > ROOM_LIGHT * level
+        return float(old[lit].mean()) / level, float(new[lit].mean()) / level, other
+
+    def ambient(self) -> FloatArray:
+        """The room's light now; as it was where no camera is asked."""
+        return np.where(self._of_asked[..., None], np.clip(self.black, 0, None), self.known.room.ambient)
+
+
+def divided(light: FloatArray, room: Calibration, exposures: FloatArray) -> FloatArray:
+    """Light of the cameras' raster, each camera's over its own: exposures (cameras, 3)."""
+    result = light.copy()
+    for view, exposure in zip(room.views, exposures, strict=True):
+        result[view] /= exposure
+    return result
+
+
+class View:
+    """What one camera sees of it.  number : from 0."""
+
+    def __init__(self, looked: Looked, number: int) -> None:
+        self._looked, self.number = looked, number
+        room = looked.known.room
+        self._view, self._alone = room.views[number], len(room.cameras) == 1
+        self.here: BoolArray = room.pixels_of(number).ravel()
+
+    @property
+    def name(self) -> str:
+        return "the camera" if self._alone else f"camera {self.number + 1}"
+
+    def gone(self) -> str:
+        """Why what it sees tells nothing of the room; nothing if it does."""
+        if not self._inner.any():
+            return "" if self._alone else f"{self.name} sees nothing that tells, or is overexposed"
+        gain, camera = self._overall, self.shift
+        if not GAIN[0] < gain < GAIN[1]:
+            return (
+                f"the projector's light is {gain:.0%} of what it was{self._seen}: it is off, or lamp or exposure is "
+                "another one"
+            )
+        surely = camera.far > max(CAMERA_MOVED, SURE * camera.unsure) and camera.change > SAME
+        if surely and (camera.far < 1 or camera.explained > EXPLAINED):
+            return f"{self.name} has moved by {camera.right:.2f}, {camera.down:.2f} of its pixels: put it back"
+        return ""
+
+    def otherwise(self) -> str:
+        """How much of what it sees is another room; nothing if that is little."""
+        inner, looked = self._inner, self._looked
+        if not inner.any():
+            return ""
+        before, after = (luminance(light)[inner] for light in (self._expected, looked.after))
+        sigma, gain = luminance(looked.noise.sigma(looked.known.before))[inner], float(np.median(after / before))
+        share = float(np.mean(np.abs(after - gain * before) > OTHERWISE * gain * before + SURE * sigma))
+        if share <= MOST_OTHERWISE:
+            return ""
+        return (
+            f"{share:.0%} of the floodlit room{self._seen} is otherwise bright than it was: something in it, or the "
+            "camera, has moved"
+        )
+
+    @cached_property
+    def shift(self) -> CameraShift:
+        shape = self._looked.known.room.camera.shape
+        before, after = (luminance(light).reshape(shape)[self._view] for light in (self._expected, self._looked.after))
+        counts = ndimage.binary_erosion(self._looked.inner.reshape(shape)[self._view])
+        return camera_shift(before, after, counts) if counts.any() else CameraShift(0, 0, np.inf, 0, 0)
+
+    @property
+    def unsure(self) -> bool:
+        """Too little texture to tell whether it has moved."""
+        return self.shift.unsure > CAMERA_UNSURE
+
+    @property
+    def _seen(self) -> str:
+        return "" if self._alone else f" as {self.name} sees it"
+
+    @property
+    def _inner(self) -> BoolArray:
+        return np.asarray(self._looked.inner & self.here)
+
+    @property
+    def _overall(self) -> float:
+        after, before = (luminance(light)[self._inner] for light in (self._looked.after, self._looked.known.before))
+        return float(np.median(after / before))
+
+    @cached_property
+    def _expected(self) -> FloatArray:
+        """The floodlight by what is left of each projector's light here, (camera pixels, 3).
+
+        Of several, Σ g_k T_k·1 is fitted to what is seen, relative to T·1, with Cauchy's weights: one of them that has
+        dimmed draws an edge, which is no camera's movement.
+        """
+        known, inner = self._looked.known, self._inner
+        if len(known.of_projectors) == 1 or not inner.any():
+            return known.before
+        before = np.stack(known.of_projectors)
+        expected = np.empty(known.before.shape)
+        for i in range(3):
+            whole = np.maximum(known.before[inner, i], np.finfo(float).tiny)
+            gains = _fitted((before[:, inner, i] / whole).T, self._looked.after[inner, i] / whole)
+            expected[:, i] = gains @ before[:, :, i]
+        return expected
+
+
+def _fitted(A: FloatArray, b: FloatArray) -> FloatArray:
+    """x of A x = b, where what is far off hardly counts."""
+    weights, x = np.ones_like(b), np.zeros_like(A[0])
+    for _ in range(ROUNDS):
+        x = np.asarray(np.linalg.lstsq(weights[:, None] * A, weights * b)[0])
+        residual = b - A @ x
+        weights = np.sqrt(cauchy_weights(residual, robust_scale(residual, FINEST)))
+    return np.asarray(x)
