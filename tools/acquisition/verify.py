@@ -87,8 +87,8 @@ class Verification:
         maps = read_maps(stored) if solver == "map" else None
         self._T_pinv = None if maps is None else compensation(maps)
         self.tier = tier_of(self._room, transport, colour if maps is None else maps.mixing.tier)
-        objective = objective_of(self.tier.transport, self._room, aims)
-        self._box = prepare("box", self.tier.transport, self._room.mask, objective)
+        self._objective = objective_of(self.tier.transport, self._room, aims)
+        self._box = prepare("box", self.tier.transport, self._room.mask, self._objective)
         self.white = self.tier.white * drift.dimming
         self.desired: FloatArray = (
             np.asarray(self.tier.mixing.on_screen(picture), np.float64) if radiance else picture * self.white
@@ -107,7 +107,8 @@ class Verification:
             target = self.desired - (captured - predicted)
 
     def _codes(self, target: FloatArray) -> Codes:
-        light = self.tier.asked(target)
+        asked = self.tier.asked(target)
+        light = self._objective.bounded(asked.reshape(-1, 3)).reshape(asked.shape)
         drive = self._box.solve(light).drive if self._T_pinv is None else self._T_pinv.apply(light)
         drive = np.clip(drive, 0, 1).reshape(*self._room.projector.shape, 3)
         shown = self._drift.shown(drive, self._room.regions)

@@ -14,7 +14,7 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.arrays import BoolArray, FloatArray
+from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration, Region
 from counterlight.errors import InputError
 from counterlight.maps.prior import Prior
@@ -57,19 +57,19 @@ class Objective:
 
     T : the rows of camera pixels without weight are empty.  weights : w, (camera pixels,).
     seen : (projector pixels,), how much of each trusted camera pixels see, 1 for most.
-    doubted : (camera pixels,), which are asked for no more than they can have; None for those of weight below 1.
+    bounds : no camera pixel is asked for what it cannot have by itself: its neighbours would be spoiled in vain.
     """
 
     T: Transport
     weights: FloatArray
     prior: Prior | None
     seen: FloatArray
-    doubted: BoolArray | None = None
+    bounds: bool = True
 
     @classmethod
     def plain(cls, T: Transport) -> "Objective":
-        """½‖T p − b‖² alone."""
-        return cls(T, np.ones(T.shape[0]), None, np.ones(T.shape[1]))
+        """½‖T p − b‖² alone, whatever b is."""
+        return cls(T, np.ones(T.shape[0]), None, np.ones(T.shape[1]), bounds=False)
 
     @cached_property
     def dual(self) -> Transport:
@@ -77,9 +77,8 @@ class Objective:
         return self.T.scaled(self.weights).T
 
     def bounded(self, b: FloatArray) -> FloatArray:
-        """b, of what is not trusted no more than it can have."""
-        doubted = self.weights < 1 if self.doubted is None else self.doubted
-        return np.where(doubted[:, None], np.clip(b, 0, self._most), b) if doubted.any() else b
+        """b as it is solved for: 0 to T·1."""
+        return np.clip(b, 0, self._most) if self.bounds else b
 
     def light_outside(self, drive: FloatArray, plain: FloatArray | None = None) -> float | None:
         """Drive of what the camera does not see, as a share of what it is in `plain`; None where that is nothing.
@@ -162,11 +161,10 @@ class Objective:
 def objective_of(transport: Transport, calibration: Calibration, options: ObjectiveOptions) -> Objective:
     """A calibrated room's."""
     projector, regions = calibration.projector.shape, calibration.regions
-    trusted = _trust(transport, calibration)
-    weights = trusted * shares(transport.near, calibration)
+    weights = _trust(transport, calibration) * shares(transport.near, calibration)
     T = transport.inside(weights > 0)
     shown = seen(T, weights > 0)
-    unaided = Objective(T, weights, None, shown, trusted < 1)
+    unaided = Objective(T, weights, None, shown)
     return replace(unaided, prior=_prior(unaided, projector, regions, options))
 
 
