@@ -22,6 +22,7 @@ from counterlight.maps.row_map import SparseRows
 from counterlight.pipeline.reference import pull
 from counterlight.pipeline.refinement import OVER_RELAXATION, Certificate, momentum
 from counterlight.tools.choices import OUTSIDE
+from counterlight.tools.transport.overlap import overlap
 from counterlight.tools.transport.shares import shares
 from counterlight.tools.transport.transport import Transport
 from counterlight.tools.transport.trust import seen, trust
@@ -192,7 +193,8 @@ def _prior(
     stiff = np.zeros_like(hold) if black else np.minimum(hold, STIFFNESS * hold.max(axis=0))
     ties = [each.reshape(*projector, 3) for each in (options.drift * np.sqrt(diagonal), stiff)]
     owner = _owners(projector, regions)
-    right, down = (_ties(ties[0], ties[1], owner, axis) for axis in (1, 0))
+    apart = _apart(objective, projector)
+    right, down = (_ties(ties[0], ties[1], each, owner, axis) for each, axis in zip(apart, (1, 0), strict=True))
     damping = hold if black else np.zeros_like(hold)
     return Prior(damping.reshape(*projector, 3).astype(np.float32), right, down)
 
@@ -225,6 +227,13 @@ def _hold(d: FloatArray, shown: FloatArray) -> FloatArray:
     return np.where(shown[:, None] > 0, np.minimum(np.minimum(share**FALL, STRONGEST) * d, typical), typical)
 
 
+def _apart(objective: Objective, projector: tuple[int, int]) -> Iterator[FloatArray]:
+    """1 − κ of pixels and their neighbours on the right, and below; 1 where too little is seen to know κ."""
+    known = np.minimum(objective.seen, 1).reshape(projector)
+    for alike, axis in zip(overlap(objective.T, objective.weights, projector), (1, 0), strict=True):
+        yield 1 - np.minimum(known, np.roll(known, -1, axis)) * alike
+
+
 def _owners(projector: tuple[int, int], regions: Sequence[Region]) -> NDArray[np.int64]:
     """The number of each pixel's projector, (projector height, projector width); -1 where there is none."""
     owner = np.full(projector, -1 if regions else 0)
@@ -233,13 +242,16 @@ def _owners(projector: tuple[int, int], regions: Sequence[Region]) -> NDArray[np
     return owner
 
 
-def _ties(root: FloatArray, stiff: FloatArray, owner: NDArray[np.int64], axis: int) -> NDArray[np.float32]:
+def _ties(
+    root: FloatArray, stiff: FloatArray, apart: FloatArray, owner: NDArray[np.int64], axis: int
+) -> NDArray[np.float32]:
     """ω between each pixel and the next along an axis, 0 at the end and from one projector to another.
 
-    root : σ √diag(TᵀWT), of which neighbours' product is ω; so a dark pixel is not drawn to a bright one.
+    root : σ √diag(TᵀWT); so a dark pixel is not drawn to a bright one.  apart : of each and the next.
     """
     count = owner.shape[axis] - 1
     pairs = [(np.take(each, range(count), axis), np.take(each, range(1, count + 1), axis)) for each in (root, stiff)]
     one_picture = (np.diff(owner, axis=axis) == 0) & (np.take(owner, range(count), axis) >= 0)
-    ties = (pairs[0][0] * pairs[0][1] + (pairs[1][0] + pairs[1][1]) / 2) * one_picture[..., None]
+    drifting = np.take(apart, range(count), axis)[..., None] * pairs[0][0] * pairs[0][1]
+    ties = (drifting + (pairs[1][0] + pairs[1][1]) / 2) * one_picture[..., None]
     return np.pad(ties, [(0, int(each == axis)) for each in range(3)]).astype(np.float32)
