@@ -192,7 +192,7 @@ def _prior(
     black = options.outside == "black"
     stiff = np.zeros_like(hold) if black else np.minimum(hold, STIFFNESS * hold.max(axis=0))
     ties = [each.reshape(*projector, 3) for each in (options.drift * np.sqrt(diagonal), stiff)]
-    owner = _owners(projector, regions)
+    owner = owners(projector, regions)
     apart = _apart(objective, projector)
     right, down = (_ties(ties[0], ties[1], each, owner, axis) for each, axis in zip(apart, (1, 0), strict=True))
     damping = hold if black else np.zeros_like(hold)
@@ -234,7 +234,7 @@ def _apart(objective: Objective, projector: tuple[int, int]) -> Iterator[FloatAr
         yield 1 - np.minimum(known, np.roll(known, -1, axis)) * alike
 
 
-def _owners(projector: tuple[int, int], regions: Sequence[Region]) -> NDArray[np.int64]:
+def owners(projector: tuple[int, int], regions: Sequence[Region]) -> NDArray[np.int64]:
     """The number of each pixel's projector, (projector height, projector width); -1 where there is none."""
     owner = np.full(projector, -1 if regions else 0)
     for number, region in enumerate(regions):
