@@ -2,7 +2,7 @@
 // Colour what is asked for beyond what can be shown, by how far.
 //
 // Inputs, all of one size: `view`, linear light; `asked`, what is asked for, at least 0 and at most 1 or, with MOST, at
-//   most `most`.
+//   most `most`, whose alpha is 0 where a pixel does not count.
 // Output: linear light.
 // CPU twin: clipping in player/pipeline/reference.py.
 uniform sampler2D view, asked;
@@ -21,12 +21,12 @@ void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
     vec3 wanted = texelFetch(asked, at, 0).rgb, shown = texelFetch(view, at, 0).rgb;
 #ifdef MOST
-    vec3 highest = texelFetch(most, at, 0).rgb;
+    vec4 highest = texelFetch(most, at, 0);
 #else
-    vec3 highest = vec3(1.0);
+    vec4 highest = vec4(1.0);
 #endif
-    float over = greatest(wanted - highest) / white, under = greatest(-wanted) / white;
-    float amount = max(max(over, under), 0.0);
+    float over = greatest(wanted - highest.rgb) / white, under = greatest(-wanted) / white;
+    float amount = highest.a > 0.0 ? max(max(over, under), 0.0) : 0.0;
     float weight = 0.5 * min(amount / faint, 1.0) + 0.5 * min(amount / full, 1.0);
     light = vec4(mix(shown, white * (over >= under ? above : below), weight), 1.0);
 }

@@ -6,7 +6,7 @@
 //   TONE asks for s (k + (1 − k) unit · picture) + o instead of the picture, k the black level, (s, o) the one texel of
 //   `tone` (player/pipeline/content.py);
 //   MIXED takes the light through each pixel's matrix, `row_red`, `row_green`, `row_blue` (player/maps/mixing.py);
-//   FULL knows `full`, T·1, and in alpha the mask: what it leaves out is asked for no more than it can have.
+//   FULL limits it to what each pixel can have by itself, 0 to `full`, T·1: what a drive is sought for.
 // Output: b, radiance, of their size.
 // CPU twin: desired_light in player/pipeline/reference.py.
 uniform sampler2D picture;
@@ -38,8 +38,7 @@ void main() {
                  dot(texelFetch(row_blue, at, 0).rgb, light));
 #endif
 #ifdef FULL
-    vec4 had = texelFetch(full, at, 0);
-    if (had.a == 0.0) light = clamp(light, vec3(0.0), had.rgb);
+    light = clamp(light, vec3(0.0), texelFetch(full, at, 0).rgb);
 #endif
 #ifdef CLAMP
     light = clamp(light, 0.0, 1.0);

@@ -4,7 +4,7 @@
 // Inputs: `seen`, what full drive gives; `ambient`, what no drive gives; `mask`, not 0 inside; of one size.
 // Defines: MIXED: `seen` is without ambient light, and grey asks for it through each pixel's matrix, `row_red`,
 //   `row_green`, `row_blue` (grey_reach in player/maps/mixing.py); `unlimited` is the grey of what asks for nothing.
-//   ABOVE: what full drive adds, instead; alpha is 1 inside the mask, lit or not.
+//   ABOVE: what full drive adds, instead.
 // Output: that grey; alpha 1 inside the mask where every channel is lit, 0 elsewhere.
 // CPU twin: reach_of in player/pipeline/reference.py.
 uniform sampler2D seen, ambient;
@@ -32,7 +32,6 @@ void main() {
 #endif
 #ifdef ABOVE
     light -= dark;
-    lit = true;
 #endif
     reach = vec4(light, lit && texelFetch(mask, at, 0).r != 0u ? 1.0 : 0.0);
 }

@@ -1,6 +1,6 @@
 """A small room that is physical where refinement needs it: T ≥ 0, and every map made from that T."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,13 +49,14 @@ def physical_room(rng: np.random.Generator, *, far: bool = True, start: str = "p
     if transport.far is not None:
         chain = pack_far(transport.far, CAMERA, PROJECTOR)
         undo = pack_far(undo_far_light(transport.far, stacked(inverse)), CAMERA, CAMERA)
+    objective = replace(Objective.plain(transport.inside(mask)), weights=mask.ravel().astype(np.float64))
     maps = RoomMaps(
         pack_matrices(inverse, PROJECTOR, CAMERA),
         pack_matrices(near, CAMERA, PROJECTOR),
         chain,
         undo,
         0.5,
-        refinement=refinement_maps(Objective.plain(transport.inside(mask)), CAMERA, PROJECTOR),
+        refinement=refinement_maps(objective, CAMERA, PROJECTOR),
     )
     return PhysicalRoom(Room(calibration, maps, 0.5, start=start), transport, _written_out(transport))
 

@@ -1,8 +1,11 @@
 """Refinement, the player's default, on hard cases: built and played as a user does it, judged through the true T.
 
-No method that stays within 0..1 is better than the box optimum of the plain least squares. What refinement may lose to
-it is what the prior takes: it keeps noise and drift from spoiling what T says too little of (docs/mathematics.md).
+No method that stays within 0..1 is better than the box optimum of the plain least squares, of what each camera pixel
+can have by itself. What refinement may lose to it is what the prior takes: it keeps noise and drift from spoiling what
+T says too little of (docs/mathematics.md).
 """
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +15,10 @@ from tests.hard_systems import HardCase
 from tests.studies import hard_cases
 
 PRIOR = 0.006  # of the floodlit room's RMS; 0.0052 was the most
-MOST_NOISE = {"weights 1e-7 to 1e3": 300}  # noise of the brightest drives the faintest pixel from end to end
+MOST_NOISE = {
+    "weights 1e-7 to 1e3": 300,  # noise of the brightest drives the faintest pixel from end to end
+    "rank-deficient, wide": 20,  # pixels that the camera does not tell apart are tied by little
+}
 CASES = {
     case.name: case
     for case in (
@@ -34,9 +40,9 @@ CASES = {
 
 @pytest.mark.parametrize("name", CASES)
 def test_steps_never_make_a_hard_case_worse_and_come_close_to_the_optimum(name: str) -> None:
-    case = CASES[name]
-    refined = hard.refining(case)
-    drives = {steps: refined(steps)(case.target) for steps in (0, 4, 64)}
+    refined = hard.refining(CASES[name])
+    drives = {steps: refined(steps)(CASES[name].target) for steps in (0, 4, 64)}
+    case = possible(CASES[name])
     assert all(np.isfinite(p).all() and 0 <= p.min() <= p.max() <= 1 for p in drives.values())
     first, few, many = (case.error(p) for p in drives.values())
     wrong = known_wrong(case)
@@ -44,8 +50,12 @@ def test_steps_never_make_a_hard_case_worse_and_come_close_to_the_optimum(name: 
     assert few <= max(first, least) * 1.01 + wrong
     assert many <= max(few, least) * 1.01 + wrong
     assert many <= least + wrong
-    noise = hard_cases.amplification(case, refined(64), drives[64])
+    noise = hard_cases.amplification(CASES[name], refined(64), drives[64])
     assert noise <= MOST_NOISE.get(name, 10)  # a plain inverse: up to the condition number
+
+
+def possible(case: HardCase) -> HardCase:
+    return replace(case, target=np.clip(case.target, 0, case.floodlight))
 
 
 def known_wrong(case: HardCase) -> float:

@@ -11,6 +11,7 @@ from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration, Device
 from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.cpu_renderer import CpuRenderer
+from counterlight.pipeline.operators import drive_of
 from counterlight.pipeline.refinement import STARTS
 from counterlight.pipeline.room import Room
 from counterlight.response import Response
@@ -19,7 +20,7 @@ from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.room import build_maps
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.mask import directly_lit
-from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, objective_of
+from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of
 from counterlight.tools.transport.transport import Transport
 
 CAMERA, PROJECTOR, LINEAR = (16, 26), (11, 20), Response("linear")
@@ -103,3 +104,29 @@ def test_without_the_prior_it_would_be_more() -> None:
     free = replace(edge, maps=replace(edge.maps, refinement=replace(further, prior=undrawn)))
     held, let = (outside(objective, drives(each, film(edge.white), 64)) for each in (edge, free))
     assert let > 1.5 * held
+
+
+@pytest.mark.parametrize("inverse", ["whole", "none"])
+@pytest.mark.parametrize("outside", ["black", "continue"])
+def test_without_a_step_the_map_alone_keeps_it_dark_or_goes_on(outside: str, inverse: str) -> None:
+    """Two projectors in one raster, of which the camera sees all but the inner edge: each goes on by itself."""
+    projector, camera, width = (4, 12), (8, 24), 6
+    T = np.kron(np.eye(48), np.ones((4, 1)))
+    unseen = np.tile((np.arange(12) > 3) & (np.arange(12) < 9), 4)
+    T[:, unseen] = 0
+    transport = Transport.from_matrices(
+        [sparse.csr_array(T.astype(np.float32))] * 3, camera=camera, projector=projector
+    )
+    mask = (T.sum(axis=1) > 0).reshape(camera)
+    devices = (Device(4, width, LINEAR), Device(4, width, LINEAR)), Device(*camera, LINEAR)
+    calibration = Calibration("two", "made by a test", *devices, np.zeros((*camera, 3), np.float32), mask)
+    options, aims = InverseOptions(inverse=inverse), ObjectiveOptions(outside=outside)
+    maps = build_maps(tier_of(calibration, transport), options, aims, refine=False).maps
+    left = np.tile(np.arange(12) < width, 4)
+    b = (T @ np.where(left, 0.8, 0.2))[:, None] * np.ones(3)
+    drive = drive_of(maps, b.reshape(*camera, 3)).reshape(-1, 3)
+    if outside == "black":
+        assert not drive[unseen].any()
+    else:
+        expected = np.where(left, 0.8, 0.2)[unseen, None] * np.ones(3)
+        np.testing.assert_allclose(drive[unseen], expected, atol=0.02)  # damping and ties

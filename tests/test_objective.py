@@ -1,5 +1,7 @@
 """What is minimised: footprints that the raster cuts, what nobody sees, neighbours that are tied, one bound for all."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import sparse
@@ -122,6 +124,24 @@ def test_ties_stay_within_a_projector() -> None:
     assert np.all(prior.right[3, 6:] == 0)  # below the lower projector is nobody's
     assert np.all(prior.down[2, 6:] == 0)
     assert np.all(prior.down[:3, :6] > 0)
+
+
+@pytest.mark.parametrize("unreachable", [-0.3, 1.7])
+def test_what_a_pixel_cannot_have_spoils_no_neighbour(unreachable: float) -> None:
+    T = row_of_footprints(4.0)
+    transport = transport_of(T)
+    objective = objective_of(transport, calibration_of(transport, (1, 60), [(1, 20)]), ObjectiveOptions())
+    b, dark = np.full((60, 3), 0.3), slice(25, 31)
+    b[dark] = unreachable  # the room's light alone is that much above black; or it is dark paint
+    around = np.r_[20:25, 31:36]
+    asked, left = (
+        np.abs(T @ Box(each).run(b)[0] - b)[around].sum() for each in (replace(objective, bounds=False), objective)
+    )
+    assert left < 0.9 * asked
+    lit = T.sum(axis=1).clip(0, 0.3)
+    lit[dark] = np.clip(unreachable, 0, 1)
+    found = objective.certificate(np.zeros((20, 3)), b).squared_error
+    np.testing.assert_allclose(found, np.sum(lit**2), rtol=1e-6)  # T is float32
 
 
 def test_what_is_seen_is_not_held() -> None:

@@ -17,7 +17,7 @@ from counterlight import app, calibration
 from counterlight.files import exr
 from counterlight.gl.context import in_software
 from counterlight.maps import room_maps as maps
-from counterlight.pipeline.reference import PreparedRows
+from counterlight.pipeline.operators import drive_of
 from counterlight.pipeline.renderer import Renderer
 from counterlight.show import output
 from counterlight.tools import build_correction_map
@@ -60,8 +60,7 @@ def test_an_exr_is_compensated_as_the_equation_says(
     files = room, tmp_path / "c.exr", "--output", tmp_path / "p.exr"
     succeed("play", *files, "--backend", backend, "--refine", "0")
     stored = calibration.read(room)
-    T_pinv = PreparedRows(maps.read_maps(stored).correction)
-    expected = np.clip(T_pinv.apply(target - stored.calibration.ambient), 0, 1)
+    expected = np.clip(drive_of(maps.read_maps(stored), target - stored.calibration.ambient), 0, 1)
     np.testing.assert_allclose(exr.read_rgb(tmp_path / "p.exr"), expected, atol=1e-5)  # the issue's bound
 
 
@@ -84,7 +83,8 @@ def test_imported_matrices_are_played_through_numpys_pseudo_inverse(tmp_path: Pa
     c = rng.uniform(0, 1, (*camera, 3)).astype(np.float32)
     exr.write_rgb(tmp_path / "c.exr", c)
     succeed("play", tmp_path / "room", tmp_path / "c.exr", "--output", tmp_path / "p.exr", "--refine", "0")
-    light = (c.astype(float) - ambient).reshape(-1, 3)
+    full = dense.sum(axis=2, dtype=float).T
+    light = np.clip((c.astype(float) - ambient).reshape(-1, 3), 0, full)
     drive = np.stack([np.linalg.pinv(dense[i].astype(float)) @ light[:, i] for i in range(3)], axis=1)
     result = exr.read_rgb(tmp_path / "p.exr").reshape(-1, 3)
     np.testing.assert_allclose(result, np.clip(drive, 0, 1), atol=1e-5)  # the issue's bound; rows' L1 norm is below 10

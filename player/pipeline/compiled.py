@@ -230,7 +230,7 @@ def desired(
                     row_green[y, x, 0] * red + row_green[y, x, 1] * green + row_green[y, x, 2] * blue,
                     row_blue[y, x, 0] * red + row_blue[y, x, 1] * green + row_blue[y, x, 2] * blue,
                 )
-            if limits and not full[y, x, 3] > 0:
+            if limits:
                 red = within(red, zero, full[y, x, 0])
                 green = within(green, zero, full[y, x, 1])
                 blue = within(blue, zero, full[y, x, 2])

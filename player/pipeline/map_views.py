@@ -78,7 +78,7 @@ class MapViews:
 
     @cached_property
     def full(self) -> Light:
-        """T·1, the light of full drive, and in alpha the mask."""
+        """T·1, the light of full drive."""
         observer = self._observer()
         return self._full_drive(observer, observer.light, self._mixer.black, {"ABOVE": None})
 

@@ -81,3 +81,11 @@ def chained(maps: FarMaps | BlurredMaps | None) -> Chain | None:
 def compensation(maps: RoomMaps) -> Compensation:
     """T⁺ of packed maps."""
     return Compensation(PreparedRows(maps.correction), chained(maps.undo))
+
+
+def drive_of(maps: RoomMaps, b: Light) -> FloatArray:
+    """T⁺ b as the player takes it, not clamped: of b that each camera pixel can have by itself, 0 to T·1."""
+    parts: list[Operator] = [PreparedRows(maps.transport)]
+    parts += [Chain([PreparedRows(part) for part in each.parts]) for each in maps.beside]
+    full = Sum(parts).apply(np.ones((*maps.transport.source_shape, 3)))
+    return compensation(maps).apply(np.clip(b, 0, full))

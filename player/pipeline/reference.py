@@ -200,7 +200,7 @@ def desired_light(
 
     u = k + (1 − k) unit · picture.  unit : share of white of a picture's 1.  black_level : k, what black asks for.
     row_red, row_green, row_blue : rows of a matrix for each pixel, that b is taken through.
-    full : T·1, and in a fourth channel what counts: no other pixel is asked for more than it can have.
+    full : T·1; no pixel is then asked for what it cannot have by itself, lest its neighbours try in vain.
     clamp : limit the result to 0..1, as of a picture that goes to the projector.
     """
     scale, offset = np.ravel(tone)[:2]
@@ -209,7 +209,7 @@ def desired_light(
     if row_red is not None and row_green is not None and row_blue is not None:
         b = mixed(np.stack([row_red, row_green, row_blue], axis=-2), b)
     if full is not None:
-        b = np.where(full[..., 3:] > 0, b, np.clip(b, 0, full[..., :3]))
+        b = np.clip(b, 0, full[..., :3])
     return np.asarray(np.clip(b, 0, 1) if clamp else b)
 
 
@@ -302,10 +302,10 @@ def reach_of(
     """The brightest grey that each primary lets a pixel show, and which pixels count (reach.frag).
 
     seen : what full drive gives; with the rows of a matrix for each pixel, without ambient light.
-    above : what full drive adds, and the mask, instead.
+    above : what full drive adds instead.
     """
     if row_red is None or row_green is None or row_blue is None:
-        return counted(seen - ambient, mask) if above else counted(seen, mask & np.all(seen > ambient, axis=2))
+        return counted(seen - ambient if above else seen, mask & np.all(seen > ambient, axis=2))
     reach = grey_reach(np.stack([row_red, row_green, row_blue], axis=-2), seen, ambient)
     return counted(reach, mask & np.all(seen > 0, axis=2))
 
@@ -341,14 +341,16 @@ def shortfalls(reach: FloatArray, white: float) -> tuple[NDArray[np.bool_], NDAr
     return ~lit, lit & (least < MID_GREY * white), lit & (least < white)
 
 
-def clipping(view: FloatArray, asked: FloatArray, most: FloatArray | float, white: float) -> NDArray[np.float64]:
+def clipping(view: FloatArray, asked: FloatArray, most: FloatArray | None, white: float) -> NDArray[np.float64]:
     """Colour what is asked for below 0 or above `most`, by how far, of the worst channel (clipping.frag).
 
+    most : as a reach; None for 1 where everything counts.
     white : light of the colours, and what amounts are shares of.
     """
-    over = np.max(asked - most, axis=2, keepdims=True) / white
+    most = np.ones(4) if most is None else most
+    over = np.max(asked - most[..., :3], axis=2, keepdims=True) / white
     under = np.max(-asked, axis=2, keepdims=True) / white
-    amount = np.maximum(np.maximum(over, under), 0)
+    amount = np.where(most[..., 3:] > 0, np.maximum(np.maximum(over, under), 0), 0)
     weight = 0.5 * np.minimum(amount / CLIP_FAINT, 1) + 0.5 * np.minimum(amount / CLIP_SPAN, 1)
     colour = white * np.where(over >= under, OVER, UNDER)
     return np.asarray(view + weight * (colour - view))

@@ -30,9 +30,7 @@ PERCENT = 0.01
 TWINS: dict[str, Callable[..., FloatArray]] = {
     "blend.frag": reference.blend,
     "block_sum.frag": lambda source, side, target: reference.block_sum(source, side)[: target[0], : target[1]],
-    "clipping.frag": lambda view, asked, white, most=None, **_: reference.clipping(
-        view, asked, 1.0 if most is None else most[..., :3], white
-    ),
+    "clipping.frag": lambda view, asked, white, most=None, **_: reference.clipping(view, asked, most, white),
     "combine.frag": reference.combine,
     "desired.frag": reference.desired_light,
     "error_map.frag": lambda seen, b, ambient, reach, white, **_: reference.error_map(seen, ambient, b, reach, white),

@@ -117,7 +117,8 @@ def momentum(step: int) -> float:
 class Certificate:
     """How far a drive can be from the best one, per colour channel.
 
-    squared_error : (3,) ‖T p − b‖² inside the mask.
+    squared_error : (3,) ‖T p − b‖² inside the mask; in the player of all b that was asked for, beyond what a pixel can
+    have, too.
     gap : (3,) G = Σ max(g p, g (p − 1)), g the gradient: no drive's objective is smaller by more than G.
     weighted_error : (3,) E = Σ w (T p − b)², at most twice the objective; None where it is the squared error.
     outside : light that the camera does not see, as a share of what the picture throws there without compensation;

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,18 @@ from counterlight.pipeline.shortfall import Snapshot
 from counterlight.pipeline.starts import Iterate
 
 SUBTRACT = "SUBTRACT_FROM_BASE"
+
+
+class Goal(NamedTuple):
+    """What a drive is measured by.
+
+    b : what was solved for.  unbounded : what was asked for, beyond what can be had, too.  plain : the drive without
+    compensation.
+    """
+
+    b: Light
+    unbounded: Light
+    plain: Light
 
 
 class Refiner:
@@ -47,15 +60,13 @@ class Refiner:
             p, y = self._step.run(step, descent, y, p)
         return Iterate(p, y, made + steps)
 
-    def certify(self, p: Light, b: Light, plain: Light) -> Certificate:
-        """Measure a drive within 0..1; waits for the GPU.  plain : the drive without compensation."""
-        residual, descent = self._slope.measured(p, b)
-        return self._certifier.run(residual, descent, p, plain)
+    def certify(self, p: Light, goal: Goal) -> Certificate:
+        """Measure a drive within 0..1; waits for the GPU."""
+        return self._certifier.run(self._slope, p, goal)[0]
 
-    def snapshot(self, last: Iterate, b: Light, plain: Light, steps: int) -> Snapshot:
+    def snapshot(self, last: Iterate, goal: Goal, steps: int) -> Snapshot:
         """The same of a drive after `steps` steps, with what an estimate needs; reads three pictures back."""
-        residual, descent = self._slope.measured(last.p, b)
-        certificate = self._certifier.run(residual, descent, last.p, plain)
+        certificate, descent = self._certifier.run(self._slope, last.p, goal)
         p, y, d = (self._device.read(picture, np.float32) for picture in (last.p, last.y, descent))
         return Snapshot(certificate, p, y, d, last.steps, steps)
 
@@ -89,7 +100,11 @@ class _Slope:
     def measured(self, p: Light, b: Light) -> tuple[Light, Light]:
         """The residual as it is, and the slope."""
         residual, descent = self.run(p, b)
-        return self._plain.run(p, b) if self._stored.weighs else residual, descent
+        return self.residual(p, b) if self._stored.weighs else residual, descent
+
+    def residual(self, p: Light, b: Light) -> Light:
+        """b − T p as it is."""
+        return self._plain.run(p, b)
 
     @cached_property
     def _plain(self) -> "_Residual":
@@ -139,19 +154,22 @@ class _Certifier:
         )
         self._of_projector, self._of_camera = own(device.total(projector)), own(device.total(camera))
 
-    def run(self, residual: Light, descent: Light, p: Light, plain: Light) -> Certificate:
+    def run(self, slope: _Slope, p: Light, goal: Goal) -> tuple[Certificate, Light]:
+        """With TᵀW (b − T p). The error inside the mask is of all that was asked for."""
+        residual, descent = slope.measured(p, goal.b)
         gap = self._of_projector.run(
             self._gap.run(descent=self._downhill.run(descent=descent, y=p, **self._prior), p=p)
         )
-        inside, weighted = (
-            self._of_camera.run(self._squared.run(picture=residual, weights=weights))
-            for weights in (self._mask, self._weights)
-        )
+        weighted = self._error(residual, self._weights)
+        inside = self._error(slope.residual(p, goal.unbounded), self._mask)
         beside, usual = (
             float(np.sum(self._of_projector.run(self._weighted.run(picture=drive, weights=self._unseen))))
-            for drive in (p, plain)
+            for drive in (p, goal.plain)
         )
-        return Certificate(inside, gap, weighted, beside / usual if usual > 0 else None)
+        return Certificate(inside, gap, weighted, beside / usual if usual > 0 else None), descent
+
+    def _error(self, residual: Light, weights: Light) -> NDArray[np.float64]:
+        return np.asarray(self._of_camera.run(self._squared.run(picture=residual, weights=weights)), np.float64)
 
     def release(self) -> None:
         self._owner.release()

@@ -26,7 +26,7 @@ from counterlight.pipeline.laps import Laps
 from counterlight.pipeline.map_views import MapViews, Observer
 from counterlight.pipeline.mixer import Mixer
 from counterlight.pipeline.refinement import Certificate
-from counterlight.pipeline.refiner import Refiner
+from counterlight.pipeline.refiner import Goal, Refiner
 from counterlight.pipeline.request import Request
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Snapshot
@@ -222,14 +222,14 @@ class Renderer:
         if self._refiner is None or self._compensated is None:
             return None
         last, b, _ = self._compensated
-        return self._refiner.certify(last.p, b, self._request.plain(self._decoded))
+        return self._refiner.certify(last.p, self._goal(b))
 
     def snapshot(self) -> Snapshot | None:
         """The same with what is needed to estimate it (survey.py): three pictures are read back as well."""
         if self._refiner is None or self._compensated is None:
             return None
         last, b, steps = self._compensated
-        return self._refiner.snapshot(last, b, self._request.plain(self._decoded), steps)
+        return self._refiner.snapshot(last, self._goal(b), steps)
 
     def release(self) -> None:
         """Give back what the renderer holds."""
@@ -252,8 +252,10 @@ class Renderer:
         else:
             seen = self._seen(self._drive(b, steps) if compensate else self._request.plain(self._decoded))
         if view == "error":
-            seen = self._maps.error(seen, b)
-        return self._maps.over_camera(seen, self._near_light(b)) if self._adjustments.clipping else seen
+            seen = self._maps.error(seen, self._request.unbounded(self._decoded))
+        if self._adjustments.clipping:
+            seen = self._maps.over_camera(seen, self._near_light(self._request.unbounded(self._decoded)))
+        return seen
 
     def _seen(self, drive: Light) -> Light:
         self._sent = drive
@@ -266,8 +268,12 @@ class Renderer:
         b = self._light()
         drive = self._sent = self._drive(b, steps)
         if self._adjustments.clipping:
-            drive = self._maps.over_projector(drive, self._unclamped(b))
+            asked = self._unclamped(self._request.unbounded(self._decoded))
+            drive = self._maps.over_projector(drive, asked)
         return drive if self._moved is None else self._moved.run(drive)
+
+    def _goal(self, b: Light) -> Goal:
+        return Goal(b, self._request.unbounded(self._decoded), self._request.plain(self._decoded))
 
     def _light(self) -> Light:
         b = self._request.light(self._decoded)

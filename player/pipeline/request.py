@@ -38,9 +38,9 @@ class Request:
         self._adjustments, self._unit = NEUTRAL, 1.0
         own = self._owner.own
         try:
-            self._rows, self._defines = mixer.rows, {"FULL": None, **mixer.defines}
+            self._rows, self._defines = mixer.rows, mixer.defines
             self._black = own(device.picture(np.zeros((*self._projector, 3), np.float32)))
-            self._desired = own(device.make_pass("desired.frag", self._camera, self._defines))
+            self._desired = own(device.make_pass("desired.frag", self._camera, {"FULL": None, **self._defines}))
             self._plain = own(device.make_pass("desired.frag", self._projector, {"CLAMP": None}))
         except BaseException:
             self._owner.release()
@@ -86,13 +86,17 @@ class Request:
             self._adapter.advance(cut=cut, duration_s=duration_s)
 
     def light(self, picture: Light) -> Light:
-        """b = c − e of a decoded picture."""
-        fitter = self._pinner if self._pinned else self._fitter
-        placed, rows = fitter.run(self._on_screen(picture)), self._rows
+        """b = c − e of a decoded picture, within what each camera pixel can have: what a drive is sought for."""
+        placed, told = self._placed(picture), {"ambient": self._ambient, "full": self._maps.full, **self._rows}
         if not self._toned:
-            return self._desired.run(picture=placed, ambient=self._ambient, full=self._maps.full, **rows)
-        tone = self._adapter.run(placed) if self._adjustments.adapt else self._no_tone
-        return self._toned_desired.run(picture=placed, ambient=self._ambient, tone=tone, full=self._maps.full, **rows)
+            return self._desired.run(picture=placed, **told)
+        return self._toned_desired.run(picture=placed, tone=self._tone(placed), **told)
+
+    def unbounded(self, picture: Light) -> Light:
+        """c − e as it is: what the views tell of."""
+        placed, asked = self._placed(picture), self._toned_unbounded
+        asked.set(unit=self._unit, black_level=self._adjustments.black_level)
+        return asked.run(picture=placed, ambient=self._ambient, tone=self._tone(placed), **self._rows)
 
     def plain(self, picture: Light) -> Light:
         """The drive without compensation: the test card, or the picture as it fits the projector."""
@@ -106,13 +110,19 @@ class Request:
     def desired(self, picture: Light) -> NDArray[np.float32]:
         """c, (camera height, camera width, 3), in screen primaries."""
         if self._toned or self._pinned:
-            return self._device.read(self._mixer.on_screen(self.light(picture)), np.float32) + self._room.ambient
+            return self._device.read(self._mixer.on_screen(self.unbounded(picture)), np.float32) + self._room.ambient
         white = 1.0 if self._radiance else self._room.white
         return np.float32(white) * self._device.read(self._fitter.run(self._on_screen(picture)), np.float32)
 
     def release(self) -> None:
         self._medium.release()
         self._owner.release()
+
+    def _placed(self, picture: Light) -> Light:
+        return (self._pinner if self._pinned else self._fitter).run(self._on_screen(picture))
+
+    def _tone(self, placed: Light) -> Light:
+        return self._adapter.run(placed) if self._adjustments.adapt else self._no_tone
 
     def _on_screen(self, picture: Light) -> Light:
         """A decoded picture in screen primaries; only radiance is in others."""
@@ -149,11 +159,15 @@ class Request:
 
     @cached_property
     def _toned_desired(self) -> Pass:
-        return self._owner.own(
-            self._device.make_pass(
-                "desired.frag", self._camera, {"TONE": None, **self._defines}, white=self._room.white
-            )
-        )
+        return self._make_toned({"FULL": None})
+
+    @cached_property
+    def _toned_unbounded(self) -> Pass:
+        return self._make_toned({})
+
+    def _make_toned(self, defines: dict[str, int | None]) -> Pass:
+        told = {"TONE": None, **self._defines, **defines}
+        return self._owner.own(self._device.make_pass("desired.frag", self._camera, told, white=self._room.white))
 
     @cached_property
     def _toned_plain(self) -> Pass:

@@ -11,7 +11,8 @@ from counterlight.maps.prior import Prior
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
 from counterlight.pipeline import reference
-from counterlight.pipeline.refinement import STARTS
+from counterlight.pipeline.refinement import STARTS, Certificate
+from counterlight.pipeline.room import Room
 from tests.refined_rooms import physical_room
 from tests.renderers import both, read
 from tests.rooms import CAMERA, random_room, rgb_frame
@@ -92,6 +93,39 @@ def test_the_slope_beside_a_prior_equals_its_twin(gl_context: moderngl.Context, 
     inputs = pictures(rng, "descent", "y") | vars(a_prior(rng))
     result = run(gl_context, "refinement_step.frag", SHAPE, inputs, {"SLOPE": None})
     np.testing.assert_allclose(result, reference.against_gradient(**inputs), atol=1e-5)  # float32, terms up to 15
+
+
+@pytest.mark.parametrize("steps", [0, 3])
+def test_what_the_room_alone_makes_too_bright_is_told_and_not_asked_for(
+    gl_context: moderngl.Context, rng: np.random.Generator, steps: int
+) -> None:
+    room = physical_room(rng).room
+    lamp = np.where(rng.uniform(size=(*CAMERA, 1)) < 0.3, 0.2, room.calibration.ambient).astype(np.float32)
+    room = replace(room, calibration=replace(room.calibration, ambient=lamp))
+    picture = 0.4 * rng.uniform(size=(*CAMERA, 3)).astype(np.float32)
+    for index in range(2):  # on the GPU, and its twin
+        shown = [seen(gl_context, room, each, steps)[index] for each in (picture, np.maximum(picture, lamp))]
+        (drive, error, certificate), (possible, exact, measured) = shown
+        np.testing.assert_array_equal(drive, possible)
+        assert (error != exact).any()
+        np.testing.assert_array_equal(certificate.gap, measured.gap)
+        assert np.all(certificate.squared_error > measured.squared_error)
+
+
+def seen(
+    context: moderngl.Context, room: Room, picture: np.ndarray, steps: int
+) -> list[tuple[np.ndarray, np.ndarray, Certificate]]:
+    """Drive, the map of errors and the certificate of a picture of radiance, by each renderer."""
+    found = []
+    with both(context, room, radiance_frame(picture)) as renderers:
+        for renderer in renderers:
+            renderer.render("error", compensate=True, steps=steps)
+            error = renderer.linear()
+            renderer.render("projector", compensate=True, steps=steps)
+            certificate = renderer.certificate()
+            assert certificate is not None
+            found.append((renderer.linear(), error, certificate))
+    return found
 
 
 @pytest.mark.parametrize("side", [2, 5, 16, 64])

@@ -142,12 +142,13 @@ def test_every_view_equals_its_twin(
 
 
 def test_the_corrected_drive_follows_the_equation(gl_context: moderngl.Context, rng: np.random.Generator) -> None:
-    """Thesis eq. 5.1, with the dense matrix written out: an EXR frame is c as it is."""
+    """Thesis eq. 5.1, with the dense matrices written out, of what each pixel can have: an EXR frame is c as it is."""
     room = random_room(rng, far=False)
     radiance = rng.uniform(0, 1, (*CAMERA, 3)).astype(np.float32)
     T_pinv = dense(room.maps.correction)
-    c_less_e = (radiance.astype(float) - room.calibration.ambient).reshape(-1, 3)
-    expected = np.stack([T_pinv[i] @ c_less_e[:, i] for i in range(3)], axis=1)
+    full = np.stack([T.sum(axis=1) for T in dense(room.maps.transport)], axis=1)
+    b = np.clip((radiance.astype(float) - room.calibration.ambient).reshape(-1, 3), 0, full)
+    expected = np.stack([T_pinv[i] @ b[:, i] for i in range(3)], axis=1)
     with both(gl_context, room, radiance_frame(radiance)) as (gl, cpu):
         for renderer in (gl, cpu):
             renderer.render("projector", compensate=True)

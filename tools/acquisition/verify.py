@@ -117,7 +117,8 @@ class Verification:
         """The plain compensation, and then `rounds` of feedback.  repeats : captures of each, averaged."""
         target = self.desired
         for index in range(rounds + 1):
-            light = self.tier.asked(target)
+            asked = self.tier.asked(target)
+            light = self._objective.bounded(asked.reshape(-1, 3)).reshape(asked.shape)
             drive = self._drive(light)
             certificate = self._objective.certificate(drive, light.reshape(-1, 3))
             codes = self._codes(drive)

@@ -121,8 +121,7 @@ def _local(objective: Objective, within: Transport, rows: IntArray, columns: Int
         damping = prior.damping.reshape(-1, 3)[columns]
         prior = Prior(*(each[None].astype(np.float32) for each in (damping, right, np.zeros_like(right))))
     T, weights, seen = within.of_columns(columns), objective.weights[rows], objective.seen[columns]
-    doubted = None if objective.doubted is None else objective.doubted[rows]
-    return replace(objective, T=T, weights=weights, prior=prior, seen=seen, doubted=doubted)
+    return replace(objective, T=T, weights=weights, prior=prior, seen=seen)
 
 
 def _share_of_near(objective: Objective) -> FloatArray:

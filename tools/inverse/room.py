@@ -11,6 +11,7 @@ from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, pack, unpack
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.inverse import memory
+from counterlight.tools.inverse.continued import continued
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.inverse import (
     Inverse,
@@ -119,6 +120,8 @@ def build_maps(
         mask = (objective.weights > 0).reshape(camera)
         told = calibration.regions, objective.weights, objective.prior, _step(transport) if refine else 0.0
         inverse = invert_near_light(transport.near, mask, *common, *told, pictures_of(calibration))
+    if aims.outside == "continue" and inverse.chosen != "thesis":
+        inverse = continued(inverse, projector, calibration.regions)
     correction = pack(inverse.T_pinv, projector, camera)
     far, undo = _pack_far_light(transport, inverse, camera, projector)
     details = _details(inverse, correction, transport, options, aims)

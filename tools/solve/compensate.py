@@ -17,7 +17,7 @@ from counterlight.files.png import write_png
 from counterlight.maps.mixing import Mixing
 from counterlight.maps.room_maps import RoomMaps, read_maps
 from counterlight.pipeline import encoding, reference
-from counterlight.pipeline.operators import compensation
+from counterlight.pipeline.operators import drive_of
 from counterlight.response import RasterResponse
 from counterlight.tools.choices import COMPENSATIONS
 from counterlight.tools.clusters.search import decompose_to
@@ -152,7 +152,7 @@ class CompensationTask:
     def _by_maps(self, maps: RoomMaps) -> FloatArray:
         """As the player does it, in the tier of colour that the maps were built for."""
         ambient = maps.mixing.on_screen(self._calibration.ambient)
-        return compensation(maps).apply(maps.mixing.asked(self._stated(maps.mixing) - ambient))
+        return drive_of(maps, maps.mixing.asked(self._stated(maps.mixing) - ambient))
 
     def _stated(self, mixing: Mixing) -> FloatArray:
         """What is wanted, in the screen primaries of a mixing."""

@@ -14,7 +14,7 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.arrays import BoolArray, FloatArray
+from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.maps.prior import Prior
@@ -23,6 +23,7 @@ from counterlight.pipeline.reference import pull
 from counterlight.pipeline.refinement import OVER_RELAXATION, Certificate, momentum
 from counterlight.raster import Region
 from counterlight.tools.choices import OUTSIDE
+from counterlight.tools.transport.overlap import overlap
 from counterlight.tools.transport.shares import shares
 from counterlight.tools.transport.transport import Transport
 from counterlight.tools.transport.trust import seen, trust
@@ -58,19 +59,19 @@ class Objective:
 
     T : the rows of camera pixels without weight are empty.  weights : w, (camera pixels,).
     seen : (projector pixels,), how much of each trusted camera pixels see, 1 for most.
-    doubted : (camera pixels,), which are asked for no more than they can have; None for those of weight below 1.
+    bounds : no camera pixel is asked for what it cannot have by itself: its neighbours would be spoiled in vain.
     """
 
     T: Transport
     weights: FloatArray
     prior: Prior | None
     seen: FloatArray
-    doubted: BoolArray | None = None
+    bounds: bool = True
 
     @classmethod
     def plain(cls, T: Transport) -> "Objective":
-        """½‖T p − b‖² alone."""
-        return cls(T, np.ones(T.shape[0]), None, np.ones(T.shape[1]))
+        """½‖T p − b‖² alone, whatever b is."""
+        return cls(T, np.ones(T.shape[0]), None, np.ones(T.shape[1]), bounds=False)
 
     @cached_property
     def dual(self) -> Transport:
@@ -78,9 +79,8 @@ class Objective:
         return self.T.scaled(self.weights).T
 
     def bounded(self, b: FloatArray) -> FloatArray:
-        """b, of what is not trusted no more than it can have."""
-        doubted = self.weights < 1 if self.doubted is None else self.doubted
-        return np.where(doubted[:, None], np.clip(b, 0, self._most), b) if doubted.any() else b
+        """b as it is solved for: 0 to T·1."""
+        return np.clip(b, 0, self._most) if self.bounds else b
 
     def light_outside(self, drive: FloatArray, plain: FloatArray | None = None) -> float | None:
         """Drive of what the camera does not see, as a share of what it is in `plain`; None where that is nothing.
@@ -163,11 +163,10 @@ class Objective:
 def objective_of(transport: Transport, calibration: Calibration, options: ObjectiveOptions) -> Objective:
     """A calibrated room's."""
     projector, regions = calibration.projector.shape, calibration.regions
-    trusted = _trust(transport, calibration)
-    weights = trusted * shares(transport.near, calibration)
+    weights = _trust(transport, calibration) * shares(transport.near, calibration)
     T = transport.inside(weights > 0)
     shown = seen(T, weights > 0)
-    unaided = Objective(T, weights, None, shown, trusted < 1)
+    unaided = Objective(T, weights, None, shown)
     return replace(unaided, prior=_prior(unaided, projector, regions, options))
 
 
@@ -194,8 +193,9 @@ def _prior(
     black = options.outside == "black"
     stiff = np.zeros_like(hold) if black else np.minimum(hold, STIFFNESS * hold.max(axis=0))
     ties = [each.reshape(*projector, 3) for each in (options.drift * np.sqrt(diagonal), stiff)]
-    owner = _owners(projector, regions)
-    right, down = (_ties(ties[0], ties[1], owner, axis) for axis in (1, 0))
+    owner = owners(projector, regions)
+    apart = _apart(objective, projector)
+    right, down = (_ties(ties[0], ties[1], each, owner, axis) for each, axis in zip(apart, (1, 0), strict=True))
     damping = hold if black else np.zeros_like(hold)
     return Prior(damping.reshape(*projector, 3).astype(np.float32), right, down)
 
@@ -228,7 +228,14 @@ def _hold(d: FloatArray, shown: FloatArray) -> FloatArray:
     return np.where(shown[:, None] > 0, np.minimum(np.minimum(share**FALL, STRONGEST) * d, typical), typical)
 
 
-def _owners(projector: tuple[int, int], regions: Sequence[Region]) -> NDArray[np.int64]:
+def _apart(objective: Objective, projector: tuple[int, int]) -> Iterator[FloatArray]:
+    """1 − κ of pixels and their neighbours on the right, and below; 1 where too little is seen to know κ."""
+    known = np.minimum(objective.seen, 1).reshape(projector)
+    for alike, axis in zip(overlap(objective.T, objective.weights, projector), (1, 0), strict=True):
+        yield 1 - np.minimum(known, np.roll(known, -1, axis)) * alike
+
+
+def owners(projector: tuple[int, int], regions: Sequence[Region]) -> NDArray[np.int64]:
     """The number of each pixel's projector, (projector height, projector width); -1 where there is none."""
     owner = np.full(projector, -1 if regions else 0)
     for number, region in enumerate(regions):
@@ -236,13 +243,16 @@ def _owners(projector: tuple[int, int], regions: Sequence[Region]) -> NDArray[np
     return owner
 
 
-def _ties(root: FloatArray, stiff: FloatArray, owner: NDArray[np.int64], axis: int) -> NDArray[np.float32]:
+def _ties(
+    root: FloatArray, stiff: FloatArray, apart: FloatArray, owner: NDArray[np.int64], axis: int
+) -> NDArray[np.float32]:
     """ω between each pixel and the next along an axis, 0 at the end and from one projector to another.
 
-    root : σ √diag(TᵀWT), of which neighbours' product is ω; so a dark pixel is not drawn to a bright one.
+    root : σ √diag(TᵀWT); so a dark pixel is not drawn to a bright one.  apart : of each and the next.
     """
     count = owner.shape[axis] - 1
     pairs = [(np.take(each, range(count), axis), np.take(each, range(1, count + 1), axis)) for each in (root, stiff)]
     one_picture = (np.diff(owner, axis=axis) == 0) & (np.take(owner, range(count), axis) >= 0)
-    ties = (pairs[0][0] * pairs[0][1] + (pairs[1][0] + pairs[1][1]) / 2) * one_picture[..., None]
+    drifting = np.take(apart, range(count), axis)[..., None] * pairs[0][0] * pairs[0][1]
+    ties = (drifting + (pairs[1][0] + pairs[1][1]) / 2) * one_picture[..., None]
     return np.pad(ties, [(0, int(each == axis)) for each in range(3)]).astype(np.float32)

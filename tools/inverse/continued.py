@@ -1,0 +1,27 @@
+"""What T⁺ gives projector pixels that nobody sees where the picture is to go on there (`--outside continue`)."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy import ndimage
+
+from counterlight.raster import Region
+from counterlight.tools.inverse.inverse import Inverse
+from counterlight.tools.transport.objective import owners
+
+
+def continued(inverse: Inverse, projector: tuple[int, int], regions: Sequence[Region]) -> Inverse:
+    """Each as the nearest pixel of its projector that is seen; ties make it smooth once steps are made.
+
+    projector : (height, width) of the raster.
+    """
+    owner, seen = owners(projector, regions), (inverse.T_pinv.lengths > 0).reshape(projector)
+    source = np.arange(owner.size).reshape(projector)
+    for number in range(int(owner.max()) + 1):
+        known, lost = (owner == number) & seen, (owner == number) & ~seen
+        if known.any():
+            y, x = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+            source[lost] = (y * projector[1] + x)[lost]
+    rows = source.ravel()
+    return replace(inverse, T_pinv=inverse.T_pinv.at(rows), truncation=inverse.truncation[rows])
