@@ -118,6 +118,10 @@ def test_verify_projects_with_both(truth: Path, acquired: Path, capsys: pytest.C
     capsys.readouterr()
     assert verify_projection.main([str(acquired), "--camera", f"simulated:{truth}", *FAINT]) == 0
     assert "nothing has changed" in capsys.readouterr().out
+    assert verify_projection.main([str(acquired), "--camera", f"simulated:{truth.parent / 'left'}", *FAINT]) == 2
+    line = capsys.readouterr().err
+    assert "the projector has 44x30 pixels, " in line
+    assert "is for 44x30 and 36x26; name each of them with --monitor or --projector, from the left" in line
 
 
 def test_two_projectors_and_two_cameras_at_once(tmp_path: Path) -> None:

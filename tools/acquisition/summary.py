@@ -13,7 +13,7 @@ from counterlight.tools.clusters.components import Clusters
 from counterlight.tools.factoring.factoring import Factoring
 from counterlight.tools.transport.shared_screen import Placed
 
-EVEN = 0.002  # of white: about code 7 of sRGB
+EVEN, LIFTED = 0.002, 0.5  # of white: about code 7 of sRGB; what black can be lifted to
 SUSPECT = 3.0  # times the camera's noise that the check may be off
 OFF_COLOUR = 2.0, 0.02  # times the check's unexplained error, and more, that the coloured one's may be
 MOST_OTHER = 0.02  # of white that a given response may differ from the measured one
@@ -44,7 +44,7 @@ class Black:
 
     def __str__(self) -> str:
         seen = f"{100 * self.least:.2g} to {100 * self.most:.2g} % of white"
-        if self.most - self.least < EVEN:
+        if self.most - self.least < EVEN or self.most > LIFTED:
             return seen
         return f"{seen}; counterlight play --black-level {np.ceil(1000 * self.most) / 1000:g} shows it even"
 
