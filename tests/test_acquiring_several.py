@@ -3,20 +3,23 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from counterlight import calibration
+from counterlight.files import exr
 from counterlight.files.picture_files import read_picture
 from counterlight.tools import acquire_transport, verify_projection
 from counterlight.tools.acquisition.plan import REPEATS
 from counterlight.tools.acquisition.ramps import light_level
-from counterlight.tools.transport.storage import read_transport
+from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import channel
 from tests.camera_rooms import write_pairs
-from tests.joint_rooms import LEFT, RIGHT, join, write_halves
+from tests.joint_rooms import LEFT, OVERLAP, RIGHT, join, write_halves
 from tests.programs import fail, succeed
 from tests.test_acquisition import same_files, unfinished
 
@@ -25,9 +28,15 @@ FAINT = "--full-well", "1e6", "--exposures", "1"
 
 @pytest.fixture(scope="module")
 def truth(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two overlapping projectors of different sizes and responses."""
+    """Two overlapping projectors of different sizes, responses and black levels, which add up where they overlap."""
     folder = tmp_path_factory.mktemp("several")
-    return join(write_halves(folder, right_response="linear"), folder / "truth")
+    stored = calibration.read(join(write_halves(folder, right_response="linear"), folder / "joint"))
+    ambient = stored.calibration.ambient.copy()
+    ambient[:, : OVERLAP.stop] += 0.008
+    ambient[:, OVERLAP.start :] += 0.012
+    with calibration.writing(folder / "truth", replace(stored.calibration, ambient=ambient)) as stage:
+        write_transport(read_transport(stored), stage)
+    return folder / "truth"
 
 
 @pytest.fixture(scope="module")
@@ -83,10 +92,36 @@ def test_an_interrupted_one_goes_on_where_it_stopped(truth: Path, acquired: Path
     same_files(torn / "captures", whole / "captures")
 
 
+def test_black_is_evened_out_by_what_was_measured(truth: Path, acquired: Path, tmp_path: Path) -> None:
+    """The report says which black level all of the picture can show; there it has no brighter stripe."""
+    report = json.loads((acquired.with_name("acquired.report") / "report.json").read_text())
+    line = next(line for line in report["summary"] if line.startswith("black: "))
+    found = re.fullmatch(r"black: (\S+) to (\S+) % of white; counterlight play --black-level (\S+) shows it even", line)
+    assert found is not None, line
+    stored, mask = calibration.read(truth), calibration.read(acquired).calibration.mask
+    inside, edge = slice(OVERLAP.start + 2, OVERLAP.stop - 2), 3  # columns
+    succeed("build", acquired)
+    cv2.imwrite(str(tmp_path / "black.png"), np.zeros((20, 40, 3), np.uint8))
+    stripes = []
+    for level in ("0", found[3]):
+        drive = tmp_path / f"{level}.exr"
+        words = "--black-level", level, "--refine", "8", "--backend", "cpu", "--output", drive
+        succeed("play", acquired, tmp_path / "black.png", *words)
+        light = read_transport(stored) @ exr.read_rgb(drive).astype(np.float64) + stored.calibration.ambient
+        columns = np.ma.median(np.ma.array(light[..., 1], mask=~mask), axis=0)
+        stripes.append(columns[inside].mean() - columns[edge : OVERLAP.start - 2].mean())
+    assert stripes[0] > 0.011  # 0.03 where both are, 0.018 at the left
+    assert abs(stripes[1]) < 0.001  # pixels of random albedo are evened out by 8 steps as far as they go
+
+
 def test_verify_projects_with_both(truth: Path, acquired: Path, capsys: pytest.CaptureFixture[str]) -> None:
     capsys.readouterr()
     assert verify_projection.main([str(acquired), "--camera", f"simulated:{truth}", *FAINT]) == 0
     assert "nothing has changed" in capsys.readouterr().out
+    assert verify_projection.main([str(acquired), "--camera", f"simulated:{truth.parent / 'left'}", *FAINT]) == 2
+    line = capsys.readouterr().err
+    assert "the projector has 44x30 pixels, " in line
+    assert "is for 44x30 and 36x26; name each of them with --monitor or --projector, from the left" in line
 
 
 def test_two_projectors_and_two_cameras_at_once(tmp_path: Path) -> None:

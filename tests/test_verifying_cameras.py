@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from counterlight import calibration
+from counterlight.errors import InputError
 from counterlight.pipeline.drift import read_drift
 from counterlight.tools import verify_projection
 from counterlight.tools.acquisition.told_apart import changed_exposures
@@ -117,6 +118,24 @@ def test_a_correction_is_for_all_cameras(room: Path, tmp_path: Path) -> None:
         np.testing.assert_allclose(
             drift.ambient[view].mean(axis=(0, 1)), expected, rtol=0.02
         )  # noise of a dark picture
+
+
+def test_what_matched_a_camera_is_kept_with_it(room: Path, tmp_path: Path) -> None:
+    """In whatever order and however often cameras are joined; a calibration that does not say has 1."""
+    gains = calibration.read(room).calibration.gains
+    np.testing.assert_allclose(gains, [[1, 1, 1], [1 / 0.9, 1, 1 / 1.2]], rtol=0.01)  # of pixels' own ratios
+    succeed("join", room, room.parent / "second pair", "--cameras", "-o", tmp_path / "three")
+    found = calibration.read(tmp_path / "three").calibration.gains
+    np.testing.assert_allclose(found, [*gains, gains[1]], rtol=0.01)
+    told = (tmp_path / "three" / "calibration.toml").read_text()
+    assert len(re.findall(r"^gain = \[$", told, re.MULTILINE)) == 3
+    bare = re.sub(r"^gain = \[\n(.*\n)*?\]\n", "", told, flags=re.MULTILINE)
+    (tmp_path / "three" / "calibration.toml").write_text(bare)
+    np.testing.assert_array_equal(calibration.read(tmp_path / "three").calibration.gains, np.ones((3, 3)))
+    wrong = re.sub(r"^gain = \[\n.*\n", "gain = [\n    0.0,\n", told, flags=re.MULTILINE)
+    (tmp_path / "three" / "calibration.toml").write_text(wrong)
+    with pytest.raises(InputError, match="expected 3 numbers from 1e-06 to 1e"):
+        calibration.read(tmp_path / "three")
 
 
 def test_other_cameras_are_refused(room: Path, tmp_path: Path, capsys: Capture) -> None:

@@ -90,7 +90,9 @@ def _check_projectors(options: argparse.Namespace, room: "Calibration", found: "
     swapped = tuple((width, height) for height, width in found) == wanted
     sizes, expected = (" and ".join(f"{width}x{height}" for height, width in each) for each in (found, wanted))
     many = "s have" if len(found) > 1 else " has"
-    fix = "width and height are swapped" if swapped else "choose the calibrated one" + "s" * (len(wanted) > 1)
+    fix = "width and height are swapped" if swapped else "choose the calibrated one"
+    if len(wanted) > 1 and not swapped:
+        fix = "name each of them with --monitor or --projector, from the left"
     raise InputError(f"the projector{many} {sizes} pixels, {options.calibration} is for {expected}; {fix}")
 
 

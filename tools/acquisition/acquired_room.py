@@ -24,7 +24,7 @@ from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.ramps import ProjectorLight
 from counterlight.tools.acquisition.room_options import ASSUMED
 from counterlight.tools.acquisition.store import CaptureStore, Wanted, open_store
-from counterlight.tools.acquisition.summary import AcquisitionReport, LightOutside, ProjectorReport
+from counterlight.tools.acquisition.summary import AcquisitionReport, Black, LightOutside, ProjectorReport
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.colour.tiers import tier_of
@@ -38,6 +38,7 @@ from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport, luminance_matrix
 from counterlight.tools.transport.trust import seen
 
+MOST_OF_BLACK = 1, 99  # percentiles: single hot pixels are not black's
 MOST_TRIED = 1 << 17  # camera pixels up to which a white picture is tried; build tries it anyway
 
 
@@ -172,9 +173,17 @@ def _report(parts: Sequence[_Part], found: SharedRoom, given: Response | None) -
         entries=int(indices.size),
         clusters=find_clusters(luminance_matrix(transport.near)),
         outside=_light_outside(room, transport),
+        black=_black(room, transport) if len(parts) > 1 else None,
         colours=tuple(told_colours(room.projectors)),
         placed=found.placed,
     )
+
+
+def _black(room: Calibration, transport: Transport) -> Black:
+    """By the camera's black pictures: the room's light and the black levels of all projectors."""
+    tier = tier_of(room, transport)
+    seen = np.max(tier.ambient[room.mask], axis=-1) / tier.white
+    return Black(*(float(np.percentile(seen, share)) for share in MOST_OF_BLACK))
 
 
 def _light_outside(room: Calibration, transport: Transport) -> LightOutside:

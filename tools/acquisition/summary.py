@@ -13,6 +13,7 @@ from counterlight.tools.clusters.components import Clusters
 from counterlight.tools.factoring.factoring import Factoring
 from counterlight.tools.transport.shared_screen import Placed
 
+EVEN, LIFTED = 0.002, 0.5  # of white: about code 7 of sRGB; what black can be lifted to
 SUSPECT = 3.0  # times the camera's noise that the check may be off
 OFF_COLOUR = 2.0, 0.02  # times the check's unexplained error, and more, that the coloured one's may be
 MOST_OTHER = 0.02  # of white that a given response may differ from the measured one
@@ -32,6 +33,20 @@ class LightOutside:
     def __str__(self) -> str:
         kept = "" if self.white is None else f"; a white picture keeps {100 * self.white:.1f} % of it lit"
         return f"{100 * self.unseen:.1f} % of the projector's light falls where the camera does not see it{kept}"
+
+
+@dataclass(frozen=True)
+class Black:
+    """What a black picture is seen as: the least and the most of it where camera pixels count, shares of white."""
+
+    least: float
+    most: float
+
+    def __str__(self) -> str:
+        seen = f"{100 * self.least:.2g} to {100 * self.most:.2g} % of white"
+        if self.most - self.least < EVEN or self.most > LIFTED:
+            return seen
+        return f"{seen}; counterlight play --black-level {np.ceil(1000 * self.most) / 1000:g} shows it even"
 
 
 @dataclass(frozen=True)
@@ -133,6 +148,7 @@ class AcquisitionReport:
 
     covered : share of the projectors' pixels that some camera pixel sees.  lit, camera_pixels : inside the mask, and in
     all.  entries : near light, of one channel.  outside : what a compensated picture leaves lit beside itself.
+    black : of several projectors, whose black levels add up where they overlap.
     colours : of projectors that show primaries of others.  placed : how each of several cameras came on the screen.
     """
 
@@ -143,6 +159,7 @@ class AcquisitionReport:
     entries: int
     clusters: Clusters
     outside: LightOutside | None = None
+    black: Black | None = None
     colours: tuple[str, ...] = ()
     placed: tuple[Placed, ...] = ()
 
@@ -158,6 +175,7 @@ class AcquisitionReport:
             *map(str, self.placed),
             *self._of_each(lambda each: [str(each.factoring)]),
             *([f"light outside: {self.outside}"] if self.outside else []),
+            *([f"black: {self.black}"] if self.black else []),
             *self._of_each(lambda each: [*each.light, *each.checks]),
             *self.colours,
         ]
