@@ -49,6 +49,7 @@ class Calibrations(FileCampaign):
         self._described = set(tomllib.loads(self._room.files[calibration.TOML].decode())["files"]) | {calibration.TOML}
         listed = tomllib.loads(self._room.files[MANIFEST_NAME].decode())["files"]
         self._described |= {f"{FOLDER}/{name}" for name in listed}
+        self._shown()  # Numba compiles at first, which no file is to blame for
 
     def draw(self, rng: np.random.Generator) -> Case:
         name = self._names[rng.integers(len(self._names))]
