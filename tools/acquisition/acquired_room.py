@@ -18,6 +18,7 @@ from counterlight.tools.acquisition.acquire import Acquisition, acquire
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Camera
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
 from counterlight.tools.acquisition.cameras.together import views_of
+from counterlight.tools.acquisition.few.acquire import acquire_pictures
 from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.ramps import ProjectorLight
 from counterlight.tools.acquisition.room_options import ASSUMED
@@ -44,15 +45,16 @@ class Plan:
 
     scheme : its name, for the records.  projector : (height, width).  options : what else decides which pattern comes
     next.  response : of the projector, None for the measured one.  tolerance : dB that pictures may lose where a
-    dense T is factored, 0 for T as it is.
+    dense T is factored, 0 for T as it is.  pictures : of pictures first (few/), which has no other scheme.
     """
 
     scheme: str
-    make_scheme: MakeScheme
+    make_scheme: MakeScheme | None
     projector: tuple[int, int]
     options: dict[str, Any]
     response: Response | None = None
     tolerance: float = TOLERANCE
+    pictures: int = 0
 
 
 def acquire_room(
@@ -87,7 +89,10 @@ def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
 
 
 def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> tuple[SharedRoom, Acquisition, Factoring]:
-    done = acquire(camera, store, plan.make_scheme, plan.projector, plan.response)
+    if plan.make_scheme is None:
+        done = acquire_pictures(camera, store, plan.pictures, plan.projector, plan.response)
+    else:
+        done = acquire(camera, store, plan.make_scheme, plan.projector, plan.response)
     ambient = np.maximum(done.room.black, 0).astype(np.float32)
     shape = ambient.shape
     whole = replace(done.measured.transport, camera=shape[:2], projector=plan.projector)

@@ -71,7 +71,7 @@ class AcquisitionReport:
             str(self.factoring),
             *([f"light outside: {self.outside}"] if self.outside else []),
             *self._of_light(),
-            f"check: a random pattern is predicted to {done.check}",
+            f"check: {done.check.of} is predicted to {done.check}",
         ]
         if done.coloured:
             lines.append(f"check: random greys and colours are predicted to {done.coloured}")

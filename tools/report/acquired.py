@@ -103,7 +103,7 @@ def _figures(
         "pictures": done.pictures,
         "exposures": done.exposures,
         "seconds": done.seconds,
-        "check": {"error": done.check.error, "noise": done.check.noise, "suspect": report.suspect},
+        "check": {**asdict(done.check), "suspect": report.suspect},
         "coloured_check": None
         if done.coloured is None
         else {"error": done.coloured.error, "noise": done.coloured.noise},
@@ -148,7 +148,7 @@ def _quality(figures: dict[str, Any]) -> Section:
     check = figures["check"]
     rows = [
         (
-            "a random pattern that no scheme has seen: error of the prediction (noise alone)",
+            f"{check['of']}: error of the prediction (noise alone)",
             f"{100 * check['error']:.1f} % ({100 * check['noise']:.1f} %)",
         )
     ]
