@@ -50,7 +50,8 @@ def sharp_wall(rng: np.random.Generator, sigma: float = 0.5) -> Transport:
 def with_far_light(near: Transport, share: float) -> Transport:
     """Every projector pixel also lights every camera pixel a little: `share` of all light."""
     flood = near.composition()
-    cells = sparse.csr_array(np.full((1, SHAPE[1]), 1 / SHAPE[1]))
+    pixels = near.shape[1]
+    cells = sparse.csr_array(np.full((1, pixels), 1 / pixels))
     scatter = tuple(sparse.csr_array(share / (1 - share) * flood[:, i : i + 1]) for i in range(3))
     return Transport(near.near, FarLight.from_matrices((cells,) * 3, np.ones((3, 1, 1)), scatter))
 

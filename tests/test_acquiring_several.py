@@ -72,7 +72,7 @@ def test_what_they_share_is_captured_once(acquired: Path) -> None:
     }
     page = (acquired.with_name("acquired.report") / "index.html").read_text()
     assert "Projector 2: response" in page
-    assert "projector 2: a random pattern that no scheme has seen" in page
+    assert "projector 2: a random pattern: error of the prediction" in page
 
 
 @pytest.mark.parametrize("left", [3 * REPEATS - 5, 3 * REPEATS + 2 * len(light_level(LEFT).patterns)])

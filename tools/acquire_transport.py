@@ -1,7 +1,8 @@
 """counterlight acquire: a calibration folder from projectors and a camera, or from a simulated room.
 
-Patterns are black and white, so that the projector's response does not matter; it is measured beside them. Every
-capture is on disk before the next pattern is shown; the same command goes on where an interrupted one stopped.
+Patterns are black and white, so that the projector's response does not matter; it is measured beside them. With
+--pictures there are as many as one has time for, and all is measured by them. Every capture is on disk before the next
+pattern is shown; the same command goes on where an interrupted one stopped.
 """
 
 import argparse
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from counterlight.tools.acquisition.schemes.hierarchical import Threshold
     from counterlight.tools.acquisition.store import Wanted
 
+MOST_PICTURES = 1 << 12
 RADIANCE = "radiance="
 THRESHOLDS = "expected a multiple of the noise such as 4, or a radiance such as radiance=0.01"
 
@@ -35,9 +37,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
+    _choose_scheme(options)
     from threadpoolctl import threadpool_limits
 
     from counterlight.tools.acquisition.acquired_room import Plan, acquire_room
+    from counterlight.tools.acquisition.few.acquire import check_asked
     from counterlight.tools.acquisition.rig import open_rig
     from counterlight.tools.acquisition.store import Wanted
     from counterlight.tools.report.acquired import write_acquisition_report
@@ -45,24 +49,39 @@ def _main(argv: Sequence[str] | None) -> None:
     output: Path = options.output
     captures = options.captures or output.with_name(f"{output.name}.captures")
     report_folder = options.report or output.with_name(f"{output.name}.report")
-    make_scheme = _scheme(options)
+    make_scheme = None if options.pictures else _scheme(options)
     wanted = Wanted(output, anew=options.force, reuse=options.reuse_captures)
     _check_outputs(options, wanted, captures, report_folder)
     response = None if options.response is None else projector_response(options.response)
-    decides = {"threshold": str(_threshold(options)), "tile": options.tile or 0}
+    decides = {} if options.pictures else {"threshold": str(_threshold(options)), "tile": options.tile or 0}
     if options.preview and not wanted.reuse and not _aimed(options):
         print("nothing acquired")
         return
     # One BLAS thread: two made small products several times slower.
     with threadpool_limits(limits=1), open_rig(options) as (camera, projectors):
+        if options.pictures:
+            check_asked(camera, options.pictures, projectors)
         findings = [] if options.no_preflight or wanted.reuse else _checked(camera)
         monitors = tuple(options.monitor) if len(projectors) > 1 else ()
-        plan = Plan(options.scheme, make_scheme, projectors, decides, response, options.tolerance, monitors)
+        pictures = options.pictures or 0
+        plan = Plan(options.scheme, make_scheme, projectors, decides, response, options.tolerance, monitors, pictures)
         report = acquire_room(camera, plan, captures, wanted, name=options.name)
         print(f"{report}\n{output}: written; the captures stay in {captures}")
         for warning in report.warnings:
             print(f"warning: {warning}", file=sys.stderr)
         print(f"{write_acquisition_report(output, report, findings, report_folder)}: the report")
+
+
+def _choose_scheme(options: argparse.Namespace) -> None:
+    """Pictures first, hierarchical or as named; InputError for what only another scheme takes."""
+    if options.pictures is None:
+        options.scheme = options.scheme or "hierarchical"
+        options.threshold = options.threshold or "4"
+        return
+    for name in ("scheme", "threshold", "tile"):
+        if (given := getattr(options, name)) is not None:
+            raise InputError(f"--{name} {given}: of no meaning to --pictures; leave one of them out")
+    options.scheme = "pictures"
 
 
 def _check_outputs(options: argparse.Namespace, wanted: "Wanted", captures: Path, report: Path) -> None:
@@ -142,11 +161,22 @@ def _threshold(options: argparse.Namespace) -> "Threshold":
     return Threshold(absolute=number) if absolute else Threshold(sigmas=number)
 
 
+def _count(text: str) -> int:
+    if not (text.isdecimal() and 1 <= int(text) <= MOST_PICTURES):
+        raise argparse.ArgumentTypeError(f"expected a number of pictures from 9 to {MOST_PICTURES}, found {text!r}")
+    return int(text)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = Parser("acquire", description=__doc__)
-    parser.add_argument("--scheme", choices=SCHEMES, default="hierarchical", help="default hierarchical")
     parser.add_argument(
-        "--threshold", default="4", metavar="N|radiance=R", help="τ, a multiple of the noise or absolute (default 4)"
+        "--pictures", type=_count, metavar="N",
+        help="as many in all, the most important first, 9 or more (13 for projectors of more than 256 pixels a side); "
+        "Ctrl-C ends the showing, and the room is made of those that there are"
+    )  # fmt: skip
+    parser.add_argument("--scheme", choices=SCHEMES, help="or as many pictures as it needs (default hierarchical)")
+    parser.add_argument(
+        "--threshold", metavar="N|radiance=R", help="τ, a multiple of the noise or absolute (default 4)"
     )
     parser.add_argument("--tile", type=int, metavar="PIXELS", help="multiplexed: window a side (default: measured)")
     parser.add_argument(

@@ -55,7 +55,7 @@ def trial(
     """Faults that share a calibration, and all pictures; `folder` is filled. sheets : where pictures are drawn."""
     first = faults[0]
     rig = Rig(room, first.devices)
-    product.acquire(rig, folder, *_given(first, folder))
+    product.acquire(rig, folder, *given(first, folder))
     product.build(folder)
     for fault in faults:
         changed = fault.now != fault.devices
@@ -84,7 +84,7 @@ def _after_a_check(
     product.forget(folder)
 
 
-def _given(fault: Fault, folder: Path) -> tuple[str, ...]:
+def given(fault: Fault, folder: Path) -> tuple[str, ...]:
     if fault.given == "table":
         table = fault.devices.projector.response_table()
         return "--response", str(product.write_response(folder / "response.toml", table))

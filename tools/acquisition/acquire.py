@@ -265,20 +265,28 @@ def _reference(
         for first in (0, part.number)
     )
     saturated = camera.exposures.saturated(store.shots(part.number)) | camera.exposures.saturated(store.shots(0))
-    if saturated.mean() > MOST_SATURATED:
+    noise = measure_noise(black, white)
+    room = Reference(np.mean(black, axis=0), np.mean(white, axis=0), noise, saturated, REPEATS)
+    refuse_unusable(room, part.name)
+    return room
+
+
+def refuse_unusable(room: Reference, name: str = "") -> None:
+    """InputError for a room of which too much saturates, or that the projector hardly lights.
+
+    name : of the projector, before what is said.
+    """
+    if room.saturated.mean() > MOST_SATURATED:
         raise InputError(
-            f"{part.name}the floodlit room saturates {100 * saturated.mean():.0f} % of the camera's pixels, at most "
+            f"{name}the floodlit room saturates {100 * room.saturated.mean():.0f} % of the camera's pixels, at most "
             f"{100 * MOST_SATURATED:.0f} % may be; shorten the exposure (or add a shorter one) and capture again"
         )
-    noise = measure_noise(black, white)
-    rise = np.mean(white, axis=0) - np.mean(black, axis=0)
-    lit = np.any((rise > 0) & (rise >= LEAST_RISE * noise.dark), axis=2)
+    lit = np.any((room.light > 0) & (room.light >= LEAST_RISE * room.noise.dark), axis=1)
     if lit.mean() < LEAST_LIT:
         raise InputError(
-            f"{part.name}from black to floodlight {int(lit.sum())} of {lit.size} camera pixels rise clearly above the "
+            f"{name}from black to floodlight {int(lit.sum())} of {lit.size} camera pixels rise clearly above the "
             "noise; check that the projector is on, that the camera sees it, and that the exposure is long enough"
         )
-    return Reference(np.mean(black, axis=0), np.mean(white, axis=0), noise, saturated, REPEATS)
 
 
 def _check_closure(level: Level, captures: Captures, room: Reference) -> None:

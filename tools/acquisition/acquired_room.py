@@ -20,6 +20,7 @@ from counterlight.tools.acquisition.acquire import Acquisition, acquire
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Camera
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
 from counterlight.tools.acquisition.cameras.together import views_of
+from counterlight.tools.acquisition.few.acquire import acquire_pictures
 from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.ramps import ProjectorLight
 from counterlight.tools.acquisition.room_options import ASSUMED
@@ -48,16 +49,18 @@ class Plan:
 
     scheme : its name, for the records.  projectors : (height, width) of each.  options : what else decides which
     pattern comes next.  response : of the projectors, None for the measured ones.  tolerance : dB that pictures may
-    lose where a dense T is factored, 0 for T as it is.  monitors : names of several projectors', none if nobody said.
+    lose where a dense T is factored, 0 for T as it is.  monitors : names of several projectors', none if nobody
+    said.  pictures : of pictures first (few/), which has no other scheme.
     """
 
     scheme: str
-    make_scheme: MakeScheme
+    make_scheme: MakeScheme | None
     projectors: Shapes
     options: dict[str, Any]
     response: Response | None = None
     tolerance: float = TOLERANCE
     monitors: tuple[str, ...] = ()
+    pictures: int = 0
 
 
 def acquire_room(
@@ -100,7 +103,10 @@ class _Part:
 
 
 def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> list[_Part]:
-    found = acquire(camera, store, plan.make_scheme, plan.projectors, plan.response)
+    if plan.make_scheme is None:
+        found = [acquire_pictures(camera, store, plan.pictures, plan.projectors[0], plan.response)]
+    else:
+        found = acquire(camera, store, plan.make_scheme, plan.projectors, plan.response)
     return [_part(done, shape, camera, plan, name) for done, shape in zip(found, plan.projectors, strict=True)]
 
 

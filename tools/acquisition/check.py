@@ -26,10 +26,14 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 @dataclass(frozen=True)
 class Check:
-    """error : relative RMS difference of predicted and captured light.  noise : what the camera's noise explains."""
+    """error : relative RMS difference of predicted and captured light.  noise : what the camera's noise explains.
+
+    of : which picture's.
+    """
 
     error: float
     noise: float
+    of: str = "a random pattern"
 
     @property
     def excess(self) -> float:

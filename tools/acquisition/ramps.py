@@ -127,7 +127,7 @@ def measure_light(captures: Captures, room: Reference) -> ProjectorLight:
         unadded,
         noise,
         None if _adds_up(unadded, noise) else _segment(fitted.response, beside),
-        _crosstalk(np.stack(primaries), room),
+        crosstalk(np.stack(primaries), room),
     )
 
 
@@ -194,7 +194,7 @@ class _Primaries:
         return np.asarray(np.linalg.lstsq(self._squares, sums, rcond=UNSEEN)[0])
 
 
-def _crosstalk(primaries: FloatArray, room: Reference) -> float:
+def crosstalk(primaries: FloatArray, room: Reference) -> float:
     """The mean of the camera's channels, over all that they see: primaries (3, camera pixels, 3)."""
     seen = np.maximum(primaries[:, ~room.saturated.ravel()].sum(axis=1), 0)  # (primary, channel)
     whole = seen.sum(axis=0)

@@ -99,7 +99,7 @@ class ProjectorReport:
     def checks(self) -> list[str]:
         """How well random pictures are predicted."""
         done = self.acquisition
-        said = [f"check: a random pattern is predicted to {done.check}"]
+        said = [f"check: {done.check.of} is predicted to {done.check}"]
         if done.coloured:
             said.append(f"check: random greys and colours are predicted to {done.coloured}")
         return said

@@ -160,7 +160,7 @@ def _quality(figures: dict[str, Any]) -> Section:
     rows = []
     for name, found in _each(figures):
         checks = {
-            "a random pattern that no scheme has seen: error of the prediction (noise alone)": found["check"],
+            f"{found['check']['of']}: error of the prediction (noise alone)": found["check"],
             "random greys and colours, which ask the response, too": found["coloured_check"],
         }
         rows += [
@@ -209,7 +209,7 @@ def _of_projector(device: Device, report: ProjectorReport) -> dict[str, Any]:
     return {
         "width": device.width,
         "height": device.height,
-        "check": {"error": done.check.error, "noise": done.check.noise, "suspect": report.suspect},
+        "check": {**asdict(done.check), "suspect": report.suspect},
         "coloured_check": None if done.coloured is None else {
             "error": done.coloured.error, "noise": done.coloured.noise,
         },

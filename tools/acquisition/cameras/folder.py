@@ -36,6 +36,14 @@ ANY_CASE = frozenset((*SUFFIXES, *(suffix.upper() for suffix in SUFFIXES)))
 _NUMBERED = re.compile(r"(?P<number>\d{5,})(_(?P<shot>\d+))?")
 
 
+class Waiting(InputError):  # noqa: N818 - no fault: a run that goes on later
+    """Captures are not there yet.  first : the first one's number.  waited : somebody was to wait, and did."""
+
+    def __init__(self, message: str, first: int, *, waited: bool) -> None:
+        super().__init__(message)
+        self.first, self.waited = first, waited
+
+
 class FolderCamera:
     """The camera back end of a folder.
 
@@ -114,7 +122,7 @@ class FolderCamera:
         return following
 
     def prepare(self, first: int, patterns: Sequence[Picture], missing: Sequence[int]) -> None:
-        """Write the patterns; InputError naming the captures that are not there, or that belong to no pattern."""
+        """Write the patterns; Waiting names captures that are not there, InputError those that belong to no pattern."""
         shown, seen = self._make_folders()
         with filling_folder(shown) as put:
             for number in missing:
@@ -127,7 +135,7 @@ class FolderCamera:
         deadline = time.monotonic() + self._wait_s
         while absent := self._absent(missing):
             if time.monotonic() >= deadline:
-                raise InputError(_waiting(seen, absent))
+                raise Waiting(_waiting(seen, absent), int(absent[0].partition("_")[0]), waited=self._wait_s > 0)
             time.sleep(POLL_S)
 
     def capture(self, number: int, picture: Picture) -> tuple[Shot, ...]:

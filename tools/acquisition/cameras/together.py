@@ -68,5 +68,15 @@ def together(eyes: Sequence[Eye]) -> Eye:
 
 def views_of(camera: Camera) -> tuple[Shape, ...]:
     """(height, width) of each of several cameras in one capture; empty for one."""
+    eye = _eyes_of(camera)
+    return () if eye is None else eye.views
+
+
+def are_several(camera: Camera) -> bool:
+    """Whether they are cameras that photograph together."""
+    return _eyes_of(camera) is not None
+
+
+def _eyes_of(camera: Camera) -> TogetherEye | None:
     eye = camera.eye if isinstance(camera, LiveCamera) else None
-    return eye.views if isinstance(eye, TogetherEye) else ()
+    return eye if isinstance(eye, TogetherEye) else None

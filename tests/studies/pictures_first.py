@@ -1,0 +1,82 @@
+"""Quality over pictures: python -m tests.studies.pictures_first.
+
+In the rooms of the rig (tests/rig, docs/rig.md) the product acquires with `--pictures N`, and with the schemes that
+take as many as they need; it builds and shows with its defaults, and is judged as python -m tests.rig does: captured
+dB over all that is lit, mean of three pictures. Prints the table of docs/acquisition.md. All of it is simulated.
+"""
+
+import argparse
+import itertools
+import os
+import re
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from tests.rig import product
+from tests.rig.faults import FAULTS
+from tests.rig.judge import Judge
+from tests.rig.pictures import PICTURES
+from tests.rig.rig import Rig
+from tests.rig.rooms import ROOMS
+from tests.rig.trial import given
+
+COUNTS = 9, 16, 48, 128
+SCHEMES = "hierarchical", "multiplexed"
+ALL = re.compile(r"^(\d+) pictures, ", re.MULTILINE)
+
+
+def captured(rig: Rig, folder: Path, *options: str) -> tuple[int, float]:
+    """How many pictures a room took, and how near to what was asked it comes, in dB."""
+    said = product.acquire(rig, folder, *options)
+    found = ALL.search(said)
+    assert found, said
+    product.build(folder)
+    judge, figures = Judge(rig), []
+    for picture in (make(rig.camera) for make in PICTURES.values()):
+        path = folder / f"{picture.name}.png"
+        picture.write(path)
+        shown = product.show(folder, path)
+        question = judge.asks(picture, shown.white, product.show_plain(folder, path).codes)
+        figures.append(judge.figures(question, shown.codes).psnr)
+    return int(found[1]), float(np.mean(figures))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.studies.pictures_first", description=__doc__)
+    parser.add_argument("counts", nargs="*", type=int, default=list(COUNTS), metavar="N", help="default 9 16 48 128")
+    parser.add_argument("--room", nargs="+", choices=ROOMS, default=list(ROOMS), help="default all")
+    parser.add_argument("--fault", nargs="+", choices=FAULTS, default=["known", "home"], help="default known home")
+    parser.add_argument("--scheme", nargs="*", default=list(SCHEMES), help=f"default {' '.join(SCHEMES)}")
+    parser.add_argument("--scale", type=float, default=1.0, help="of camera and projector, 160x120 and 96x72 at 1")
+    options = parser.parse_args()
+    ways = {f"{count} pictures": ("--pictures", str(count)) for count in options.counts}
+    ways |= {scheme: ("--scheme", scheme) for scheme in options.scheme}
+    places = [(room, fault) for fault in options.fault for room in options.room]
+    with (
+        threadpool_limits(limits=1),
+        tempfile.TemporaryDirectory(prefix="pictures-first-") as folder,
+        ThreadPoolExecutor(os.cpu_count()) as pool,
+    ):
+
+        def judged(job: tuple[str, tuple[str, str]]) -> str:
+            way, (room, fault) = job
+            here = Path(folder, "-".join((room, fault, *way.split())))
+            here.mkdir()
+            rig = Rig(ROOMS[room](options.scale), FAULTS[fault].devices)
+            pictures, decibels = captured(rig, here, *ways[way], *given(FAULTS[fault], here))
+            print(f"{room}, {fault}, {way}: {decibels:.1f} dB of {pictures} pictures", flush=True)
+            return f"{decibels:.1f}" if "pictures" in way else f"{decibels:.1f} ({pictures})"
+
+        jobs = list(itertools.product(ways, places))
+        cells = dict(zip(jobs, pool.map(judged, jobs), strict=True))
+    print(f"\n| room | fault | {' | '.join(ways)} |\n|---|---{'|---' * len(ways)}|")
+    for place in places:
+        print(f"| {' | '.join([*place, *(cells[way, place] for way in ways)])} |")
+
+
+if __name__ == "__main__":
+    main()

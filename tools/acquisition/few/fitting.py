@@ -1,0 +1,169 @@
+"""T from what there is: places, far light, spots, and how bright each camera pixel is in all.
+
+How good it is: pictures that were left out of a fit are predicted by it. So they are once more by a fit of half as
+many, which says what twice as many would give.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from counterlight.arrays import FloatArray, IntArray
+from counterlight.tools.acquisition.few.far import Far, likeliest
+from counterlight.tools.acquisition.few.near import Windows, near_light
+from counterlight.tools.acquisition.few.order import PRIMARIES, RAMPS
+from counterlight.tools.acquisition.few.places import Spots, averaged
+from counterlight.tools.acquisition.few.seen import Seen, Table, some
+from counterlight.tools.acquisition.few.settling import even_misfits, settled
+from counterlight.tools.transport.transport import Csr, Transport
+
+MOST_SAMPLED, MOST_OF_FAR = 20000, 6000  # camera pixels by which what is smooth is found, and far light
+FAR_SHARES = np.linspace(0, 0.6, 25)
+LEAST_FAR = 0.02  # of all light; less is left out
+ALIKE = 6.0  # σ in camera pixels over which even far light is averaged
+MOST_TRIED = 4  # random pictures by which near and far are told apart
+MISFIT = 0.01  # of a pixel's light: what spots are wrong by
+
+
+@dataclass(frozen=True)
+class Fit:
+    """kernel : t of each window, (n, window).  primaries : F, better than they were captured."""
+
+    seen: Seen
+    table: Table
+    windows: Windows
+    kernel: FloatArray
+    far: Far
+    primaries: FloatArray
+
+    def predicted(self, pixels: IntArray, pictures: Sequence[int]) -> FloatArray:
+        """Light above black, (n, pictures, 3), of windows by their numbers."""
+        shares = _shares(self.seen, self.table, self.windows.of(pixels), self.kernel[pixels], self.far, pictures)
+        return np.asarray(np.einsum("npl,nkl->npk", shares, self.primaries[self.windows.pixel[pixels]]))
+
+    @cached_property
+    def transport(self) -> Transport:
+        seen, windows, far = self.seen, self.windows, self.far
+        shape = len(seen.light), seen.order.projector[0] * seen.order.projector[1]
+        near = np.maximum(np.einsum("nkl,nl->nk", self.primaries, 1 - far.total), 0)
+        row, place = np.nonzero(self.kernel)
+        pixel, column = windows.pixel[row], windows.columns[row, place]
+        weights = (self.kernel[row, place, None] * near[pixel]).astype(np.float32)
+        S = [Csr((weights[:, i], (pixel, column)), shape=shape) for i in range(3)]
+        if not far.total.any():
+            return Transport.from_matrices(S)
+        return Transport.from_matrices(S, far.far_light(self.primaries * seen.lit[:, None, None]))
+
+
+def fitted(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> Fit:
+    """By such random pictures, and the sines and ramps; table : the projector's light for a code."""
+    spots = settled(seen, table, spots, [RAMPS, *pictures[:MOST_TRIED]])
+    windows, far = smooth(seen, table, spots, pictures)
+    kernel, far = near_light(seen, table, windows, far, [*_told(seen), *pictures] if pictures else [])
+    primaries = _brightness(seen, table, windows, kernel, far, [*_told(seen), *pictures])
+    return Fit(seen, table, windows, kernel, far, primaries)
+
+
+def _told(seen: Seen) -> list[int]:
+    return list(range(RAMPS, seen.order.least))
+
+
+def smooth(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> tuple[Windows, Far]:
+    """Far light, and the windows of what is not."""
+    far = Far.none(seen, table)
+    even = _even(seen, table, spots, [RAMPS, *pictures[:MOST_TRIED]])
+    if not spots.seen.any() or np.average(even, weights=seen.clarity.sum(axis=1) * spots.seen) < LEAST_FAR:
+        return Windows.around(spots, np.zeros_like(even), seen.order.projector), far
+    windows = Windows.around(spots, even, seen.order.projector)
+    far = _far(seen, table, windows, far, even, [*_told(seen), *pictures])
+    return Windows.around(spots, _of_grey(seen, far.total), seen.order.projector), far
+
+
+def _of_grey(seen: Seen, shares: FloatArray) -> FloatArray:
+    """Of grey light, (camera pixels,); shares : of each primary's, (camera pixels, 3)."""
+    total = seen.clarity.sum(axis=1)
+    summed: FloatArray = np.einsum("nk,nkl,nl->n", seen.clarity, seen.mixture, shares)
+    return np.asarray(np.divide(summed, total, out=np.zeros_like(total), where=total > 0))
+
+
+def sampled(windows: Windows, most: int = MOST_SAMPLED) -> IntArray:
+    """Numbers of windows, evenly chosen."""
+    return np.arange(0, len(windows.pixel), max(1, -(-len(windows.pixel) // most)))
+
+
+def _even(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> FloatArray:
+    """The share of light that is far, (camera pixels,): what makes spots as wide as these pictures show them."""
+    misfits = []
+    for share in FAR_SHARES:
+        windows = Windows.around(spots, np.full(len(seen.light), share), seen.order.projector)
+        misfits.append(even_misfits(seen, table, windows.of(sampled(windows)), pictures, share))
+    weights = seen.clarity.sum(axis=1) * (np.sum(misfits, axis=0) > 0)
+    smoothed = [averaged(misfit, weights, seen.camera, ALIKE) for misfit in misfits]
+    return np.asarray(FAR_SHARES[np.argmin(smoothed, axis=0)])
+
+
+def _far(seen: Seen, table: Table, windows: Windows, far: Far, even: FloatArray, pictures: Sequence[int]) -> Far:
+    """Of all that camera pixels around each node saw, whatever the shapes of their spots."""
+    nodes, unknown = far.nodes, 3 * far.cells.count
+    J, h, mean = (np.zeros((nodes.count, count)) for count in (unknown * unknown, unknown, 4))
+    chosen = sampled(windows, MOST_OF_FAR)
+    for part in some(chosen, 6 * len(pictures) * (windows.columns.shape[1] + unknown)):
+        here = windows.of(chosen[part])
+        around = nodes.textured(np.ones(len(even)))[here.pixel].T
+        info, told = _information(seen, table, here, far, pictures)
+        J += around @ info.reshape(len(info), -1)
+        h += around @ told
+        mean += around @ np.column_stack([even[here.pixel], here.place, np.ones(len(told))])
+    mean /= np.maximum(mean[:, 3:], 1e-9)
+    shares = likeliest(far.cells, mean[:, 0], mean[:, 1:3], J.reshape(-1, unknown, unknown), h)
+    return replace(far, shares=shares)
+
+
+def _information(
+    seen: Seen, table: Table, windows: Windows, far: Far, pictures: Sequence[int]
+) -> tuple[FloatArray, FloatArray]:
+    """Bᵀ C⁻¹ B, (n, unknowns, unknowns), and Bᵀ C⁻¹ y, (n, unknowns), C what noise and the shapes of spots may do."""
+    pixels = windows.pixel
+    A = seen.drive(table, seen.mixture[pixels], windows.columns, pictures)
+    target, sigma = seen.targets(pixels, pictures)
+    near = seen.shares(table, windows.start, windows.columns, pictures)
+    B = far.design(pixels, pictures, near) / sigma[..., None]
+    y = (target - np.einsum("npl,nkl->npk", near, seen.mixture[pixels]).reshape(target.shape)) / sigma
+    free = windows.freed(A / sigma[..., None])
+    turned = free.transpose(0, 2, 1)
+    if free.shape[1] <= free.shape[2]:
+        solved = np.linalg.solve(free @ turned + np.eye(free.shape[1]), B)
+    else:
+        solved = B - free @ np.linalg.solve(turned @ free + np.eye(free.shape[2]), turned @ B)
+    return B.transpose(0, 2, 1) @ solved, np.einsum("nec,ne->nc", solved, y)
+
+
+def _shares(
+    seen: Seen, table: Table, windows: Windows, kernel: FloatArray, far: Far, pictures: Sequence[int]
+) -> FloatArray:
+    """s of each primary of each picture, (n, pictures, 3)."""
+    near = seen.shares(table, kernel, windows.columns, pictures)
+    pixels = windows.pixel
+    return (1 - far.total[pixels])[:, None] * near + far.shown(pixels, pictures)
+
+
+def _brightness(
+    seen: Seen, table: Table, windows: Windows, kernel: FloatArray, far: Far, pictures: Sequence[int]
+) -> FloatArray:
+    """F by least squares from all pictures, (camera pixels, channel, primary); without a place as captured."""
+    direct = [*PRIMARIES, *seen.order.whites(seen.count)]
+    of_direct = np.concatenate([np.eye(3), np.ones((len(direct) - 3, 3))])
+    primaries = seen.primaries.copy()
+    for part in some(np.arange(len(windows.pixel)), 8 * len(pictures) * kernel.shape[1]):
+        here = windows.of(part)
+        shares = _shares(seen, table, here, kernel[part], far, pictures)
+        shares = np.concatenate([np.broadcast_to(of_direct, (len(shares), *of_direct.shape)), shares], axis=1)
+        light = seen.captured(here.pixel, [*direct, *pictures])
+        variance = seen.room.noise.sigma(light) ** 2
+        variance[:, len(direct) :] += (MISFIT * seen.light[here.pixel])[:, None] ** 2
+        squares = np.einsum("npl,npk,npm->nklm", shares, 1 / variance, shares, optimize=True)
+        sums = np.einsum("npl,npk,npk->nkl", shares, 1 / variance, light, optimize=True)
+        primaries[here.pixel] = np.linalg.solve(squares, sums[..., None])[..., 0]
+    return primaries

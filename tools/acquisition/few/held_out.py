@@ -1,0 +1,67 @@
+"""How good a room of few pictures is: the last random pictures are predicted by a fit that has not seen them.
+
+So they are by a fit of half as many; what that has lost is about what twice as many would gain once more.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from counterlight.tools.acquisition.check import Check
+from counterlight.tools.acquisition.few.fitting import Fit, fitted, sampled
+from counterlight.tools.acquisition.few.order import RAMPS
+from counterlight.tools.acquisition.few.places import Spots
+from counterlight.tools.acquisition.few.seen import Seen, Table
+
+HELD = 8  # one of so many random pictures is held out
+RAMPS_ALONE = "held out: nothing, since there is no random picture; the check is of the ramps, and blind to sharpness"
+
+
+@dataclass(frozen=True)
+class Held:
+    """check : of a fit by so many random `pictures`, by those that were `held` out.  half : by half as many."""
+
+    check: Check
+    half: Check
+    pictures: int
+    held: int
+
+    def __str__(self) -> str:
+        out = f"{self.held} random picture{'s' if self.held > 1 else ''}"
+        said = f"held out: {out}, predicted to {100 * self.check.error:.1f} % by {self.pictures} others"
+        if self.pictures < 2:
+            return f"{said}; more pictures would tell the shapes of spots, and far light"
+        gained = min(self.check.excess / max(self.half.excess, 1e-9), 1.0)
+        next_error = min(float(np.hypot(gained * self.check.excess, self.check.noise)), self.check.error)
+        return (
+            f"{said}, to {100 * self.half.error:.1f} % by {self.pictures // 2}; twice as many would give about "
+            f"{100 * next_error:.1f} % (noise alone: {100 * self.check.noise:.1f} %)"
+        )
+
+
+def held_out(seen: Seen, table: Table, spots: Spots, random: Sequence[int]) -> Held | None:
+    """None if there are no random pictures.  table : the projector's light for a code."""
+    if not random:
+        return None
+    held = max(1, len(random) // HELD)
+    others, out = random[:-held], random[-held:]
+    check = _check(fitted(seen, table, spots, others), out)
+    half = _check(fitted(seen, table, spots, others[: len(others) // 2]), out) if len(others) > 1 else check
+    return Held(check, half, len(others), held)
+
+
+def check_ramps(fit: Fit) -> Check:
+    """How well the ramps are predicted, which say little of sharpness."""
+    return _check(fit, [RAMPS], "the ramps of the acquisition")
+
+
+def _check(fit: Fit, pictures: Sequence[int], of: str = Check.of) -> Check:
+    """How well pictures are predicted, where camera pixels have a place."""
+    chosen = sampled(fit.windows)
+    captured = fit.seen.captured(fit.windows.pixel[chosen], pictures)
+    off = float(np.sum((fit.predicted(chosen, pictures) - captured) ** 2))
+    scale = max(float(np.sum(captured**2)), np.finfo(float).tiny)
+    of_black = captured.size / 3 * float(np.sum(fit.seen.room.noise.dark**2))
+    noise = float(np.sum(fit.seen.room.noise.sigma(captured) ** 2)) + of_black
+    return Check(float(np.sqrt(off / scale)), float(np.sqrt(noise / scale)), of)
