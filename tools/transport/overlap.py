@@ -19,7 +19,7 @@ AT_ONCE = 1 << 21
 def overlap(T: Transport, weights: FloatArray, projector: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
     """κ of each pixel and the next on its right, and below, (projector height, projector width); 0 where none is.
 
-    T : without its far light.  weights : w, (camera pixels,).
+    T : of which far light is left aside.  weights : w, (camera pixels,).
     """
     width, count = projector[1], T.shape[1]
     sums = [np.zeros(count) for _ in range(3)]
