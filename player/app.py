@@ -12,6 +12,7 @@ from typing import Any
 from counterlight.calibration import check_order
 from counterlight.command import run, tell
 from counterlight.errors import InputError
+from counterlight.jobs.workers import Processes
 from counterlight.media.audio import open_audio
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.adjustments import Adjustments
@@ -21,7 +22,7 @@ from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room, read_room
 from counterlight.show.control import ControlServer, Remote
 from counterlight.show.governor import Governor
-from counterlight.show.headless import headless_renderer, render_to_file
+from counterlight.show.headless import chosen_backend, headless_renderer, render_to_file
 from counterlight.show.in_step import Curtain, Follower, Leader
 from counterlight.show.media import Media
 from counterlight.show.options import (
@@ -33,11 +34,13 @@ from counterlight.show.options import (
     one_medium,
     read_options,
 )
-from counterlight.show.output import check_output
+from counterlight.show.output import check_output, is_film
 from counterlight.show.playlist import Playlist, files_of
 from counterlight.show.remotes import open_remotes
+from counterlight.show.rendering import Rendering, Stretch
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.show.schedule_file import ScheduleFile
+from counterlight.show.segmented import render_in_segments
 from counterlight.show.session import Session
 from counterlight.show.show import Show
 from counterlight.show.stats import Stats
@@ -179,27 +182,70 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
         raise InputError(
             "--refine auto is for a window: a file has no time to keep; give a number of steps, --budget or --within"
         )
+    if options.lead_in is not None and options.segments is None:
+        raise InputError(f"--lead-in {options.lead_in}: is for segments; add --segments N")
     if options.backend == "cpu" and options.path is not None:
         raise InputError(f"--path {options.path}: --backend cpu has no GPU to take it on; leave one of them out")
     backend = "gl" if options.path is not None and options.backend == "auto" else options.backend
+    if options.segments is not None and is_film(options.output) and not reader.info.still:
+        stats = _render_segments(options, reader, room, adjustments, chosen_backend(backend))
+    else:
+        stats = _render_whole(options, reader, room, adjustments, backend)
+    if room.drifted is not None:
+        stats.facts["drift"] = room.drifted
+    quality = stats.facts.get("camera_psnr_db")
+    print(f"{options.output}: {stats.frames} frames" + (f", camera PSNR {quality:.1f} dB" if quality else ""))
+    return stats
+
+
+def _render_whole(
+    options: argparse.Namespace, reader: MediaReader, room: Room, adjustments: Adjustments, backend: str
+) -> Stats:
     with headless_renderer(backend, room, options.path or "fragment") as renderer:
         renderer.open(reader.info.format)
         renderer.adjust(adjustments)
-        stats = render_to_file(
+        return render_to_file(
             reader,
             renderer,
             room,
             options.output,
             options.view,
             compensate=options.compensation,
-            frames=options.frames,
+            stretch=Stretch(end=options.frames),
             governor=_governor(options, room, _steps_into_file(options, room, still=reader.info.still)),
             appraised=options.stats is not None,
         )
-    if room.drifted is not None:
-        stats.facts["drift"] = room.drifted
-    quality = stats.facts.get("camera_psnr_db")
-    print(f"{options.output}: {stats.frames} frames" + (f", camera PSNR {quality:.1f} dB" if quality else ""))
+
+
+def _render_segments(
+    options: argparse.Namespace, reader: MediaReader, room: Room, adjustments: Adjustments, backend: str
+) -> Stats:
+    if options.budget != "no" or options.within != "no":
+        raise InputError("--segments: --budget and --within carry steps from frame to frame; give --refine N instead")
+    if reader.info.live:
+        raise InputError(f"{reader.info.path}: a live source has no segments; leave out --segments")
+    rendering = Rendering(
+        calibration=options.calibration.absolute(),
+        white=room.white,
+        dither=options.dither,
+        steps=room.default_steps if options.refine is None else options.refine,
+        start=room.start,
+        medium=replace(reader.medium, name=os.path.abspath(reader.medium.name)),
+        loop=options.loop,
+        frames_per_second=options.fps,
+        start_s=options.start,
+        frames=options.frames,
+        backend=backend,
+        path=options.path or "fragment",
+        view=options.view,
+        compensate=options.compensation,
+        adjustments=adjustments,
+    )
+    workers = Processes(min(options.segments, os.cpu_count() or 1))
+    stats = render_in_segments(rendering, reader, options.output, workers, options.segments, options.lead_in)
+    for joint in stats.facts["segments"]["within_shots"]:
+        frame, differing, of, most = joint.values()
+        print(f"divided within a shot at frame {frame}: {differing} of {of} codes differ there, by at most {most:g}")
     return stats
 
 
@@ -244,6 +290,8 @@ def play_in_window(
     """
     if options.backend == "cpu":
         raise InputError("--backend cpu has no window; add --output FILE")
+    if options.segments is not None:
+        raise InputError(f"--segments {options.segments}: is for --output; leave it out, or add --output FILE")
     if not options.screenshot_directory.is_dir():
         raise InputError(f"{options.screenshot_directory}: no such folder for --screenshot-directory; make it first")
     from counterlight.gl import lost_screen

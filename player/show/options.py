@@ -265,6 +265,11 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
         "the start and keeps the fastest (default: auto in a window; fragment\n"
         "with --output, so that its result repeats)",
     )
+    whole = Number(1, 999, whole=True, noun="a number of segments")
+    text = "render a film in N segments at a time, each in a process of its own,\nand join them (docs/size.md)"
+    _number(parser, "segments", whole, "N", text)
+    text = "begin segments within shots, too, so many frames early\n(default: at cuts alone, so that nothing changes)"
+    _number(parser, "lead-in", Number(0, 1e6, whole=True, noun="a number of frames"), "FRAMES", text)
     add("--dither", choices=DITHERS, default="ordered", help="how 8-bit steps are hidden (default ordered)")
     add("--control", type=Path, metavar="SOCKET", help="take commands there, JSON lines as mpv's IPC")
     add(
@@ -315,7 +320,9 @@ def ignored(options: argparse.Namespace, info: MediaInfo) -> list[str]:
     unused = [line for name, line in zip(WINDOW_ONLY, lines, strict=True) if name in options.given]
     if info.still:
         unused += [
-            f"--{name}: {info.path} is a single picture" for name in ("frames", "start") if name in options.given
+            f"--{name}: {info.path} is a single picture"
+            for name in ("frames", "start", "segments")
+            if name in options.given
         ]
     if "fps" in options.given and not options.media[0].is_sequence:
         unused.append(f"--fps: {info.path} is no numbered sequence and has a rate of its own")
