@@ -12,7 +12,7 @@ from typing import Any
 from counterlight.calibration import check_order
 from counterlight.command import run, tell
 from counterlight.errors import InputError
-from counterlight.jobs.workers import Processes
+from counterlight.jobs.workers import Processes, Workers
 from counterlight.media.audio import open_audio
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.adjustments import Adjustments
@@ -40,7 +40,7 @@ from counterlight.show.remotes import open_remotes
 from counterlight.show.rendering import Rendering, Stretch
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.show.schedule_file import ScheduleFile
-from counterlight.show.segmented import render_in_segments
+from counterlight.show.segmented import render_in_segments, tables_of
 from counterlight.show.session import Session
 from counterlight.show.show import Show
 from counterlight.show.stats import Stats
@@ -49,6 +49,8 @@ from counterlight.unattended.heartbeat import Heartbeat, Notifier
 from counterlight.unattended.room_checks import RoomChecks
 from counterlight.unattended.supervisor import supervise
 from counterlight.writing.outputs import check_apart, check_file, check_log
+
+SEGMENTS_A_WORKER = 2  # so that one that is slower, or dies, is waited for less
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -182,12 +184,12 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
         raise InputError(
             "--refine auto is for a window: a file has no time to keep; give a number of steps, --budget or --within"
         )
-    if options.lead_in is not None and options.segments is None:
+    if options.lead_in is not None and options.segments is options.cluster is None:
         raise InputError(f"--lead-in {options.lead_in}: is for segments; add --segments N")
     if options.backend == "cpu" and options.path is not None:
         raise InputError(f"--path {options.path}: --backend cpu has no GPU to take it on; leave one of them out")
     backend = "gl" if options.path is not None and options.backend == "auto" else options.backend
-    if options.segments is not None and is_film(options.output) and not reader.info.still:
+    if (options.segments or options.cluster) and is_film(options.output) and not reader.info.still:
         stats = _render_segments(options, reader, room, adjustments, chosen_backend(backend))
     else:
         stats = _render_whole(options, reader, room, adjustments, backend)
@@ -241,12 +243,22 @@ def _render_segments(
         compensate=options.compensation,
         adjustments=adjustments,
     )
-    workers = Processes(min(options.segments, os.cpu_count() or 1))
-    stats = render_in_segments(rendering, reader, options.output, workers, options.segments, options.lead_in)
+    with _segment_workers(options, reader) as workers:
+        count = options.segments or SEGMENTS_A_WORKER * workers.count
+        stats = render_in_segments(rendering, reader, options.output, workers, count, options.lead_in)
     for joint in stats.facts["segments"]["within_shots"]:
         frame, differing, of, most = joint.values()
         print(f"divided within a shot at frame {frame}: {differing} of {of} codes differ there, by at most {most:g}")
     return stats
+
+
+def _segment_workers(options: argparse.Namespace, reader: MediaReader) -> Workers:
+    if options.cluster is None:
+        return Processes(min(options.segments, os.cpu_count() or 1))
+    from counterlight.jobs.cluster import open_cluster
+
+    medium = [] if reader.medium.is_sequence else [Path(reader.medium.name)]
+    return open_cluster(options.cluster, [*tables_of(options.calibration), *medium], options.output.absolute().parent)
 
 
 def _checks(options: argparse.Namespace) -> RoomChecks | None:
@@ -290,8 +302,9 @@ def play_in_window(
     """
     if options.backend == "cpu":
         raise InputError("--backend cpu has no window; add --output FILE")
-    if options.segments is not None:
-        raise InputError(f"--segments {options.segments}: is for --output; leave it out, or add --output FILE")
+    for name, value in (("--segments", options.segments), ("--cluster", options.cluster)):
+        if value is not None:
+            raise InputError(f"{name} {value}: is for --output; leave it out, or add --output FILE")
     if not options.screenshot_directory.is_dir():
         raise InputError(f"{options.screenshot_directory}: no such folder for --screenshot-directory; make it first")
     from counterlight.gl import lost_screen

@@ -160,7 +160,7 @@ def test_an_interrupted_run_goes_on_with_what_was_whole(
 def test_segments_of_another_rendering_are_not_taken(furnished: Path, tmp_path: Path, whole: Path) -> None:
     kept = tmp_path / "o.mkv.segments"
     kept.mkdir()
-    (kept / "plan.json").write_text('{"format": 1}')
+    (kept / "plan.json").write_text('{"format": 1, "of": "", "stretches": []}')
     (kept / "000.json").write_text('{"frames": 24}')
     words = "play", furnished / "room", furnished / "film.mkv", *BACKEND, "--output", tmp_path / "o.mkv"
     assert "segments of another rendering; begun anew" in command(*words, "--segments", "3").stderr
@@ -184,12 +184,29 @@ def test_what_cannot_be_divided_is_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_is_not_ours_stays(furnished: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("plan", "expected"),
+    [
+        ("{}", "o.mkv.segments: is in the way of the segments; move it away"),
+        ("[", "o.mkv.segments: is in the way of the segments; move it away"),
+        ('{"format": 1, "of": "", "stretches": []}', "letter.txt: is no part of segments and would be lost"),
+    ],
+)
+def test_a_folder_that_is_not_ours_stays(furnished: Path, tmp_path: Path, plan: str, expected: str) -> None:
     (tmp_path / "o.mkv.segments").mkdir()
     (tmp_path / "o.mkv.segments" / "letter.txt").write_text("dear")
+    (tmp_path / "o.mkv.segments" / "plan.json").write_text(plan)
     words = furnished / "room", furnished / "film.mkv", *BACKEND, "--output", tmp_path / "o.mkv", "--segments", "3"
-    assert "o.mkv.segments: is in the way of the segments; move it away" in fail("play", *words)
+    assert expected in fail("play", *words)
     assert (tmp_path / "o.mkv.segments" / "letter.txt").read_text() == "dear"
+
+
+def test_a_single_picture_has_no_segments(furnished: Path, tmp_path: Path) -> None:
+    done = command(
+        "play", furnished / "room", furnished / "film.mkv", "--output", tmp_path / "o.png", "--segments", "2"
+    )
+    assert done.returncode == 0
+    assert f"--segments: {tmp_path / 'o.png'} is a single picture" in done.stderr
 
 
 def test_in_a_window_segments_mean_nothing(furnished: Path) -> None:

@@ -31,12 +31,13 @@ from counterlight.show.rendering import Rendering, Stretch
 from counterlight.show.segments import Film, divide, look_through, within_shots
 from counterlight.show.stats import Stats
 from counterlight.writing.numbered import is_numbered, number_of
-from counterlight.writing.outputs import is_vacant
+from counterlight.writing.outputs import is_vacant, refuse_strangers
 from counterlight.writing.replacing import replacing_file
 from counterlight.writing.stage import clean_up
 
 FORMAT = 1
 PLAN = "plan.json"
+PARTS = PLAN, "[0-9]*.json", "[0-9]*.mkv", "[0-9]*.png", "[0-9]*.exr"
 
 
 @dataclass(frozen=True)
@@ -164,16 +165,16 @@ def _apart(one: Any, other: Any) -> dict[str, Any]:
 def _plan(rendering: Rendering, film: Film, stretches: Sequence[Stretch]) -> dict[str, Any]:
     """What decides every bit of the segments, for JSON."""
     made = asdict(rendering) | {"medium": _identity(rendering.medium.name)}
-    room = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in _tables(rendering.calibration)}
+    room = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in tables_of(rendering.calibration)}
     text = json.dumps([made, room, asdict(film)], sort_keys=True, default=_told)
     digest = hashlib.sha256(text.encode()).hexdigest()
     return {"format": FORMAT, "of": digest, "stretches": [[each.lead, each.begin, each.end] for each in stretches]}
 
 
-def _tables(calibration: Path) -> Iterator[Path]:
+def tables_of(calibration: Path) -> list[Path]:
     """The files that vouch for all others of a calibration folder."""
-    for folder in (calibration, calibration / "correction", calibration / "drift"):
-        yield from sorted(folder.glob("*.toml"))
+    folders = calibration, calibration / "correction", calibration / "drift"
+    return [path for folder in folders for path in sorted(folder.glob("*.toml"))]
 
 
 def _identity(medium: str) -> list[Any]:
@@ -200,11 +201,13 @@ def _read(record: Path) -> dict[str, Any] | None:
 def _kept(folder: Path, plan: Mapping[str, Any]) -> Iterator[None]:
     """The folder of the segments; whatever ends the block, whole segments of this plan stay in it, and nothing else."""
     record = folder / PLAN
-    if record.exists() and _read(record) != plan:
+    there = _read(record)
+    if not (is_vacant(folder) or (there and there.keys() == plan.keys())):
+        raise InputError(f"{folder}: is in the way of the segments; move it away")
+    if there is not None and there != plan:
+        refuse_strangers(folder, PARTS, "segments")
         tell(f"{folder.name}: segments of another rendering; begun anew")
         shutil.rmtree(folder)
-    elif not (record.exists() or is_vacant(folder)):
-        raise InputError(f"{folder}: is in the way of the segments; move it away")
     folder.mkdir(exist_ok=True)
     with replacing_file(record) as temporary:
         temporary.write_text(json.dumps(plan), encoding="utf-8")
