@@ -48,12 +48,13 @@ def test_bands_traced_elsewhere_are_the_same_to_the_last_bit(tmp_path: Path) -> 
 
 def rendering(pid: int) -> list[int]:
     """Workers that have begun to decode."""
-    return [child for child in descendants(pid) if is_worker(child) and descendants(child)]
+    workers = [child for child in descendants(pid) if called(child, "spawn_main")]
+    return [worker for worker in workers if any(called(child, "decoding.decoder") for child in descendants(worker))]
 
 
-def is_worker(pid: int) -> bool:
+def called(pid: int, name: str) -> bool:
     try:
-        return "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text()
+        return name in Path(f"/proc/{pid}/cmdline").read_text()
     except OSError:
         return False
 

@@ -177,9 +177,13 @@ def _local_cluster(count: int) -> Any:
     if not count:
         raise InputError("--cluster local:0: expected at least one worker, such as local:2")
     threads = dict.fromkeys(THREADS, str(max((os.cpu_count() or 1) // count, 1)))
-    return distributed.LocalCluster(
-        n_workers=count, threads_per_worker=1, dashboard_address=None, silence_logs=50, env=threads, memory_limit=0
-    )
+    told = {"dashboard_address": None, "silence_logs": 50, "memory_limit": 0}
+    try:
+        return distributed.LocalCluster(n_workers=count, threads_per_worker=1, env=threads, **told)
+    except RuntimeError as error:
+        raise InputError(
+            f"--cluster local:{count}: a worker could not start ({one_line(error)}); free memory, or use fewer"
+        ) from None
 
 
 @cache
