@@ -3,8 +3,9 @@
 This folder is what runs once per frame: the player and the files it reads. tools/ is counterlight.tools.
 files/ reads whatever comes from outside, writing/ is how anything gets onto the disk; maps/ is the matrix format.
 media/ is how pictures and sound come in, pipeline/ what a frame goes through, gl/ that on a GPU, overlay/ what is
-drawn over it; show/ is the loop in a window, unattended/ what watches over it. Beside them: calibration.py, the room's
-folder; response.py; command.py; errors.py. Which room may know which is in tests/test_house.py.
+drawn over it; show/ is the loop in a window, and what renders into files; jobs/ is who works on parts of a whole,
+unattended/ what watches over a show. Beside them: calibration.py, the room's folder; response.py; command.py;
+errors.py. Which room may know which is in tests/test_house.py.
 May import numpy, OpenEXR, cv2 and PyAV; never `counterlight.tools` (but for the names below, when somebody asks for
 them), never scipy. Only `counterlight.gl` touches moderngl and glfw.
 Read next: maps/row_map.py (the contract), pipeline/reference.py (the mathematics), app.py (the command).

@@ -12,6 +12,7 @@ from typing import Any
 from counterlight.calibration import check_order
 from counterlight.command import run, tell
 from counterlight.errors import InputError
+from counterlight.jobs.workers import Processes, Workers
 from counterlight.media.audio import open_audio
 from counterlight.media.line_in import LineIn
 from counterlight.media.video import MediaReader
@@ -23,7 +24,7 @@ from counterlight.pipeline.room import Room, read_room
 from counterlight.show.chase import Chase
 from counterlight.show.control import ControlServer, Remote
 from counterlight.show.governor import Governor
-from counterlight.show.headless import headless_renderer, render_to_file
+from counterlight.show.headless import chosen_backend, headless_renderer, render_to_file
 from counterlight.show.in_step import Curtain, Follower, Leader
 from counterlight.show.media import Media
 from counterlight.show.options import (
@@ -35,11 +36,13 @@ from counterlight.show.options import (
     one_medium,
     read_options,
 )
-from counterlight.show.output import check_output
+from counterlight.show.output import check_output, is_film
 from counterlight.show.playlist import Playlist, files_of
 from counterlight.show.remotes import open_remotes
+from counterlight.show.rendering import Rendering, Stretch
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.show.schedule_file import ScheduleFile, read_schedule
+from counterlight.show.segmented import render_in_segments, tables_of
 from counterlight.show.session import Session
 from counterlight.show.show import Show
 from counterlight.show.stats import Stats
@@ -49,6 +52,8 @@ from counterlight.unattended.lamps import Lamps
 from counterlight.unattended.room_checks import RoomChecks
 from counterlight.unattended.supervisor import supervise
 from counterlight.writing.outputs import check_apart, check_file, check_log
+
+SEGMENTS_A_WORKER = 2  # so that one that is slower, or dies, is waited for less
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -182,28 +187,81 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
         raise InputError(
             "--refine auto is for a window: a file has no time to keep; give a number of steps, --budget or --within"
         )
+    if options.lead_in is not None and options.segments is options.cluster is None:
+        raise InputError(f"--lead-in {options.lead_in}: is for segments; add --segments N")
     if options.backend == "cpu" and options.path is not None:
         raise InputError(f"--path {options.path}: --backend cpu has no GPU to take it on; leave one of them out")
     backend = "gl" if options.path is not None and options.backend == "auto" else options.backend
+    if (options.segments or options.cluster) and is_film(options.output) and not reader.info.still:
+        stats = _render_segments(options, reader, room, adjustments, chosen_backend(backend))
+    else:
+        stats = _render_whole(options, reader, room, adjustments, backend)
+    if room.drifted is not None:
+        stats.facts["drift"] = room.drifted
+    quality = stats.facts.get("camera_psnr_db")
+    print(f"{options.output}: {stats.frames} frames" + (f", camera PSNR {quality:.1f} dB" if quality else ""))
+    return stats
+
+
+def _render_whole(
+    options: argparse.Namespace, reader: MediaReader, room: Room, adjustments: Adjustments, backend: str
+) -> Stats:
     with headless_renderer(backend, room, options.path or "fragment") as renderer:
         renderer.open(reader.info.format)
         renderer.adjust(adjustments)
-        stats = render_to_file(
+        return render_to_file(
             reader,
             renderer,
             room,
             options.output,
             options.view,
             compensate=options.compensation,
-            frames=options.frames,
+            stretch=Stretch(end=options.frames),
             governor=_governor(options, room, _steps_into_file(options, room, still=reader.info.still)),
             appraised=options.stats is not None,
         )
-    if room.drifted is not None:
-        stats.facts["drift"] = room.drifted
-    quality = stats.facts.get("camera_psnr_db")
-    print(f"{options.output}: {stats.frames} frames" + (f", camera PSNR {quality:.1f} dB" if quality else ""))
+
+
+def _render_segments(
+    options: argparse.Namespace, reader: MediaReader, room: Room, adjustments: Adjustments, backend: str
+) -> Stats:
+    if options.budget != "no" or options.within != "no":
+        raise InputError("--segments: --budget and --within carry steps from frame to frame; give --refine N instead")
+    if reader.info.live:
+        raise InputError(f"{reader.info.path}: a live source has no segments; leave out --segments")
+    rendering = Rendering(
+        calibration=options.calibration.absolute(),
+        white=room.white,
+        dither=options.dither,
+        steps=room.default_steps if options.refine is None else options.refine,
+        start=room.start,
+        medium=replace(reader.medium, name=os.path.abspath(reader.medium.name)),
+        loop=options.loop,
+        frames_per_second=options.fps,
+        start_s=options.start,
+        frames=options.frames,
+        backend=backend,
+        path=options.path or "fragment",
+        view=options.view,
+        compensate=options.compensation,
+        adjustments=adjustments,
+    )
+    with _segment_workers(options, reader) as workers:
+        count = options.segments or SEGMENTS_A_WORKER * workers.count
+        stats = render_in_segments(rendering, reader, options.output, workers, count, options.lead_in)
+    for joint in stats.facts["segments"]["within_shots"]:
+        frame, differing, of, most = joint.values()
+        print(f"divided within a shot at frame {frame}: {differing} of {of} codes differ there, by at most {most:g}")
     return stats
+
+
+def _segment_workers(options: argparse.Namespace, reader: MediaReader) -> Workers:
+    if options.cluster is None:
+        return Processes(min(options.segments, os.cpu_count() or 1))
+    from counterlight.jobs.cluster import open_cluster
+
+    medium = [] if reader.medium.is_sequence else [Path(reader.medium.name)]
+    return open_cluster(options.cluster, [*tables_of(options.calibration), *medium], options.output.absolute().parent)
 
 
 def _checks(options: argparse.Namespace) -> RoomChecks | None:
@@ -273,6 +331,9 @@ def play_in_window(
     """
     if options.backend == "cpu":
         raise InputError("--backend cpu has no window; add --output FILE")
+    for name, value in (("--segments", options.segments), ("--cluster", options.cluster)):
+        if value is not None:
+            raise InputError(f"{name} {value}: is for --output; leave it out, or add --output FILE")
     if not options.screenshot_directory.is_dir():
         raise InputError(f"{options.screenshot_directory}: no such folder for --screenshot-directory; make it first")
     from counterlight.gl import lost_screen

@@ -128,6 +128,7 @@ ROOMS = {  # of the player, and which others each may know
     "arrays": "",
     "memory": "errors",
     "command": "errors",
+    "jobs": "errors",
     "writing": "errors",
     "files": "errors memory writing",
     "raster": "errors files",
@@ -141,8 +142,8 @@ ROOMS = {  # of the player, and which others each may know
     "unattended": "command errors",
     "remote": "command errors unattended",
     "gl": "calibration command errors maps media overlay pipeline raster response unattended",
-    "show": "calibration command errors files gl maps media overlay pipeline raster remote unattended writing",
-    "app": "calibration command errors gl media overlay pipeline show unattended writing",
+    "show": "calibration command errors files gl jobs maps media overlay pipeline raster remote unattended writing",
+    "app": "calibration command errors gl jobs media overlay pipeline show unattended writing",
 }
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from counterlight.command import Parser, run
 from counterlight.errors import InputError
 from counterlight.tools.choices import INVERSE_METHODS, INVERSES, PRESETS
+from counterlight.tools.cluster_option import add_cluster, workers_of
 from counterlight.tools.colour.option import add_colour
 from counterlight.tools.objective_options import add_objective_options
 from counterlight.writing.outputs import check_folder
@@ -53,7 +54,10 @@ def _main(argv: Sequence[str] | None) -> None:
         check_report_folder(options.report)
     aims = ObjectiveOptions(options.drift, options.outside)
     stored = calibration.read(options.calibration)
-    built = build_room_maps(stored, inverse_options, aims, refine=not options.no_refine, colour=options.colour)
+    with workers_of(options.cluster, [stored.folder / calibration.TOML], stored.folder) as workers:
+        built = build_room_maps(
+            stored, inverse_options, aims, refine=not options.no_refine, colour=options.colour, workers=workers
+        )
     print(built.tier)
     print(built.summary)
     if options.report is not None:
@@ -166,6 +170,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--report", type=Path, metavar="FOLDER", help="also write a page with pictures of what was found, and its JSON"
     )
+    add_cluster(parser, "windows of the inverse are solved")
     return parser
 
 

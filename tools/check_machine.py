@@ -42,6 +42,7 @@ EXTRAS = (  # what for, package, extra of pyproject.toml
     ("remote in a browser", "websockets", "remote"),
     ("its address as a QR code", "segno", "remote"),
     ("Open Sound Control", "python-osc", "osc"),
+    ("jobs on many machines", "distributed", "cluster"),
 )
 
 

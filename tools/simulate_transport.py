@@ -10,9 +10,11 @@ from counterlight.command import Parser, parse_decibels, parse_size, run
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.room_options import add_tolerance
 from counterlight.tools.choices import BLUR_TOLERANCE
+from counterlight.tools.cluster_option import add_cluster, workers_of
 from counterlight.tools.shipped import parse_scene
 
 if TYPE_CHECKING:
+    from counterlight.jobs.workers import Workers
     from counterlight.tools.simulation.scene import Scene
     from counterlight.tools.simulation.simulate import Simulated
 
@@ -40,6 +42,13 @@ def _main(argv: Sequence[str] | None) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> "tuple[Scene, list[Simulated]]":
+    """In this process or on a cluster."""
+    with workers_of(options.cluster, [options.scene], None) as workers:
+        return _simulated(options, workers)
+
+
+def _simulated(options: argparse.Namespace, workers: "Workers | None") -> "tuple[Scene, list[Simulated]]":
+    from counterlight.tools.simulation.bands import Elsewhere, SceneSource
     from counterlight.tools.simulation.needs import chosen, needs_of
     from counterlight.tools.simulation.scene import load_scene
     from counterlight.tools.simulation.simulate import simulate
@@ -52,7 +61,9 @@ def _simulate(options: argparse.Namespace) -> "tuple[Scene, list[Simulated]]":
             from counterlight.tools.study.worth import priced
 
             needs = priced(view, needs, options.within)
-        results.append(simulate(view, needs, tolerance=options.tolerance))
+        source = SceneSource(options.scene.absolute(), options.camera, options.projector, number - 1)
+        elsewhere = None if workers is None else Elsewhere(workers, source)
+        results.append(simulate(view, needs, tolerance=options.tolerance, elsewhere=elsewhere))
         seen = f"camera {number}\n" if scene.others else ""
         print(f"{seen}{results[-1].explained(all_effects=asked)}")
     return scene, results
@@ -80,6 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--without", nargs="+", action="extend", default=[], metavar="EFFECT", help="leave effects out")
     parser.add_argument("--only", nargs="+", action="extend", default=[], metavar="EFFECT", help="leave all others out")
     add_tolerance(parser, BLURRED, BLUR_TOLERANCE)
+    add_cluster(parser, "bands of the camera's picture are traced")
     parser.add_argument("--force", action="store_true", help="replace a calibration that is there already")
     return parser
 

@@ -43,7 +43,7 @@ class MediaReader:
     def __init__(
         self, medium: Medium, *, loop: bool, frames_per_second: float | None, tolerant: bool, opening_s: float
     ) -> None:
-        self._medium, self._loop, self._opening_s = medium, loop, opening_s
+        self.medium, self._loop, self._opening_s = medium, loop, opening_s
         self._live = medium.live() is not None
         self._arguments = {
             "medium": asdict(medium),
@@ -155,7 +155,7 @@ class MediaReader:
         deadline = time.monotonic() + timeout_s
         while (frame := self._take(_POLL_S)) is None and not self.ended:
             if time.monotonic() > deadline:
-                raise InputError(f"{self._medium}: no frame within {timeout_s:g} s; release frames, or convert it")
+                raise InputError(f"{self.medium}: no frame within {timeout_s:g} s; release frames, or convert it")
         return frame
 
     def release(self, frame: Frame) -> None:
@@ -265,14 +265,14 @@ class MediaReader:
         elif self._live:
             self._info = replace(self._info, format=pixels, codec=opened["codec"])
         elif pixels != self.info.format:
-            self._failure = f"{self._medium}: has changed since it was opened; open it again"
+            self._failure = f"{self.medium}: has changed since it was opened; open it again"
             return
         self._child.map_ring(slots, pixels)
         self._opened = True
 
     @property
     def _path(self) -> Path | str:
-        return self._medium.name if self._live else Path(self._medium.name)
+        return self.medium.name if self._live else Path(self.medium.name)
 
     def _frame(self, fields: dict[str, Any]) -> Frame:
         self._deaths = 0
@@ -304,7 +304,7 @@ class MediaReader:
             self._child.kill(HUNG)
         elif not self._opened and now_s - began_s > self._opening_s:
             late = f"not opened within {self._opening_s:g} s"
-            self._refused(f"{self._medium}: {late}; copy it to a local disk, or convert it")
+            self._refused(f"{self.medium}: {late}; copy it to a local disk, or convert it")
 
     def _refused(self, reason: str) -> None:
         """The decoder cannot open the medium: an error at first, later one more reason to try again."""
@@ -320,17 +320,17 @@ class MediaReader:
         A live source is tried for ever.
         """
         if self._info is None and reason != HUNG:
-            raise InputError(f"{self._medium}: {reason} while opening it; convert or export it again")
+            raise InputError(f"{self.medium}: {reason} while opening it; convert or export it again")
         self._deaths += 1
         if self._deaths > MAX_DEATHS and not self._live:
             self._child.close()
-            self._failure = f"{self._medium}: {reason} {MAX_DEATHS} times without a frame; convert the medium"
+            self._failure = f"{self.medium}: {reason} {MAX_DEATHS} times without a frame; convert the medium"
             self._given_up = True
             return
         is_moving = self._info is not None and not (self._info.still or self._live)
         skipped_s = SKIP_S * (self._deaths - 1) if is_moving else 0.0
         when = f"after {time.monotonic() - self._began_s:.1f} s"
-        self._notices.append(f"{self._medium}: {reason} {when}; restarted{_skipped(skipped_s)}")
+        self._notices.append(f"{self.medium}: {reason} {when}; restarted{_skipped(skipped_s)}")
         self._replace_child(skipped_s)
 
     def _replace_child(self, skipped_s: float = 0.0) -> None:

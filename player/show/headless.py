@@ -18,7 +18,8 @@ from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Shortfall
 from counterlight.show.governor import Governor
-from counterlight.show.output import open_output
+from counterlight.show.output import open_output, write_picture
+from counterlight.show.rendering import WHOLE, Stretch
 from counterlight.show.stats import Stats
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 FRAME_TIMEOUT_S = 120.0
 BACKENDS = ("auto", "gl", "cpu")
 MOST_REDRAWS = 12  # of a frame, until its steps are what they should be
+ENDLESS = 1 << 62  # frames, where nobody knows how many come
 PATIENCE_S = 1.0  # before compiling is worth a word
 
 
@@ -48,6 +50,14 @@ def headless_renderer(backend: str, room: Room, path: str = "fragment") -> Itera
         renderer = GlRenderer(context, room, path)
         stack.callback(renderer.release)
         yield renderer
+
+
+def chosen_backend(backend: str) -> str:
+    """ "gl" or "cpu": the same where every process chooses for itself."""
+    if backend != "auto":
+        return backend
+    with ExitStack() as stack:
+        return "cpu" if _opengl(stack, chosen=False) is None else "gl"
 
 
 def _opengl(stack: ExitStack, *, chosen: bool) -> Any:
@@ -73,15 +83,21 @@ def _opengl(stack: ExitStack, *, chosen: bool) -> Any:
 
 
 def _on_the_processor(room: Room) -> Renderer:
-    from counterlight.pipeline import compiled  # Numba takes half a second: not before it is used
+    compile_passes()
     from counterlight.pipeline.cpu_renderer import CpuRenderer
+
+    return CpuRenderer(room)
+
+
+def compile_passes() -> None:
+    """Have the passes of `--backend cpu` compiled, for this process and those that come, where that can be kept."""
+    from counterlight.pipeline import compiled  # Numba takes half a second: not before it is used
 
     told = time.monotonic()
     for left in compiled.prepare():
         if time.monotonic() - told > PATIENCE_S:
             tell(f"compiling for this processor, once: {left} passes left", sys.stdout)
             told = time.monotonic()
-    return CpuRenderer(room)
 
 
 def render_to_file(
@@ -92,11 +108,15 @@ def render_to_file(
     view: str,
     *,
     compensate: bool,
-    frames: int | None,
     governor: Governor,
+    stretch: Stretch = WHOLE,
+    before: Path | None = None,
+    quiet: bool = False,
     appraised: bool = False,
 ) -> Stats:
-    """Render up to `frames` frames of an open medium into `output`; returns what was counted and timed.
+    """Render a stretch of an open medium into `output`; returns what was counted and timed.
+
+    before : takes the picture of the frame before the stretch, if that was drawn.
 
     For the camera's view the stats hold the mean PSNR against the desired picture inside the mask; where the room has
     the maps for it, the steps of refinement, how far the last frame can be from the optimum and, if there is a promise
@@ -104,10 +124,12 @@ def render_to_file(
     Raises InputError if the medium breaks off; the output is then removed.
     """
     stats, quality = Stats(), list[float]()
+    _pass_over(reader, stretch.lead)
     drawing = _Drawing(renderer, room, governor, {"view": view, "compensate": compensate}, still=reader.info.still)
     with open_output(output, reader.info.frames_per_second) as sink:
-        wanted = 1 if sink.single else frames
-        for index in track(_count(wanted), "rendering", wanted):
+        wanted = 1 if sink.single else stretch.end
+        numbers = range(stretch.lead, ENDLESS if wanted is None else wanted)
+        for index in numbers if quiet else track(numbers, "rendering", None if wanted is None else len(numbers)):
             start = time.perf_counter()
             frame = reader.next_frame(FRAME_TIMEOUT_S)
             if frame is None:
@@ -118,6 +140,10 @@ def render_to_file(
             uploaded = time.perf_counter()
             drawing.draw(index, stats)
             drawn = time.perf_counter()
+            if index < stretch.begin:
+                if index == stretch.begin - 1 and before is not None:
+                    write_picture(before, renderer)
+                continue
             sink.write(renderer, frame.time_s)
             stats.frames += 1
             for stage, seconds in (
@@ -202,5 +228,10 @@ class _Drawing:
         return None if maps.refinement is None else Survey(maps, self._room.white)
 
 
-def _count(limit: int | None) -> range:
-    return range(limit if limit is not None else 1 << 62)
+def _pass_over(reader: MediaReader, count: int) -> None:
+    """Leave out the first frames. They are decoded: a decoder that seeks may give other pictures at first."""
+    for _ in range(count):
+        frame = reader.next_frame(FRAME_TIMEOUT_S)
+        if frame is None:
+            raise InputError(f"{reader.info.path}: ends earlier than it did; leave it as it is while it is rendered")
+        reader.release(frame)

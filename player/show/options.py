@@ -28,6 +28,7 @@ from counterlight.remote.addresses import LOOPBACK, Address, parse_address
 from counterlight.show.headless import BACKENDS
 from counterlight.show.in_step import begins_at
 from counterlight.show.keys import KEYS, MEANINGS
+from counterlight.show.output import is_film
 from counterlight.show.playlist import expand
 from counterlight.show.remotes import PORT as PAGE_PORT
 from counterlight.show.settings import Several, apply_settings, default_path
@@ -282,6 +283,13 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
         "the start and keeps the fastest (default: auto in a window; fragment\n"
         "with --output, so that its result repeats)",
     )
+    whole = Number(1, 999, whole=True, noun="a number of segments")
+    text = "render a film in N segments at a time, each in a process of its own,\nand join them (docs/size.md)"
+    _number(parser, "segments", whole, "N", text)
+    text = "begin segments within shots, too, so many frames early\n(default: at cuts alone, so that nothing changes)"
+    _number(parser, "lead-in", Number(0, 1e6, whole=True, noun="a number of frames"), "FRAMES", text)
+    text = "HOST:PORT of a dask scheduler, or local:N: who renders the segments\n(extra cluster, docs/size.md)"
+    add("--cluster", metavar="ADDRESS", help=text)
     add("--dither", choices=DITHERS, default="ordered", help="how steps of a code value are hidden (default ordered)")
     add(
         "--bits",
@@ -336,9 +344,14 @@ def ignored(options: argparse.Namespace, info: MediaInfo) -> list[str]:
     """A line for options of the command line that mean nothing to what is rendered into a file."""
     lines = [f"--{name.replace('_', '-')}: is for a window, means nothing with --output" for name in WINDOW_ONLY]
     unused = [line for name, line in zip(WINDOW_ONLY, lines, strict=True) if name in options.given]
+    if options.output is not None and not is_film(options.output):
+        names = [name for name in ("segments", "cluster") if name in options.given]
+        unused += [f"--{name}: {options.output} is a single picture" for name in names]
     if info.still:
         unused += [
-            f"--{name}: {info.path} is a single picture" for name in ("frames", "start") if name in options.given
+            f"--{name}: {info.path} is a single picture"
+            for name in ("frames", "start", "segments", "cluster")
+            if name in options.given
         ]
     if "fps" in options.given and not options.media[0].is_sequence:
         unused.append(f"--fps: {info.path} is no numbered sequence and has a rate of its own")

@@ -1,11 +1,12 @@
 """Rendered frames into files: a picture, a numbered sequence, or a video. What fails leaves nothing half-written."""
 
-from collections.abc import Iterable, Iterator
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import av
 import numpy as np
@@ -14,18 +15,28 @@ from numpy.typing import NDArray
 
 from counterlight.errors import InputError
 from counterlight.files import exr
+from counterlight.files.picture_files import read_picture
 from counterlight.files.png import write_png
 from counterlight.media.decoding.ffmpeg_log import log_natively
-from counterlight.pipeline.renderer import Renderer
+from counterlight.media.video import MediaReader
 from counterlight.writing.numbered import is_numbered, name_of
 from counterlight.writing.outputs import check_file, check_sequence
 from counterlight.writing.replacing import replacing_file, replacing_sequence
 
 PICTURES, VIDEOS = (".png", ".exr"), (".mp4", ".mov", ".mkv", ".webm")
 CLOCK = Fraction(1, 90_000)  # ticks of a written video: each frame keeps the time that it had
+PART_TIMEOUT_S = 120.0
 BT709 = 1  # FFmpeg's number for the primaries, the transfer and the matrix of ITU-R BT.709
 
 log_natively(av.logging.ERROR)
+
+
+class Rendered(Protocol):
+    """A view that a renderer has drawn."""
+
+    def encoded(self) -> NDArray[np.uint8]: ...
+
+    def linear(self) -> NDArray[np.float32]: ...
 
 
 class Output(Protocol):
@@ -33,7 +44,15 @@ class Output(Protocol):
 
     single: bool
 
-    def write(self, renderer: Renderer, time_s: float) -> None: ...
+    def write(self, renderer: Rendered, time_s: float) -> None: ...
+
+
+@runtime_checkable
+class FilmOutput(Output, Protocol):
+    """Takes parts of a film as well."""
+
+    def append(self, part: Path, times_s: Sequence[float]) -> NDArray[Any]:
+        """Take the frames that another output wrote, of this kind or without loss; returns the last one."""
 
 
 @contextmanager
@@ -65,12 +84,22 @@ def check_output(path: Path, *, inputs: Iterable[Path] = ()) -> None:
         check_sequence(path, inputs=inputs)
 
 
-def write_picture(path: Path, renderer: Renderer) -> None:
+def is_film(path: Path) -> bool:
+    """Whether an output takes more than one frame."""
+    return path.suffix.lower() in VIDEOS or is_numbered(path)
+
+
+def write_picture(path: Path, renderer: Rendered) -> None:
     """One rendered view: 8-bit PNG of the code values, or float32 EXR of the linear light."""
     if path.suffix.lower() == ".exr":
         exr.write_rgb(path, renderer.linear())
     else:
         write_png(path, renderer.encoded())
+
+
+def read_written(path: Path) -> NDArray[Any]:
+    """What `write_picture` wrote."""
+    return exr.read_rgb(path) if path.suffix.lower() == ".exr" else read_picture(path)
 
 
 class _PictureOutput:
@@ -79,7 +108,7 @@ class _PictureOutput:
     def __init__(self, path: Path) -> None:
         self._path = path
 
-    def write(self, renderer: Renderer, time_s: float) -> None:
+    def write(self, renderer: Rendered, time_s: float) -> None:
         write_picture(self._path, renderer)
 
 
@@ -92,9 +121,16 @@ class _SequenceOutput:
         self._folder, self._pattern = folder, pattern
         self._count = 0
 
-    def write(self, renderer: Renderer, time_s: float) -> None:
+    def write(self, renderer: Rendered, time_s: float) -> None:
         write_picture(self._folder / name_of(self._pattern, self._count), renderer)
         self._count += 1
+
+    def append(self, part: Path, times_s: Sequence[float]) -> NDArray[Any]:
+        for number in range(len(times_s)):
+            picture = part.with_name(name_of(part.name, number))
+            shutil.copyfile(picture, self._folder / name_of(self._pattern, self._count))
+            self._count += 1
+        return read_written(picture)
 
 
 class _VideoOutput:
@@ -109,8 +145,22 @@ class _VideoOutput:
         self._stream: av.VideoStream | None = None
         self._first_s: float | None = None
 
-    def write(self, renderer: Renderer, time_s: float) -> None:
-        picture = renderer.encoded()
+    def write(self, renderer: Rendered, time_s: float) -> None:
+        self._encode(renderer.encoded(), time_s)
+
+    def append(self, part: Path, times_s: Sequence[float]) -> NDArray[Any]:
+        with MediaReader.open(part) as reader:
+            for time_s in times_s:
+                frame = reader.next_frame(PART_TIMEOUT_S)
+                if frame is None:
+                    raise InputError(f"{part}: ends early; remove {part.parent} and begin anew")
+                width = frame.format.width
+                picture = np.stack([plane[:, :width] for plane in frame.planes], axis=-1)
+                reader.release(frame)
+                self._encode(picture, time_s)
+        return picture
+
+    def _encode(self, picture: NDArray[np.uint8], time_s: float) -> None:
         stream = self._stream or self._add_stream(picture)
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
         if not self._lossless:

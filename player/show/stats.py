@@ -47,6 +47,11 @@ class Stats:
             elif steps:
                 self.add("step", seconds / steps)
 
+    def take_times(self, other: "Stats") -> None:
+        """The stages that were timed elsewhere."""
+        for stage, values in other._stages.items():
+            self._stages.setdefault(stage, deque(maxlen=RECENT)).extend(values)
+
     def notice(self, text: str) -> None:
         """Something went wrong without stopping the show; the most recent lines are kept."""
         self.notices.append(text)

@@ -1,6 +1,6 @@
 """T⁺ of a whole room: clusters found, λ chosen, each part inverted, truncated and joined (thesis 4.2.1, 5.1)."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -28,7 +28,8 @@ from counterlight.tools.inverse.noise import noise_of_matrix
 from counterlight.tools.inverse.pieces import Piece, Truncation, join
 from counterlight.tools.inverse.price import Objection, price_of_clusters, price_of_windows
 from counterlight.tools.inverse.priors import prior_matrices
-from counterlight.tools.inverse.windowed import FINEST_TOLERANCE, WindowedChannel, plan_windows, windowed_jobs
+from counterlight.tools.inverse.super_blocks import Elsewhere
+from counterlight.tools.inverse.windowed import FINEST_TOLERANCE, WindowedChannel, Windows, plan_windows, windowed_jobs
 from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import CHANNELS, Csr, Transport, channels, in_one, luminance_matrix
@@ -190,6 +191,7 @@ def invert_near_light(
     prior: Prior | None = None,
     step: float = 0.0,
     pictures: Sequence[FloatArray] | None = None,
+    elsewhere: Elsewhere | None = None,
 ) -> Inverse:
     """(TᵀWT + P + λ²I)⁻¹TᵀW of the near light inside the mask; the result's columns outside the mask are empty.
 
@@ -199,6 +201,7 @@ def invert_near_light(
     weights : W's diagonal, (camera pixels,), 1 if nobody says; 0 outside the mask.
     prior : P; the plain inverse (λ = 0) knows none.  step : entries that a step of refinement reads, if play makes any.
     pictures : by which λ is chosen, (camera height, camera width) each; None for the typical ones.
+    elsewhere : who inverts windows; None for this process.
     """
     weights = mask.ravel().astype(np.float64) if weights is None else weights
     roots = np.sqrt(weights)
@@ -208,7 +211,7 @@ def invert_near_light(
     if whole.nnz == 0:
         raise InputError("no camera pixel inside the mask sees the projector; check the mask and the transport")
     _check_max_cluster(options, near.columns)
-    given = reach * roots[:, None], white, options, regions, roots, prior, step, pictures
+    given = reach * roots[:, None], white, options, regions, roots, prior, step, pictures, elsewhere
     work = _Work(scaled, whole, mask, projector_shape, *given)
     chosen, reason, found = options.asked, "", None
     if chosen in ("auto", "whole"):
@@ -263,6 +266,7 @@ class _Work:
     prior: Prior | None
     step: float
     pictures: Sequence[FloatArray] | None
+    elsewhere: Elsewhere | None
 
     def cut(self, *, must_pay: bool) -> "Inverse | Objection":
         """T⁺ of T cut into clusters; a reason against it if it has to pay."""
@@ -301,6 +305,7 @@ class _Work:
         truncation = Truncation(self.reach, self.options.max_error / 255)
         tolerance = max(truncation.budget, FINEST_TOLERANCE)
         jobs = [clustered_jobs(matrices, clusters, ~method.windowed, lambdas, self.options.noise, truncation, priors)]
+        done: Iterable[Piece] = ()
         if method.windowed.any():
             member = np.isin(clusters.projector, np.flatnonzero(method.windowed)).reshape(self.projector_shape)
             if must_pay:
@@ -308,8 +313,12 @@ class _Work:
                 price = price + price_of_windows(*green, member, truncation, tolerance, self.regions)
                 if objection := price.objection(self.step):
                     return objection
-            jobs.append(_windowed(matrices, lambdas, priors, member, truncation, tolerance, self.regions))
-        pieces = _run(list(chain(*jobs)), int(clusters.projector_sizes.sum()))
+            plan = _windowed(matrices, lambdas, priors, member, tolerance, self.regions)
+            if self.elsewhere is None:
+                jobs.append(windowed_jobs(*plan, truncation, tolerance))
+            else:
+                done = self.elsewhere.pieces(*plan, truncation, tolerance)
+        pieces = _run(list(chain(*jobs)), done, int(clusters.projector_sizes.sum()))
         joined = join(pieces, near.shape[::-1])
         weights = joined.rows.weights * self.roots[joined.rows.indices, None].astype(np.float32)
         return Inverse(
@@ -359,20 +368,21 @@ def _windowed(
     lambdas: FloatArray,
     priors: tuple[Csr, ...] | None,
     member: NDArray[np.bool_],
-    truncation: Truncation,
     tolerance: float,
     regions: Sequence[Region],
-) -> Iterator[Callable[[], Piece]]:
+) -> tuple[tuple[WindowedChannel, ...], Windows]:
     memory.check_windows(matrices[1], int(member.sum()))
     drawn = priors or (None,) * len(matrices)
     parts = zip(matrices, lambdas, drawn, strict=True)
     channels = tuple(WindowedChannel(T, float(damp), each) for T, damp, each in parts)
-    windows = plan_windows(channels[1], member, tolerance, regions).windows
-    return windowed_jobs(channels, windows, truncation, tolerance)
+    return channels, plan_windows(channels[1], member, tolerance, regions).windows
 
 
-def _run(jobs: list[Callable[[], Piece]], row_count: int) -> list[Piece]:
-    """Run the jobs in an order of which every beginning is spread over them all, so that memory is foretold early."""
+def _run(jobs: list[Callable[[], Piece]], elsewhere: Iterable[Piece], row_count: int) -> list[Piece]:
+    """Run the jobs in an order of which every beginning is spread over them all, so that memory is foretold early.
+
+    elsewhere : pieces that are made there.
+    """
     spread = [jobs[i] for i in np.argsort(np.arange(len(jobs)) * GOLDEN_RATIO % 1)]
     with closing(run_jobs(spread, "inverting")) as results:
-        return list(memory.checked_as_they_come(results, row_count))
+        return list(memory.checked_as_they_come(chain(results, elsewhere), row_count))

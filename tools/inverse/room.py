@@ -1,11 +1,14 @@
 """From a room to its maps: invert, take the far light out, pack; and from a calibration folder to its correction/."""
 
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from counterlight.calibration import Calibration, StoredCalibration
+from counterlight.jobs.workers import Workers
 from counterlight.maps import room_maps as maps
 from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, pack, unpack
@@ -23,6 +26,7 @@ from counterlight.tools.inverse.inverse import (
 from counterlight.tools.inverse.pictures import pictures_of
 from counterlight.tools.inverse.recommendation import AS_THE_THESIS, Recommendation, recommended
 from counterlight.tools.inverse.refinement_maps import pack_blurred, pack_far, refinement_maps
+from counterlight.tools.inverse.super_blocks import Elsewhere
 from counterlight.tools.inverse.words import words_of
 from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of
 from counterlight.tools.transport.storage import read_transport
@@ -87,25 +91,38 @@ def build_room_maps(
     *,
     refine: bool = True,
     colour: str = "auto",
+    workers: Workers | None = None,
 ) -> BuiltRoom:
     """Build and write every row map of a calibration; those that only refinement needs if `refine`.
 
-    colour : of choices.COLOURS.  Raises InputError at once if another process is building them.
+    colour : of choices.COLOURS.  workers : who inverts windows, on other machines, too; None for this process.
+    Raises InputError at once if another process is building them.
     """
     with maps.replacing(stored) as stage:
         transport = read_transport(stored)
         pixels = stored.calibration.camera.pixels + stored.calibration.projector.pixels
         near = transport.near.indices.size
         memory.check_room(near, transport.entries - near, pixels)
-        built = build_maps(tier_of(stored.calibration, transport, colour), options, aims, refine=refine)
+        tier = tier_of(stored.calibration, transport, colour)
+        with TemporaryDirectory(dir=stage) as shared:
+            elsewhere = None if workers is None else Elsewhere(workers, Path(shared).absolute())
+            built = build_maps(tier, options, aims, refine=refine, elsewhere=elsewhere)
         maps.write_maps(built.maps, stored, stage)
     return built
 
 
 def build_maps(
-    tier: Tier, options: InverseOptions, aims: ObjectiveOptions = DEFAULT_AIMS, *, refine: bool = True
+    tier: Tier,
+    options: InverseOptions,
+    aims: ObjectiveOptions = DEFAULT_AIMS,
+    *,
+    refine: bool = True,
+    elsewhere: Elsewhere | None = None,
 ) -> BuiltRoom:
-    """Every row map of a room in memory; nothing is read or written.  Raises InputError for what cannot be inverted."""
+    """Every row map of a room in memory; nothing is read or written, but for work elsewhere.
+
+    Raises InputError for what cannot be inverted.
+    """
     transport, calibration, white, options = tier.transport, tier.calibration, tier.white, options.settled
     camera, projector = calibration.camera.shape, calibration.projector.shape
     maps.check_white(white)
@@ -119,7 +136,7 @@ def build_maps(
     else:
         mask = (objective.weights > 0).reshape(camera)
         told = calibration.regions, objective.weights, objective.prior, _step(transport) if refine else 0.0
-        inverse = invert_near_light(transport.near, mask, *common, *told, pictures_of(calibration))
+        inverse = invert_near_light(transport.near, mask, *common, *told, pictures_of(calibration), elsewhere)
     if aims.outside == "continue" and inverse.chosen != "thesis":
         inverse = continued(inverse, projector, calibration.regions)
     correction = pack(inverse.T_pinv, projector, camera)

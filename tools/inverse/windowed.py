@@ -73,6 +73,10 @@ class WindowedChannel:
         """Projector pixels that light what a block's pixels light, ascending."""
         return np.unique(self._normal[block].indices).astype(np.int64)
 
+    def part(self, pixels: IntArray) -> tuple[sparse.csc_array, Csr]:
+        """T's columns and N's rows and columns of some projector pixels, ascending."""
+        return self._columns[:, pixels], self._normal[pixels][:, pixels]
+
     def _split(self, window: IntArray) -> tuple[Csr, Csr]:
         """N[window, window], and N[outside, window] with rows for those pixels only that the window touches."""
         rows = self._normal[window]
@@ -269,10 +273,14 @@ def _hopeless(first: int, before: float, second: int, after: float, tolerance: f
 
 
 def windowed_jobs(
-    channels: tuple[WindowedChannel, ...], windows: Windows, truncation: Truncation, tolerance: float
+    channels: tuple[WindowedChannel, ...],
+    windows: Windows,
+    truncation: Truncation,
+    tolerance: float,
+    corners: Sequence[tuple[int, int]] | None = None,
 ) -> Iterator[Callable[[], Piece]]:
-    """Jobs that invert one block of projector pixels each."""
-    for corner in windows.blocks():
+    """Jobs that invert one block of projector pixels each.  corners : of the blocks; None for all."""
+    for corner in windows.blocks() if corners is None else corners:
         yield partial(_invert, channels, windows, corner, truncation, tolerance)
 
 

@@ -68,10 +68,19 @@ class NearLight:
     _choice: Choice | None = None
 
     def add_band(self, first: int, rows: int, pixel: IntArray, column: IntArray, weights: FloatArray) -> None:
-        """Entries (n,), (n,), (n, 3) of camera pixels first … first + rows − 1, in order; duplicates are summed.
+        """Entries (n,), (n,), (n, 3) of camera pixels first … first + rows − 1; duplicates are summed.
 
-        With `blur`, of whole lines of the camera's picture.
+        Bands come in order; with `blur`, of whole lines of the camera's picture.
         """
+        self.add(self.band(first, rows, pixel, column, weights), (first + rows) / self.shape[0])
+
+    def add(self, band: SparseRows, done: float) -> None:
+        """A band as `band` makes it.  done : share of T's rows that are there with it."""
+        self._hold(band)
+        self._refuse_what_cannot_fit(done)
+
+    def band(self, first: int, rows: int, pixel: IntArray, column: IntArray, weights: FloatArray) -> SparseRows:
+        """The same entries as rows, which need no other band."""
         place, weights = summed((pixel - first) * self.shape[1] + column, weights)
         row = place // self.shape[1]
         if self.threshold:
@@ -79,8 +88,7 @@ class NearLight:
             place, row, weights = place[keep], row[keep], weights[keep] * factor[row[keep]]
         starts = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=rows))])
         columns = (place % self.shape[1]).astype(np.int32)
-        self._hold(SparseRows(starts, columns, weights.astype(np.float32), self.shape[1]))
-        self._refuse_what_cannot_fit((first + rows) / self.shape[0])
+        return SparseRows(starts, columns, weights.astype(np.float32), self.shape[1])
 
     def _hold(self, band: SparseRows) -> None:
         self._before += band.indices.size

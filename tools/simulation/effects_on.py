@@ -3,12 +3,22 @@
 import importlib
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from counterlight.tools.simulation.needs import Need
+
+
+@dataclass
+class Costs:
+    """Processor seconds, entries and energy, by effect."""
+
+    seconds: dict[str, float]
+    entries: dict[str, int]
+    energy: dict[str, float]
 
 
 class EffectsOn:
@@ -24,9 +34,22 @@ class EffectsOn:
             name: importlib.import_module(f"counterlight.tools.simulation.effects.{name}") for name in names
         }
         self._calling: list[str] = []
-        self.seconds = dict.fromkeys(names, 0.0)
-        self.entries = dict.fromkeys(names, 0)
-        self.energy = dict.fromkeys(names, 0.0)
+        self.forget_costs()
+
+    def forget_costs(self) -> None:
+        self.seconds = dict.fromkeys(self._modules, 0.0)
+        self.entries = dict.fromkeys(self._modules, 0)
+        self.energy = dict.fromkeys(self._modules, 0.0)
+
+    @property
+    def costs(self) -> Costs:
+        return Costs(self.seconds, self.entries, self.energy)
+
+    def add(self, costs: Costs) -> None:
+        """What was spent elsewhere."""
+        for name in self._modules:
+            self.seconds[name] += costs.seconds[name]
+            self.account(name, costs.energy[name], costs.entries[name])
 
     def __contains__(self, effect: str) -> bool:
         return effect in self._modules

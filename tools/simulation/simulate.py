@@ -3,6 +3,7 @@
 import time
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,9 @@ from counterlight.command import track
 from counterlight.errors import InputError
 from counterlight.tools.choices import BLUR_TOLERANCE, MOST_TOLERANCE
 from counterlight.tools.simulation.assembly import ADVICE, Blur, Blurring, NearLight, summed
+from counterlight.tools.simulation.bands import Band, Elsewhere, SceneSource
 from counterlight.tools.simulation.camera_side import albedo_of, camera_samples, paint_of
-from counterlight.tools.simulation.effects_on import EffectsOn
+from counterlight.tools.simulation.effects_on import Costs, EffectsOn
 from counterlight.tools.simulation.needs import MOVES, TAKES, Need, chosen, needs_of
 from counterlight.tools.simulation.paths import Arrivals, Deposits, Samples
 from counterlight.tools.simulation.projector_side import arrivals, deposits
@@ -99,17 +101,33 @@ def simulate(
     without: Collection[str] = (),
     only: Collection[str] = (),
     tolerance: float = BLUR_TOLERANCE,
+    elsewhere: Elsewhere | None = None,
 ) -> Simulated:
     """Simulate what a scene calls for, nothing else; InputError if projector or camera sees nothing.
 
     needs : of the scene, None to read them off it.  without, only : effects to leave out, or to keep, for a study.
     tolerance : dB that pictures may lose where rows of T are too long for maps; 0 leaves all as they are.
+    elsewhere : who traces the scene's bands; None for this process.
     """
     if not 0 <= tolerance <= MOST_TOLERANCE:
         raise InputError(f"tolerance {tolerance:g}: expected 0 (T stays as it is) to {MOST_TOLERANCE:g} dB")
     needs = chosen(needs_of(scene) if needs is None else needs, without, only)
     _check(scene, needs)
-    return _Simulation(scene, needs, tolerance).run()
+    return _Simulation(scene, needs, tolerance).run(elsewhere)
+
+
+def trace_band(source: SceneSource, needs: tuple[tuple[str, Need], ...], rows: range) -> tuple[Band, Costs]:
+    """A band and what it cost; for a worker."""
+    simulation = _prepared(source, needs)
+    simulation.effects.forget_costs()
+    return simulation.band(rows), simulation.effects.costs
+
+
+@lru_cache(1)
+def _prepared(source: SceneSource, needs: tuple[tuple[str, Need], ...]) -> "_Simulation":
+    simulation = _Simulation(source.read(), dict(needs))
+    simulation.prepare()
+    return simulation
 
 
 class _Simulation:
@@ -122,21 +140,30 @@ class _Simulation:
         blur = Blur(raster, scene.camera.width, tolerance) if tolerance else None
         self.near = NearLight((pixels, scene.projector.pixels), scene.threshold, scene.name, blur)
         self.ambient = np.zeros((pixels, 3))
-        self.seen, self.lit = False, False
+        self.seen, self.lit, self.elsewhere_s = False, False, 0.0
         self.mixing, self.weight = np.zeros((pixels, 9)), np.zeros(pixels)
         self.maps: dict[str, Any] = {}
         self.exchange: Any = None
 
-    def run(self) -> Simulated:
+    def prepare(self) -> None:
+        """What every band needs."""
         scene, effects = self.scene, self.effects
         self.maps = {name: effects.call(name, "light_map", scene, effects) for name in effects.having("light_map")}
         if "inter_reflection" in effects:
             self.exchange = effects.call("inter_reflection", "prepare", scene, self._deposits())
             self.far = NearLight((scene.camera.pixels, self.exchange.cells), 0.0, scene.name)
+
+    def run(self, elsewhere: Elsewhere | None) -> Simulated:
+        scene, effects = self.scene, self.effects
+        self.prepare()
         height = max(1, BAND_RAYS // (scene.camera.width * scene.samples**2))
         starts = range(0, scene.camera.height, height)
-        for top in track(starts, "tracing light paths", len(starts)):
-            self._band(range(top, min(top + height, scene.camera.height)))
+        bands = [range(top, min(top + height, scene.camera.height)) for top in starts]
+        if elsewhere is None:
+            for rows in track(bands, "tracing light paths"):
+                self._take(rows, self.band(rows))
+        else:
+            self._take_all(bands, elsewhere)
         if not self.seen:
             raise InputError(f"{scene.name}: the camera sees no surface; move it or point look_at at one")
         if not self.lit and "direct" in effects:
@@ -148,7 +175,30 @@ class _Simulation:
         for name, light_map in self.maps.items():
             yield from self.effects.timed(name, light_map.deposits)
 
-    def _band(self, rows: range) -> None:
+    def _take_all(self, bands: list[range], elsewhere: Elsewhere) -> None:
+        """Bands in their order, which decides what becomes of long rows, however they come."""
+        needs, waiting, next_one = tuple(self.needs.items()), dict[int, Band](), 0
+        jobs = [partial(trace_band, elsewhere.source, needs, rows) for rows in bands]
+        for number, (band, costs) in track(elsewhere.workers.completed(jobs), "tracing light paths", len(jobs)):
+            waiting[number] = band
+            self.effects.add(costs)
+            self.elsewhere_s += sum(costs.seconds.values())
+            while next_one in waiting:
+                self._take(bands[next_one], waiting.pop(next_one))
+                next_one += 1
+
+    def _take(self, rows: range, band: Band) -> None:
+        """Join a band to the room."""
+        width, done = self.scene.camera.width, rows.stop / self.scene.camera.height
+        here = slice(rows.start * width, rows.stop * width)
+        self.near.add(band.near, done)
+        if band.far is not None:
+            self.far.add(band.far, done)
+        self.ambient[here], self.mixing[here], self.weight[here] = band.ambient, band.mixing, band.weight
+        self.seen, self.lit = self.seen or band.seen, self.lit or band.lit
+
+    def band(self, rows: range) -> Band:
+        """What rows of the camera's picture see."""
         width, columns = self.scene.camera.width, self.scene.projector.pixels
         first, count = rows.start * width, len(rows) * width
         self.sharp: list[IntArray] = []
@@ -171,9 +221,13 @@ class _Simulation:
             if blurred:
                 self.effects.account("projector_defocus", 0.0, blurred)
             reduced.append((place // columns + first, place % columns, weights))
-        self.near.add_band(first, count, *_joined(reduced))
-        if self.exchange is not None:
-            self.far.add_band(first, count, *_joined(far))
+        here = slice(first, first + count)
+        return Band(
+            self.near.band(first, count, *_joined(reduced)),
+            None if self.exchange is None else self.far.band(first, count, *_joined(far)),
+            *(self.ambient[here], self.mixing[here], self.weight[here]),
+            *(self.seen, self.lit),
+        )
 
     def _light(self, samples: Samples, near: dict[str, list[Entries]], far: list[Entries]) -> None:
         """All that one batch of samples contributes."""
@@ -282,7 +336,7 @@ class _Simulation:
             effects.account("crosstalk", elsewhere)
             transport = seen
         picture = ambient.reshape(*shape, 3).astype(np.float32)
-        spent = time.process_time() - self.start[0], time.perf_counter() - self.start[1]
+        spent = time.process_time() - self.start[0] + self.elsewhere_s, time.perf_counter() - self.start[1]
         return Simulated(transport, picture, self._reports(total), *spent, spectral, self.near.blurring())
 
     def _reports(self, total: float) -> tuple[EffectReport, ...]:

@@ -1,0 +1,223 @@
+"""A film rendered in segments by several workers, and joined into the file that one would have written.
+
+    film.mkv.segments/plan.json            what is rendered, from what, and where it is divided
+    film.mkv.segments/003.mkv              a segment, without loss; numbered pictures: 003-%05d.png
+    film.mkv.segments/003.before.png       of a segment that begins within a shot: the frame before it, to compare
+    film.mkv.segments/003.json             written last: the segment is whole
+
+The folder stays until the film is whole, so that the same command goes on where another one was interrupted.
+"""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from counterlight.command import tell, track
+from counterlight.errors import InputError
+from counterlight.jobs.workers import Workers
+from counterlight.media.video import MediaReader
+from counterlight.show.governor import Governor
+from counterlight.show.headless import compile_passes, headless_renderer, render_to_file
+from counterlight.show.output import FilmOutput, open_output, read_written
+from counterlight.show.rendering import Rendering, Stretch
+from counterlight.show.segments import Film, divide, look_through, within_shots
+from counterlight.show.stats import Stats
+from counterlight.writing.numbered import is_numbered, number_of
+from counterlight.writing.outputs import is_vacant, refuse_strangers
+from counterlight.writing.replacing import replacing_file
+from counterlight.writing.stage import clean_up
+
+FORMAT = 1
+PLAN = "plan.json"
+PARTS = PLAN, "[0-9]*.json", "[0-9]*.mkv", "[0-9]*.png", "[0-9]*.exr"
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One of the stretches, and its files.  output : of the whole film."""
+
+    number: int
+    stretch: Stretch
+    folder: Path
+    output: Path
+
+    @property
+    def part(self) -> Path:
+        suffix = self.output.suffix.lower()
+        return self.folder / f"{self.number:03}{f'-%05d{suffix}' if is_numbered(self.output) else '.mkv'}"
+
+    @property
+    def before(self) -> Path:
+        suffix = self.output.suffix.lower()
+        return self.folder / f"{self.number:03}.before{suffix if is_numbered(self.output) else '.png'}"
+
+    @property
+    def record(self) -> Path:
+        return self.folder / f"{self.number:03}.json"
+
+    @property
+    def facts(self) -> dict[str, Any] | None:
+        """What was found when it was rendered; None if it has not been."""
+        return _read(self.record)
+
+
+def render_segment(rendering: Rendering, segment: Segment) -> Stats:
+    """Render a segment into its files; for a worker."""
+    room, stretch = rendering.room(), segment.stretch
+    with rendering.opened() as reader, headless_renderer(rendering.backend, room, rendering.path) as renderer:
+        renderer.open(reader.info.format)
+        renderer.adjust(rendering.adjustments)
+        stats = render_to_file(
+            reader,
+            renderer,
+            room,
+            segment.part,
+            rendering.view,
+            compensate=rendering.compensate,
+            governor=Governor(rendering.steps, start=room.start),
+            stretch=stretch,
+            before=segment.before,
+            quiet=True,
+        )
+    expected = (stretch.end or 0) - stretch.begin
+    if stats.frames != expected:
+        raise InputError(f"{rendering.medium}: had {expected} frames more, now {stats.frames}; leave it as it is")
+    with replacing_file(segment.record) as temporary:
+        temporary.write_text(json.dumps({"frames": stats.frames, **stats.facts}), encoding="utf-8")
+    return stats
+
+
+def render_in_segments(
+    rendering: Rendering, reader: MediaReader, output: Path, workers: Workers, count: int, lead_in: int | None
+) -> Stats:
+    """Render a film in at most `count` segments; returns what was counted and, of those rendered now, timed.
+
+    reader : at the film's first frame.  workers : ended when this returns.
+    lead_in : frames that are drawn before a segment which begins within a shot; None for no such segment.
+    """
+    film = look_through(reader, rendering.frames)
+    stretches = divide(film, count, carries=rendering.carries, lead_in=lead_in)
+    if len(stretches) < count:
+        tell(_of_fewer(len(stretches), count, film, lead_in))
+    folder = output.absolute().with_name(f"{output.name}.segments")
+    segments = [Segment(number, stretch, folder, output) for number, stretch in enumerate(stretches)]
+    within = within_shots(stretches, film) if rendering.carries else []
+    with open_output(output, reader.info.frames_per_second) as sink:
+        assert isinstance(sink, FilmOutput)
+        with _kept(folder, _plan(rendering, film, stretches)), workers:
+            stats = _rendered(rendering, segments, workers)
+            joints = _join(sink, segments, film, within)
+        stats.facts["segments"] = {"count": len(segments), "within_shots": joints}
+    shutil.rmtree(folder, ignore_errors=True)
+    return stats
+
+
+def _of_fewer(found: int, count: int, film: Film, lead_in: int | None) -> str:
+    cuts = f"{len(film.cuts) - 1} in {len(film.times_s)} frames"
+    hint = "" if lead_in is not None else "; --lead-in 100 divides shots, too, where some codes may then differ"
+    return f"--segments {count}: only {found}, for want of cuts ({cuts}){hint}"
+
+
+def _rendered(rendering: Rendering, segments: Sequence[Segment], workers: Workers) -> Stats:
+    """Render those that are not there yet; returns what all of them counted."""
+    if rendering.backend == "cpu":
+        compile_passes()  # once, not in every process
+    stats = Stats()
+    left = [segment for segment in segments if segment.facts is None]
+    if len(left) < len(segments):
+        tell(f"{len(segments) - len(left)} of {len(segments)} segments are there already")
+    jobs = [partial(render_segment, rendering, segment) for segment in left]
+    for _, part in track(workers.completed(jobs), "rendering segments", len(jobs)):
+        stats.take_times(part)
+    found = [segment.facts or {} for segment in segments]
+    stats.frames = sum(facts["frames"] for facts in found)
+    stats.facts = {name: value for name, value in found[-1].items() if name != "frames"}
+    if "camera_psnr_db" in stats.facts:
+        weights = [facts["frames"] for facts in found]
+        stats.facts["camera_psnr_db"] = float(np.average([facts["camera_psnr_db"] for facts in found], weights=weights))
+    return stats
+
+
+def _join(sink: FilmOutput, segments: Sequence[Segment], film: Film, within: Sequence[int]) -> list[dict[str, Any]]:
+    """Write the film; returns where it was divided within shots, and how far both sides are apart there."""
+    joints, last = list[dict[str, Any]](), None
+    for segment in track(segments, "joining segments"):
+        begin, end = segment.stretch.begin, segment.stretch.end
+        if segment.number in within:
+            joints.append({"frame": begin, **_apart(last, read_written(segment.before))})
+        last = sink.append(segment.part, film.times_s[begin:end])
+    return joints
+
+
+def _apart(one: Any, other: Any) -> dict[str, Any]:
+    difference = np.abs(np.asarray(one, np.float64) - other)
+    return {"differing": int(np.count_nonzero(difference)), "of": difference.size, "most": float(difference.max())}
+
+
+def _plan(rendering: Rendering, film: Film, stretches: Sequence[Stretch]) -> dict[str, Any]:
+    """What decides every bit of the segments, for JSON."""
+    made = asdict(rendering) | {"medium": _identity(rendering.medium.name)}
+    room = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in tables_of(rendering.calibration)}
+    text = json.dumps([made, room, asdict(film)], sort_keys=True, default=_told)
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    return {"format": FORMAT, "of": digest, "stretches": [[each.lead, each.begin, each.end] for each in stretches]}
+
+
+def tables_of(calibration: Path) -> list[Path]:
+    """The files that vouch for all others of a calibration folder."""
+    folders = calibration, calibration / "correction", calibration / "drift"
+    return [path for folder in folders for path in sorted(folder.glob("*.toml"))]
+
+
+def _identity(medium: str) -> list[Any]:
+    """What tells a medium from another one of its name."""
+    path = Path(medium)
+    files = sorted(each for each in path.parent.iterdir() if number_of(path.name, each.name) is not None)
+    states = [each.stat() for each in ([path] if path.exists() else files)]
+    return [str(path.absolute()), [(state.st_size, state.st_mtime_ns) for state in states]]
+
+
+def _told(value: Any) -> Any:
+    return hashlib.sha256(value.tobytes()).hexdigest() if isinstance(value, np.ndarray) else str(value)
+
+
+def _read(record: Path) -> dict[str, Any] | None:
+    try:
+        values = json.loads(record.read_bytes())
+    except (OSError, ValueError):
+        return None
+    return values if isinstance(values, dict) else None
+
+
+@contextmanager
+def _kept(folder: Path, plan: Mapping[str, Any]) -> Iterator[None]:
+    """The folder of the segments; whatever ends the block, whole segments of this plan stay in it, and nothing else."""
+    record = folder / PLAN
+    there = _read(record)
+    if not (is_vacant(folder) or (there and there.keys() == plan.keys())):
+        raise InputError(f"{folder}: is in the way of the segments; move it away")
+    if there is not None and there != plan:
+        refuse_strangers(folder, PARTS, "segments")
+        tell(f"{folder.name}: segments of another rendering; begun anew")
+        shutil.rmtree(folder)
+    folder.mkdir(exist_ok=True)
+    with replacing_file(record) as temporary:
+        temporary.write_text(json.dumps(plan), encoding="utf-8")
+    try:
+        yield
+    except BaseException:
+        clean_up(folder)
+        whole = len(list(folder.glob("[0-9]*.json")))
+        if whole:
+            tell(f"{folder.name}: keeps {whole} whole segments; the same command goes on with them")
+        else:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise

@@ -1,0 +1,126 @@
+"""Jobs on dask.distributed: real schedulers and workers, one of which is killed; what cannot be is one line."""
+
+import os
+import re
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from counterlight.tools.shipped import CLIP
+from tests.programs import command, descendants, fail, running, script, succeed, verb, wait_until
+from tests.rooms import write_blurred_room
+from tests.test_segments import packets
+
+SCENE = "corner"
+LOCAL = "--cluster", "local:2"
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cluster") / "room"
+    write_blurred_room(folder, np.random.default_rng(3), (48, 60), (40, 50))
+    succeed("build", folder)
+    return folder
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_windows_inverted_elsewhere_are_the_same_to_the_last_bit(room: Path) -> None:
+    words = "build", room, "--inverse", "whole", "--method", "windowed", "--regularize", "0.05"
+    succeed(*words)
+    here = contents(room)
+    succeed(*words, *LOCAL)
+    assert contents(room) == here
+
+
+def test_bands_traced_elsewhere_are_the_same_to_the_last_bit(tmp_path: Path) -> None:
+    words = SCENE, "--camera", "288x200", "--projector", "72x54"
+    succeed("simulate", *words, "-o", tmp_path / "here")
+    succeed("simulate", *words, "-o", tmp_path / "there", *LOCAL)
+    assert contents(tmp_path / "there") == contents(tmp_path / "here")
+
+
+def rendering(pid: int) -> list[int]:
+    """Workers that have begun to decode."""
+    workers = [child for child in descendants(pid) if called(child, "spawn_main")]
+    return [worker for worker in workers if any(called(child, "decoding.decoder") for child in descendants(worker))]
+
+
+def called(pid: int, name: str) -> bool:
+    try:
+        return name in Path(f"/proc/{pid}/cmdline").read_text()
+    except OSError:
+        return False
+
+
+def test_a_worker_that_is_killed_is_replaced_and_the_film_is_the_same(room: Path, tmp_path: Path) -> None:
+    words = *verb("play"), room, CLIP, "--backend", "cpu", "--refine", "0", "--frames", "40", "--output"
+    succeed(*words[1:], tmp_path / "one.mkv")
+    with running(*words, tmp_path / "many.mkv", *LOCAL, "--segments", "4") as process:
+        wait_until(lambda: bool(rendering(process.pid)), "no worker began", process)
+        os.kill(rendering(process.pid)[-1], signal.SIGKILL)
+        _, errors = process.communicate(timeout=240)
+    assert process.returncode == 0, errors
+    assert packets(tmp_path / "many.mkv") == packets(tmp_path / "one.mkv")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["many.mkv", "one.mkv"]
+
+
+@pytest.fixture
+def scheduler(tmp_path: Path) -> Iterator[str]:
+    """The address of one without workers."""
+    told = tmp_path / "scheduler.json"
+    words = script("dask"), "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"
+    with running(*words, "--scheduler-file", told, folder=tmp_path, errors=None) as process:
+        wait_until(lambda: told.exists() and '"address"' in told.read_text(), "no scheduler", process)
+        yield str(told.read_text().split('"address": "')[1].split('"')[0])
+
+
+BLIND = "import counterlight.jobs.cluster as c; c.content_of = lambda path: None"
+OLDER = "import counterlight.jobs.cluster as c; c.LIBRARIES = ('numpy',); c.program.cache_clear()"
+STRANGE = "import importlib.metadata as m; v = m.version; m.version = lambda n: v('no-' * (n == 'counterlight') + n)"
+
+
+@pytest.mark.parametrize(
+    ("made", "expected"),
+    [
+        (STRANGE, "has no counterlight; install it there"),
+        (OLDER, "has scipy None, numba None, av None, here is scipy "),
+        (BLIND, "calibration.toml: the worker tcp://.* does not see it; share its folder with all workers"),
+    ],
+)
+def test_a_worker_that_cannot_do_the_same_is_one_line(room: Path, scheduler: str, made: str, expected: str) -> None:
+    """A worker that has not what it needs, or sees no file, since its process was told so."""
+    begun = f"{made}; from distributed.cli.dask_worker import main; main()"
+    words = sys.executable, "-c", begun, scheduler, "--no-nanny", "--nthreads", "1", "--no-dashboard"
+    with running(*words, errors=None) as worker:
+        wait_until(lambda: "no worker is there" not in refused(room, scheduler), "it never came", worker)
+        line = fail("build", room, "--cluster", scheduler)
+    assert re.search(expected, line), line
+
+
+def refused(room: Path, scheduler: str) -> str:
+    return command("build", room, "--cluster", scheduler).stderr
+
+
+@pytest.mark.parametrize(
+    ("address", "expected"),
+    [
+        ("127.0.0.1:1", "nobody answers there"),
+        ("nonsense", "nobody answers there (missing port number"),
+        ("local:0", "expected at least one worker, such as local:2"),
+    ],
+)
+def test_an_address_where_nobody_is_is_one_line(room: Path, address: str, expected: str) -> None:
+    before = contents(room)
+    assert f"--cluster {address}: {expected}" in fail("build", room, "--cluster", address)
+    assert contents(room) == before
+
+
+def test_a_scheduler_without_workers_is_one_line(room: Path, scheduler: str) -> None:
+    assert "no worker is there; start some with: dask worker" in fail("build", room, "--cluster", scheduler)

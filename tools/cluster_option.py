@@ -1,0 +1,30 @@
+"""--cluster, which several commands share: who does the work of many machines (counterlight/jobs)."""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from counterlight.jobs.workers import Workers
+
+
+def add_cluster(parser: argparse.ArgumentParser, what: str) -> None:
+    """what : is done there."""
+    parser.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help=f"{what} by the workers of a dask scheduler, HOST:PORT, or local:N by processes of this machine; with the "
+        "same result (extra cluster, docs/size.md)",
+    )
+
+
+@contextmanager
+def workers_of(address: str | None, files: Sequence[Path], shared: Path | None) -> Iterator[Workers | None]:
+    """None for this process.  files, shared : what all workers must see, and where what is made goes."""
+    if address is None:
+        yield None
+        return
+    from counterlight.jobs.cluster import open_cluster  # dask.distributed takes a second
+
+    with open_cluster(address, files, shared) as workers:
+        yield workers

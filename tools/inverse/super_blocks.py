@@ -1,0 +1,107 @@
+"""Windows inverted elsewhere: super-blocks of them, each of which reads its own slice of T from a shared folder.
+
+A slice is what the windows of a super-block can ever look at: the columns of T, and N's rows and columns, of the pixels
+that their widest windows touch. Its numbers are those of the whole in the same order, and so is the result to the last
+bit.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from threadpoolctl import threadpool_limits
+
+from counterlight.arrays import IntArray
+from counterlight.command import track
+from counterlight.jobs.workers import Workers
+from counterlight.raster import Region
+from counterlight.tools.inverse.pieces import Piece, Truncation
+from counterlight.tools.inverse.windowed import HALOS, WindowedChannel, WindowRows, Windows, windowed_jobs
+
+SIDE = 4  # blocks of a super-block
+MATRICES = "columns", "normal"
+PARTS = "data", "indices", "indptr"
+SHARED, REACH = "windows.npz", "reach.npy"
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """Who inverts windows, and where they find them.  folder : an empty one that all workers see."""
+
+    workers: Workers
+    folder: Path
+
+    def pieces(
+        self, channels: Sequence[WindowedChannel], windows: Windows, truncation: Truncation, tolerance: float
+    ) -> Iterator[Piece]:
+        """All windows inverted, as `windowed_jobs` does."""
+        np.save(self.folder / REACH, truncation.reach)
+        regions = np.array([tuple(region) for region in windows.regions], np.int64).reshape(-1, 4)
+        np.savez(self.folder / SHARED, member=windows.member, told=[windows.halo, windows.block], regions=regions)
+        groups = _super_blocks(windows)
+        for number, corners in enumerate(groups):
+            slices = [_slice(channel, windows, corners) for channel in channels]
+            named = {f"{i}_{name}": values for i, each in enumerate(slices) for name, values in each.items()}
+            np.savez(self.folder / f"{number}.npz", corners=np.array(corners, np.int64), **named)
+        told = truncation.budget, tolerance, len(channels)
+        jobs = [partial(invert_super_block, self.folder, number, *told) for number in range(len(groups))]
+        for _, pieces in track(self.workers.completed(jobs), "inverting", len(jobs)):
+            yield from pieces
+
+
+def invert_super_block(folder: Path, number: int, budget: float, tolerance: float, channels: int) -> list[Piece]:
+    """The windows of one super-block; for a worker."""
+    whole, reach = _windows(folder), np.load(folder / REACH, mmap_mode="r")
+    with np.load(folder / f"{number}.npz") as stored:
+        slices = tuple(_Slice(stored, i) for i in range(channels))
+        corners = [(int(y), int(x)) for y, x in stored["corners"]]
+    jobs = windowed_jobs(slices, whole, Truncation(reach, budget), tolerance, corners)
+    with threadpool_limits(limits=1):  # as the threads of tools/jobs.py, for the same bits
+        return [job() for job in jobs]
+
+
+class _Slice(WindowedChannel):
+    """A channel of which only some projector pixels are there, under their numbers in the whole."""
+
+    def __init__(self, stored: Any, channel: int) -> None:
+        self._pixels: IntArray = stored[f"{channel}_pixels"]
+        (columns, wide), (normal, square) = (
+            (tuple(stored[f"{channel}_{name}_{part}"] for part in PARTS), tuple(stored[f"{channel}_{name}_shape"]))
+            for name in MATRICES
+        )
+        self._columns = sparse.csc_array(columns, shape=wide)
+        self._normal = sparse.csr_array(normal, shape=square)
+
+    def solve(self, block: IntArray, window: IntArray) -> WindowRows:
+        return super().solve(np.searchsorted(self._pixels, block), np.searchsorted(self._pixels, window))
+
+    def touched(self, block: IntArray) -> IntArray:
+        return self._pixels[super().touched(np.searchsorted(self._pixels, block))]
+
+
+def _slice(channel: WindowedChannel, windows: Windows, corners: Sequence[tuple[int, int]]) -> dict[str, Any]:
+    widest = np.unique(np.concatenate([windows.window(channel, corner, HALOS[-1]) for corner in corners]))
+    pixels = channel.touched(widest)
+    found = {"pixels": pixels}
+    for name, matrix in zip(MATRICES, channel.part(pixels), strict=True):
+        found |= {f"{name}_{part}": getattr(matrix, part) for part in (*PARTS, "shape")}
+    return found
+
+
+def _super_blocks(windows: Windows) -> list[list[tuple[int, int]]]:
+    """The corners of all blocks, those near each other together."""
+    side, groups = SIDE * windows.block, dict[tuple[int, int], list[tuple[int, int]]]()
+    for y, x in windows.blocks():
+        groups.setdefault((y // side, x // side), []).append((y, x))
+    return list(groups.values())
+
+
+@lru_cache(1)
+def _windows(folder: Path) -> Windows:
+    with np.load(folder / SHARED) as stored:
+        halo, block = map(int, stored["told"])
+        return Windows(stored["member"], halo, block, tuple(Region(*map(int, each)) for each in stored["regions"]))
