@@ -371,7 +371,7 @@ def play_in_window(
 
         session = Session(
             Playlist(options.media, loop=options.loop and len(options.media) > 1, start=options.playlist_start),
-            Media(options.border, options.fps),
+            Media(options.border, options.fps, options.hwdec),
             GlRenderer(window.context, room, path, window.bits),
             window,
             RoomInUse(options.calibration, room, lambda: room_of(options), renewed),

@@ -13,6 +13,7 @@ from typing import Any, Self
 from counterlight.errors import InputError
 from counterlight.media.decoding.child import all_buried
 from counterlight.media.decoding.decoder_link import DecoderLink
+from counterlight.media.decoding.devices import PROCESSOR
 from counterlight.media.decoding.live import STEADY_S
 from counterlight.media.frames import Frame, MediaInfo, PixelFormat, PlaneShape, format_from_json
 from counterlight.media.medium import Medium
@@ -41,7 +42,14 @@ class MediaReader:
     """
 
     def __init__(
-        self, medium: Medium, *, loop: bool, frames_per_second: float | None, tolerant: bool, opening_s: float
+        self,
+        medium: Medium,
+        *,
+        loop: bool,
+        frames_per_second: float | None,
+        tolerant: bool,
+        hwdec: str,
+        opening_s: float,
     ) -> None:
         self.medium, self._loop, self._opening_s = medium, loop, opening_s
         self._live = medium.live() is not None
@@ -50,6 +58,7 @@ class MediaReader:
             "loop": loop,
             "frames_per_second": frames_per_second,
             "tolerant": tolerant,
+            "hwdec": hwdec,
         }
         self._serial, self._index, self._deaths, self._losses, self._number = 0, 0, 0, 0, 0
         self._start: dict[str, Any] = {"serial": 0, "time_s": 0.0, "after": False, "offset_s": 0.0}
@@ -72,6 +81,7 @@ class MediaReader:
         loop: bool = False,
         frames_per_second: float | None = None,
         tolerant: bool = False,
+        hwdec: str = PROCESSOR,
         opening_s: float | None = None,
     ) -> Self:
         """Begin to open a file, a sequence (`frames/%05d.png`) or a live source (decoding/live.py), without waiting.
@@ -80,6 +90,9 @@ class MediaReader:
 
         frames_per_second : of a sequence; 25 when None. Videos keep their own times.
         tolerant : pictures that cannot be decoded are left out (Frame.skipped, and a notice) instead of an error.
+        hwdec : what decodes films: "no", the processor; "auto"; or a device as FFmpeg names it, such as `cuda` or
+        `vaapi:/dev/dri/renderD128`. Where it does not, the processor does, and a notice says so; also once a decoder
+        has died.
         opening_s : after which it cannot be opened; None for what suits the medium.
         Raises InputError for names that are not allowed, and when the system has no process for it.
         """
@@ -93,6 +106,7 @@ class MediaReader:
             loop=loop,
             frames_per_second=frames_per_second,
             tolerant=tolerant,
+            hwdec=hwdec,
             opening_s=usual_s if opening_s is None else opening_s,
         )
 
@@ -104,6 +118,7 @@ class MediaReader:
         loop: bool = False,
         frames_per_second: float | None = None,
         tolerant: bool = False,
+        hwdec: str = PROCESSOR,
     ) -> Self:
         """The same, and wait: its first frame has been decoded when this returns.
 
@@ -114,6 +129,7 @@ class MediaReader:
             loop=loop,
             frames_per_second=frames_per_second,
             tolerant=tolerant,
+            hwdec=hwdec,
             opening_s=PATIENT_OPENING_S,
         )
         try:
@@ -319,9 +335,10 @@ class MediaReader:
         Does not wait for it: until it has opened the medium there is no frame, and whoever polls holds the last one.
         A live source is tried for ever.
         """
-        if self._info is None and reason != HUNG:
+        if self._info is None and reason != HUNG and self._arguments["hwdec"] == PROCESSOR:
             raise InputError(f"{self.medium}: {reason} while opening it; convert or export it again")
         self._deaths += 1
+        self._arguments["hwdec"] = PROCESSOR  # a driver may be why
         if self._deaths > MAX_DEATHS and not self._live:
             self._child.close()
             self._failure = f"{self.medium}: {reason} {MAX_DEATHS} times without a frame; convert the medium"

@@ -3,16 +3,17 @@
 from pathlib import Path
 
 from counterlight.files.cube import Cube, read_cube
+from counterlight.media.decoding.devices import PROCESSOR
 from counterlight.media.medium import Border, Medium
 from counterlight.media.video import MediaReader
 from counterlight.show.playlist import is_list, read_list
 
 
 class Media:
-    """How media are found and opened.  frames_per_second : of numbered pictures."""
+    """How media are found and opened.  frames_per_second : of numbered pictures.  hwdec : what decodes films."""
 
-    def __init__(self, border: Border, frames_per_second: float | None = None) -> None:
-        self._border, self._frames_per_second = border, frames_per_second
+    def __init__(self, border: Border, frames_per_second: float | None = None, hwdec: str = PROCESSOR) -> None:
+        self._border, self._frames_per_second, self._hwdec = border, frames_per_second, hwdec
 
     def medium(self, name: str) -> Medium:
         """The medium that a key or a remote names; InputError if it may not."""
@@ -33,4 +34,5 @@ class Media:
 
     def begin(self, medium: Medium, *, loop: bool) -> MediaReader:
         """Begin to open a medium, without waiting."""
-        return MediaReader.begin(medium, loop=loop, frames_per_second=self._frames_per_second, tolerant=True)
+        rate, hwdec = self._frames_per_second, self._hwdec
+        return MediaReader.begin(medium, loop=loop, frames_per_second=rate, tolerant=True, hwdec=hwdec)

@@ -15,6 +15,7 @@ from counterlight.calibration import RADIANCE
 from counterlight.command import Parser
 from counterlight.errors import InputError
 from counterlight.files.cube import read_cube
+from counterlight.media.decoding.devices import ANY, PROCESSOR, TYPES
 from counterlight.media.frames import MediaInfo
 from counterlight.media.medium import Border, Medium
 from counterlight.pipeline.adjustments import Adjustments
@@ -37,7 +38,7 @@ from counterlight.unattended.supervisor import SAFE
 from counterlight.unattended.timecode import Timecode, parse_timecode
 
 WINDOW_ONLY = (
-    *("fullscreen", "monitor", "any_size", "vsync", "bits", "audio", "volume", "mute", "blackout", "osd"),
+    *("fullscreen", "monitor", "any_size", "vsync", "bits", "hwdec", "audio", "volume", "mute", "blackout", "osd"),
     *("screenshot_directory", "speed", "image_display_duration", "playlist_start"),
     *("control", "remote", "osc", "heartbeat", "lead", "follow", "timecode", "at", "schedule"),
 )
@@ -162,6 +163,8 @@ def _add_what(parser: argparse.ArgumentParser) -> None:
     rate = Number(1e-3, 1e3, noun="frames per second")
     _number(parser, "fps", rate, "RATE", "frames per second of a numbered sequence (default 25)")
     _offer(parser, "speed", "image-display-duration")
+    text = f"what decodes films: no, the processor (default); auto; or a GPU as FFmpeg\nnames it: {', '.join(TYPES)}"
+    parser.add_argument("--hwdec", type=_device, default=PROCESSOR, metavar="TYPE[:DEVICE]", help=text)
 
 
 def _add_border(parser: argparse.ArgumentParser) -> None:
@@ -244,6 +247,12 @@ def _address(**defaults: Any) -> Callable[[str], tuple[str, int]]:
             raise argparse.ArgumentTypeError(f"expected {expected}, found {word!r}") from None
 
     return read
+
+
+def _device(word: str) -> str:
+    if word.partition(":")[0] not in (PROCESSOR, ANY, *TYPES):
+        raise argparse.ArgumentTypeError(f"expected {PROCESSOR}, {ANY} or one of {', '.join(TYPES)}, found {word!r}")
+    return word
 
 
 def _timecode(word: str) -> Timecode:

@@ -109,13 +109,16 @@ def private_stdout() -> IO[bytes]:
     return os.fdopen(pipe, "wb")
 
 
-def limit_memory() -> None:
-    """Bound the address space, so that a hostile header fails here and does not swap the machine to death."""
+def limit_memory(most: float = MAX_ADDRESS_SPACE) -> None:
+    """Bound the address space, so that a hostile header fails here and does not swap the machine to death.
+
+    most : bytes; infinity takes the bound back.
+    """
     try:
         import resource
     except ImportError:  # not a POSIX system
         return
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    limit = MAX_ADDRESS_SPACE if hard == resource.RLIM_INFINITY else min(MAX_ADDRESS_SPACE, hard)
+    limit = hard if most == float("inf") else int(most) if hard == resource.RLIM_INFINITY else min(int(most), hard)
     resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
     resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))

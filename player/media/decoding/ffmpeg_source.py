@@ -7,8 +7,10 @@ from itertools import chain
 from pathlib import Path
 
 import av
+from av.codec.hwaccel import HWAccel
 
 from counterlight.errors import InputError
+from counterlight.media.decoding.devices import PROCESSOR, devices_of
 from counterlight.media.decoding.opening import open_file, open_sequence, reason
 from counterlight.media.decoding.pixels import (
     MAX_PIXELS,
@@ -35,10 +37,14 @@ class FfmpegSource:
     """Whatever FFmpeg reads: videos, pictures, numbered pictures.
 
     tolerant : leave out pictures that cannot be decoded, and take an early end for the end; a line says so, once.
+    hwdec : what decodes films, see devices.py.
     """
 
-    def __init__(self, medium: Medium, sequence: Sequence | None, *, tolerant: bool = False) -> None:
+    def __init__(
+        self, medium: Medium, sequence: Sequence | None, *, tolerant: bool = False, hwdec: str = PROCESSOR
+    ) -> None:
         self._medium, self._sequence, self._tolerant = medium, sequence, tolerant
+        self._device: HWAccel | None = None
         self.path = Path(medium.name) if medium.live() is None else medium.name
         self.notices: list[str] = []
         self._damage: InputError | None = None  # the first that was tolerated
@@ -49,6 +55,8 @@ class FfmpegSource:
         self._open()
         self._fresh: Iterator[Decoded] | None = self._read()
         first, tags = self._first(self._fresh)
+        if hwdec != PROCESSOR and sequence is None and not (self._still or self._picture):
+            first = self._decode_on(hwdec)
         self.info = self._describe(first, tags)
         self._check_trailer()
 
@@ -85,7 +93,7 @@ class FfmpegSource:
         path, options = Path(self.path), {"max_pixels": str(MAX_PIXELS)}
         try:
             if self._sequence is None:
-                self._container = open_file(self._medium, path, options)
+                self._container = open_file(self._medium, path, options, self._device)
             else:
                 rate = Fraction(self._sequence.rate).limit_denominator(100_000)
                 options |= {"framerate": str(rate), "start_number": str(self._sequence.start)}
@@ -132,6 +140,33 @@ class FfmpegSource:
                 second, self._still = _failing(error), False
         self._fresh = chain([first], second, pictures)
         return first, tags
+
+    def _decode_on(self, hwdec: str) -> Decoded:
+        """Begin again on a GPU, or else on the processor, which a line then says; the first picture.
+
+        Tags stay those that the processor's decoder has told: PyAV brings down pictures without them.
+        """
+        why = "no such device here"
+        for self._device in devices_of(hwdec):
+            try:
+                self._container.close()
+                self._open()
+                pictures = self._read()
+                first = next(pictures)
+                if self._stream.codec_context.is_hwaccel:
+                    self._fresh = chain([first], pictures)
+                    return first
+                why = f"it knows no {self._codec}"
+            except (av.FFmpegError, OSError, InputError, StopIteration) as error:
+                why = reason(error)
+        self.notices.append(f"{self.path}: --hwdec {hwdec} does not decode it ({why}); the processor does")
+        self._device = None
+        self._container.close()
+        self._open()
+        pictures = self._read()
+        first = next(pictures)
+        self._fresh = chain([first], pictures)
+        return first
 
     def _describe(self, first: Decoded, tags: Tags) -> MediaInfo:
         try:
@@ -230,7 +265,7 @@ class FfmpegSource:
             return []
 
     def _samples(self, frame: av.VideoFrame, count: int) -> Samples:
-        if count == 1:
+        if count == 1 and self._device is None:
             self._rotation, self.flip_rows = display_rotation(frame)
             self._tags = Tags(
                 int(frame.colorspace),

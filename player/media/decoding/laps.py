@@ -9,6 +9,8 @@ from typing import Any, NoReturn
 import av
 
 from counterlight.errors import InputError
+from counterlight.media.decoding.child import limit_memory
+from counterlight.media.decoding.devices import PROCESSOR
 from counterlight.media.decoding.ffmpeg_log import log_natively
 from counterlight.media.decoding.mailbox import Events, Mailbox, Order
 from counterlight.media.decoding.media import open_source
@@ -25,12 +27,15 @@ RING_BYTES = 512 << 20  # what decode-ahead may cost at most; at least two slots
 def decode(arguments: dict[str, Any], mailbox: Mailbox, events: Events) -> None:
     """Open a medium and decode it until the process is told to quit.
 
-    arguments : medium, loop, frames_per_second, tolerant, start (the first order), ring (a file descriptor).
+    arguments : medium, loop, frames_per_second, tolerant, hwdec, start (the first order), ring (a file descriptor).
     """
     log_natively(av.logging.PANIC)
+    hwdec = arguments["hwdec"]
+    if hwdec != PROCESSOR:
+        limit_memory(float("inf"))  # drivers of GPUs map more than there is
     try:
         medium = Medium(**arguments["medium"])
-        source = open_source(medium, arguments["frames_per_second"], tolerant=arguments["tolerant"])
+        source = open_source(medium, arguments["frames_per_second"], tolerant=arguments["tolerant"], hwdec=hwdec)
         planes = _make_ring(arguments["ring"], source.info)
     except InputError as error:
         events.send({"error": str(error)})

@@ -8,6 +8,7 @@ import numpy as np
 
 from counterlight.errors import InputError
 from counterlight.files import exr
+from counterlight.media.decoding.devices import PROCESSOR
 from counterlight.media.decoding.ffmpeg_source import FfmpegSource
 from counterlight.media.decoding.live_source import LiveSource
 from counterlight.media.decoding.pixels import MAX_PIXELS, UNTAGGED, Samples, Tags, check_finite, describe
@@ -20,10 +21,12 @@ from counterlight.writing.stage import finish
 SEQUENCE_RATE = 25.0
 
 
-def open_source(medium: Medium, frames_per_second: float | None, *, tolerant: bool = False) -> Source:
+def open_source(
+    medium: Medium, frames_per_second: float | None, *, tolerant: bool = False, hwdec: str = PROCESSOR
+) -> Source:
     """Open a file, a printf pattern such as `frames/%05d.png` or a live source, and decode its first picture.
 
-    tolerant : leave out what FFmpeg cannot decode; OpenEXR pictures must be whole.
+    tolerant : leave out what FFmpeg cannot decode; OpenEXR pictures must be whole.  hwdec : see devices.py.
     """
     medium.check()
     live = medium.live()
@@ -39,7 +42,7 @@ def open_source(medium: Medium, frames_per_second: float | None, *, tolerant: bo
         return FfmpegSource(medium, Sequence(start, len(paths), rate), tolerant=tolerant)
     if path.suffix.lower() == ".exr":
         return ExrSource(path, [medium.file(path)], SEQUENCE_RATE)
-    return FfmpegSource(medium, None, tolerant=tolerant)
+    return FfmpegSource(medium, None, tolerant=tolerant, hwdec=hwdec)
 
 
 class ExrSource:

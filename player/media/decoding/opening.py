@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import av
+from av.codec.hwaccel import HWAccel
 from av.container import InputContainer
 
 from counterlight.errors import InputError
@@ -34,10 +35,12 @@ FORMATS = (
 )
 
 
-def open_file(medium: Medium, path: Path, options: Mapping[str, str] | None = None) -> InputContainer:
+def open_file(
+    medium: Medium, path: Path, options: Mapping[str, str] | None = None, hwaccel: HWAccel | None = None
+) -> InputContainer:
     """Open one regular file of a medium. Raises InputError and FFmpeg's errors."""
     formats = FORMATS if path.name.lower().endswith(".y") else f"{FORMATS},{_PICTURES}"
-    return _open(f"file:{medium.file(path)}", formats, {"pattern_type": "none", **(options or {})})
+    return _open(f"file:{medium.file(path)}", formats, {"pattern_type": "none", **(options or {})}, hwaccel=hwaccel)
 
 
 def open_sequence(medium: Medium, pattern: Path, options: Mapping[str, str]) -> InputContainer:
@@ -70,8 +73,14 @@ def _open(
     protocols: str = "file",
     format: str | None = None,
     timeout: tuple[float, float] | None = None,
+    hwaccel: HWAccel | None = None,
 ) -> InputContainer:
     whitelists = {"protocol_whitelist": protocols, "format_whitelist": formats}
     return av.open(
-        address, format=format, options={**options, **whitelists}, timeout=timeout, metadata_errors="replace"
+        address,
+        format=format,
+        options={**options, **whitelists},
+        timeout=timeout,
+        metadata_errors="replace",
+        hwaccel=hwaccel,
     )
