@@ -1,6 +1,7 @@
 """A real browser: Debian's Chromium without a window, driven by the DevTools protocol."""
 
 import base64
+import contextlib
 import itertools
 import json
 import shutil
@@ -27,6 +28,13 @@ OPTIONS = (
 )
 
 
+WENT_AWAY = -32000  # what Chromium answers where a page gives way to another one meanwhile
+
+
+class WentAwayError(Exception):
+    """The page that was asked is no longer there."""
+
+
 class Page:
     """One tab."""
 
@@ -42,6 +50,8 @@ class Page:
         while True:
             told = json.loads(self._socket.recv(timeout=PATIENCE_S))
             if told.get("id") == number:
+                if told.get("error", {}).get("code") == WENT_AWAY:
+                    raise WentAwayError(told["error"]["message"])
                 assert "error" not in told, told
                 return told["result"]
             self._note(told)
@@ -65,10 +75,13 @@ class Page:
     def wait(self, expression: str) -> Any:
         """Until an expression is true, which is then its value; a page that is not there yet has none."""
         deadline = time.monotonic() + PATIENCE_S
-        while not (value := self.ask(f"(() => {{ try {{ return {expression} }} catch {{ return null }} }})()")):
+        tried = f"(() => {{ try {{ return {expression} }} catch {{ return null }} }})()"
+        while True:
+            with contextlib.suppress(WentAwayError):
+                if value := self.ask(tried):
+                    return value
             assert time.monotonic() < deadline, (expression, self.ask("document.body.innerText"), self.complaints)
             time.sleep(0.05)
-        return value
 
     def middle(self, selector: str) -> tuple[float, float]:
         """Of an element, which is brought into view."""

@@ -37,7 +37,7 @@ from tests.samples import samples
 MANIFEST_NAME = f"{FOLDER}/{MANIFEST}"
 CAMERA, PROJECTOR, CELLS = (13, 18), (10, 14), 4
 MIXING = np.array([[0.88, 0.08, 0.04], [0.06, 0.88, 0.06], [0.03, 0.09, 0.88]])
-WIDE = '{ width = 16384, height = 9, response = "srgb" }'
+WIDE = '{ width = 16384, height = 16384, response = "srgb" }'
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def room(built: Path, tmp_path: Path) -> DamagedRoom:
         ("calibration.toml", 'name = "blurred wall"', "name = 7", "name: found 7, expected a text"),
         ("calibration.toml", 'name = "blurred wall"', f'name = "{"x" * 2000}"', "name: found 'x{79}…, expected a text"),
         ("calibration.toml", "projectors = [", f"projectors = [{'{ width = 9, height = 9 },' * 64}", "needs one to 64"),
-        ("calibration.toml", "projectors = [", f"projectors = [{WIDE},", "size 16398x10: expected 1 to 16384"),
+        ("calibration.toml", "projectors = [", f"projectors = [{WIDE},", "size 16384x32768: expected 1 to 16384"),
         (MANIFEST_NAME, "format = 2", "format = true", "format True, this version reads 2"),
         (MANIFEST_NAME, "white = ", "white = 5e-324 # ", "white: found 5e-324, expected a number"),
         (MANIFEST_NAME, "white = ", "white = 1e300 # ", "number from 1e-12 to 1e.12"),

@@ -9,6 +9,7 @@ import pytest
 from scipy import sparse
 
 from counterlight import calibration
+from counterlight.tools.acquire_transport import _choose_scheme as choose_scheme
 from counterlight.tools.acquire_transport import _parser as acquire_parser
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.study.pictures import find_pictures
@@ -114,6 +115,7 @@ def test_more_shots_come_closer_to_the_rooms_own_transport(tmp_path: Path, monke
 def test_each_way_of_acquiring_is_a_command() -> None:
     for way in acquiring.WAYS:
         options = acquire_parser().parse_args(["--camera", "simulated:x", "-o", "room", *way.options.split()])
+        choose_scheme(options)
         made = way.make()
         assert options.scheme in ("hierarchical", "multiplexed", "graycode")
         if isinstance(made, HierarchicalScheme):

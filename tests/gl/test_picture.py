@@ -244,7 +244,7 @@ def test_a_neutral_picture_is_bit_for_bit_what_the_bare_passes_give(
     correct = RowMapPass(gl_context, textures, "CLAMP")
     table = table_texture(gl_context, room.calibration.projectors[0].response.inverse_table())
     target = gl_context.texture(PROJECTOR[::-1], 4, dtype="f1")
-    encode = Pass(gl_context, "encode.frag", target, {"DITHER_NOISE": None}, scale=1.0, frame=7)
+    encode = Pass(gl_context, "encode.frag", target, {"DITHER_NOISE": None}, scale=1.0, highest=255, frame=7)
     decoder.upload(frame.planes)
     placed = fitter.run(decoder.run())
     drive = correct.run(asked.run(picture=placed, ambient=ambient, full=full))

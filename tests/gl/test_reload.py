@@ -94,7 +94,7 @@ def test_a_shader_that_fails_only_when_it_draws_leaves_the_old(
     client = Client(installed / "show.socket")
     text = shader.read_text()
     head, _, _ = text.partition("void main")
-    shader.write_text(head + "void main() { encoded = vec4(scale); }")
+    shader.write_text(head + "void main() { encoded = vec4(scale * highest); }")
     assert client.ask("reload")["error"] == "success"
     wait_until(lambda: "not reloaded" in client.get("message"), "what is wrong", playing_copy)
     for compensation in (False, True):
