@@ -14,18 +14,16 @@ from counterlight.command import run, tell
 from counterlight.errors import InputError
 from counterlight.jobs.workers import Processes, Workers
 from counterlight.media.audio import open_audio
-from counterlight.media.line_in import LineIn
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.placement import read_placement
 from counterlight.pipeline.refinement import STEPS_OF_A_STILL
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room, read_room
-from counterlight.show.chase import Chase
+from counterlight.show.beside import checks_of, in_step_of, lamps_of
 from counterlight.show.control import ControlServer, Remote
 from counterlight.show.governor import Governor
 from counterlight.show.headless import chosen_backend, headless_renderer, render_to_file
-from counterlight.show.in_step import Curtain, Follower, Leader
 from counterlight.show.media import Media
 from counterlight.show.options import (
     adjustments_of,
@@ -41,15 +39,12 @@ from counterlight.show.playlist import Playlist, files_of
 from counterlight.show.remotes import open_remotes
 from counterlight.show.rendering import Rendering, Stretch
 from counterlight.show.room_in_use import RoomInUse
-from counterlight.show.schedule_file import ScheduleFile, read_schedule
+from counterlight.show.schedule_file import ScheduleFile
 from counterlight.show.segmented import render_in_segments, tables_of
 from counterlight.show.session import Session
 from counterlight.show.show import Show
 from counterlight.show.stats import Stats
-from counterlight.unattended.cues import Beacon, Listener
 from counterlight.unattended.heartbeat import Heartbeat, Notifier
-from counterlight.unattended.lamps import Lamps
-from counterlight.unattended.room_checks import RoomChecks
 from counterlight.unattended.supervisor import supervise
 from counterlight.writing.outputs import check_apart, check_file, check_log
 
@@ -264,58 +259,6 @@ def _segment_workers(options: argparse.Namespace, reader: MediaReader) -> Worker
     return open_cluster(options.cluster, [*tables_of(options.calibration), *medium], options.output.absolute().parent)
 
 
-def _checks(options: argparse.Namespace) -> RoomChecks | None:
-    """Of the room, by counterlight verify."""
-    told = check_of(options)
-    if told is None:
-        return None
-    words, every_s = told
-    verify = sys.executable, "-P", "-m", "counterlight", "verify", str(options.calibration), *words
-    return RoomChecks(verify, every_s)
-
-
-def _chase(options: argparse.Namespace, items: Callable[[], int], stack: ExitStack) -> Chase:
-    """Of the timecode at a sound input, which is on the stack."""
-    line = LineIn(options.timecode, lambda samples, heard_s: chase.take(samples, heard_s))
-    stack.callback(line.close)
-    chase = Chase(line.rate, options.timecode_start, items)
-    line.start()
-    return chase
-
-
-def _lamps(options: argparse.Namespace, stack: ExitStack) -> Lamps | None:
-    """The projectors of the schedule, on the stack."""
-    if options.schedule is None:
-        return None
-    try:
-        lamps = Lamps(read_schedule(options.schedule).projectors)
-    except InputError:  # damaged since the supervisor began, which has said so
-        return None
-    stack.callback(lamps.close)
-    return lamps
-
-
-def _in_step(options: argparse.Namespace, session: Session, stack: ExitStack) -> list[Callable[[], None]]:
-    """What keeps a show in step with others, on the stack."""
-    beside: list[Callable[[], None]] = []
-    if options.lead is not None:
-        beacon = Beacon(options.lead)
-        stack.callback(beacon.close)
-        beside.append(Leader(session, beacon).poll)
-    if options.follow is not None:
-        listener = Listener(options.follow)
-        stack.callback(listener.close)
-        beside.append(Follower(session, listener).poll)
-    if options.timecode is not None:
-        if options.follow is not None:
-            raise InputError("--timecode and --follow: a show follows one of them; leave the other out")
-        chase = _chase(options, lambda: len(session.playlist.media), stack)
-        beside.append(Follower(session, chase, "waits for timecode").poll)
-    if options.at is not None:
-        beside.append(Curtain(session, options.at).poll)
-    return beside
-
-
 def play_in_window(
     options: argparse.Namespace,
     room: Room,
@@ -399,9 +342,9 @@ def play_in_window(
             return session.renderer.encoded_texture
 
         window.attach(shown, lambda: session.rendered_view == "projector")
-        checks = _checks(options)
-        beside = _in_step(options, session, stack)
-        lamps = _lamps(options, stack)
+        checks = checks_of(options)
+        beside = in_step_of(options, session, stack)
+        lamps = lamps_of(options, stack)
         show = Show(
             session,
             bindings=options.keys,

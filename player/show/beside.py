@@ -1,0 +1,69 @@
+"""What runs beside a show, as its options say: checks of the room, projectors, machines in step, timecode."""
+
+import argparse
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+
+from counterlight.errors import InputError
+from counterlight.media.line_in import LineIn
+from counterlight.show.chase import Chase
+from counterlight.show.in_step import Curtain, Follower, Leader
+from counterlight.show.options import check_of
+from counterlight.show.schedule_file import read_schedule
+from counterlight.show.session import Session
+from counterlight.unattended.cues import Beacon, Listener
+from counterlight.unattended.lamps import Lamps
+from counterlight.unattended.room_checks import RoomChecks
+
+
+def checks_of(options: argparse.Namespace) -> RoomChecks | None:
+    """Of the room, by counterlight verify."""
+    told = check_of(options)
+    if told is None:
+        return None
+    words, every_s = told
+    verify = sys.executable, "-P", "-m", "counterlight", "verify", str(options.calibration), *words
+    return RoomChecks(verify, every_s)
+
+
+def lamps_of(options: argparse.Namespace, stack: ExitStack) -> Lamps | None:
+    """The projectors of the schedule, on the stack."""
+    if options.schedule is None:
+        return None
+    try:
+        lamps = Lamps(read_schedule(options.schedule).projectors)
+    except InputError:  # damaged since the supervisor began, which has said so
+        return None
+    stack.callback(lamps.close)
+    return lamps
+
+
+def in_step_of(options: argparse.Namespace, session: Session, stack: ExitStack) -> list[Callable[[], None]]:
+    """What keeps a show in step with others, on the stack."""
+    beside: list[Callable[[], None]] = []
+    if options.lead is not None:
+        beacon = Beacon(options.lead)
+        stack.callback(beacon.close)
+        beside.append(Leader(session, beacon).poll)
+    if options.follow is not None:
+        listener = Listener(options.follow)
+        stack.callback(listener.close)
+        beside.append(Follower(session, listener).poll)
+    if options.timecode is not None:
+        if options.follow is not None:
+            raise InputError("--timecode and --follow: a show follows one of them; leave the other out")
+        chase = _chase(options, lambda: len(session.playlist.media), stack)
+        beside.append(Follower(session, chase, "waits for timecode").poll)
+    if options.at is not None:
+        beside.append(Curtain(session, options.at).poll)
+    return beside
+
+
+def _chase(options: argparse.Namespace, items: Callable[[], int], stack: ExitStack) -> Chase:
+    """Of the timecode at a sound input, which is on the stack."""
+    line = LineIn(options.timecode, lambda samples, heard_s: chase.take(samples, heard_s))
+    stack.callback(line.close)
+    chase = Chase(line.rate, options.timecode_start, items)
+    line.start()
+    return chase
