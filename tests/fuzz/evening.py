@@ -31,7 +31,7 @@ SHOW: dict[str, object] = {
     **{"blackout": False, "pause": False, "view": "projector", "compensation": True, "test-card": "no", "speed": 1.0},
     **{"brightness": 0, "contrast": 0, "gamma": 0, "saturation": 0, "black-level": 0.0, "adapt": 0.0},
     **{"refine": "auto", "loop-file": False, "ab-loop-a": "no", "ab-loop-b": "no", "image-display-duration": 5.0},
-    **{"clipping": False, "budget": "no", "within": "no"},
+    **{"corners": None, "flicker": 0.0, "clipping": False, "budget": "no", "within": "no"},
     **{"monitor": "DUMMY1", "fullscreen": True, "loop-playlist": True},
 }
 HANDS_OFF = {"lut", "corners", "monitor", "loop-playlist", "osd"}  # paths, and what has no kind to draw from
