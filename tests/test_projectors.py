@@ -196,6 +196,21 @@ def test_a_keeper_switches_projectors_and_leaves_them_alone_then(
     assert told.count("Connection refused") == 1  # and not once a look
 
 
+def test_hours_that_end_while_a_projector_warms_up_switch_it_off_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Off before the show, which was obeyed; on for it, which somebody else sees done; off behind it, once more."""
+    monkeypatch.setattr(hours, "AGAIN_S", 0.2)
+    now = [at("23 09:00:00")]
+    with projector(slow=10**6) as lamp:
+        keeper = Keeper(lambda: Schedule((hours_of("10:00", "18:00"),), projectors=(of(lamp),)), lambda: now[0])
+        until(lambda: lamp.count("POWR ?") > 0, "asked")
+        now[0] = at("23 10:00:00")
+        until(lambda: lamp.power == WARMING, "told")
+        now[0] = at("23 18:00:00")
+        lamp.power = ON
+        until(lambda: lamp.power == COOLING, "off again")
+        keeper.close()
+
+
 def test_lamps_are_switched_and_told_of_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     """One warms up slowly, one asks for a password that is wrong; one is switched alone, then all."""
     monkeypatch.setattr(lamps, "AGAIN_S", 0.02)

@@ -92,8 +92,10 @@ class Keeper:
             if self._obeyed.get(projector) != on:
                 if status.power == ("on" if on else "off"):
                     self._obeyed[projector] = on
-                elif status.power in ("on", "off"):  # while it warms up or cools down it takes no orders
-                    switch(projector, on=on)
+                else:
+                    self._obeyed.pop(projector, None)  # what it obeyed before, it no longer does
+                    if status.power in ("on", "off"):  # while it warms up or cools down it takes no orders
+                        switch(projector, on=on)
             news = f"{replace(status, lamp_hours=())}"  # hours always grow
             line = f"projector {projector}: {status}"
         except InputError as error:

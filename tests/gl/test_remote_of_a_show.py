@@ -323,7 +323,7 @@ def test_where_the_page_is_is_printed_and_what_stands_in_the_way_is_one_line(
     xvfb: str, small_room: Path, folder: Path
 ) -> None:
     state = {"XDG_STATE_HOME": str(folder)}
-    with show_with_remote(xvfb, folder, small_room, "clip.mkv", "--frames", "5") as (process, place):
+    with show_with_remote(xvfb, folder, small_room, "clip.mkv", "--frames", "50") as (process, place):
         told = printed_address(process.communicate(timeout=PATIENCE_S)[0])
         assert told is not None
         assert told.groups() == (str(place.port), place.token)
