@@ -71,6 +71,7 @@ class Evening:
         if grown > MOST_GROWTH:
             tally.add(plan.first, Trial(GREEDY, f"{grown / 2**20:.1f} MiB"))
         tally.slowest_s, tally.peak = heart.longest_s, max(sizes)
+        tally.notes["MiB"] = " ".join(str(size >> 20) for size in sizes[:: max(1, len(sizes) // 8)])
         tally.notes |= {"grown": f"{grown / 2**20:+.1f} MiB", "frames": heart.frames, "dropped": heart.dropped}
         return tally
 
