@@ -3,7 +3,7 @@
 X11 needs libXrandr at run time: without it GLFW sees one monitor named "Display", whatever is plugged in.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -105,12 +105,17 @@ def after_a_change(
     return "return" if there else "left"
 
 
+def bits_of_code(channels: Iterable[int]) -> int:
+    """8, or 10 where every channel has as many.  channels : the bits of each."""
+    return 10 if min(channels) >= 10 else 8
+
+
 def _describe(index: int, name: str, handle: Any) -> Monitor:
     mode = glfw.get_video_mode(handle)
     x, y = glfw.get_monitor_pos(handle)
     # GLFW lists the primary monitor first.
-    bits = 10 if min(mode.bits) >= 10 else 8
-    return Monitor(index, name, mode.size.width, mode.size.height, mode.refresh_rate, x, y, index == 0, bits)
+    size, bits = mode.size, bits_of_code(mode.bits)
+    return Monitor(index, name, size.width, size.height, mode.refresh_rate, x, y, index == 0, bits)
 
 
 def _unique(names: Sequence[str]) -> list[str]:

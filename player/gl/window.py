@@ -12,6 +12,7 @@ from counterlight.gl.monitor_labels import MonitorLabels
 from counterlight.gl.monitors import (
     Monitor,
     after_a_change,
+    bits_of_code,
     find_monitor,
     list_monitors,
     monitor_handle,
@@ -381,7 +382,7 @@ def _bits_of(context: moderngl.Context) -> int:
     """Of a code value on its screen: 8, or 10 where the window system gave them."""
     found: Mapping[str, int] = context.screen.bits  # type: ignore[assignment]
     context.error  # noqa: B018 - takes back what asking for parts that a screen lacks has left
-    return 10 if min(found[colour] for colour in ("red", "green", "blue")) >= 10 else 8
+    return bits_of_code(found[colour] for colour in ("red", "green", "blue"))
 
 
 def _check_size(shape: tuple[int, int], monitor: Monitor) -> None:

@@ -149,24 +149,27 @@ class FfmpegSource:
         why = "no such device here"
         for self._device in devices_of(hwdec):
             try:
-                self._container.close()
-                self._open()
-                pictures = self._read()
-                first = next(pictures)
+                first = self._begin_again()
                 if self._stream.codec_context.is_hwaccel:
-                    self._fresh = chain([first], pictures)
                     return first
                 why = f"it knows no {self._codec}"
             except (av.FFmpegError, OSError, InputError, StopIteration) as error:
                 why = reason(error)
         self.notices.append(f"{self.path}: --hwdec {hwdec} does not decode it ({why}); the processor does")
         self._device = None
-        self._container.close()
-        self._open()
-        pictures = self._read()
+        return self._begin_again()
+
+    def _begin_again(self) -> Decoded:
+        """The first picture, decoded as is wanted now, and put back."""
+        pictures = self._reopened()
         first = next(pictures)
         self._fresh = chain([first], pictures)
         return first
+
+    def _reopened(self) -> Iterator[Decoded]:
+        self._container.close()
+        self._open()
+        return self._read()
 
     def _describe(self, first: Decoded, tags: Tags) -> MediaInfo:
         try:
@@ -217,9 +220,7 @@ class FfmpegSource:
             except (av.FFmpegError, InputError):
                 pass
         # No timestamps, no index, or one that leads past the target: from the start, which always works.
-        self._container.close()
-        self._open()
-        return self._read()
+        return self._reopened()
 
     def _read(self, *, resume: bool = False) -> Iterator[Decoded]:
         """Decode from the container's position to its end, in presentation order with growing times."""
