@@ -94,7 +94,7 @@ class Keeper:
                     self._obeyed[projector] = on
                 else:
                     self._obeyed.pop(projector, None)  # what it obeyed before, it no longer does
-                    if status.power in ("on", "off"):  # while it warms up or cools down it takes no orders
+                    if status.settled:
                         switch(projector, on=on)
             news = f"{replace(status, lamp_hours=())}"  # hours always grow
             line = f"projector {projector}: {status}"

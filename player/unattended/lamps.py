@@ -69,13 +69,13 @@ class _Lamp:
                 self._trouble = None
             except InputError as error:
                 self._status, self._trouble = None, str(error).removeprefix(f"projector {self._projector}: ")
-            settled = self._wanted is None and self._status is not None and self._status.power in POWERS[:2]
+            settled = self._wanted is None and self._status is not None and self._status.settled
             self._awake.wait(LOOK_S if settled else AGAIN_S)
 
     def _look(self) -> None:
-        """One step towards what is wanted: while it warms up or cools down it takes no orders."""
+        """One step towards what is wanted."""
         self._status, wanted = status_of(self._projector), self._wanted
-        if wanted is not None and self._status.power in POWERS[:2]:
+        if wanted is not None and self._status.settled:
             if self._status.power != POWERS[wanted]:
                 switch(self._projector, on=wanted)
                 self._status = status_of(self._projector)

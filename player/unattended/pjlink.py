@@ -48,6 +48,11 @@ class Status:
     lamp_hours: tuple[int, ...] = ()
     faults: tuple[str, ...] = ()
 
+    @property
+    def settled(self) -> bool:
+        """Whether it takes orders: while it warms up or cools down it does not."""
+        return self.power in ("on", "off")
+
     def __str__(self) -> str:
         hours = [f"{hours} h of lamp" for hours in self.lamp_hours]
         return ", ".join([self.power, *hours, *self.faults])
