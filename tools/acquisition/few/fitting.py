@@ -1,8 +1,4 @@
-"""T from what there is: places, far light, spots, and how bright each camera pixel is in all.
-
-How good it is: pictures that were left out of a fit are predicted by it. So they are once more by a fit of half as
-many, which says what twice as many would give.
-"""
+"""T from what there is: places, far light, spots, and how bright each camera pixel is in all."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -39,8 +39,7 @@ class Spots:
 
     def widths(self, far: FloatArray) -> FloatArray:
         """σ of the Gaussian along rows and columns, (camera pixels, 2), if so much of the light is far."""
-        kept = np.clip(self.contrast / (1 - far)[:, None], NARROWEST, WIDEST)
-        return np.asarray(np.sqrt(-np.log(kept) / (2 * np.pi**2)) * PERIOD)
+        return width_of(self.contrast / (1 - far)[:, None], PERIOD)
 
 
 def located(seen: Seen, table: Table) -> Spots:
@@ -119,14 +118,19 @@ class _Sine:
 
     def _expected(self, place: FloatArray, contrast: FloatArray) -> FloatArray:
         """Shares of Gaussians, (2, camera pixels)."""
-        kept = np.clip(contrast, NARROWEST, WIDEST)
-        columns, weights = along(place, np.sqrt(-np.log(kept) / (2 * np.pi**2)) * self._period, REACH)
+        columns, weights = along(place, width_of(contrast, self._period), REACH)
         size = self._lines.shape[1]
         inside = (columns >= 0) & (columns < size)
         weights = np.where(inside, weights, 0)
         weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1e-9)
         lines = self._lines[:, np.clip(columns, 0, size - 1)]
         return np.asarray(np.einsum("pnw,nw->pn", lines, weights))
+
+
+def width_of(contrast: FloatArray, period: int) -> FloatArray:
+    """σ of the Gaussian that leaves a sine of so many pixels so much of its contrast, in pixels."""
+    kept = np.clip(contrast, NARROWEST, WIDEST)
+    return np.asarray(np.sqrt(-np.log(kept) / (2 * np.pi**2)) * period)
 
 
 def along(place: FloatArray, width: FloatArray, reach: int) -> tuple[IntArray, FloatArray]:
