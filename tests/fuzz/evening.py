@@ -5,7 +5,7 @@ audience would see: it must be there, moving, on its monitor; the heartbeat neve
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from tests.desktop import screen, xrandr
 from tests.fuzz.heart import Heart
 from tests.fuzz.tally import CRASHED, GREEDY, HUNG, LEFT, READ, WRONG, Plan, Tally, Trial
 from tests.media import numbered, write_video
-from tests.programs import PATIENCE_S, descendants
+from tests.programs import PATIENCE_S, descendants, wait_until
 from tests.rooms import write_blurred_room
 from tests.test_live import Sender, udp_port
 from tests.web_remote import Place, Visitor, show_with_remote
@@ -97,10 +97,10 @@ def _round(
             if process.poll() is not None:
                 return Trial(CRASHED, f"the show ended with {process.returncode}")
             time.sleep(max(0.0, began + 1 - time.monotonic()))
-        return _calm(people[0], media, display, heart, asked)
+        return _calm(process, people[0], media, display, heart, asked)
 
 
-def _calm(visitor: Visitor, media: list[str], display: str, heart: Heart, asked: int) -> Trial:
+def _calm(process: Any, visitor: Visitor, media: list[str], display: str, heart: Heart, asked: int) -> Trial:
     """The show as an audience is to see it."""
     for name, value in SHOW.items():
         answer = visitor.ask("set_property", name, value)
@@ -111,10 +111,10 @@ def _calm(visitor: Visitor, media: list[str], display: str, heart: Heart, asked:
     for medium in media[1:]:
         visitor.ask("loadfile", medium, "append")
     try:
-        _until(lambda: visitor.get("path") == media[0], "the medium")
+        wait_until(lambda: visitor.get("path") == media[0], "the medium", process)
         before = visitor.get("frames")
-        _until(lambda: visitor.get("frames") > before + 20, "frames")
-        _until(lambda: screen(display, SECOND_MONITOR).max() > DARK, "a picture on the monitor")
+        wait_until(lambda: visitor.get("frames") > before + 20, "frames", process)
+        wait_until(lambda: screen(display, SECOND_MONITOR).max() > DARK, "a picture on the monitor", process)
     except AssertionError as error:
         return Trial(HUNG, f"not there within {PATIENCE_S:.0f} s: {error}")
     heart.look()
@@ -183,10 +183,3 @@ def _show(folder: Path, display: str) -> Iterator[tuple[Any, Place, list[str], i
     where = "--fullscreen", "--any-size", "--monitor", "DUMMY1", "--loop", "--heartbeat", folder / "show.log"
     with show_with_remote(display, folder, folder / "room", *media, *where) as (process, place):
         yield process, place, media, port
-
-
-def _until(condition: Callable[[], bool], what: str) -> None:
-    until_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < until_s, what
-        time.sleep(0.05)
