@@ -12,7 +12,7 @@ import counterlight as cl
 from counterlight.pipeline.content import reachable_white
 from counterlight.tools.inverse.damping import largest_singular_value
 from counterlight.tools.inverse.far_light import undo_far_light
-from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
+from counterlight.tools.inverse.near_light import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.solve.registry import SOLVERS
 from counterlight.tools.transport.transport import Csr, FarLight, channels, stacked

@@ -10,9 +10,9 @@ import pytest
 from counterlight import calibration
 from counterlight.maps.room_maps import read_maps
 from counterlight.tools.colour.tiers import tier_of
-from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.build import build_room_maps
+from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.inverse.pictures import typical_pictures
-from counterlight.tools.inverse.room import build_room_maps
 from counterlight.tools.simulation.room import fill_simulated_room
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.compensate import CompensateOptions, CompensationTask

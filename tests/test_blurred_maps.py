@@ -21,8 +21,8 @@ from counterlight.pipeline.reference_renderer import ReferenceRenderer
 from counterlight.pipeline.room import Room
 from counterlight.tools.acquisition.registration import _without_far
 from counterlight.tools.colour.tiers import tier_of
-from counterlight.tools.inverse.inverse import InverseOptions
-from counterlight.tools.inverse.room import BuiltRoom, build_maps
+from counterlight.tools.inverse.build import BuiltRoom, build_maps
+from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport

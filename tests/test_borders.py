@@ -23,9 +23,9 @@ from counterlight.pipeline.placement import FILE as PLACEMENT
 from counterlight.pipeline.placement import write_placement
 from counterlight.response import Response
 from counterlight.tools import acquire_transport, compensate_image, join_projectors, relight
+from counterlight.tools.inverse.build import build_room_maps
 from counterlight.tools.inverse.far_light import undo_far_light
-from counterlight.tools.inverse.inverse import InverseOptions
-from counterlight.tools.inverse.room import build_room_maps
+from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import FarLight, Transport, stacked
 from tests.hostile import little_memory, without_rights

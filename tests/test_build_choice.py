@@ -13,12 +13,11 @@ from counterlight.pipeline.refinement import Advice, advice_of, default_start, d
 from counterlight.pipeline.room import read_room
 from counterlight.raster import Region
 from counterlight.tools.clusters.components import find_clusters
-from counterlight.tools.inverse import inverse as inverses
-from counterlight.tools.inverse import price
+from counterlight.tools.inverse import near_light, price
 from counterlight.tools.inverse.damping import choose_damping
-from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
-from counterlight.tools.inverse.pieces import Truncation
+from counterlight.tools.inverse.near_light import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.price import Price, price_of_clusters, price_of_windows
+from counterlight.tools.inverse.rows import Truncation
 from counterlight.tools.transport.joining import join_transports
 from counterlight.tools.transport.transport import Transport, channels, stacked
 from tests.programs import fail, succeed
@@ -41,8 +40,8 @@ def test_a_small_room_is_inverted_whole() -> None:
 
 def test_what_would_take_too_long_is_cut_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(price, "MOST_SECONDS", 0.0)
-    monkeypatch.setattr(inverses, "MAX_CLUSTER", 100)
-    monkeypatch.setattr(inverses, "price_of_clusters", lambda *_: Price())
+    monkeypatch.setattr(near_light, "MAX_CLUSTER", 100)
+    monkeypatch.setattr(near_light, "price_of_clusters", lambda *_: Price())
     found = invert(0.5, InverseOptions())
     assert found.chosen == "cut"
     assert found.reason.startswith("it would take")

@@ -16,7 +16,7 @@ from counterlight.raster import Region, side_by_side
 from counterlight.response import Response
 from counterlight.show.options import monitors_of, read_options
 from counterlight.show.room_in_use import RoomInUse
-from counterlight.tools.inverse.inverse import InverseOptions, invert_near_light
+from counterlight.tools.inverse.near_light import InverseOptions, invert_near_light
 from counterlight.tools.solve.quality import psnr
 from counterlight.tools.transport.joining import join_transports
 from counterlight.tools.transport.storage import read_transport, write_transport

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear, nnls
 
 from counterlight.tools.inverse.damping import largest_singular_value
-from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.transport.transport import channels
 from tests import hard_systems as hard
 from tests.hard_systems import CONDITIONS, KEEP_ALL

@@ -11,7 +11,7 @@ from counterlight.tools.inverse.bidiagonal import largest_singular_value
 from counterlight.tools.inverse.clustered import damped_inverse
 from counterlight.tools.inverse.damping import choose_damping
 from counterlight.tools.inverse.far_light import undo_far_light
-from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
+from counterlight.tools.inverse.near_light import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, luminance_matrix, stacked
 from tests.rooms import blurred_transport
 

@@ -9,7 +9,7 @@ from scipy.sparse.linalg import lsmr
 from counterlight.tools.inverse.bidiagonal import Bidiagonal, Products, bidiagonalise, largest_singular_value
 from counterlight.tools.inverse.clustered import damped_inverse
 from counterlight.tools.inverse.damping import CANDIDATES, choose_damping
-from counterlight.tools.inverse.inverse import InverseOptions, invert_near_light
+from counterlight.tools.inverse.near_light import InverseOptions, invert_near_light
 from counterlight.tools.inverse.noise import noise_of_matrix
 from counterlight.tools.transport.transport import Csr, channels, stacked
 from tests.rooms import blurred_transport

@@ -20,7 +20,7 @@ from counterlight.memory import available_bytes
 from counterlight.response import Response
 from counterlight.tools import build_correction_map
 from counterlight.tools.inverse import memory
-from counterlight.tools.inverse.inverse import InverseOptions, invert_near_light
+from counterlight.tools.inverse.near_light import InverseOptions, invert_near_light
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport, stacked
 from tests.programs import command, fail, verb

@@ -12,10 +12,10 @@ from counterlight import calibration
 from counterlight.errors import InputError
 from counterlight.maps import room_maps as maps
 from counterlight.tools.inverse.bidiagonal import largest_singular_value
+from counterlight.tools.inverse.build import build_room_maps
 from counterlight.tools.inverse.clustered import damped_inverse
-from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
-from counterlight.tools.inverse.pieces import Truncation, truncated_piece
-from counterlight.tools.inverse.room import build_room_maps
+from counterlight.tools.inverse.near_light import Inverse, InverseOptions, invert_near_light
+from counterlight.tools.inverse.rows import Truncation, truncated_piece
 from counterlight.tools.inverse.truncation import entries_to_keep
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Csr, channel, channels, stacked

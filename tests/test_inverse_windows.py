@@ -9,10 +9,10 @@ from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.inverse import method as method_module
 from counterlight.tools.inverse.banded import columns_of_inverse, last_columns_of_inverse
 from counterlight.tools.inverse.clustered import damped_inverse
-from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.method import choose_method
-from counterlight.tools.inverse.pieces import Truncation
-from counterlight.tools.inverse.windowed import (
+from counterlight.tools.inverse.near_light import Inverse, InverseOptions, invert_near_light
+from counterlight.tools.inverse.rows import Truncation
+from counterlight.tools.inverse.windows import (
     HALOS,
     WindowedChannel,
     Windows,

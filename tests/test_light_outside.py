@@ -16,8 +16,8 @@ from counterlight.pipeline.refinement import STARTS
 from counterlight.pipeline.room import Room
 from counterlight.response import Response
 from counterlight.tools.colour.tiers import tier_of
-from counterlight.tools.inverse.inverse import InverseOptions
-from counterlight.tools.inverse.room import build_maps
+from counterlight.tools.inverse.build import build_maps
+from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of

@@ -345,7 +345,7 @@ def test_an_interrupt_leaves_the_previous_map(
     before = (room / "correction" / "manifest.toml").read_bytes()
     for step in (
         "counterlight.maps.row_map.write",
-        "counterlight.tools.inverse.inverse.join",
+        "counterlight.tools.inverse.near_light.join",
     ):  # while writing, and while computing
         with monkeypatch.context() as patch:
             patch.setattr(step, interrupted)

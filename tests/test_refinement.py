@@ -27,8 +27,8 @@ from counterlight.pipeline.refinement import (
     default_start,
     momentum,
 )
-from counterlight.tools.inverse.inverse import InverseOptions
-from counterlight.tools.inverse.room import build_room_maps
+from counterlight.tools.inverse.build import build_room_maps
+from counterlight.tools.inverse.near_light import InverseOptions
 from tests.packing import pack_matrices
 from tests.refined_rooms import DARK, PhysicalRoom, physical_room
 from tests.rooms import CAMERA, rgb_frame, write_blurred_room

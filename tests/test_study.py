@@ -16,7 +16,7 @@ import pytest
 
 from counterlight.files.manifest import describe_files
 from counterlight.pipeline.room import Room
-from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.inverse.presets import PRESETS
 from counterlight.tools.solve.compensate import CompensateOptions, CompensationTask
 from counterlight.tools.study.frames import graphics, player

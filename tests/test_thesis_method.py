@@ -12,8 +12,8 @@ from counterlight.files.manifest import describe_files, write_toml
 from counterlight.maps.row_map import unpack
 from counterlight.pipeline.room import read_room
 from counterlight.tools.clusters.decomposition import Parameters, decompose
-from counterlight.tools.inverse.inverse import THESIS_CLUSTER, InverseOptions
-from counterlight.tools.inverse.room import build_room_maps
+from counterlight.tools.inverse.build import build_room_maps
+from counterlight.tools.inverse.near_light import THESIS_CLUSTER, InverseOptions
 from counterlight.tools.transport.objective import ObjectiveOptions
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import channels, in_one

@@ -11,8 +11,8 @@ from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.maps.room_maps import FOLDER, read_maps
 from counterlight.maps.small_map import THREE
-from counterlight.tools.inverse.inverse import InverseOptions
-from counterlight.tools.inverse.room import BuiltRoom, build_room_maps
+from counterlight.tools.inverse.build import BuiltRoom, build_room_maps
+from counterlight.tools.inverse.near_light import InverseOptions
 from tests.mutants import DamagedRoom
 from tests.rooms import write_blurred_room
 

@@ -238,12 +238,12 @@ def build_maps(
     """The maps that the player multiplies with, as `counterlight build` makes them.
 
     preset : fast, balanced or best.  options : damping, max_error, max_cluster, parameters, noise, method, inverse,
-    which prevail (counterlight.tools.inverse.inverse.InverseOptions).  refine : with what only refinement needs.
+    which prevail (counterlight.tools.inverse.near_light.InverseOptions).  refine : with what only refinement needs.
     colour : instead of the room's.
     """
     from counterlight.tools.inverse import presets
-    from counterlight.tools.inverse.inverse import InverseOptions
-    from counterlight.tools.inverse.room import build_maps as build
+    from counterlight.tools.inverse.build import build_maps as build
+    from counterlight.tools.inverse.near_light import InverseOptions
 
     if preset is not None and preset not in PRESETS:
         raise InputError(f"preset {preset!r}: expected one of {', '.join(PRESETS)}{nearest(preset, PRESETS)}")

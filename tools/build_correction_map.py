@@ -29,8 +29,8 @@ def _main(argv: Sequence[str] | None) -> None:
     options = parser.parse_args(argv)
     from counterlight import calibration
     from counterlight.tools.inverse import presets
-    from counterlight.tools.inverse.inverse import InverseOptions
-    from counterlight.tools.inverse.room import build_room_maps
+    from counterlight.tools.inverse.build import build_room_maps
+    from counterlight.tools.inverse.near_light import InverseOptions
     from counterlight.tools.report.report import check_report_folder, write_report
     from counterlight.tools.transport.objective import ObjectiveOptions
 

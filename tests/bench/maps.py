@@ -17,11 +17,11 @@ from counterlight.calibration import Calibration, Device
 from counterlight.response import Response
 from counterlight.tools.clusters.blocks import ClusterBlocks
 from counterlight.tools.clusters.components import find_clusters
+from counterlight.tools.inverse.build import build_room_maps
 from counterlight.tools.inverse.clustered import BATCH_VALUES, clustered_jobs
-from counterlight.tools.inverse.inverse import InverseOptions
-from counterlight.tools.inverse.pieces import Truncation
-from counterlight.tools.inverse.room import build_room_maps
-from counterlight.tools.inverse.windowed import BLOCKS, HALOS, Windows
+from counterlight.tools.inverse.near_light import InverseOptions
+from counterlight.tools.inverse.rows import Truncation
+from counterlight.tools.inverse.windows import BLOCKS, HALOS, Windows
 from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Csr, Transport, channels

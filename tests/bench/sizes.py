@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from counterlight import calibration
-from counterlight.tools.inverse.inverse import InverseOptions
-from counterlight.tools.inverse.room import build_room_maps
+from counterlight.tools.inverse.build import build_room_maps
+from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.shipped import parse_scene
 from counterlight.tools.simulation.room import fill_simulated_room
 from counterlight.tools.simulation.scene import load_scene

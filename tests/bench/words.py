@@ -12,9 +12,9 @@ from counterlight.maps.row_map import RowMap
 from counterlight.maps.word_map import WordMap
 from counterlight.pipeline.room import Room
 from counterlight.tools.colour.tiers import tier_of
-from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.build import BuiltRoom, build_maps
+from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.inverse.recommendation import Recommendation
-from counterlight.tools.inverse.room import BuiltRoom, build_maps
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.transport.storage import read_transport
 from tests.programs import succeed

@@ -17,8 +17,8 @@ from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.placement import read_placement, write_placement
 from counterlight.pipeline.room import read_room
-from counterlight.tools.inverse.inverse import InverseOptions
-from counterlight.tools.inverse.room import build_room_maps
+from counterlight.tools.inverse.build import build_room_maps
+from counterlight.tools.inverse.near_light import InverseOptions
 from tests.fuzz.tally import LEFT, READ, REFUSED, WRONG, Trial
 from tests.fuzz.warden import Case, FileCampaign
 from tests.mutants import MANIFEST_NAME, DamagedRoom, mutant, outcome

@@ -7,8 +7,8 @@ import pytest
 from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.room import Room
 from counterlight.tools.colour.tiers import tier_of
-from counterlight.tools.inverse.inverse import InverseOptions
-from counterlight.tools.inverse.room import build_maps
+from counterlight.tools.inverse.build import build_maps
+from counterlight.tools.inverse.near_light import InverseOptions
 from tests.blurred_rooms import CAMERA, calibrated, discs, in_blocks
 from tests.renderers import both
 

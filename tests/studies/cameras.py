@@ -21,8 +21,8 @@ from counterlight.pipeline.room import Room
 from counterlight.response import Response
 from counterlight.show.headless import headless_renderer
 from counterlight.tools.colour.tiers import tier_of
-from counterlight.tools.inverse.inverse import InverseOptions
-from counterlight.tools.inverse.room import BuiltRoom, build_maps
+from counterlight.tools.inverse.build import BuiltRoom, build_maps
+from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.room import simulated_calibration
 from counterlight.tools.simulation.scene import Scene, load_scene

@@ -19,7 +19,7 @@ from counterlight.pipeline.content import camera_psnr, reachable_white
 from counterlight.pipeline.operators import Compensation
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.inverse.far_light import undo_far_light
-from counterlight.tools.inverse.inverse import Inverse, InverseOptions, invert_near_light
+from counterlight.tools.inverse.near_light import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.transport.mask import directly_lit

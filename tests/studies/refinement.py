@@ -29,8 +29,8 @@ from counterlight.pipeline.reference import refinement_step
 from counterlight.pipeline.refinement import OVER_RELAXATION, STARTS, momentum
 from counterlight.pipeline.room import Room
 from counterlight.response import Response
-from counterlight.tools.inverse.inverse import InverseOptions
-from counterlight.tools.inverse.room import build_room_maps
+from counterlight.tools.inverse.build import build_room_maps
+from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.shipped import CLIP
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.box import Box

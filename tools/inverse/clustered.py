@@ -10,8 +10,8 @@ from counterlight.arrays import FloatArray
 from counterlight.tools.clusters.blocks import Batch, ClusterBlocks, Entries
 from counterlight.tools.clusters.components import Clusters
 from counterlight.tools.inverse.noise import cut_off
-from counterlight.tools.inverse.pieces import Piece, Truncation, truncated_piece
 from counterlight.tools.inverse.priors import PriorBlocks
+from counterlight.tools.inverse.rows import Piece, Truncation, truncated_piece
 from counterlight.tools.transport.transport import Csr
 
 BATCH_VALUES = 1 << 22  # float64 values of one batch of blocks (32 MiB); see memory.py for what a batch needs at work

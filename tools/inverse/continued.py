@@ -7,7 +7,7 @@ import numpy as np
 from scipy import ndimage
 
 from counterlight.raster import Region
-from counterlight.tools.inverse.inverse import Inverse
+from counterlight.tools.inverse.near_light import Inverse
 from counterlight.tools.transport.objective import owners
 
 

@@ -14,8 +14,8 @@ from counterlight.tools.clusters.components import Clusters
 from counterlight.tools.inverse.bidiagonal import bytes_of_basis
 from counterlight.tools.inverse.damping import MOST_STEPS
 from counterlight.tools.inverse.pictures import PICTURES
-from counterlight.tools.inverse.pieces import Piece
-from counterlight.tools.inverse.windowed import BLOCKS, HALOS
+from counterlight.tools.inverse.rows import Piece
+from counterlight.tools.inverse.windows import BLOCKS, HALOS
 from counterlight.tools.transport.transport import Csr
 
 WORK_BYTES = 24 * 8  # of a block inverted whole, per entry: three channels, their inverses, what truncation sorts

@@ -1,6 +1,6 @@
 """Settings of the inverse by what is wished for, from a study of the shipped scenes (docs/accuracy.md)."""
 
-from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.near_light import InverseOptions
 
 PRESETS = {
     "fast": InverseOptions(inverse="none"),

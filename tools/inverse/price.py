@@ -15,8 +15,8 @@ from counterlight.memory import available_bytes
 from counterlight.raster import Region
 from counterlight.tools.clusters.components import Clusters
 from counterlight.tools.inverse.memory import ENTRY_BYTES, bytes_of_windows
-from counterlight.tools.inverse.pieces import Truncation
-from counterlight.tools.inverse.windowed import WindowedChannel, plan_windows, sampled_pixels
+from counterlight.tools.inverse.rows import Truncation
+from counterlight.tools.inverse.windows import WindowedChannel, plan_windows, sampled_pixels
 from counterlight.tools.transport.transport import CHANNELS, Csr
 
 MOST_SECONDS = 60.0

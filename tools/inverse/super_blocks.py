@@ -19,8 +19,8 @@ from counterlight.arrays import IntArray
 from counterlight.command import track
 from counterlight.jobs.workers import Workers
 from counterlight.raster import Region
-from counterlight.tools.inverse.pieces import Piece, Truncation
-from counterlight.tools.inverse.windowed import HALOS, WindowedChannel, WindowRows, Windows, windowed_jobs
+from counterlight.tools.inverse.rows import Piece, Truncation
+from counterlight.tools.inverse.windows import HALOS, WindowedChannel, WindowRows, Windows, windowed_jobs
 
 SIDE = 4  # blocks of a super-block
 MATRICES = "columns", "normal"

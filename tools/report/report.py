@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from counterlight.errors import InputError
 from counterlight.files.png import write_png
 from counterlight.pipeline.operators import compensation
-from counterlight.tools.inverse.room import BuiltRoom
+from counterlight.tools.inverse.build import BuiltRoom
 from counterlight.tools.relighting.pictures import encoded, white_level
 from counterlight.tools.report import layout, pictures, spectra
 from counterlight.tools.report.charts import bins_of

@@ -10,7 +10,7 @@ from scipy.linalg import svdvals
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.clusters.components import Clusters
 from counterlight.tools.inverse.method import LARGEST_DENSE
-from counterlight.tools.inverse.windowed import BLOCKS, Windows
+from counterlight.tools.inverse.windows import BLOCKS, Windows
 from counterlight.tools.transport.transport import Csr
 
 LARGEST_SVD = 400  # pixels a side of a cluster: beyond, an SVD takes seconds

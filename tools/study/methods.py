@@ -15,8 +15,8 @@ from counterlight.errors import InputError
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.short_map import in_half
 from counterlight.pipeline.refinement import DEFAULT_STEPS
-from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.method import LARGEST_DENSE
+from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.solve import solution
 from counterlight.tools.solve.box import Box
 from counterlight.tools.solve.clusterwise import LARGEST_BLOCK

@@ -18,10 +18,10 @@ from counterlight.pipeline.fitting import on_cameras
 from counterlight.pipeline.room import Room
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.colour.tiers import Tier, tier_of
+from counterlight.tools.inverse.build import BuiltRoom, build_maps
 from counterlight.tools.inverse.direct import direct_mapping
-from counterlight.tools.inverse.inverse import InverseOptions
+from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.inverse.refinement_maps import refinement_maps
-from counterlight.tools.inverse.room import BuiltRoom, build_maps
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation import room as simulation
 from counterlight.tools.simulation.scene import Scene, load_scene

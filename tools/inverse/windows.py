@@ -21,7 +21,7 @@ from scipy import ndimage, sparse
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.raster import Region
 from counterlight.tools.inverse.banded import columns_of_inverse
-from counterlight.tools.inverse.pieces import Piece, Truncation, truncated_piece
+from counterlight.tools.inverse.rows import Piece, Truncation, truncated_piece
 from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.transport import CHANNELS, Csr
 

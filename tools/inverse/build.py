@@ -16,7 +16,7 @@ from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.continued import continued
 from counterlight.tools.inverse.far_light import undo_far_light
-from counterlight.tools.inverse.inverse import (
+from counterlight.tools.inverse.near_light import (
     Inverse,
     InverseOptions,
     invert_as_the_thesis,

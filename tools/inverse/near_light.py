@@ -25,11 +25,11 @@ from counterlight.tools.inverse.damping import DampingChoice, choose_damping, is
 from counterlight.tools.inverse.direct import direct_mapping
 from counterlight.tools.inverse.method import LEAST_DAMPING, Method, choose_method
 from counterlight.tools.inverse.noise import noise_of_matrix
-from counterlight.tools.inverse.pieces import Piece, Truncation, join
 from counterlight.tools.inverse.price import Objection, price_of_clusters, price_of_windows
 from counterlight.tools.inverse.priors import prior_matrices
+from counterlight.tools.inverse.rows import Piece, Truncation, join
 from counterlight.tools.inverse.super_blocks import Elsewhere
-from counterlight.tools.inverse.windowed import FINEST_TOLERANCE, WindowedChannel, Windows, plan_windows, windowed_jobs
+from counterlight.tools.inverse.windows import FINEST_TOLERANCE, WindowedChannel, Windows, plan_windows, windowed_jobs
 from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import CHANNELS, Csr, Transport, channels, in_one, luminance_matrix
