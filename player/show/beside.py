@@ -51,8 +51,6 @@ def in_step_of(options: argparse.Namespace, session: Session, stack: ExitStack) 
         stack.callback(listener.close)
         beside.append(Follower(session, listener).poll)
     if options.timecode is not None:
-        if options.follow is not None:
-            raise InputError("--timecode and --follow: a show follows one of them; leave the other out")
         chase = _chase(options, lambda: len(session.playlist.media), stack)
         beside.append(Follower(session, chase, "waits for timecode").poll)
     if options.at is not None:

@@ -225,8 +225,9 @@ def _add_step(parser: argparse.ArgumentParser) -> None:
     text = "tell followers where the show is, on this UDP port"
     add("--lead", type=_address(host=""), metavar="[HOST:]PORT", help=text)
     text = f"go where the leader on another machine is\n(its port: {PORT} if left out)"
-    add("--follow", type=_address(port=PORT), metavar="HOST[:PORT]", help=text)
-    add(
+    followed = parser.add_mutually_exclusive_group()
+    followed.add_argument("--follow", type=_address(port=PORT), metavar="HOST[:PORT]", help=text)
+    followed.add_argument(
         "--timecode",
         nargs="?",
         const="",
