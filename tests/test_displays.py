@@ -8,13 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
-from counterlight import app, calibration
+from counterlight import calibration
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.raster import Region, side_by_side
 from counterlight.response import Response
-from counterlight.show.options import monitors_of, read_options
+from counterlight.show.asked import monitors_of, room_of
+from counterlight.show.options import read_options
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.tools.inverse.near_light import InverseOptions, invert_near_light
 from counterlight.tools.solve.quality import psnr
@@ -222,7 +223,7 @@ def test_a_reloaded_room_keeps_its_regions(tmp_path: Path) -> None:
     room, options = join([left, right], tmp_path / "joint"), ("--regularize", "0.1", "--no-refine")
     succeed("build", room, *options)
     parsed = read_options([str(room), "a.png", "--no-config"], "")
-    read = partial(app.room_of, parsed)
+    read = partial(room_of, parsed)
     in_use = RoomInUse(room, read(), read, lambda fresh: pytest.fail("a renderer was made"))
     join([right, left], room, "--force")
     succeed("build", room, *options)

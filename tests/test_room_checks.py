@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from counterlight.show.options import check_of, read_options
+from counterlight.show.asked import check_of
+from counterlight.show.options import read_options
 from counterlight.show.registry import CommandError
 from counterlight.unattended.room_checks import LONGEST_S, Outcome, RoomChecks
 from tests.programs import PATIENCE_S, fail

@@ -10,8 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from counterlight.app import play_in_window, room_of
-from counterlight.show.options import adjustments_of, read_options
+from counterlight.app import play_in_window
+from counterlight.show.asked import adjustments_of, room_of
+from counterlight.show.options import read_options
 from counterlight.show.registry import CommandError, Commands
 
 LOOPS_BETWEEN = 4

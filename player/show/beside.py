@@ -7,9 +7,9 @@ from contextlib import ExitStack
 
 from counterlight.errors import InputError
 from counterlight.media.line_in import LineIn
+from counterlight.show.asked import check_of
 from counterlight.show.chase import Chase
 from counterlight.show.in_step import Curtain, Follower, Leader
-from counterlight.show.options import check_of
 from counterlight.show.schedule_file import read_schedule
 from counterlight.show.session import Session
 from counterlight.unattended.cues import Beacon, Listener

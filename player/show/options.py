@@ -1,11 +1,8 @@
 """The options of counterlight play, what they take, and the settings file that gives their defaults."""
 
 import argparse
-import math
 import os
-import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import fields
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -13,15 +10,11 @@ from typing import Any
 
 from counterlight.calibration import RADIANCE
 from counterlight.command import Parser
-from counterlight.errors import InputError
-from counterlight.files.cube import read_cube
 from counterlight.media.decoding.devices import ANY, PROCESSOR, TYPES
-from counterlight.media.frames import MediaInfo
 from counterlight.media.medium import Border, Medium
-from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.device import PATHS
 from counterlight.pipeline.kinds import Choice, Flag, Kind, Number, UnreadError
-from counterlight.pipeline.parameters import LISTED_IMAGE_S, PARAMETERS
+from counterlight.pipeline.parameters import PARAMETERS
 from counterlight.pipeline.refinement import STARTS
 from counterlight.pipeline.room import DITHERS
 from counterlight.pipeline.test_cards import CARDS
@@ -29,19 +22,12 @@ from counterlight.remote.addresses import LOOPBACK, Address, parse_address
 from counterlight.show.headless import BACKENDS
 from counterlight.show.in_step import begins_at
 from counterlight.show.keys import KEYS, MEANINGS
-from counterlight.show.output import is_film
 from counterlight.show.playlist import expand
 from counterlight.show.remotes import PORT as PAGE_PORT
 from counterlight.show.settings import Several, apply_settings, default_path
 from counterlight.unattended.cues import PORT, read_address
 from counterlight.unattended.supervisor import SAFE
 from counterlight.unattended.timecode import Timecode, parse_timecode
-
-WINDOW_ONLY = (
-    *("fullscreen", "monitor", "any_size", "vsync", "bits", "hwdec", "audio", "volume", "mute", "blackout", "osd"),
-    *("screenshot_directory", "speed", "image_display_duration", "playlist_start"),
-    *("control", "remote", "osc", "heartbeat", "lead", "follow", "timecode", "at", "schedule"),
-)
 
 
 def read_options(argv: Sequence[str] | None, description: str) -> argparse.Namespace:
@@ -67,41 +53,6 @@ def read_options(argv: Sequence[str] | None, description: str) -> argparse.Names
     options.lasting = options.loop or options.supervised or any(remote is not None for remote in remotes)
     options.media = expand(options.lists, options.border, patient=options.lasting)
     return options
-
-
-def adjustments_of(options: argparse.Namespace) -> Adjustments:
-    """The viewer's settings among the options; InputError for a colour table that cannot be read."""
-    values = {field.name: getattr(options, field.name) for field in fields(Adjustments) if field.name in options}
-    return Adjustments(**values | {"lut": None if options.lut is None else read_cube(options.lut)})
-
-
-def monitors_of(options: argparse.Namespace) -> list[str]:
-    """The monitors that are named, one for each projector; settings may name a single one without a list."""
-    return [options.monitor] if isinstance(options.monitor, str) else options.monitor or []
-
-
-def check_of(options: argparse.Namespace) -> tuple[list[str], float] | None:
-    """What a check of the room is told beside its folder, and every how many seconds one is due, inf for when it is
-    asked for; None for no checks."""
-    if options.check_every is None and options.check_with is None:
-        return None
-    if options.check_with is None:
-        raise InputError("--check-every MINUTES needs --check-with '--camera CAMERA …'; give both")
-    if options.output is not None:
-        raise InputError("--check-with is for a window; with --output leave it out")
-    try:
-        words = shlex.split(options.check_with)
-    except ValueError as error:
-        raise InputError(f"--check-with {options.check_with}: {error}; quote it as for a shell") from None
-    return words, math.inf if options.check_every is None else 60 * options.check_every
-
-
-def image_display_duration(options: argparse.Namespace) -> float | None:
-    """Seconds that a picture is shown; None for ever, which is what a single medium gets."""
-    given = options.image_display_duration
-    if given is None:
-        return LISTED_IMAGE_S if len(options.media) > 1 else None
-    return None if given == "inf" else float(given)
 
 
 def _parser(description: str) -> argparse.ArgumentParser:
@@ -348,29 +299,3 @@ def _keys() -> str:
         else:
             lines[-1] += f",  {piece}"
     return "\n".join(lines).replace("%", "%%")
-
-
-def ignored(options: argparse.Namespace, info: MediaInfo) -> list[str]:
-    """A line for options of the command line that mean nothing to what is rendered into a file."""
-    lines = [f"--{name.replace('_', '-')}: is for a window, means nothing with --output" for name in WINDOW_ONLY]
-    unused = [line for name, line in zip(WINDOW_ONLY, lines, strict=True) if name in options.given]
-    if options.output is not None and not is_film(options.output):
-        names = [name for name in ("segments", "cluster") if name in options.given]
-        unused += [f"--{name}: {options.output} is a single picture" for name in names]
-    if info.still:
-        unused += [
-            f"--{name}: {info.path} is a single picture"
-            for name in ("frames", "start", "segments", "cluster")
-            if name in options.given
-        ]
-    if "fps" in options.given and not options.media[0].is_sequence:
-        unused.append(f"--fps: {info.path} is no numbered sequence and has a rate of its own")
-    return unused
-
-
-def one_medium(options: argparse.Namespace) -> Medium:
-    """The medium to render into a file."""
-    if len(options.media) != 1:
-        raise InputError(f"--output renders one medium, found {len(options.media)}; give one")
-    medium: Medium = options.media[0]
-    return medium

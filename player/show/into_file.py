@@ -1,0 +1,134 @@
+"""A medium rendered into a file, whole or in segments, as the options of counterlight play ask for it."""
+
+import argparse
+import os
+from dataclasses import replace
+from pathlib import Path
+
+from counterlight.command import tell
+from counterlight.errors import InputError
+from counterlight.jobs.workers import Processes, Workers
+from counterlight.media.frames import MediaInfo
+from counterlight.media.video import MediaReader
+from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.refinement import STEPS_OF_A_STILL
+from counterlight.pipeline.room import Room
+from counterlight.show.asked import governor_of, ignored, one_medium
+from counterlight.show.headless import chosen_backend, headless_renderer, render_to_file
+from counterlight.show.output import is_film
+from counterlight.show.rendering import Rendering, Stretch
+from counterlight.show.segmented import render_in_segments, tables_of
+from counterlight.show.stats import Stats
+
+SEGMENTS_A_WORKER = 2  # so that one that is slower, or dies, is waited for less
+
+
+def render(options: argparse.Namespace, room: Room, adjustments: Adjustments) -> Stats:
+    """The medium of the options into their file; InputError for what is for a window, or would never end."""
+    _check(options)
+    with MediaReader.open(one_medium(options), loop=options.loop, frames_per_second=options.fps) as reader:
+        _check_medium(options, reader.info)
+        if options.start:
+            reader.seek(options.start)
+        stats = _rendered(options, reader, room, adjustments)
+        for notice in reader.notices():
+            tell(notice)
+            stats.notice(notice)
+    if room.drifted is not None:
+        stats.facts["drift"] = room.drifted
+    quality = stats.facts.get("camera_psnr_db")
+    print(f"{options.output}: {stats.frames} frames" + (f", camera PSNR {quality:.1f} dB" if quality else ""))
+    return stats
+
+
+def _check(options: argparse.Namespace) -> None:
+    if options.loop and options.frames is None:
+        raise InputError("--loop with --output never ends; add --frames N")
+    if options.refine == "auto" and options.budget == options.within == "no":
+        raise InputError(
+            "--refine auto is for a window: a file has no time to keep; give a number of steps, --budget or --within"
+        )
+    if options.lead_in is not None and options.segments is options.cluster is None:
+        raise InputError(f"--lead-in {options.lead_in}: is for segments; add --segments N")
+    if options.backend == "cpu" and options.path is not None:
+        raise InputError(f"--path {options.path}: --backend cpu has no GPU to take it on; leave one of them out")
+
+
+def _check_medium(options: argparse.Namespace, info: MediaInfo) -> None:
+    if info.live and options.frames is None:
+        raise InputError(f"{info.path}: a live source never ends; add --frames N to --output")
+    for line in ignored(options, info):
+        tell(line)
+
+
+def _rendered(options: argparse.Namespace, reader: MediaReader, room: Room, adjustments: Adjustments) -> Stats:
+    backend = "gl" if options.path is not None and options.backend == "auto" else options.backend
+    if (options.segments or options.cluster) and is_film(options.output) and not reader.info.still:
+        return _render_segments(options, reader, room, adjustments, chosen_backend(backend))
+    return _render_whole(options, reader, room, adjustments, backend)
+
+
+def _render_whole(
+    options: argparse.Namespace, reader: MediaReader, room: Room, adjustments: Adjustments, backend: str
+) -> Stats:
+    with headless_renderer(backend, room, options.path or "fragment") as renderer:
+        renderer.open(reader.info.format)
+        renderer.adjust(adjustments)
+        return render_to_file(
+            reader,
+            renderer,
+            room,
+            options.output,
+            options.view,
+            compensate=options.compensation,
+            stretch=Stretch(end=options.frames),
+            governor=governor_of(options, room, _steps_into_file(options, room, still=reader.info.still)),
+            appraised=options.stats is not None,
+        )
+
+
+def _steps_into_file(options: argparse.Namespace, room: Room, *, still: bool) -> int:
+    """A still picture in a file has time for more than a frame of film in a window, if nobody says what is enough."""
+    return STEPS_OF_A_STILL if still and room.default_steps and options.within == "no" else room.default_steps
+
+
+def _render_segments(
+    options: argparse.Namespace, reader: MediaReader, room: Room, adjustments: Adjustments, backend: str
+) -> Stats:
+    if options.budget != "no" or options.within != "no":
+        raise InputError("--segments: --budget and --within carry steps from frame to frame; give --refine N instead")
+    if reader.info.live:
+        raise InputError(f"{reader.info.path}: a live source has no segments; leave out --segments")
+    rendering = Rendering(
+        calibration=options.calibration.absolute(),
+        white=room.white,
+        dither=options.dither,
+        steps=room.default_steps if options.refine is None else options.refine,
+        start=room.start,
+        medium=replace(reader.medium, name=os.path.abspath(reader.medium.name)),
+        loop=options.loop,
+        frames_per_second=options.fps,
+        start_s=options.start,
+        frames=options.frames,
+        backend=backend,
+        path=options.path or "fragment",
+        view=options.view,
+        compensate=options.compensation,
+        adjustments=adjustments,
+    )
+    with _segment_workers(options, reader) as workers:
+        count = options.segments or SEGMENTS_A_WORKER * workers.count
+        stats = render_in_segments(rendering, reader, options.output, workers, count, options.lead_in)
+    for joint in stats.facts["segments"]["within_shots"]:
+        frame, differing, of, most = joint.values()
+        print(f"divided within a shot at frame {frame}: {differing} of {of} codes differ there, by at most {most:g}")
+    return stats
+
+
+def _segment_workers(options: argparse.Namespace, reader: MediaReader) -> Workers:
+    if options.cluster is None:
+        return Processes(min(options.segments, os.cpu_count() or 1))
+    from counterlight.jobs.cluster import open_cluster
+
+    medium = [] if reader.medium.is_sequence else [Path(reader.medium.name)]
+    return open_cluster(options.cluster, [*tables_of(options.calibration), *medium], options.output.absolute().parent)
