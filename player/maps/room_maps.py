@@ -2,7 +2,7 @@
 
 correction : T⁺ of the near light, camera picture -> projector picture (the thesis' correction map).
 transport : near light, projector picture -> camera picture (what the camera will see).
-far : the far light's factors D, M, U, if the room has any: projector picture -> cells -> cells -> camera picture.
+far : the far light's factors D, M, U, if the room has any: projector picture -> parts -> cells -> camera picture.
 blurred : the blurred light's factors P, B, if the room has any: projector picture -> cells -> camera picture.
 undo : D' and M', which predict the far light of a *compensated* picture from the desired one, so that it can be
 subtracted before T⁺: p = T⁺ (b − U M' D' b), the fixed point of p = T⁺ (b − U M D p); see tools/inverse/far_light.py.
@@ -49,7 +49,10 @@ IN_ENTRIES = {".", "direct", "undo_gather", "undo_mix"}  # maps that are never i
 
 @dataclass(frozen=True)
 class FarMaps:
-    """gather: picture -> cells; mix: cells -> cells; scatter: cells -> picture. Cells are a picture of height 1."""
+    """gather: picture -> parts of cells; mix: parts -> cells; scatter: cells -> picture. Both are pictures of height 1.
+
+    A cell has one part, or several where more pixels than a texture's width are gathered into it.
+    """
 
     gather: RowMap
     mix: RowMap
@@ -79,7 +82,7 @@ class RefinementMaps:
     """What refinement needs beside the transport (pipeline/refinement.py); camera pixels outside the mask are left out.
 
     dual : TᵀW of the near light, camera picture -> projector picture.
-    far_dual : the far light's UᵀW, Mᵀ, Dᵀ, if the room has any: camera picture -> cells -> cells -> projector picture.
+    far_dual : the far light's UᵀW, Mᵀ, Dᵀ, if the room has any: camera picture -> parts -> cells -> projector picture.
     blurred_dual : the blurred light's BᵀW, Pᵀ, if the room has any.
     direct : direct mapping, one entry a row: the camera pixel that a projector pixel lights most, over its T·1.
     step_size : (projector height, projector width, 3) float32, 1 / (TᵀW T·1 + the prior's bound), 0 where no camera
@@ -287,16 +290,25 @@ def _blurred(maps: Mapping[str, RowMap], name: str) -> BlurredMaps | None:
 
 
 def _read_words(manifest: Table, maps: RoomMaps, files: DescribedFiles) -> RoomWords:
-    table, named = manifest.table(WORDS), maps.named()
+    table, shapes = manifest.table(WORDS), _shapes_of_words(maps.named())
     listed = table.table("maps")
 
     def read(name: str) -> WordMap:
-        shapes = named[name].output_shape, named[name].source_shape
-        return word_map.read(files.folder / WORDS / name, listed.table(name), shapes, files.opened)
+        return word_map.read(files.folder / WORDS / name, listed.table(name), shapes[name], files.opened)
 
-    names = sorted(named.keys() - IN_ENTRIES)
+    names = sorted(shapes.keys() - IN_ENTRIES)
     with ThreadPoolExecutor(READERS) as readers:
         return RoomWords(dict(zip(names, readers.map(read, names), strict=True)), table.number("used", None, 0, 1))
+
+
+def _shapes_of_words(maps: Mapping[str, RowMap]) -> dict[str, tuple[tuple[int, int], tuple[int, int]]]:
+    """Of output and source: those of the maps, but the far light's dual is its transpose, part for part."""
+    shapes = {name: (each.output_shape, each.source_shape) for name, each in maps.items()}
+    for name, of in (("dual_gather", "far_scatter"), ("dual_mix", "far_mix"), ("dual_scatter", "far_gather")):
+        if name in shapes:
+            output, source = shapes[of]
+            shapes[name] = source, output
+    return shapes
 
 
 def _sizes(manifest: Table, stored: StoredCalibration, *, refinement: bool) -> dict[str, Table]:
@@ -309,12 +321,14 @@ def _sizes(manifest: Table, stored: StoredCalibration, *, refinement: bool) -> d
     ends = {".": (camera, projector), "transport": (projector, camera)}
     dual = refinement and "dual" in listed
     if "far_mix" in listed:
-        cells = row_map.shapes(listed.table("far_mix"))[0]
-        ends |= {"far_gather": (projector, cells), "far_mix": (cells, cells), "far_scatter": (cells, camera)}
+        cells, parts, _ = row_map.shapes(listed.table("far_mix"))
+        ends |= {"far_gather": (projector, parts), "far_mix": (parts, cells), "far_scatter": (cells, camera)}
         if "undo_gather" in listed or "undo_mix" in listed:
-            ends |= {"undo_gather": (camera, cells), "undo_mix": (cells, cells)}
+            _, parts, _ = row_map.shapes(listed.table("undo_mix"))
+            ends |= {"undo_gather": (camera, parts), "undo_mix": (parts, cells)}
         if dual:
-            ends |= {"dual_gather": (camera, cells), "dual_mix": (cells, cells), "dual_scatter": (cells, projector)}
+            _, parts, _ = row_map.shapes(listed.table("dual_mix"))
+            ends |= {"dual_gather": (camera, parts), "dual_mix": (parts, cells), "dual_scatter": (cells, projector)}
     if "blurred_gather" in listed:
         cells = row_map.shapes(listed.table("blurred_gather"))[0]
         ends |= {"blurred_gather": (projector, cells), "blurred_scatter": (cells, camera)}

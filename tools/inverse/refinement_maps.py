@@ -3,10 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from counterlight.maps.prior import Prior
 from counterlight.maps.room_maps import BlurredMaps, FarMaps, RefinementMaps
-from counterlight.maps.row_map import RowMap, SparseRows, pack
+from counterlight.maps.row_map import MAX_TEXTURE_WIDTH, RowMap, SparseRows, pack
 from counterlight.tools.inverse.direct import direct_mapping
 from counterlight.tools.transport.blurred import BlurredLight
 from counterlight.tools.transport.objective import Objective
@@ -17,12 +18,22 @@ CELLS_ACROSS = 4096  # of the picture that cells of blurred light fill
 
 def pack_far(far: FarLight, output: tuple[int, int], source: tuple[int, int], scatter: RowMap | None = None) -> FarMaps:
     """U M D from a picture of `source` to one of `output`, (height, width); scatter : U, if it is packed already."""
-    cells = 1, far.cells
+    gather, cell_of = _in_parts(far.gather)
+    parts, cells = (1, cell_of.size), (1, far.cells)
     return FarMaps(
-        pack(far.gather, cells, source),
-        pack(dense_rows(far.mix), cells, cells),
+        pack(gather, parts, source),
+        pack(dense_rows(far.mix[..., cell_of]), cells, parts),
         pack(far.scatter, output, cells) if scatter is None else scatter,
     )
+
+
+def _in_parts(rows: SparseRows) -> tuple[SparseRows, NDArray[np.int64]]:
+    """Rows longer than a texture is wide in equal parts, and which row each part is of; M adds them up again."""
+    counts = np.maximum(1, -(-rows.lengths // MAX_TEXTURE_WIDTH))
+    row_of = np.repeat(np.arange(rows.shape[0]), counts)
+    number = np.arange(row_of.size) - np.repeat(np.cumsum(counts) - counts, counts)
+    begins = rows.indptr[row_of] + number * rows.lengths[row_of] // counts[row_of]
+    return replace(rows, indptr=np.append(begins, rows.indptr[-1])), row_of
 
 
 def pack_blurred(blurred: BlurredLight, output: tuple[int, int], source: tuple[int, int]) -> BlurredMaps:
