@@ -14,6 +14,7 @@ from scipy import ndimage
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.tools.colour.tiers import Tier
 from counterlight.tools.report.impossible import REASONS, Impossible
+from counterlight.tools.ways.footprints import PERIODS
 from counterlight.tools.ways.ways import BENT, BLURRED, BOUNCED, SCATTERED, STRAIGHT, TOLD, WAYS, Way, Ways
 
 LEAST_SHARE = 0.002  # of the view: smaller areas are edges
@@ -24,10 +25,15 @@ BLUR = "lost_detail"
 
 @dataclass(frozen=True)
 class Advice:
-    """One area.  reason : of REASONS, or lost_detail.  left, top, right, bottom : camera pixels, the last included."""
+    """Areas of one reason, one way.
+
+    reason : of REASONS, or lost_detail.  pixels, share : of all areas.
+    box : of the largest: left, top, right, bottom, camera pixels, the last included.
+    """
 
     reason: str
     way: Way
+    areas: int
     pixels: int
     share: float
     box: tuple[int, int, int, int]
@@ -36,7 +42,8 @@ class Advice:
 
     def __str__(self) -> str:
         left, top, right, bottom = self.box
-        where = f"x {left} to {right}, y {top} to {bottom}: {100 * self.share:.1f} % of the view"
+        more = f" and {self.areas - 1} more" if self.areas > 1 else ""
+        where = f"x {left} to {right}, y {top} to {bottom}{more}: {100 * self.share:.1f} % of the view"
         return f"{where} cannot be compensated because {self.because}; {self.remedy}"
 
     def to_json(self) -> dict[str, Any]:
@@ -44,9 +51,13 @@ class Advice:
 
 
 def advise(tier: Tier, white: float, impossible: Impossible, ways: Ways) -> list[Advice]:
-    """The largest areas, largest first.  white : that the maps were built for."""
-    found = [_said(tier, white, ways, *area) for area in _areas(impossible, ways)]
-    return sorted(found, key=lambda each: -each.pixels)[:MOST]
+    """One for each reason and way, the most pixels first.  white : that the maps were built for."""
+    found: dict[tuple[str, str], list[tuple[Way, BoolArray]]] = {}
+    for reason, area in _areas(impossible, ways):
+        way = _way(ways, area)
+        found.setdefault((reason, way.name), []).append((way, area))
+    said = [_said(tier, white, ways, reason, areas) for (reason, _), areas in found.items()]
+    return sorted(said, key=lambda each: -each.pixels)[:MOST]
 
 
 def _areas(impossible: Impossible, ways: Ways) -> Iterator[tuple[str, BoolArray]]:
@@ -60,14 +71,18 @@ def _areas(impossible: Impossible, ways: Ways) -> Iterator[tuple[str, BoolArray]
                 yield reason, labels == label
 
 
-def _said(tier: Tier, white: float, ways: Ways, reason: str, area: BoolArray) -> Advice:
-    (top, bottom), (left, right) = ((int(each.min()), int(each.max())) for each in np.nonzero(area))
+def _way(ways: Ways, area: BoolArray) -> Way:
     shares = ways.shares[:, area].mean(axis=1)
-    way = WAYS[int(shares.argmax())] if shares.max() >= TOLD else STRAIGHT
-    bounced = float(shares[WAYS.index(BOUNCED)])
-    light = _Light.of(tier, white, ways, area, bounced)
-    pixels = int(area.sum())
-    return Advice(reason, way, pixels, pixels / area.size, (left, top, right, bottom), *_words(reason, way, light))
+    return WAYS[int(shares.argmax())] if shares.max() >= TOLD else STRAIGHT
+
+
+def _said(tier: Tier, white: float, ways: Ways, reason: str, areas: list[tuple[Way, BoolArray]]) -> Advice:
+    way, largest = max(areas, key=lambda each: int(each[1].sum()))
+    whole = np.any([area for _, area in areas], axis=0)
+    (top, bottom), (left, right) = ((int(each.min()), int(each.max())) for each in np.nonzero(largest))
+    box, pixels = (left, top, right, bottom), int(whole.sum())
+    words = _words(reason, way, _Light.of(tier, white, ways, whole))
+    return Advice(reason, way, len(areas), pixels, pixels / whole.size, box, *words)
 
 
 @dataclass(frozen=True)
@@ -85,13 +100,13 @@ class _Light:
     tint: FloatArray
 
     @classmethod
-    def of(cls, tier: Tier, white: float, ways: Ways, area: BoolArray, bounced: float) -> "_Light":
+    def of(cls, tier: Tier, white: float, ways: Ways, area: BoolArray) -> "_Light":
         reach, ambient = tier.reach.min(axis=2)[area], tier.ambient.max(axis=2)[area]
         tint = ways.bounced[area].sum(axis=0)
         return cls(
             float(np.median(reach)) / white,
             float(np.median(ambient)) / white,
-            bounced,
+            float(np.mean(ways.shares[WAYS.index(BOUNCED), area])),
             float(np.median(ways.radius[area])),
             float(np.median(ways.finest()[area])),
             tint / max(float(tint.sum()), 1e-12),
@@ -106,14 +121,17 @@ def _words(reason: str, way: Way, light: _Light) -> tuple[str, str]:
                 return "only light that bounced reaches it: a shadow", "let a second projector fill it"
             return "no light of the projector reaches it, or it does not count", "turn the projector, or add another"
         case "below_mid_grey" | "below_white":
-            because = f"full light gives {100 * light.reach:.0f} % of white there"
+            through = " by glass or a mirror" if way is BENT else ""
+            because = f"full light{through} gives {100 * light.reach:.0f} % of white there"
             return because, "lower --white, or add a second projector's light"
         case "bright_black":
             return _black_words(light)
         case "conflict":
             return _shared_words(way, light), _sharper(way)
         case _:
-            lost = f"stripes of less than {light.finest:.0f} projector pixels lose half of their contrast"
+            told = np.isfinite(light.finest)
+            fine = f"stripes of less than {light.finest:.0f}" if told else f"even stripes of {PERIODS[-1]}"
+            lost = f"{fine} projector pixels lose half of their contrast"
             return f"{lost}, which no drive gives back: {_shared_words(way, light)}", _sharper(way)
 
 
