@@ -1,5 +1,7 @@
 """Rooms of one camera and two projectors that overlap, of unequal sizes so that a wrong offset shows."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +9,10 @@ from scipy import sparse
 
 from counterlight.calibration import Calibration, Device, writing
 from counterlight.response import Response
+from counterlight.tools.simulation.room import simulated_calibration
+from counterlight.tools.simulation.scene import Scene
+from counterlight.tools.simulation.simulate import simulate
+from counterlight.tools.transport.joining import join_transports
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport
 from tests.programs import succeed
@@ -59,6 +65,17 @@ def write_monitors(folder: Path, sizes: list[tuple[int, int]]) -> list[Path]:
         with writing(rooms[-1], Calibration("large", "made by a test", devices[:1], devices[1], dark, mask)) as stage:
             write_transport(Transport.from_matrices((T, T, T)), stage)
     return rooms
+
+
+def lit_by(scenes: Sequence[Scene]) -> tuple[Calibration, Transport]:
+    """What the camera of scenes that differ in their projectors sees of all these together."""
+    results = [simulate(scene) for scene in scenes]
+    rooms = [simulated_calibration(*each) for each in zip(scenes, results, strict=True)]
+    shapes = [room.projector.shape for room in rooms]
+    transport = join_transports([result.transport for result in results], shapes)
+    mask = np.any([room.mask for room in rooms], axis=0)
+    devices = tuple(room.projectors[0] for room in rooms)
+    return replace(rooms[0], projectors=devices, mask=mask), replace(transport, camera=rooms[0].camera.shape)
 
 
 def join(rooms: list[Path], output: Path, *options: object) -> Path:

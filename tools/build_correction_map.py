@@ -13,7 +13,7 @@ from counterlight.errors import InputError
 from counterlight.tools.choices import INVERSE_METHODS, INVERSES, PRESETS
 from counterlight.tools.cluster_option import add_cluster, workers_of
 from counterlight.tools.colour.option import add_colour
-from counterlight.tools.objective_options import add_objective_options
+from counterlight.tools.objective_options import add_objective_options, aims_of
 from counterlight.writing.outputs import check_folder
 
 if TYPE_CHECKING:
@@ -32,7 +32,6 @@ def _main(argv: Sequence[str] | None) -> None:
     from counterlight.tools.inverse.build import build_room_maps
     from counterlight.tools.inverse.near_light import InverseOptions
     from counterlight.tools.report.report import check_report_folder, write_report
-    from counterlight.tools.transport.objective import ObjectiveOptions
 
     if options.preset is not None:  # what is given beside it prevails
         preset = presets.PRESETS[options.preset]
@@ -52,7 +51,7 @@ def _main(argv: Sequence[str] | None) -> None:
     if options.report is not None:
         check_folder(options.report, inputs=[options.calibration])
         check_report_folder(options.report)
-    aims = ObjectiveOptions(options.drift, options.outside)
+    aims = aims_of(options)
     stored = calibration.read(options.calibration)
     with workers_of(options.cluster, [stored.folder / calibration.TOML], stored.folder) as workers:
         built = build_room_maps(

@@ -8,7 +8,7 @@ from pathlib import Path
 from counterlight.command import Parser, run
 from counterlight.tools.choices import COMPENSATIONS
 from counterlight.tools.colour.option import add_colour
-from counterlight.tools.objective_options import add_objective_options
+from counterlight.tools.objective_options import add_objective_options, aims_of
 
 MEANING = """none: uncorrected; direct: one camera pixel per projector pixel; map: the correction map, as the player
 applies it; qr, svd: least squares per cluster; nnls: non-negative; box: the best that a projector can show (0 to 1).
@@ -23,11 +23,10 @@ def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     from counterlight.calibration import check_order
     from counterlight.tools.solve.compensate import CompensateOptions, compensate
-    from counterlight.tools.transport.objective import ObjectiveOptions
 
     names = COMPENSATIONS if options.solver == "all" else tuple(options.solver.split(","))
     check_order(options.calibration, [options.picture])
-    aims = ObjectiveOptions(options.drift, options.outside)
+    aims = aims_of(options)
     wanted = CompensateOptions(tuple(dict.fromkeys(names)), options.max_cluster, options.white, options.colour, aims)
     for line in compensate(options.calibration, options.picture, options.output, wanted):
         print(line, flush=True)

@@ -1,8 +1,18 @@
 """The options of what is minimised, which several commands share (tools/transport/objective.py)."""
 
 import argparse
+from typing import TYPE_CHECKING
 
 from counterlight.tools.choices import OUTSIDE
+
+if TYPE_CHECKING:
+    from counterlight.tools.transport.objective import ObjectiveOptions
+
+
+def aims_of(options: argparse.Namespace) -> "ObjectiveOptions":
+    from counterlight.tools.transport.objective import ObjectiveOptions
+
+    return ObjectiveOptions(options.drift, options.outside, options.avoid_highlights)
 
 
 def add_objective_options(parser: argparse.ArgumentParser) -> None:
@@ -18,4 +28,10 @@ def add_objective_options(parser: argparse.ArgumentParser) -> None:
         default=0.1,
         metavar="PIXELS",
         help="how far the projector's picture may shift, in its pixels: neighbours then differ less (default 0.1)",
+    )
+    parser.add_argument(
+        "--avoid-highlights",
+        action="store_true",
+        help="of several projectors: where the camera sees one's light by gloss, let another give it: who "
+        "stands elsewhere sees a dark spot there otherwise",
     )

@@ -20,7 +20,7 @@ from counterlight.errors import InputError
 from counterlight.tools.acquisition.rig_options import add_rig_options
 from counterlight.tools.choices import VERIFIED
 from counterlight.tools.colour.option import add_colour
-from counterlight.tools.objective_options import add_objective_options
+from counterlight.tools.objective_options import add_objective_options, aims_of
 from counterlight.writing.outputs import check_folder
 from counterlight.writing.replacing import replacing_folder
 
@@ -160,7 +160,6 @@ def _show(
     """Print every round of the picture, and what to make of the best one; write that."""
     from counterlight.tools.acquisition.verify import Verification
     from counterlight.tools.relighting.pictures import read_placed
-    from counterlight.tools.transport.objective import ObjectiveOptions
 
     picture = read_placed(options.picture, stored.calibration.camera.shape, stored.calibration.screen)
     radiance = options.picture.suffix.lower() == ".exr"
@@ -174,7 +173,7 @@ def _show(
         radiance=radiance,
         solver=options.solver,
         colour=options.colour,
-        aims=ObjectiveOptions(options.drift, options.outside),
+        aims=aims_of(options),
     )
     print(task.tier)
     print(f"white is a camera radiance of {task.white:.4g}; {int(stored.calibration.mask.sum())} camera pixels count")

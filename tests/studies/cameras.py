@@ -24,18 +24,16 @@ from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.inverse.build import BuiltRoom, build_maps
 from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.shipped import shipped_scenes
-from counterlight.tools.simulation.room import simulated_calibration
 from counterlight.tools.simulation.scene import Scene, load_scene
-from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.box import Box
 from counterlight.tools.solve.quality import psnr
 from counterlight.tools.study.pictures import BUILT_IN
-from counterlight.tools.transport.joining import join_transports
 from counterlight.tools.transport.joining_cameras import CameraOptions, joined_cameras
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.shared_screen import brightened, scaled
 from counterlight.tools.transport.transport import Transport
 from tests.camera_rooms import looks_at
+from tests.joint_rooms import lit_by
 
 CAMERA, PROJECTOR = (120, 160), (54, 96)
 SECOND = np.array([0.5, 0.15, -0.1])  # where the second projector stands from the first
@@ -71,13 +69,7 @@ class Wall:
     def seen(self, scene: Scene, projectors: int) -> RoomSeen:
         """What one camera sees of projectors side by side."""
         beside = replace(scene.projector, position=scene.projector.position + SECOND)
-        lit = [scene, replace(scene, projector=beside)][:projectors]
-        results = [simulate(each) for each in lit]
-        rooms = [simulated_calibration(*each) for each in zip(lit, results, strict=True)]
-        transport = join_transports([each.transport for each in results], [PROJECTOR] * projectors)
-        mask = np.any([room.mask for room in rooms], axis=0)
-        devices = tuple(room.projectors[0] for room in rooms)
-        return replace(rooms[0], projectors=devices, mask=mask), replace(transport, camera=CAMERA)
+        return lit_by([scene, replace(scene, projector=beside)][:projectors])
 
 
 class Judged:

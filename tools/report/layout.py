@@ -6,13 +6,14 @@ from typing import Any
 from counterlight.tools.report import charts
 from counterlight.tools.report.impossible import REASONS, SERVED
 from counterlight.tools.report.page import Figure, Section, legend, page, table
+from counterlight.tools.ways.ways import DARK, STRAIGHT, WAYS
 
 
 def report_page(figures: dict[str, Any]) -> str:
     """The page of a report, from the figures that its JSON holds."""
     intro = f"<p>{escape(figures['summary'])}</p>{_overview(figures)}"
-    sections = [_impossible(figures), _light(figures), _inverse_light(figures), _clusters(figures), _inversion(figures)]
-    return page(f"Correction map: {figures['name']}", intro, [*sections, _packing(figures)])
+    sections = [_impossible(figures), _ways(figures), _light(figures), _inverse_light(figures), _clusters(figures)]
+    return page(f"Correction map: {figures['name']}", intro, [*sections, _inversion(figures), _packing(figures)])
 
 
 def _overview(figures: dict[str, Any]) -> str:
@@ -44,7 +45,25 @@ def _impossible(figures: dict[str, Any]) -> Section:
         "the room; in a corner it is light from the other wall. Violet along edges is normal, violet areas are not.",
         file="impossible.png",
     )
-    return Section("What cannot be corrected", [figure], legend(rows, pixels))
+    advice = "".join(f"<li>{escape(each['words'])}</li>" for each in figures["advice"])
+    return Section(
+        "What cannot be corrected", [figure], legend(rows, pixels) + (f"<ul>{advice}</ul>" if advice else "")
+    )
+
+
+def _ways(figures: dict[str, Any]) -> Section:
+    counts, pixels = figures["ways"], figures["camera"]["width"] * figures["camera"]["height"]
+    rows = [
+        (way.colour, way.words, counts[way.name]["shown"], counts[way.name]["all"]) for way in (STRAIGHT, *WAYS, DARK)
+    ]
+    figure = Figure(
+        "Ways",
+        "Camera space, from T alone: pixels of whose light a tenth or more did not come straight from the projector, "
+        "in the colour of the way that brought most of that. Footprints in T that are wide, in many spots, off the "
+        "lines on which straight light lies, or strewn over everything say which.",
+        file="ways.png",
+    )
+    return Section("How light comes", [figure], legend(rows, pixels))
 
 
 def _light(figures: dict[str, Any]) -> Section:

@@ -14,10 +14,12 @@ from counterlight.pipeline.operators import compensation
 from counterlight.tools.inverse.build import BuiltRoom
 from counterlight.tools.relighting.pictures import encoded, white_level
 from counterlight.tools.report import layout, pictures, spectra
+from counterlight.tools.report.advice import Advice, advise
 from counterlight.tools.report.charts import bins_of
 from counterlight.tools.report.impossible import Impossible, find_impossible
 from counterlight.tools.report.spectra import Spectrum
 from counterlight.tools.transport.transport import Csr, channel, luminance_matrix
+from counterlight.tools.ways.ways import Ways, ways_of
 from counterlight.writing.outputs import check_folder, is_vacant, refuse_strangers
 from counterlight.writing.replacing import replacing_folder
 
@@ -63,10 +65,13 @@ def find(built: BuiltRoom) -> Findings:
     """Everything that the page and the JSON say."""
     T = near_luminance(built)
     impossible = find_impossible(built.tier, built.maps)
+    ways = ways_of(built.calibration, built.transport)
+    advice = advise(built.tier, built.maps.white, impossible, ways)
     found = spectra.spectra(T, built.inverse.clusters, built.calibration.projector.shape)
     drawn, scales = _lit_pictures(built)
     drawn |= _structure_pictures(built, T) | {"impossible.png": impossible.picture()}
-    return Findings(_figures(built, impossible, found) | {"picture_white": scales}, drawn)
+    drawn |= {"ways.png": ways.picture()}
+    return Findings(_figures(built, impossible, found) | _of_ways(ways, advice) | {"picture_white": scales}, drawn)
 
 
 def near_luminance(built: BuiltRoom) -> Csr:
@@ -144,6 +149,10 @@ def _figures(built: BuiltRoom, impossible: Impossible, found: list[Spectrum]) ->
         "spectra": {"summary": spectra.summary(found), "systems": [spectrum.to_json() for spectrum in found]},
         "impossible": impossible.to_json(),
     }
+
+
+def _of_ways(ways: Ways, advice: list[Advice]) -> dict[str, Any]:
+    return {"ways": ways.to_json(), "advice": [each.to_json() for each in advice]}
 
 
 def _percentiles(values: NDArray[np.floating]) -> dict[str, float]:

@@ -49,7 +49,9 @@ def spectra(T: Csr, clusters: Clusters, projector_shape: tuple[int, int]) -> lis
     if not clusters.count:
         return []
     columns = sparse.csc_array(T.astype(np.float64))
-    small = np.flatnonzero((clusters.projector_sizes <= LARGEST_SVD) & (clusters.camera_sizes <= LARGEST_SVD))
+    seen = np.bincount(clusters.projector[(np.diff(columns.indptr) > 0) & (clusters.projector >= 0)])
+    seen = np.pad(seen, (0, clusters.count - seen.size)) > 0  # of a cluster outside the mask, T has no row
+    small = np.flatnonzero(seen & (clusters.projector_sizes <= LARGEST_SVD) & (clusters.camera_sizes <= LARGEST_SVD))
     small = small[np.argsort(clusters.projector_sizes[small], kind="stable")]
     found = [
         _spectrum("cluster", columns, np.flatnonzero(clusters.projector == label))

@@ -23,6 +23,7 @@ from counterlight.pipeline.reference import pull
 from counterlight.pipeline.refinement import OVER_RELAXATION, Certificate, momentum
 from counterlight.raster import Region
 from counterlight.tools.choices import OUTSIDE
+from counterlight.tools.transport.gloss import glossy
 from counterlight.tools.transport.overlap import overlap
 from counterlight.tools.transport.shares import shares
 from counterlight.tools.transport.transport import Transport
@@ -33,15 +34,20 @@ FINEST = 1e-6  # of ½ Σ w b²: an error 60 dB below the target needs no finer 
 HARDLY_SEEN = 0.02  # of what is seen of most projector pixels: the prior is then as strong as what the camera says
 FALL = 4  # the power by which the prior vanishes where more is seen: 2e-7 of d where all is
 STRONGEST = 1e6  # times what the camera says
+AVOIDED = 0.05  # of d, where all light is gloss: nothing where others can light it, a twentieth less where none can
 STIFFNESS = 0.03  # of d: what ties pixels that nobody sees to their neighbours (--outside continue)
 
 
 @dataclass(frozen=True)
 class ObjectiveOptions:
-    """drift : σ, projector pixels by which the picture may shift.  outside : of choices.OUTSIDE, what nobody sees."""
+    """drift : σ, projector pixels by which the picture may shift.  outside : of choices.OUTSIDE, what nobody sees.
+
+    avoid_highlights : let another projector light what the camera sees by gloss (gloss.py).
+    """
 
     drift: float = 0.1
     outside: str = "black"
+    avoid_highlights: bool = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.drift <= 10:
@@ -167,7 +173,15 @@ def objective_of(transport: Transport, calibration: Calibration, options: Object
     T = transport.inside(weights > 0)
     shown = seen(T, weights > 0)
     unaided = Objective(T, weights, None, shown)
-    return replace(unaided, prior=_prior(unaided, projector, regions, options))
+    prior = _prior(unaided, projector, regions, options)
+    if options.avoid_highlights:
+        if len(regions) == 1:
+            raise InputError(
+                "--avoid-highlights: of one projector; leave it out, or join a second one (counterlight join)"
+            )
+        away = (AVOIDED * glossy(T, calibration)[:, None] * unaided.curvature).reshape(*projector, 3)
+        prior = replace(prior, damping=(prior.damping + away).astype(np.float32))
+    return replace(unaided, prior=prior)
 
 
 def _trust(T: Transport, calibration: Calibration) -> FloatArray:

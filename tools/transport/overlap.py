@@ -23,7 +23,8 @@ def overlap(T: Transport, weights: FloatArray, projector: tuple[int, int]) -> tu
     """
     width, count = projector[1], T.shape[1]
     sums = [np.zeros(count) for _ in range(3)]
-    for rows in _batches(T, weights):
+    lengths = lengths_of(T)
+    for rows in batches(_drawn(lengths, weights), lengths):
         light = _written_out(T.at(rows), np.sqrt(weights[rows]))
         for each, offset in zip(sums, (0, 1, width), strict=True):
             each += _shared(light, offset)
@@ -32,18 +33,28 @@ def overlap(T: Transport, weights: FloatArray, projector: tuple[int, int]) -> tu
     return right.reshape(projector), down.reshape(projector)
 
 
-def _batches(T: Transport, weights: FloatArray) -> Iterator[IntArray]:
-    """Camera pixels of some weight, of at most about AT_ONCE entries together."""
+def lengths_of(T: Transport) -> FloatArray:
+    """Entries of each camera pixel, blurred light written out, (camera pixels,)."""
     lengths = T.near.lengths.astype(np.float64)
     if T.blurred is not None:
         scatter = T.blurred.scatter
         lengths += np.bincount(scatter.rows, T.blurred.gather.lengths[scatter.indices], scatter.shape[0])
+    return lengths
+
+
+def batches(rows: IntArray, lengths: FloatArray) -> Iterator[IntArray]:
+    """Some camera pixels after the others, of at most about AT_ONCE entries together.  lengths : of all pixels."""
+    ends = np.cumsum(lengths[rows])
+    yield from np.split(rows, np.searchsorted(ends, np.arange(AT_ONCE, ends[-1] if ends.size else 0, AT_ONCE)))
+
+
+def _drawn(lengths: FloatArray, weights: FloatArray) -> IntArray:
+    """Camera pixels of some weight, all or as many as have MOST_ENTRIES."""
     rows = np.flatnonzero((weights > 0) & (lengths > 0))
     share = MOST_ENTRIES / max(lengths[rows].sum(), 1)
     if share < 1:
         rows = np.sort(np.random.default_rng(0).choice(rows, int(share * rows.size), replace=False))
-    ends = np.cumsum(lengths[rows])
-    yield from np.split(rows, np.searchsorted(ends, np.arange(AT_ONCE, ends[-1] if ends.size else 0, AT_ONCE)))
+    return rows
 
 
 def _written_out(T: Transport, factors: FloatArray) -> Csr:

@@ -1,0 +1,82 @@
+"""Projector pixels whose light the camera sees by gloss, where another projector lights the same place.
+
+Paint takes the light of all projectors alike, so the ratio of two projectors' floodlights knows no paint and changes
+slowly over a surface; a coat's highlight of one of them is a bump on it (thesis 4.3.2; Park et al. 2006). Somebody who
+stands elsewhere does not see that highlight, and what was left out for it is dark.
+"""
+
+import numpy as np
+
+from counterlight.arrays import BoolArray, FloatArray
+from counterlight.calibration import Calibration
+from counterlight.tools.transport.transport import Transport, luminance
+
+BUMP, USUAL = 0.1, 3.0  # of light, and times what is usual off the surface: less is the room's shape
+BESIDE = 0.25  # of a projector's median light: less is its shadow, where it stands in for nobody
+FEWEST, MOST = 64, 20000  # camera pixels that a surface is laid through
+ROUNDS, TUKEY = 30, 4.0
+TINY = np.finfo(np.float64).tiny
+
+
+def glossy(transport: Transport, calibration: Calibration) -> FloatArray:
+    """The share of each projector pixel's light that cameras see as a highlight, (projector pixels,), 0 to 1.
+
+    0 everywhere for one projector.
+    """
+    owner = np.zeros(calibration.projector.shape, np.int64)
+    for number, region in enumerate(calibration.regions):
+        owner[region.part] = number
+    found = np.zeros(transport.shape[1])
+    if len(calibration.regions) == 1:
+        return found
+    lights = np.stack([_floodlight(transport, owner.ravel() == k) for k in range(len(calibration.regions))])
+    for k, light in enumerate(lights):
+        shares = np.zeros(calibration.camera.shape)
+        for view in calibration.views:
+            pictures = lights.reshape(len(lights), *calibration.camera.shape)[:, *view]
+            shares[view] = _highlights(pictures[k], np.delete(pictures, k, axis=0).sum(axis=0))
+        sent, seen = np.zeros((2, transport.shape[1]))
+        if light.any():
+            ones = np.ones((transport.shape[0], 3))
+            sent = luminance(transport.near.apply_transpose(ones))
+            seen = luminance(transport.near.apply_transpose(shares.reshape(-1, 1) * ones))
+        mine = owner.ravel() == k
+        found[mine] = (seen / np.maximum(sent, TINY))[mine]
+    return found
+
+
+def _floodlight(transport: Transport, pixels: BoolArray) -> FloatArray:
+    """Near light of some projector pixels, luminance, (camera pixels,)."""
+    return luminance(transport.near.apply(np.repeat(pixels[:, None].astype(np.float64), 3, axis=1)))
+
+
+def _highlights(light: FloatArray, others: FloatArray) -> FloatArray:
+    """The share of a projector's light that rises above what the ratio to others' light usually is, pixel by pixel."""
+    lit = [each > BESIDE * np.median(each[each > 0]) if each.any() else each > 0 for each in (light, others)]
+    both = lit[0] & lit[1]
+    if np.count_nonzero(both) < FEWEST:
+        return np.zeros(light.shape)
+    ratio = np.log(np.where(both, light, 1) / np.where(both, others, 1))
+    above, usual = _above_surface(ratio, both)
+    share = np.where(both & (above > max(np.log1p(BUMP), USUAL * usual)), 1 - np.exp(-above), 0)
+    return np.asarray(share)
+
+
+def _above_surface(values: FloatArray, known: BoolArray) -> tuple[FloatArray, float]:
+    """Distances above the quadratic surface that most known values lie on, and the median of their sizes there.
+
+    Reweighted least squares with Tukey's biweight.
+    """
+    y, x = (2 * each / max(each.max(), 1) - 1 for each in np.mgrid[: values.shape[0], : values.shape[1]])
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+    at = np.flatnonzero(known)
+    at = at[:: -(-at.size // MOST)]
+    A, b = terms.reshape(-1, 6)[at], values.ravel()[at]
+    weights, usual = np.ones(at.size), 0.0
+    found = np.zeros(6)
+    for _ in range(ROUNDS):
+        found = np.linalg.lstsq(A * weights[:, None], b * weights, rcond=None)[0]
+        off = np.abs(b - A @ found)
+        usual = float(np.median(off))
+        weights = np.clip(1 - (off / max(TUKEY * usual, TINY)) ** 2, 0, None)
+    return np.where(known, values - terms @ found, 0), usual

@@ -1,0 +1,153 @@
+"""What T's rows look like: where in a projector's picture the light of each camera pixel comes from.
+
+A row's *main footprint* lies around its middle, found from its brightest entry: straight light, as wide as the two
+pixels, the lenses' blur and what spreads below a surface make it. Glass and mirrors show further bright spots; light
+that bounced is spread over everything, and faint.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import BoolArray, FloatArray, IntArray
+from counterlight.maps.row_map import SparseRows
+from counterlight.raster import Region
+from counterlight.tools.transport.overlap import batches, lengths_of
+from counterlight.tools.transport.transport import Transport, in_one, luminance
+
+FAINT = 0.02  # of a row's brightest entry: fainter ones do not say how wide it is
+REACH, BESIDE = (
+    3.0,
+    1.5,
+)  # times the radius that holds half of the light, and projector pixels: a normal spot ends there
+BRIGHT = 0.1  # of a row's brightest entry: a spot, and no spread light
+ROUNDS = 2  # of finding the middle again from what lies around it
+PERIODS = (4, 8, 16, 32, 64)  # projector pixels, of stripes whose contrast is told
+
+
+@dataclass(frozen=True)
+class Footprints:
+    """Rows of T in one projector's part of the raster, (camera pixels, …); light is luminance of T·1.
+
+    light : all of it.  main : in the main footprint.  second : in bright spots beside it.
+    strewn : (…, 3), radiance, what is in no spot.
+    middle, second_middle : (…, 2), y and x in the projector's picture, pixels.
+    spread : (…, 3), of each channel the mean squared distance from the middle, pixels².
+    count : how many entries alike would make the main footprint, (Σw)² / Σw²; few for how wide it is: single spots.
+    strewn_count : likewise of strewn light.
+    tails : mean fourth power of that distance over its square's square; 2 of a normal spot, 4/3 of a disc.
+    contrast : (…, PERIODS), what is left of stripes' contrast, of the worse of both directions.
+    """
+
+    light: FloatArray
+    main: FloatArray
+    second: FloatArray
+    strewn: FloatArray
+    middle: FloatArray
+    second_middle: FloatArray
+    spread: FloatArray
+    count: FloatArray
+    strewn_count: FloatArray
+    tails: FloatArray
+    contrast: FloatArray
+
+
+def footprints(T: Transport, camera_pixels: IntArray, width: int, region: Region) -> Footprints:
+    """Measure rows of T, but for far light.
+
+    camera_pixels : which, (n,).  width : of the raster that T's columns are.  region : the projector's part of it.
+    """
+    found = []
+    near = T.without_far
+    for some in batches(np.arange(camera_pixels.size), lengths_of(near)[camera_pixels]):
+        rows = in_one(near.at(camera_pixels[some]))
+        y, x = np.divmod(rows.indices.astype(np.int64), width)
+        inside = (x >= region.left) & (x < region.left + region.width)
+        inside &= (y >= region.top) & (y < region.top + region.height)
+        place = np.stack([y - region.top, x - region.left], axis=1)[inside] + 0.5
+        found.append(_Rows(rows.where(inside), place).measured())
+    return Footprints(*(np.concatenate([getattr(each, f.name) for each in found]) for f in fields(Footprints)))
+
+
+class _Rows:
+    """Some rows, entry by entry."""
+
+    def __init__(self, rows: SparseRows, place: FloatArray) -> None:
+        self._rows, self._count, self._place = rows.rows, rows.shape[0], place
+        self._weights = rows.weights.astype(np.float64)
+        self._light = luminance(self._weights)
+        brightest = np.zeros(self._count)
+        np.maximum.at(brightest, self._rows, self._light)
+        self._share = self._light / np.maximum(brightest, np.finfo(float).tiny)[self._rows]  # of the brightest entry
+
+    def measured(self) -> Footprints:
+        middle, main = self._main()
+        second, spot = ~main & (self._share >= BRIGHT), main & (self._share >= FAINT)
+        away = ((self._place - middle[self._rows]) ** 2).sum(axis=1)
+        squared = self._mean(away, self._light * spot)
+        fourth = self._mean(away**2, self._light * spot)
+        return Footprints(
+            light=self._sum(self._light),
+            main=self._sum(self._light * main),
+            second=self._sum(self._light * second),
+            strewn=np.stack([self._sum(weights * ~(main | second)) for weights in self._weights.T], axis=1),
+            middle=middle,
+            second_middle=self._centre(self._light * second),
+            spread=np.stack([self._mean(away, weights * spot) for weights in self._weights.T], axis=1),
+            count=self._alike(self._light * spot),
+            strewn_count=self._alike(self._light * ~(main | second)),
+            tails=np.divide(fourth, squared**2, out=np.zeros_like(fourth), where=squared > 0),
+            contrast=self._contrasts(),
+        )
+
+    def _main(self) -> tuple[FloatArray, BoolArray]:
+        """The main footprints' middles, and which entries lie in them."""
+        middle = np.zeros((self._count, 2))
+        spots = np.flatnonzero(self._share == 1)
+        lit, first = np.unique(self._rows[spots], return_index=True)
+        middle[lit] = self._place[spots[first]]
+        main = np.ones(self._rows.size, bool)
+        for _ in range(ROUNDS):
+            main = self._around(middle)
+            middle = self._centre(self._light * main)
+        return middle, main
+
+    def _around(self, middle: FloatArray) -> BoolArray:
+        away = np.sqrt(((self._place - middle[self._rows]) ** 2).sum(axis=1))
+        return np.asarray(away <= REACH * self._holding_half(away)[self._rows] + BESIDE)
+
+    def _holding_half(self, away: FloatArray) -> FloatArray:
+        """The distance within which half of each row's light is, faint entries left aside, (rows,)."""
+        wide = np.flatnonzero(self._share >= FAINT)
+        order = wide[np.lexsort((away[wide], self._rows[wide]))]
+        rows, summed = self._rows[order], np.cumsum(self._light[order])
+        total = np.bincount(rows, self._light[order], self._count)
+        before = np.concatenate([[0.0], np.cumsum(total)[:-1]])
+        behind = np.flatnonzero(summed - before[rows] >= 0.5 * total[rows] * (1 - 1e-9))
+        found, first = np.unique(rows[behind], return_index=True)
+        half = np.zeros(self._count)
+        half[found] = away[order[behind[first]]]
+        return half
+
+    def _alike(self, light: FloatArray) -> FloatArray:
+        squares = self._sum(light**2)
+        return np.divide(self._sum(light) ** 2, squares, out=np.zeros_like(squares), where=squares > 0)
+
+    def _contrasts(self) -> FloatArray:
+        total, found = self._sum(self._light), list[FloatArray]()
+        for period in PERIODS:
+            phases = 2 * np.pi * self._place / period
+            waves = [np.hypot(self._sum(self._light * np.cos(p)), self._sum(self._light * np.sin(p))) for p in phases.T]
+            found.append(np.divide(np.minimum(*waves), total, out=np.zeros_like(total), where=total > 0))
+        return np.stack(found, axis=1)
+
+    def _centre(self, light: FloatArray) -> FloatArray:
+        return np.stack([self._mean(along, light) for along in self._place.T], axis=1)
+
+    def _mean(self, values: FloatArray, light: NDArray[np.floating]) -> FloatArray:
+        total = self._sum(light)
+        return np.divide(self._sum(values * light), total, out=np.zeros_like(total), where=total > 0)
+
+    def _sum(self, values: NDArray[np.floating]) -> FloatArray:
+        return np.bincount(self._rows, values, self._count).astype(np.float64, copy=False)

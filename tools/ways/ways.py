@@ -1,0 +1,231 @@
+"""Shares of light by the way that it came, camera pixel by camera pixel.
+
+Light is *bounced* if it comes from everywhere (far light, and what is strewn over near light); *bent* by glass or a
+mirror if it comes from where straight light cannot (bending.py), in many spots, or strewn from a small part;
+*scattered* below a surface if its footprint is wide and unlike in colours, or with long tails (red goes further than
+blue in wax and skin, and some light far); *blurred* by a lens if it is merely wide. What remains is straight.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from counterlight.arrays import BoolArray, FloatArray, IntArray
+from counterlight.calibration import Calibration
+from counterlight.raster import Shape
+from counterlight.tools.transport.transport import Transport, luminance
+from counterlight.tools.ways.bending import LEAST_PX, Lines
+from counterlight.tools.ways.footprints import PERIODS, Footprints, footprints
+
+BRIGHT_PERCENTILE, FAINTEST = 95, 0.02  # pixels with less light than that of bright ones have noise for footprints
+TOLD = 0.1  # of a pixel's light: a way that is worth an area
+WIDE, FAR_WIDE = 0.4, 1.0  # pixels² beyond what the pixels' sizes make: told from noise, seen as blur
+COLOURED = 0.35  # of the spread: how unlike it is in the channels
+TAILS = 2.6  # between a normal spot's 2 and the 3.3 of a planar exponential one
+FILLED = 0.25  # of the entries that so wide a spot would have; 0.4 and more in wax, 0.9 in blur: fewer are many spots
+EVERYWHERE = 0.01  # of the projector's pixels: strewn light that comes from fewer was strewn by glass or a coat
+OFF_PX = 5 * LEAST_PX  # a further spot that is less off its line is the other side of an edge
+
+
+@dataclass(frozen=True)
+class Way:
+    """How light came: a name for JSON, the legend's words and its colour (8-bit sRGB)."""
+
+    name: str
+    words: str
+    colour: tuple[int, int, int]
+
+
+STRAIGHT = Way("straight", "straight from the projector", (205, 205, 205))
+BENT = Way("bent", "by glass or a mirror: seen through it, or lit", (70, 130, 220))
+SCATTERED = Way("scattered", "scattered below the surface: wax, skin, marble, thick paint", (230, 160, 60))
+BOUNCED = Way("bounced", "interreflecting: bounced off other surfaces first", (200, 70, 60))
+BLURRED = Way("blurred", "out of focus", (110, 170, 100))
+DARK = Way("dark", "too little light to say", (40, 40, 40))
+WAYS = BENT, SCATTERED, BOUNCED, BLURRED
+
+
+@dataclass(frozen=True)
+class Ways:
+    """Shares of each camera pixel's light, T·1.
+
+    shares : (WAYS, camera height, camera width), 0 to 1; what they leave is straight.
+    lit : (camera height, camera width), where there is light enough to say.
+    radius : (camera height, camera width), of the main footprint, root mean square, projector pixels.
+    contrast : (camera height, camera width, PERIODS), what stripes of so many projector pixels keep of their contrast.
+    bounced : (camera height, camera width, 3), radiance of bounced light under a white picture.
+    """
+
+    shares: FloatArray
+    lit: BoolArray
+    radius: FloatArray
+    contrast: FloatArray
+    bounced: FloatArray
+
+    @property
+    def flags(self) -> BoolArray:
+        """Which ways brought a tenth of a pixel's light or more, (WAYS, camera height, camera width)."""
+        return np.asarray((self.shares >= TOLD) & self.lit)
+
+    @property
+    def first(self) -> IntArray:
+        """(camera height, camera width): 0 where light came straight, 1 + the index of its largest way, -1 if dark."""
+        found = np.where(self.flags.any(axis=0), 1 + np.argmax(self.shares, axis=0), 0)
+        return np.where(self.lit, found, -1)
+
+    def picture(self) -> NDArray[np.uint8]:
+        """Each pixel in the colour of the way that most of its light came, if not straight."""
+        return np.array([each.colour for each in (STRAIGHT, *WAYS, DARK)], np.uint8)[self.first]
+
+    def to_json(self) -> dict[str, dict[str, float]]:
+        """Camera pixels of each way: shown in its colour, all that have it, and its share of all light that is told."""
+        counts = np.bincount(self.first.ravel() % (2 + len(WAYS)), minlength=2 + len(WAYS))
+        lit = max(int(self.lit.sum()), 1)
+        shares = [float(each[self.lit].sum() / lit) for each in self.shares]
+        every = [int(each.sum()) for each in self.flags]
+        straight = int((self.lit & (self.shares.sum(axis=0) <= 1 - TOLD)).sum())
+        rows = zip(
+            (STRAIGHT, *WAYS, DARK),
+            counts,
+            (straight, *every, counts[-1]),
+            (1 - sum(shares), *shares, 0.0),
+            strict=True,
+        )
+        return {way.name: {"shown": int(a), "all": int(b), "share": share} for way, a, b, share in rows}
+
+    def finest(self, contrast: float = 0.5) -> FloatArray:
+        """Projector pixels of the finest stripes that keep so much of their contrast, infinite if none does."""
+        told = self.contrast >= contrast
+        return np.where(told.any(axis=2), np.array(PERIODS, np.float64)[np.argmax(told, axis=2)], np.inf)
+
+
+def ways_of(calibration: Calibration, transport: Transport) -> Ways:
+    """Look at every camera's pixels in every projector's light.
+
+    transport : T of `calibration`; where several projectors light a pixel, each has its share of the light.
+    """
+    shape, pixels = calibration.camera.shape, np.arange(calibration.camera.pixels).reshape(calibration.camera.shape)
+    seen = _Sums.dark(shape)
+    for view in calibration.views:
+        rows = pixels[view]
+        for region in calibration.regions:
+            told = footprints(transport, rows.ravel(), calibration.projector.width, region)
+            seen.add(view, _Seen(told, (rows.shape[0], rows.shape[1]), region.width * region.height))
+    if transport.far is not None:
+        seen.add_far(transport.far.apply(np.ones((transport.shape[1], 3))).reshape(*shape, 3))
+    return seen.shares()
+
+
+class _Seen:
+    """One camera's pixels in one projector's light; pictures (camera height, camera width, …)."""
+
+    def __init__(self, told: Footprints, camera: Shape, projector_pixels: int) -> None:
+        self.light, self._main, self._second = (each.reshape(camera) for each in (told.light, told.main, told.second))
+        self.strewn, self.spread = (each.reshape(*camera, 3) for each in (told.strewn, told.spread))
+        self.contrast = told.contrast.reshape(*camera, len(PERIODS))
+        self._middle, self._second_middle = (each.reshape(*camera, 2) for each in (told.middle, told.second_middle))
+        self._tails, self._count = told.tails.reshape(camera), told.count.reshape(camera)
+        self._everywhere = told.strewn_count.reshape(camera) > EVERYWHERE * projector_pixels
+        self._lit = bright(self.light)
+
+    def by_way(self) -> FloatArray:
+        """Light of each of WAYS, (WAYS, camera height, camera width)."""
+        lines = Lines(self._middle, self._lit)
+        scattered, blurred, parted = self._widened()
+        bent = (lines.bent(self._middle) | parted) & ~scattered
+        blurred, alone = blurred & ~bent, ~bent & ~scattered
+        beside = alone & (np.abs(lines.distance(self._second_middle)) > OFF_PX)
+        strewn = luminance(self.strewn.reshape(-1, 3)).reshape(self.light.shape)
+        by_glass = np.where(beside, self._second, 0) + np.where(self._everywhere, 0, strewn)
+        return np.stack(
+            [
+                np.where(bent, self.light, np.where(alone, by_glass, 0)),
+                np.where(scattered, self._main + strewn, 0),
+                np.where(alone & self._everywhere, strewn, 0),
+                np.where(blurred, self._main, 0),
+            ]
+        )
+
+    def _widened(self) -> tuple[BoolArray, BoolArray, BoolArray]:
+        """Where footprints are wider than pixels are: for what is below the surface, for a lens, or as many spots."""
+        spread = np.stack([_median(each, self._lit) for each in np.moveaxis(self.spread, 2, 0)])
+        mean = spread.mean(axis=0)
+        excess = mean - self._of_pixels(self._lit)
+        filled = self._count > FILLED * 2 * np.pi * self.spread.mean(axis=2)
+        coloured = np.ptp(spread, axis=0) > COLOURED * np.maximum(excess, WIDE)
+        tailed = (_median(self._tails, self._lit) > TAILS) & (excess > FAR_WIDE)
+        wide, filled = self._lit & (excess > WIDE), most_around(filled)
+        scattered = most_around(wide & filled & (coloured | tailed))
+        return scattered, wide & filled & (excess > FAR_WIDE) & ~scattered, wide & ~filled & (excess > FAR_WIDE)
+
+    def _of_pixels(self, lit: BoolArray) -> FloatArray:
+        """The mean squared distance from the middle in what a camera's pixel sees, that far footprints move."""
+        steps = [_least_step(self._middle, lit, axis) for axis in (0, 1)]
+        return (steps[0] + steps[1] + 2) / 12  # of squares, the camera's pixel and the projector's
+
+
+@dataclass
+class _Sums:
+    """What is summed over cameras and projectors."""
+
+    light: FloatArray
+    by_way: FloatArray
+    bounced: FloatArray
+    near: FloatArray
+    spread: FloatArray
+    contrast: FloatArray
+
+    @classmethod
+    def dark(cls, shape: Shape) -> "_Sums":
+        sizes = (shape, (len(WAYS), *shape), (*shape, 3), shape, shape, (*shape, len(PERIODS)))
+        return cls(*map(np.zeros, sizes))
+
+    def add(self, view: tuple[slice, slice], seen: _Seen) -> None:
+        by_way = seen.by_way()
+        self.by_way[:, *view] += by_way
+        self.light[view] += seen.light
+        self.near[view] += seen.light
+        self.spread[view] += seen.light * seen.spread.mean(axis=2)
+        self.contrast[view] += seen.light[..., None] * seen.contrast
+        self.bounced[view] += seen.strewn * (by_way[WAYS.index(BOUNCED)] > 0)[..., None]
+
+    def add_far(self, far: FloatArray) -> None:
+        light = luminance(far.reshape(-1, 3)).reshape(self.light.shape)
+        self.light += light
+        self.by_way[WAYS.index(BOUNCED)] += light
+        self.bounced += far
+
+    def shares(self) -> Ways:
+        lit, near = bright(self.light), np.maximum(self.near, np.finfo(float).tiny)
+        shares = np.where(lit, self.by_way / np.maximum(self.light, np.finfo(float).tiny), 0)
+        return Ways(shares, lit, np.sqrt(self.spread / near), self.contrast / near[..., None], self.bounced)
+
+
+def bright(light: FloatArray) -> BoolArray:
+    """Where there is light enough to say where it comes from."""
+    if not light.any():
+        return np.zeros(light.shape, bool)
+    return np.asarray(light > FAINTEST * np.percentile(light[light > 0], BRIGHT_PERCENTILE))
+
+
+def _median(values: FloatArray, lit: BoolArray) -> FloatArray:
+    """Of each pixel and its neighbours: single ones lie on edges."""
+    return np.asarray(ndimage.median_filter(np.where(lit, values, 0), 3, mode="nearest"))
+
+
+def most_around(flags: BoolArray) -> BoolArray:
+    """What most of each pixel's neighbours are, itself among them."""
+    return np.asarray(ndimage.uniform_filter(flags.astype(np.float64), 3, mode="nearest") > 0.5)
+
+
+def _least_step(middle: FloatArray, lit: BoolArray, axis: int) -> FloatArray:
+    """Squared distances, pixels², to the nearer of the neighbours' middles along an axis: edges are steps, too."""
+    known = np.where(lit[..., None], middle, np.nan)
+    steps = (np.diff(known, axis=axis) ** 2).sum(axis=2)
+    ends = [(0, 0), (0, 0)]
+    ends[axis] = (1, 1)
+    wide = np.pad(steps, ends, constant_values=np.nan)
+    before, after = (np.take(wide, range(start, start + lit.shape[axis]), axis) for start in (0, 1))
+    return np.asarray(np.nan_to_num(np.fmin(before, after)))
