@@ -20,6 +20,7 @@ from counterlight.tools.choices import SCHEMES
 from counterlight.writing.outputs import check_apart, check_folder
 
 if TYPE_CHECKING:
+    from counterlight.tools.acquisition.averaging import Aim
     from counterlight.tools.acquisition.cameras.camera import Camera
     from counterlight.tools.acquisition.plan import MakeScheme
     from counterlight.tools.acquisition.preflight import Finding
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from counterlight.tools.acquisition.store import Wanted
 
 MOST_PICTURES = 1 << 12
+AVERAGED = "hierarchical", "multiplexed"  # the others are there to be compared with, as they are
+MINUTES = 20.0
 RADIANCE = "radiance="
 THRESHOLDS = "expected a multiple of the noise such as 4, or a radiance such as radiance=0.01"
 
@@ -50,6 +53,7 @@ def _main(argv: Sequence[str] | None) -> None:
     captures = options.captures or output.with_name(f"{output.name}.captures")
     report_folder = options.report or output.with_name(f"{output.name}.report")
     make_scheme = None if options.pictures else _scheme(options)
+    aim = _aim(options)
     wanted = Wanted(output, anew=options.force, reuse=options.reuse_captures)
     _check_outputs(options, wanted, captures, report_folder)
     response = None if options.response is None else projector_response(options.response)
@@ -64,7 +68,9 @@ def _main(argv: Sequence[str] | None) -> None:
         findings = [] if options.no_preflight or wanted.reuse else _checked(camera)
         monitors = tuple(options.monitor) if len(projectors) > 1 else ()
         pictures = options.pictures or 0
-        plan = Plan(options.scheme, make_scheme, projectors, decides, response, options.tolerance, monitors, pictures)
+        plan = Plan(
+            options.scheme, make_scheme, projectors, decides, response, options.tolerance, monitors, pictures, aim
+        )
         report = acquire_room(camera, plan, captures, wanted, name=options.name)
         print(f"{report}\n{output}: written; the captures stay in {captures}")
         for warning in report.warnings:
@@ -78,7 +84,7 @@ def _choose_scheme(options: argparse.Namespace) -> None:
         options.scheme = options.scheme or "hierarchical"
         options.threshold = options.threshold or "4"
         return
-    for name in ("scheme", "threshold", "tile"):
+    for name in ("scheme", "threshold", "tile", "averaging"):
         if (given := getattr(options, name)) is not None:
             raise InputError(f"--{name} {given}: of no meaning to --pictures; leave one of them out")
     options.scheme = "pictures"
@@ -146,6 +152,33 @@ def _scheme(options: argparse.Namespace) -> "MakeScheme":
             return baselines.GrayCodeScheme()
 
 
+def _aim(options: argparse.Namespace) -> "Aim | None":
+    """What repeated captures are to reach; None where each picture is taken once, or as often as --shots says.
+
+    Where nobody waits for a folder's captures, nobody knows what they cost whoever takes them.
+    """
+    from counterlight.tools.acquisition.averaging import Aim
+
+    unpaced = options.camera[0].startswith("folder:") and not options.wait
+    for given, name in ((options.shots, f"--shots {options.shots}"), (unpaced, "--camera folder: without --wait")):
+        if given and options.averaging is not None:
+            raise InputError(f"--averaging {options.averaging:g}: of no meaning with {name}; leave one of them out")
+    minutes = MINUTES if options.averaging is None else options.averaging
+    if options.pictures or options.shots or unpaced or not minutes or options.scheme not in AVERAGED:
+        return None
+    return Aim(seconds=60 * minutes)
+
+
+def _minutes(text: str) -> float:
+    try:
+        minutes = float(text)
+    except ValueError:
+        minutes = -1.0
+    if not 0 <= minutes < float("inf"):
+        raise argparse.ArgumentTypeError(f"expected a number of minutes, 0 or more, found {text!r}")
+    return minutes
+
+
 def _threshold(options: argparse.Namespace) -> "Threshold":
     """`4` and `4x` are multiples of the noise, `radiance=0.01` is a radiance."""
     from counterlight.tools.acquisition.schemes.hierarchical import Threshold
@@ -188,7 +221,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--report", type=Path, metavar="FOLDER", help="the page (default OUTPUT.report)")
     add_tolerance(parser)
-    add_rig_options(parser)
+    parser.add_argument(
+        "--averaging", type=_minutes, metavar="MINUTES",
+        help=f"what captures for the sake of noise may add, where --shots does not say how many (default {MINUTES:g})"
+    )  # fmt: skip
+    add_rig_options(parser, "as many as the noise asks for, if --averaging allows")
     add_room_options(parser, "measured")
     return parser
 

@@ -5,13 +5,15 @@ pixel is in all decides how smooth pictures turn out. They also give the noise. 
 response is measured, and its primaries. Floodlight comes again at the end, which tells a moved camera, and last random
 pictures that no scheme has seen, black and white and coloured: how well they are predicted is the honest measure.
 
+Each of a scheme's pictures is captured once, or as often as the noise asks for (averaging.py).
+
 Several projectors are measured one after the other, the others black; black, which holds the black levels of all, is
 captured once.
 """
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol, overload
@@ -23,6 +25,7 @@ from counterlight.command import LOG_INTERVAL_S, progress_bar
 from counterlight.errors import InputError
 from counterlight.raster import Region, Shape, side_by_side
 from counterlight.response import Response
+from counterlight.tools.acquisition.averaging import Aim, Averaged, Averaging, error_by_noise, random_pixels
 from counterlight.tools.acquisition.cameras.camera import Camera, Shot
 from counterlight.tools.acquisition.check import Check, check_coloured, check_colours, check_pattern, check_white
 from counterlight.tools.acquisition.movement import refuse_moved
@@ -46,14 +49,25 @@ MOST_UNCLOSED = 0.02  # of the clearly lit camera pixels may miss so much of a f
 UNCLOSED, UNCLOSED_CODE = 0.5, 0.35  # a code's pattern lights about half of everything
 LEAST_LIT, LEAST_RISE = 0.001, 10  # of the camera's pixels rise by so many times the noise
 EXPLAINED = 0.5  # of the coloured check's unexplained error may be left if a white segment is what does not add up
+DEFAULT_AIM = Aim()
+BLACKS = 8  # captures of black for each of a finest pattern, so that it adds an eighth to their variance
+SOME_LEVELS = 7  # that a scheme may have, each of which may take as long as those blacks
 AGAIN = "fix them, acquire again with other --captures"
 
 
 class Store(Protocol):
-    """Where captures are kept: on disk (store.py), or in memory.  coloured : ramps and primaries are among them."""
+    """Where captures are kept: on disk (store.py), or in memory.
+
+    coloured : ramps and primaries are among them.  averaged : pictures may be captured several times.
+    """
 
     @property
     def coloured(self) -> bool: ...
+    @property
+    def averaged(self) -> bool: ...
+    def repeats(self, level: int, choose: Callable[[], int]) -> int:
+        """Captures of each picture of a level, as they were chosen first; levels are numbered as they come."""
+
     def has(self, number: int) -> bool: ...
     def save(self, number: int, shots: Sequence[Shot]) -> None: ...
     def shots(self, number: int) -> Sequence[Shot]: ...
@@ -69,6 +83,7 @@ class Acquisition:
     already.
     check : of T, by a random pattern.  coloured : of T and the response, by random greys and colours.
     by_measured : the same with the response that was measured, even where another one was given.
+    averaged : how often pictures were captured, None if once.
     """
 
     measured: Measured
@@ -81,6 +96,7 @@ class Acquisition:
     check: Check
     coloured: Check | None
     by_measured: Check | None
+    averaged: Averaged | None = None
 
 
 def acquire(
@@ -89,11 +105,12 @@ def acquire(
     make_scheme: MakeScheme,
     projectors: Sequence[Shape],
     given: Response | None = None,
+    aim: Aim = DEFAULT_AIM,
 ) -> list[Acquisition]:
     """Show, capture and solve for each projector; what is in the store already is not shown again.
 
     projectors : (height, width) of each; pictures are of the raster of all.  given : their response, where that is not
-    to be the measured one.
+    to be the measured one.  aim : of the noise that T is to have, where the store lets pictures be averaged.
     Raises InputError for captures that are saturated, black, inconsistent or of another size, and for a moved camera.
     """
     recorder = _Recorder(camera, store)
@@ -103,13 +120,18 @@ def acquire(
     first = Level("black and floodlight", [np.zeros(shape, np.bool_), *whites] * REPEATS, further=1)
     captures = recorder.capture(first)
     rooms = [_reference(camera, store, captures, part, len(parts)) for part in parts]
-    return [_acquire(part, make_scheme, room, given) for part, room in zip(parts, rooms, strict=True)]
+    aims = replace(aim, seconds=aim.seconds / len(parts))
+    return [_acquire(part, make_scheme, room, given, aims) for part, room in zip(parts, rooms, strict=True)]
 
 
-def _acquire(part: "_Part", make_scheme: MakeScheme, room: Reference, given: Response | None) -> Acquisition:
+def _acquire(part: "_Part", make_scheme: MakeScheme, room: Reference, given: Response | None, aim: Aim) -> Acquisition:
     projector, white = part.projector, np.ones(part.projector, np.bool_)
     light = measure_light(part.capture(light_level(projector)), room) if part.coloured else None
-    measured = _run(make_scheme(room, projector), part, room)
+    averaging = None
+    if part.averaged:
+        averaging = _averaging(part, room, aim)
+        room = _with_better_black(part, room, averaging)
+    measured = _run(make_scheme(room, projector), part, room, averaging)
     pattern, colours = check_pattern(projector), check_colours(projector)
     shown: list[Picture] = [white, pattern, colours] if light else [white, pattern]
     last = [np.asarray(seen, np.float64) for seen in part.capture(Level("floodlight and check", shown, further=0))]
@@ -126,14 +148,38 @@ def _acquire(part: "_Part", make_scheme: MakeScheme, room: Reference, given: Res
                 T, light, by_measured = primary, replace(light, response=response), tried
         coloured = predicted(T, response=light.curve(given)) if given else by_measured
     check = check_white(measured.transport, room, pattern, last[1])
-    return Acquisition(replace(measured, transport=T), room, light, *part.taken(), check, coloured, by_measured)
+    averaged = averaging.done if averaging else None
+    measured = replace(measured, transport=T)
+    return Acquisition(measured, room, light, *part.taken(), check, coloured, by_measured, averaged)
 
 
-def _run(scheme: Scheme, part: "_Part", room: Reference) -> Measured:
+def _averaging(part: "_Part", room: Reference, aim: Aim) -> Averaging:
+    (seen,) = part.capture(Level("noise", [random_pixels(part.projector)], further=1))
+    averaging = Averaging(aim, error_by_noise(room, np.asarray(seen, np.float64)))
+    print(f"{part.name}{averaging}", file=sys.stderr, flush=True)
+    return averaging
+
+
+def _with_better_black(part: "_Part", room: Reference, averaging: Averaging) -> Reference:
+    """Black is subtracted from every capture, so that its noise must be below that of their means.
+
+    With 16 captures of black beside 62 of each pattern its noise passed for light that all blocks give.
+    """
+    if BLACKS * averaging.wanted <= REPEATS:
+        return room
+    black = np.zeros(part.projector, np.bool_)
+    more = part.capture(Level("black", [black] * BLACKS, further=SOME_LEVELS, share=1), averaging)
+    total, count = REPEATS * room.black, REPEATS + BLACKS * more.repeats
+    for seen in more:
+        total = total + more.repeats * np.asarray(seen, np.float64)
+    return replace(room, black=total / count)
+
+
+def _run(scheme: Scheme, part: "_Part", room: Reference, averaging: Averaging | None) -> Measured:
     """Give a scheme the captures that it asks for."""
     level = next(scheme)
     while True:
-        captures = part.capture(level)
+        captures = part.capture(level, averaging)
         if level.cover:
             _check_closure(level, captures, room)
         try:
@@ -144,10 +190,13 @@ def _run(scheme: Scheme, part: "_Part", room: Reference) -> Measured:
 
 
 class _StoredCaptures(Sequence[NDArray[np.float32]]):
-    """Radiance of captures first, first + 1, …, read when it is asked for."""
+    """Radiance of pictures, read when it is asked for.
 
-    def __init__(self, store: Store, first: int, count: int) -> None:
-        self._store, self._first, self._count = store, first, count
+    first : number of the first one's first capture.  count : of pictures.  repeats : captures of each.
+    """
+
+    def __init__(self, store: Store, first: int, count: int, repeats: int) -> None:
+        self._store, self._first, self._count, self.repeats = store, first, count, repeats
 
     def __len__(self) -> int:
         return self._count
@@ -161,7 +210,13 @@ class _StoredCaptures(Sequence[NDArray[np.float32]]):
             return [self[i] for i in range(*index.indices(self._count))]
         if not 0 <= index < self._count:
             raise IndexError(index)
-        return self._store.radiance(self._first + index)
+        first = self._first + index * self.repeats
+        if self.repeats == 1:
+            return self._store.radiance(first)
+        total = np.zeros((), np.float64)
+        for number in range(first, first + self.repeats):
+            total = total + self._store.radiance(number)
+        return (total / self.repeats).astype(np.float32)
 
 
 class _Recorder:
@@ -169,31 +224,50 @@ class _Recorder:
 
     def __init__(self, camera: Camera, store: Store) -> None:
         self._camera, self._store = camera, store
-        self.count, self.resumed, self.start = 0, 0, time.monotonic()
-        self._taken, self._before = 0, (0, 0, self.start)
+        self.pictures, self.count, self.resumed, self.start = 0, 0, 0, time.monotonic()
+        self._taken, self._levels, self._before = 0, 0, (0, 0, 0, self.start)
 
     @property
     def coloured(self) -> bool:
         return self._store.coloured
 
+    @property
+    def averaged(self) -> bool:
+        return self._store.averaged
+
+    @property
+    def each_s(self) -> float | None:
+        """Seconds of a capture, None before the first."""
+        return (time.monotonic() - self.start) / self._taken if self._taken else None
+
     def taken_since(self) -> tuple[int, int, float, int]:
         """Pictures, exposures, seconds and resumed captures since this was last asked."""
-        count, resumed, then = self._before
-        self._before = self.count, self.resumed, time.monotonic()
-        pictures = self.count - count
-        exposures = pictures * len(self._camera.exposures.times)
-        return pictures, exposures, self._before[2] - then, self.resumed - resumed
+        pictures, count, resumed, then = self._before
+        self._before = self.pictures, self.count, self.resumed, time.monotonic()
+        exposures = (self.count - count) * len(self._camera.exposures.times)
+        return self.pictures - pictures, exposures, self._before[3] - then, self.resumed - resumed
 
-    def capture(self, level: Level) -> _StoredCaptures:
-        first, self.count = self.count, self.count + len(level.patterns)
+    def capture(self, level: Level, averaging: Averaging | None = None) -> _StoredCaptures:
+        repeats = 1 if averaging is None else self._repeats(level, averaging)
+        pictures, first = len(level.patterns), self.count
+        self.pictures, self.count = self.pictures + pictures, first + pictures * repeats
+        shown = LazyPatterns(pictures * repeats, lambda index: level.patterns[index // repeats])
         numbers = range(first, self.count)
         missing = [number for number in numbers if not self._store.has(number)]
         self.resumed += len(numbers) - len(missing)
-        self._camera.prepare(first, level.patterns, missing)
+        self._camera.prepare(first, shown, missing)
         for number in self._told(level, missing):
-            self._store.save(number, self._camera.capture(number, level.patterns[number - first]))
+            self._store.save(number, self._camera.capture(number, shown[number - first]))
             self._taken += 1
-        return _StoredCaptures(self._store, first, len(level.patterns))
+        return _StoredCaptures(self._store, first, pictures, repeats)
+
+    def _repeats(self, level: Level, averaging: Averaging) -> int:
+        """Captures of each of a level's pictures; said where there are several."""
+        repeats = self._store.repeats(self._levels, lambda: averaging.chosen(level, self.each_s))
+        self._levels += 1
+        if said := averaging.take(level, repeats, self.each_s):
+            print(said, file=sys.stderr, flush=True)
+        return repeats
 
     def _told(self, level: Level, missing: Sequence[int]) -> Iterator[int]:
         """Yield `missing` with progress: a bar on a terminal, otherwise a line now and then."""
@@ -214,9 +288,9 @@ class _Recorder:
 
     def _remaining(self, level: Level, captures: int) -> str:
         """Seconds for this level, whose captures are counted, and for the others, whose number nobody knows yet."""
-        if not self._taken:
+        each = self.each_s
+        if each is None:
             return "no time known yet"
-        each = (time.monotonic() - self.start) / self._taken
         later = level.further * len(level.patterns)
         more = f"; {each * later:.0f} s more if each further level ({level.further}) takes as many" if later else ""
         return f"{each:.2g} s each, {each * captures:.0f} s left in this level{more}"
@@ -241,11 +315,16 @@ class _Part:
         """Before what is said of it, if it is not the only one."""
         return "" if self._raster == self.projector else f"projector {self.number}: "
 
-    def capture(self, level: Level) -> _StoredCaptures:
+    @property
+    def averaged(self) -> bool:
+        return self._recorder.averaged
+
+    def capture(self, level: Level, averaging: Averaging | None = None) -> _StoredCaptures:
         if self._raster == self.projector:
-            return self._recorder.capture(level)
+            return self._recorder.capture(level, averaging)
         shown = LazyPatterns(len(level.patterns), lambda index: self.in_raster(level.patterns[index]))
-        return self._recorder.capture(replace(level, name=f"{self.name}{level.name}", patterns=shown))
+        part = replace(level, name=f"{self.name}{level.name}", patterns=shown)
+        return self._recorder.capture(part, averaging)
 
     def in_raster(self, picture: Picture) -> Picture:
         shown = np.zeros((*self._raster, *picture.shape[2:]), picture.dtype)

@@ -16,7 +16,8 @@ from counterlight.files.manifest import sha256_of
 from counterlight.raster import Shape, Shapes
 from counterlight.response import Response
 from counterlight.screen import parts_of
-from counterlight.tools.acquisition.acquire import Acquisition, acquire
+from counterlight.tools.acquisition.acquire import DEFAULT_AIM, Acquisition, acquire
+from counterlight.tools.acquisition.averaging import Aim
 from counterlight.tools.acquisition.cameras.camera import LINEAR, Camera
 from counterlight.tools.acquisition.cameras.folder import FolderCamera
 from counterlight.tools.acquisition.cameras.together import views_of
@@ -50,7 +51,8 @@ class Plan:
     scheme : its name, for the records.  projectors : (height, width) of each.  options : what else decides which
     pattern comes next.  response : of the projectors, None for the measured ones.  tolerance : dB that pictures may
     lose where a dense T is factored, 0 for T as it is.  monitors : names of several projectors', none if nobody
-    said.  pictures : of pictures first (few/), which has no other scheme.
+    said.  pictures : of pictures first (few/), which has no other scheme.  aim : of T's noise, None where each picture
+    is captured once.
     """
 
     scheme: str
@@ -61,6 +63,7 @@ class Plan:
     tolerance: float = TOLERANCE
     monitors: tuple[str, ...] = ()
     pictures: int = 0
+    aim: Aim | None = None
 
 
 def acquire_room(
@@ -89,7 +92,8 @@ def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
     """What captures are of."""
     sizes = [[width, height] for height, width in plan.projectors]
     shown = {"projector": sizes[0]} if len(sizes) == 1 else {"projectors": sizes}
-    return {"camera": camera.name, "scheme": plan.scheme, **shown, **plan.options}
+    averaged = {"repeats": list[int]()} if plan.aim else {}
+    return {"camera": camera.name, "scheme": plan.scheme, **shown, **plan.options, **averaged}
 
 
 @dataclass(frozen=True)
@@ -106,7 +110,7 @@ def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> list
     if plan.make_scheme is None:
         found = [acquire_pictures(camera, store, plan.pictures, plan.projectors[0], plan.response)]
     else:
-        found = acquire(camera, store, plan.make_scheme, plan.projectors, plan.response)
+        found = acquire(camera, store, plan.make_scheme, plan.projectors, plan.response, plan.aim or DEFAULT_AIM)
     return [_part(done, shape, camera, plan, name) for done, shape in zip(found, plan.projectors, strict=True)]
 
 

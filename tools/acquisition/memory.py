@@ -1,6 +1,6 @@
 """Captures kept in memory: an acquisition that only asks what an acquisition would give."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,11 @@ class MemoryStore:
 
     coloured = True
 
-    def __init__(self, exposures: Exposures) -> None:
-        self._exposures, self._kept = exposures, dict[int, Sequence[Shot]]()
+    def __init__(self, exposures: Exposures, *, averaged: bool = False) -> None:
+        self._exposures, self._kept, self.averaged = exposures, dict[int, Sequence[Shot]](), averaged
+
+    def repeats(self, level: int, choose: Callable[[], int]) -> int:
+        return choose()
 
     def has(self, number: int) -> bool:
         return number in self._kept

@@ -6,8 +6,8 @@ again it asks for the same patterns, which is what makes an acquisition resumabl
 """
 
 from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import dataclass
-from typing import TypeAlias, TypeVar, overload
+from dataclasses import dataclass, replace
+from typing import Protocol, TypeAlias, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,12 +37,17 @@ class Noise:
         """Standard deviation of one capture of `light` (…, 3) above black."""
         return np.asarray(np.sqrt(self.dark**2 + self.gain * np.maximum(light, 0)))
 
+    def averaged(self, captures: int) -> "Noise":
+        """Of the mean of so many captures."""
+        return Noise(self.dark / np.sqrt(captures), self.gain / captures)
+
 
 @dataclass(frozen=True)
 class Reference:
     """The room before any scheme: all captures are compared with these.
 
     black, floodlight : (camera height, camera width, 3), radiance with the projector black, and white.
+    noise : of a capture.
     saturated : (camera height, camera width), white or black is at the top of the camera's range.
     repeats : captures that black and floodlight are the mean of.
     """
@@ -51,7 +56,7 @@ class Reference:
     floodlight: FloatArray
     noise: Noise
     saturated: NDArray[np.bool_]
-    repeats: int = 1
+    repeats: float = 1
 
     @property
     def light(self) -> FloatArray:
@@ -67,6 +72,10 @@ class Reference:
         """T p of a capture (camera height, camera width, 3): (camera pixels, 3)."""
         return (capture - self.black).reshape(-1, 3)
 
+    def averaged(self, captures: int) -> "Reference":
+        """The same room for who takes the mean of so many captures for one."""
+        return replace(self, noise=self.noise.averaged(captures), repeats=self.repeats / captures)
+
 
 @dataclass(frozen=True)
 class Level:
@@ -74,13 +83,24 @@ class Level:
 
     patterns : lazily made; a scheme's are black and white.  further : how many levels may still come.
     cover : how often the patterns together light each projector pixel that a camera pixel sees, 0 if not evenly. Then
-    their captures must add up to as many floodlit rooms.
+    their captures must add up to as many floodlit rooms.  share : of the captures that the finest pictures need, where
+    pictures are taken repeatedly; 0: one does.
     """
 
     name: str
     patterns: Sequence[Picture]
     further: int
     cover: int = 0
+    share: float = 0.0
+
+
+class Captures(Protocol):
+    """Of a level, in order: (camera height, camera width, 3), radiance, each the mean of `repeats` captures."""
+
+    @property
+    def repeats(self) -> int: ...
+    def __len__(self) -> int: ...
+    def __getitem__(self, index: int) -> NDArray[np.floating]: ...
 
 
 @dataclass(frozen=True)
@@ -91,7 +111,6 @@ class Measured:
     notes: tuple[str, ...] = ()
 
 
-Captures: TypeAlias = Sequence[NDArray[np.floating]]
 Scheme: TypeAlias = Generator[Level, Captures, Measured]
 MakeScheme: TypeAlias = Callable[[Reference, tuple[int, int]], Scheme]  # the projector's (height, width)
 

@@ -93,7 +93,7 @@ class _Rig:
         self._number += 1
         exposures = self.camera.exposures
         self.camera.eye.expose(exposures.shortest)
-        self.camera.screen.show(self.picture(level))
+        self.camera.show(self.picture(level))
         self.camera.eye.begin(self._number)
         for _ in range(count):
             yield exposures.one(self.camera.eye.frame(), exposures.shortest)[self.lit].mean(axis=0)
@@ -137,7 +137,7 @@ def ambient(rig: _Rig) -> Finding:
 def exposure(rig: _Rig) -> Finding:
     """Half of the time gives half of the light."""
     eye, clear = rig.camera.eye, rig.lit & ~rig.camera.exposures.saturated(rig.white)
-    rig.camera.screen.show(rig.picture(255))
+    rig.camera.show(rig.picture(255))
     levels = []
     for share in (1, 0.5):
         eye.expose(share * rig.camera.exposures.shortest)
@@ -249,7 +249,7 @@ def additivity(rig: _Rig) -> Finding:
 def _settled(rig: _Rig, levels: tuple[int, ...]) -> Iterator[int]:
     """Show each level until it has surely arrived."""
     for level in levels:
-        rig.camera.screen.show(rig.picture(level))
+        rig.camera.show(rig.picture(level))
         rig.camera.wait(rig._slow)
         yield level
 

@@ -137,4 +137,4 @@ def _needed_sizes(options: argparse.Namespace) -> Shapes:
 
 def _bracket(options: argparse.Namespace) -> tuple[float, ...]:
     """The time of every shot of a capture."""
-    return tuple(time for time in options.exposures or (1.0,) for _ in range(options.shots))
+    return tuple(time for time in options.exposures or (1.0,) for _ in range(options.shots or 1))

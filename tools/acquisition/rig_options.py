@@ -10,8 +10,8 @@ SENSOR = "bits", "full_well", "read_noise"
 CAMERAS = "simulated:SCENE.toml, simulated:CALIBRATION, folder:DIR, v4l2:NUMBER, pylon:SERIAL|N or gphoto2"
 
 
-def add_rig_options(parser: argparse.ArgumentParser) -> None:
-    """--camera and what belongs to it."""
+def add_rig_options(parser: argparse.ArgumentParser, shots: str = "1") -> None:
+    """--camera and what belongs to it.  shots : how many are taken where nobody says."""
     parser.add_argument(
         "--camera", required=True, action="append", metavar="CAMERA", help=f"{CAMERAS}; several photograph together"
     )
@@ -40,7 +40,7 @@ def add_rig_options(parser: argparse.ArgumentParser) -> None:
         help="of a bracket, seconds (simulated: factors; default 1)",
     )
     parser.add_argument(
-        "--shots", type=_shots, default=1, metavar="N", help="of each exposure, averaged: noise falls by √N (default 1)"
+        "--shots", type=_shots, metavar="N", help=f"of each exposure, averaged: noise falls by √N (default {shots})"
     )
     parser.add_argument("--camera-response", default="linear", metavar="linear|srgb|GAMMA|FILE.toml")
     parser.add_argument("--no-preflight", action="store_true", help="do not check projector and camera first")

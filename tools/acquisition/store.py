@@ -27,6 +27,7 @@ from counterlight.files.picture_files import read_picture
 from counterlight.files.png import encode_stored
 from counterlight.files.reading import read_toml
 from counterlight.files.tables import Table
+from counterlight.tools.acquisition.averaging import MOST_REPEATS
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.writing.outputs import check_folder, is_vacant
 from counterlight.writing.replacing import filling_folder, holding, replacing_file
@@ -34,7 +35,7 @@ from counterlight.writing.replacing import filling_folder, holding, replacing_fi
 SESSION, NEXT = "session.toml", "next.toml"
 CAPTURES = ("captures", "captures_2")
 FORMAT, COLOURLESS = 4, 3  # 3: no ramps, primaries, coloured check; 2: not known whether its room is in place
-OWN = ("id", "captures", "made", "finished")  # what a session says beside what it is of
+OWN = ("id", "captures", "made", "finished", "repeats")  # what a session says beside what it is of
 FIX = "name another folder with --captures, or remove this one"
 
 Put = Callable[[Path, bytes], None]
@@ -72,6 +73,19 @@ class CaptureStore:
         return bool(self._record["format"] != COLOURLESS)
 
     @property
+    def averaged(self) -> bool:
+        """Whether each level's pictures are captured as often as was chosen when it began."""
+        return "repeats" in self._record
+
+    def repeats(self, level: int, choose: Callable[[], int]) -> int:
+        """Captures of each picture of a level; what was chosen is on disk before the first of them."""
+        chosen: list[int] = self._record["repeats"]
+        if level == len(chosen):
+            chosen.append(choose())
+            self._write()
+        return chosen[level]
+
+    @property
     def id(self) -> str:
         """What no other acquisition has."""
         return str(self._record["id"])
@@ -104,11 +118,14 @@ class CaptureStore:
     def made(self, fingerprint: str) -> None:
         """The room with that fingerprint is whole, and about to be put in place."""
         self._record["made"] = fingerprint
-        _write(self._folder / (NEXT if self.replaces else SESSION), self._record)
+        self._write()
 
     def finish(self) -> None:
         """The room is in place: these captures are of the past, and those that they replace are removed."""
         _finish(self._folder, self._record)
+
+    def _write(self) -> None:
+        _write(self._folder / (NEXT if self.replaces else SESSION), self._record)
 
     def _paths(self, number: int) -> list[Path]:
         count = len(self._exposures.times)
@@ -214,6 +231,9 @@ def _read(path: Path) -> dict[str, Any] | None:
         Table(stored, str(path), FIX).format(FORMAT)
     if stored.get("captures") not in CAPTURES or not isinstance(stored.get("id"), str):
         raise InputError(f"{path}: does not say which captures are of it; {FIX}")
+    repeats = stored.get("repeats", [])
+    if not (isinstance(repeats, list) and all(type(count) is int and 1 <= count <= MOST_REPEATS for count in repeats)):
+        raise InputError(f"{path}: repeats {shown(repeats)}, expected numbers from 1 to {MOST_REPEATS}; {FIX}")
     return stored
 
 

@@ -70,6 +70,7 @@ class ProjectorReport:
             *done.measured.notes,
             f"{done.pictures} pictures, {done.exposures} exposures{resumed}, {done.seconds:.1f} s; noise of a dark "
             f"capture {noise:.2g} % of the brightest",
+            *([str(done.averaged)] if done.averaged else []),
         ]
 
     @property

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Protocol
 
+import numpy as np
+
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.plan import Codes, Picture, codes_of
 
@@ -52,6 +54,8 @@ class LiveCamera:
 
     def __init__(self, screen: Screen, eye: Eye, exposures: Exposures, lag: int = 0) -> None:
         self.screen, self.eye, self._exposures, self.lag = screen, eye, exposures, lag
+        self._standing: Codes | None = None  # what the camera sees already, and how it is exposed
+        self._exposed = 0.0
 
     @property
     def name(self) -> str:
@@ -65,17 +69,28 @@ class LiveCamera:
         """Nothing to do: patterns are shown when they are captured."""
 
     def capture(self, number: int, picture: Picture) -> tuple[Shot, ...]:
-        """Show a picture and take a bracket of it; shots of one exposure follow each other without a wait."""
-        self.screen.show(codes_of(picture))
+        """Show a picture and take a bracket of it; shots of one exposure follow each other without a wait.
+
+        So do captures of one picture, unless something else was shown in between.
+        """
+        codes = codes_of(picture)
+        if self._standing is None or not np.array_equal(codes, self._standing):
+            self.show(codes)
         self.eye.begin(number)
-        shots, exposed = list[Shot](), 0.0
+        shots = list[Shot]()
         for time in self._exposures.times:
-            if time != exposed:
+            if time != self._exposed:
                 self.eye.expose(time)
                 self.wait(self.lag)
-                exposed = time
+                self._exposed = time
             shots.append(self.eye.frame())
+        self._standing = codes
         return tuple(shots)
+
+    def show(self, codes: Codes) -> None:
+        """Show a picture without waiting for it."""
+        self._standing, self._exposed = None, 0.0
+        self.screen.show(codes)
 
     def wait(self, frames: int) -> None:
         for _ in range(frames):

@@ -5,6 +5,9 @@ quarters are shown one after the other. Blocks that no camera pixel sees togethe
 kept at the last level at which it could be measured. What is kept at coarse levels still lights every later capture,
 since many blocks are lit at once: its prediction is subtracted before a camera pixel is read (the far light of all
 blocks of one pattern together can be far above the threshold that each stayed below).
+
+Where pictures are captured several times, blocks of side s are so 1/√s as often. What a block's noise does to T is
+spread over its area, so that 1/s² would do for blocks that are cut; but a lower threshold finds more to cut.
 """
 
 from collections.abc import Sequence
@@ -82,13 +85,16 @@ class HierarchicalScheme:
         levels = grids(projector)
         known = KnownLight(len(room.light))
         root = active = floodlit_block(room, levels[0], self.threshold)
+        before = room
         notes, readings = [], []
         for depth, grid in enumerate(levels[1:], 1):
             schedule = schedule_quarters(active)
             name = f"blocks of {grid.side} px"
             patterns = LazyPatterns(len(schedule.colour), schedule.paint)
-            captures = yield Level(name, patterns, len(levels) - 1 - depth, cover=1)
-            reading = self._read(room, active, schedule, captures, known)
+            captures = yield Level(name, patterns, len(levels) - 1 - depth, cover=1, share=grid.side**-0.5)
+            now = room.averaged(captures.repeats)
+            reading = self._read(now, before, active, schedule, captures, known)
+            before = now
             active, settled = keep_measurable(active, np.maximum(reading.light, 0), reading.lit, reading.rest)
             for part in settled:
                 known.add(part)
@@ -99,9 +105,18 @@ class HierarchicalScheme:
         return Measured(as_transport(parts, len(room.light)), tuple(notes))
 
     def _read(
-        self, room: Reference, parents: BlockLight, schedule: Quarters, captures: Captures, known: KnownLight
+        self,
+        room: Reference,
+        before: Reference,
+        parents: BlockLight,
+        schedule: Quarters,
+        captures: Captures,
+        known: KnownLight,
     ) -> Reading:
-        """Read the quarters' light off the captures, and what of it is measurable."""
+        """Read the quarters' light off the captures, and what of it is measurable.
+
+        room, before : of these captures, and of those that the parents were read off.
+        """
         colour_of = np.zeros(parents.grid.count, np.int64)
         for colour, blocks in enumerate(schedule.blocks):
             colour_of[blocks] = colour
@@ -121,7 +136,7 @@ class HierarchicalScheme:
             variance[entries, quarter] = room.noise.sigma(np.maximum(light, 0) + background[camera]) ** 2
             lit[entries, quarter] = np.any(light >= self.threshold.of(room, background[camera]), axis=1)
         # A parent and the sum of its quarters both have noise.
-        tau = np.sqrt(2) * self.threshold.of(room, parents.light)
+        tau = np.hypot(*(self.threshold.of(each, parents.light) for each in (before, room)))
         rest = parents.light - np.sum(np.maximum(quarters, 0) * lit[..., None], axis=1)
         return Reading(quarters, variance, lit, np.any(rest >= tau, axis=1))
 

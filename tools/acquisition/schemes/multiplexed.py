@@ -62,9 +62,10 @@ class MultiplexedScheme:
         place = locate(shown, shares, projector)
         side = self.tile or choose_tile(shown, shares, place, room, projector)
         tile = Tile(projector, side)
-        captures = yield Level(f"tiles of {side} px", tile.patterns, 1, cover=(tile.code + 1) // 2)
-        near, pedestal = tile.decode(room, captures, place, self.sigmas)
-        composition = _better_composition(room, captures, (tile.code + 1) // 2)
+        captures = yield Level(f"tiles of {side} px", tile.patterns, 1, cover=(tile.code + 1) // 2, share=1)
+        averaged = room.averaged(captures.repeats)
+        near, pedestal = tile.decode(averaged, captures, place, self.sigmas)
+        composition = _better_composition(averaged, captures, (tile.code + 1) // 2)
         notes = [f"stripes: {len(shown)} pictures", f"tiles of {side} px: {tile.code} pictures"]
         parts = [near]
         far_share = float(np.sum(pedestal @ LUMINANCE) * side**2 / np.sum(room.light @ LUMINANCE))
