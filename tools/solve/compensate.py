@@ -113,7 +113,8 @@ class CompensationTask:
                 f"--max-cluster {options.max_cluster}: blurred light is kept in blocks of pixels, which cannot be cut "
                 "into clusters; leave the option out"
             )
-        self._inside = tier.transport.inside(tier.calibration.mask)
+        sizes = tier.calibration.camera.shape, tier.calibration.projector.shape
+        self._inside = replace(tier.transport.inside(tier.calibration.mask), camera=sizes[0], projector=sizes[1])
         self._lit = self._inside.lit
         self._objective = objective_of(tier.transport, tier.calibration, options.aims)
 
@@ -144,7 +145,7 @@ class CompensationTask:
             return plain.reshape(-1, 3), ()
         if name == "map" and self._maps is not None:
             return self._by_maps(self._maps()).reshape(-1, 3), ()
-        if self._options.max_cluster is None or name == "direct":
+        if self._options.max_cluster is None or name in ("direct", "triangulated"):
             found = self._prepared(name).solve(self._target)
             return found.unclamped, found.notes
         return self._solve_decomposed(name, self._options.max_cluster)

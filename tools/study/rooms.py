@@ -13,7 +13,7 @@ from counterlight import calibration as calibrations
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.maps.room_maps import RefinementMaps, RoomMaps
-from counterlight.maps.row_map import RowMap, pack
+from counterlight.maps.row_map import RowMap, SparseRows, pack
 from counterlight.pipeline.fitting import on_cameras
 from counterlight.pipeline.room import Room
 from counterlight.tools.clusters.components import find_clusters
@@ -22,6 +22,7 @@ from counterlight.tools.inverse.direct import direct_mapping
 from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.inverse.refinement_maps import refinement_maps
 from counterlight.tools.inverse.room import BuiltRoom, build_maps
+from counterlight.tools.inverse.triangulated import triangulated_mapping
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation import room as simulation
 from counterlight.tools.simulation.scene import Scene, load_scene
@@ -160,8 +161,17 @@ class StudyRoom:
     def direct(self) -> tuple[RowMap, float]:
         """Direct mapping as the thesis' 6.1 has it, without a prior, and its processor seconds."""
         T, all_of_it = self.inside, np.ones((self.calibration.projector.pixels, 3))
-        shapes = self.calibration.projector.shape, self.calibration.camera.shape
-        return processor_seconds(lambda: pack(direct_mapping(T.T, T.composition(), all_of_it), *shapes))
+        return processor_seconds(lambda: self._asking(direct_mapping(T.T, T.composition(), all_of_it)))
+
+    @cached_property
+    def triangulated(self) -> tuple[RowMap, float]:
+        """Direct mapping to a fraction of a pixel, and its processor seconds."""
+        camera, projector = self.calibration.camera.shape, self.calibration.projector.shape
+        return processor_seconds(lambda: self._asking(triangulated_mapping(self.inside, camera, projector)))
+
+    def _asking(self, rows: SparseRows) -> RowMap:
+        """A map from the camera's picture to the projector's."""
+        return pack(rows, self.calibration.projector.shape, self.calibration.camera.shape)
 
     @cached_property
     def near_map(self) -> RowMap:
