@@ -102,7 +102,7 @@ def test_frames_of_film_go_on_from_the_one_before(place: Place) -> None:
             assert below[f"film, from {begin}", steps] <= below[f"stills, from {begin}", steps] + 0.005
         assert below[f"film, from {begin}", 1] < 0.9 * below[f"stills, from {begin}", 1]
         assert below[f"film, from {begin}", 16] < 0.02
-    assert question.verdict.startswith("Film, from ")
+    assert question.verdict.startswith("Within 0.1 dB of the best from T⁺, film after ")
 
 
 def test_a_room_without_primaries_is_not_asked_for_colours(place: Place) -> None:

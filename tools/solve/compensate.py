@@ -33,7 +33,7 @@ from counterlight.writing.replacing import replacing_file
 
 FAR_ROUNDS = 20
 FAR_TOLERANCE = 0.1 / 255  # drive
-HEADER = "solver       RMSE %  PSNR dB   SSIM  CIEDE2000  clipped %  seconds  below the optimum dB  light outside %"
+HEADER = "solver         RMSE %  PSNR dB   SSIM  CIEDE2000  clipped %  seconds  below the optimum dB  light outside %"
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Compensated:
     def __str__(self) -> str:
         q, outside = self.quality, "-" if self.outside is None else f"{100 * self.outside:.1f}"
         return (
-            f"{self.solver:10} {100 * q.rmse:8.3f} {q.psnr:8.2f} {q.ssim:6.4f} {q.ciede2000:10.3f} "
+            f"{self.solver:12} {100 * q.rmse:8.3f} {q.psnr:8.2f} {q.ssim:6.4f} {q.ciede2000:10.3f} "
             f"{100 * self.clipped:10.2f} {self.seconds:8.2f} {self.below_optimum:21.3f} "
             f"{outside:>16}"
         )

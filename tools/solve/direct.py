@@ -21,13 +21,16 @@ class Direct:
 
 
 class Triangulated:
-    """Direct mapping to a fraction of a pixel, between three neighbouring camera pixels; see triangulated.py."""
+    """Direct mapping to a fraction of a pixel, between three neighbouring camera pixels; see triangulated.py.
+
+    As the player does, it asks for no more light than each camera pixel can have: 0 to T·1.
+    """
 
     def __init__(self, T: Transport) -> None:
         """ValueError if T does not know how high and wide its pictures are."""
         if T.camera is None or T.projector is None:
             raise ValueError("T does not know the sizes of camera and projector, expected (height, width) of both")
-        self._rows = triangulated_mapping(T, T.camera, T.projector)
+        self._rows, self._most = triangulated_mapping(T, T.camera, T.projector), T.composition()
 
     def solve(self, b: FloatArray) -> Solution:
-        return Solution(self._rows.apply(b))
+        return Solution(self._rows.apply(np.clip(b, 0, self._most)))

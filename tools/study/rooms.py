@@ -12,7 +12,7 @@ import numpy as np
 from counterlight import calibration as calibrations
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
-from counterlight.maps.room_maps import RefinementMaps, RoomMaps
+from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack
 from counterlight.pipeline.fitting import on_cameras
 from counterlight.pipeline.room import Room
@@ -20,7 +20,7 @@ from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.inverse.direct import direct_mapping
 from counterlight.tools.inverse.inverse import InverseOptions
-from counterlight.tools.inverse.refinement_maps import refinement_maps
+from counterlight.tools.inverse.refinement_maps import pack_far, refinement_maps
 from counterlight.tools.inverse.room import BuiltRoom, build_maps
 from counterlight.tools.inverse.triangulated import triangulated_mapping
 from counterlight.tools.shipped import shipped_scenes
@@ -177,6 +177,12 @@ class StudyRoom:
     def near_map(self) -> RowMap:
         """The near light as the player reads it."""
         return pack(self.transport.near, self.calibration.camera.shape, self.calibration.projector.shape)
+
+    @cached_property
+    def far_maps(self) -> FarMaps | None:
+        """The far light as the player reads it; None if there is none."""
+        far = self.transport.far
+        return None if far is None else pack_far(far, self.calibration.camera.shape, self.calibration.projector.shape)
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
+from counterlight.tools.inverse.inverse import InverseOptions
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.solve.box import Box
 from counterlight.tools.study.measure import RoomFigures, study_room
-from counterlight.tools.study.methods import CUT, PLAIN, TRIANGULATED, Method, Solver
+from counterlight.tools.study.methods import CUT, PLAIN, TRIANGULATED, Map, Method, Solver
 from counterlight.tools.study.pictures import Picture
 from counterlight.tools.study.questions.acquiring import MULTIPLEXED, acquire_again, tier_of_acquired
 from counterlight.tools.study.results import Row, label
@@ -33,7 +34,8 @@ class ThesisRow:
     frames_per_second: str
 
 
-METHODS: tuple[Method, ...] = (Solver("nnls", "NNLS"), TRIANGULATED, PLAIN, CUT)
+FROM_DIRECT = Map("steps from direct mapping", "steps", 4, InverseOptions(inverse="none"), steps=4, start="direct")
+METHODS: tuple[Method, ...] = (Solver("nnls", "NNLS"), TRIANGULATED, PLAIN, FROM_DIRECT, CUT)
 HEADER = (
     "scene",
     "captured",
@@ -47,6 +49,7 @@ HEADER = (
     "NNLS picture",
     "direct, triangulated: computed; frame; below optimum",
     "T⁺ as the thesis: computed; frame; below optimum",
+    f"direct mapping, {FROM_DIRECT.steps} steps: computed; frame; below optimum",
     f"T⁺ damped, {CUT.steps} steps: computed; frame; below optimum",
 )
 DIFFERENCES = (
@@ -94,7 +97,7 @@ class OurRow:
     """Ours for a scene. Times are processor time; None where a method is not for the room.
 
     acquired : by a simulated camera.  nnls_s : a picture, T whole.  direct : triangulated.  thesis : T⁺ as the thesis
-    computes it, plain and cut.  ours : damped, cut, and refined in every frame.
+    computes it, plain and cut.  stepped : refined in every frame, from direct mapping.  ours : from T⁺ damped and cut.
     """
 
     scene: str
@@ -105,6 +108,7 @@ class OurRow:
     nnls_s: float | None
     direct: Spent | None
     thesis: Spent | None
+    stepped: Spent | None
     ours: Spent | None
 
 
@@ -168,7 +172,7 @@ def cells(thesis: ThesisRow, ours: OurRow | None) -> list[str]:
         _seconds(ours.simulation_s),
         _spent(ours.acquired),
         _seconds(ours.nnls_s),
-        *map(_spent, (ours.direct, ours.thesis, ours.ours)),
+        *map(_spent, (ours.direct, ours.thesis, ours.stepped, ours.ours)),
     ]
 
 

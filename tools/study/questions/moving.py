@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 
 from counterlight.arrays import FloatArray
 from counterlight.maps.room_maps import RoomMaps
@@ -15,13 +16,9 @@ from counterlight.tools.study.questions.place import Place
 
 FRAMES = 6  # one after another; the first has none before it, and is not counted
 STEPS = (1, 2, 4, 8, 16)
-FILM, STILLS = "film", "stills"
-STARTS = {  # what is shown, and where its steps begin -> --refine-from
-    f"{FILM}, from T⁺": "previous",
-    f"{STILLS}, from T⁺": "map",
-    f"{FILM}, from direct mapping": "previous-direct",
-    f"{STILLS}, from direct mapping": "direct",
-}
+CARRIED = {"T⁺": "previous", "direct mapping": "previous-direct"}  # where steps begin -> --refine-from
+ALONE = {"T⁺": "map", "direct mapping": "direct"}
+KINDS = {"film": CARRIED, "stills": ALONE}
 
 
 def film(place: Place) -> Question:
@@ -30,12 +27,11 @@ def film(place: Place) -> Question:
     shown, judged = replace(place, pictures=frames), replace(place, pictures=frames[1:])
     maps = build_maps(place.tier, InverseOptions()).maps
     answers = []
-    for series, start in STARTS.items():
-        for steps in STEPS:
-            drives = _drives(shown, maps, start, steps)[1:]
-            option = f"--refine {steps} --refine-from {start}"
-            below = max(judged.below(drives), 0.0)
-            answers.append(Answer(f"{series}, {steps} steps", float(steps), below, (option,), f"{steps}", series))
+    for (kind, starts), begin, steps in product(KINDS.items(), CARRIED, STEPS):
+        below = judged.below(_drives(shown, maps, starts[begin], steps)[1:])
+        option = f"--refine {steps} --refine-from {starts[begin]}"
+        series = f"{kind}, from {begin}"
+        answers.append(Answer(f"{series}, {steps}", float(steps), max(below, 0.0), (option,), f"{steps}", series))
     return Question(
         "Film and stills",
         "steps a frame",
@@ -54,14 +50,13 @@ def _drives(place: Place, maps: RoomMaps, start: str, steps: int) -> list[FloatA
 
 
 def _verdict(answers: Sequence[Answer]) -> str:
-    parts = []
-    for kind in (FILM, STILLS):
-        of_kind = [answer for answer in answers if answer.series.startswith(kind)]
-        found = cheapest(of_kind, CLOSE_DB)
-        best = min(of_kind, key=lambda answer: answer.below)
-        parts.append(
-            f"{found.setting}, is {decibels(found.below)} below the best"
-            if found is not None
-            else f"{kind} stay {decibels(best.below)} below the best with {best.setting}"
-        )
-    return sentence("; ".join(parts))
+    told = (f"from {begin}, {' and '.join(_needed(answers, kind, begin) for kind in KINDS)}" for begin in CARRIED)
+    return sentence(f"within {CLOSE_DB:g} dB of the best {'; '.join(told)}")
+
+
+def _needed(answers: Sequence[Answer], kind: str, begin: str) -> str:
+    of_kind = [answer for answer in answers if answer.series == f"{kind}, from {begin}"]
+    found = cheapest(of_kind, CLOSE_DB)
+    if found is None:
+        return f"{kind} never ({decibels(of_kind[-1].below)} after {of_kind[-1].mark} steps)"
+    return f"{kind} after {found.mark} step{'' if found.mark == '1' else 's'} ({decibels(found.below)})"
