@@ -10,8 +10,8 @@ from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.colour.tiers import tier_of
-from counterlight.tools.inverse.inverse import InverseOptions
-from counterlight.tools.inverse.room import build_maps
+from counterlight.tools.inverse.build import build_maps
+from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.gloss import glossy
 from counterlight.tools.transport.objective import ObjectiveOptions, objective_of

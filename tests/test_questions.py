@@ -13,7 +13,7 @@ from counterlight.tools.acquire_transport import _choose_scheme as choose_scheme
 from counterlight.tools.acquire_transport import _parser as acquire_parser
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.study.pictures import find_pictures
-from counterlight.tools.study.questions import acquiring, coarser, colours, drifting, figures
+from counterlight.tools.study.questions import acquiring, coarser, colours, drifting, figures, moving
 from counterlight.tools.study.questions.answers import Answer, cheapest, sentence
 from counterlight.tools.study.questions.asked import Asked
 from counterlight.tools.study.questions.page import headed
@@ -92,6 +92,17 @@ def test_what_has_not_moved_costs_nothing_and_a_pixel_is_a_pixel(place: Place) -
     drive[4, 5] = 1
     moved = drifting._moved(drive.reshape(-1, 3), PROJECTOR, np.sqrt(2.0)).reshape(drive.shape)
     np.testing.assert_allclose(moved[5, 6], 1, atol=1e-9)  # √2 on the diagonal is a pixel right and down
+
+
+def test_frames_of_film_go_on_from_the_one_before(place: Place) -> None:
+    question = moving.film(place)
+    below = {(answer.series, answer.cost): answer.below for answer in question.answers}
+    for begin in ("T⁺", "direct mapping"):
+        for steps in moving.STEPS:  # what is carried helps, or is lost in float32 where nothing is left to gain
+            assert below[f"film, from {begin}", steps] <= below[f"stills, from {begin}", steps] + 0.005
+        assert below[f"film, from {begin}", 1] < 0.9 * below[f"stills, from {begin}", 1]
+        assert below[f"film, from {begin}", 16] < 0.02
+    assert question.verdict.startswith("Within 0.1 dB of the best from T⁺, film after ")
 
 
 def test_a_room_without_primaries_is_not_asked_for_colours(place: Place) -> None:

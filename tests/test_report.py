@@ -19,9 +19,9 @@ from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.report import report
 from counterlight.tools.report.charts import bins_of
 from counterlight.tools.report.impossible import REASONS, find_impossible
-from counterlight.tools.report.pictures import cluster_picture, matrix_picture, texture_picture
+from counterlight.tools.report.pictures import cluster_picture, matrix_picture, texture_picture, transport_picture
 from counterlight.tools.transport.storage import read_transport
-from counterlight.tools.transport.transport import Transport, channels
+from counterlight.tools.transport.transport import FarLight, Transport, channels, in_one, luminance_matrix
 from tests.packing import pack_matrices
 from tests.programs import fail, succeed
 from tests.rooms import write_blurred_room
@@ -126,6 +126,19 @@ def test_the_page_shows_every_picture_and_loads_nothing_else(reported: tuple[Pat
     for name in named:
         assert cv2.imread(str(where / name)) is not None
     assert cv2.imread(str(where / "impossible.png")).shape == (*ROOM_CAMERA, 3)
+
+
+def test_the_matrix_picture_holds_far_light_as_if_entry_by_entry(rng: np.random.Generator) -> None:
+    m, n, cells = 700, 530, 5  # more than a picture's side, and no multiple of it
+
+    def random(shape: tuple[int, int], density: float) -> list[sparse.csr_array]:
+        return [sparse.random_array(shape, density=density, rng=rng, dtype=np.float32).tocsr() for _ in range(3)]
+
+    far = FarLight.from_matrices(random((cells, n), 0.5), rng.uniform(size=(3, cells, cells)), random((m, cells), 0.5))
+    T = Transport.from_matrices(random((m, n), 0.02), far)
+    expected = matrix_picture(luminance_matrix(in_one(T))).astype(int)
+    assert np.abs(transport_picture(T).astype(int) - expected).max() <= 1  # entries in one T are float32
+    assert (transport_picture(T) > 0).mean() > 0.5 > (transport_picture(T.without_far) > 0).mean()
 
 
 def test_pictures_of_structure() -> None:

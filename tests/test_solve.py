@@ -236,10 +236,10 @@ def test_command_compares_all_solvers(room: tuple[StoredCalibration, Path], tmp_
     stored, picture = room
     out = succeed("compensate", stored.folder, picture, "--solver", "all", "--drift", 0, "-o", tmp_path / "p.exr")
     table = {line.split()[0]: [float(v) for v in line.split()[1:]] for line in out.splitlines() if line.count(".") > 4}
-    assert list(table) == ["none", "direct", "map", "qr", "svd", "nnls", "box"]
+    assert list(table) == ["none", "direct", "triangulated", "map", "qr", "svd", "nnls", "box"]
     assert all(row[6] >= -1e-3 for row in table.values())
     assert table["box"][4] == table["box"][6] == 0
-    assert table["none"][1] < table["direct"][1] < table["map"][1]
+    assert table["none"][1] < table["direct"][1] < table["triangulated"][1] < table["map"][1]
     assert table["none"][7] == 100
     assert table["box"][7] < 100  # of what nobody sees, less is lit than without compensation
     drive = exr.read_rgb(tmp_path / "p-box.exr")

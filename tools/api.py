@@ -216,17 +216,20 @@ def solve(
     """A projector picture by a CPU solver (docs/solvers.md).
 
     picture : (camera height, camera width, 3), in shares of `white`, a radiance; None takes the room's.
-    solver : box (the best that a projector can show), nnls, svd, qr or direct; what is beyond 0..1 is clamped.
+    solver : box (the best that a projector can show), nnls, svd, qr, direct or triangulated; what is
+    beyond 0..1 is clamped.
     colour : instead of the room's.
     """
-    from counterlight.tools.solve.registry import SOLVERS, prepare
+    from counterlight.tools.solve.registry import OF_PICTURES, SOLVERS, prepare
 
-    if solver not in SOLVERS:
-        raise InputError(f"solver {solver!r}: expected one of {', '.join(SOLVERS)}{nearest(solver, SOLVERS)}")
+    known = SOLVERS | OF_PICTURES
+    if solver not in known:
+        raise InputError(f"solver {solver!r}: expected one of {', '.join(known)}{nearest(solver, known)}")
     tier = _coloured(room, colour).tier
     b = tier.asked(_picture(picture, room.camera, "a picture") * (tier.white if white is None else white))
     objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS)
-    drive = np.clip(prepare(solver, tier.transport, room.mask, objective).solve(b).unclamped, 0, 1)
+    T = replace(tier.transport, camera=room.camera, projector=room.projector)
+    drive = np.clip(prepare(solver, T, room.mask, objective).solve(b).unclamped, 0, 1)
     bound = objective.certificate(drive, b.reshape(-1, 3))
     shown = drive.reshape(*room.projector, 3)
     return Solution(shown, tier.seen(shown), bound.decibels)

@@ -10,9 +10,9 @@ from counterlight.tools.choices import COMPENSATIONS
 from counterlight.tools.colour.option import add_colour
 from counterlight.tools.objective_options import add_objective_options, aims_of
 
-MEANING = """none: uncorrected; direct: one camera pixel per projector pixel; map: the correction map, as the player
-applies it; qr, svd: least squares per cluster; nnls: non-negative; box: the best that a projector can show (0 to 1).
-All are clamped to 0..1 and judged through the undecomposed transport."""
+MEANING = """none: uncorrected; direct: one camera pixel per projector pixel; triangulated: between three of them; map:
+the correction map, as the player applies it; qr, svd: least squares per cluster; nnls: non-negative; box: the best that
+a projector can show (0 to 1). All are clamped to 0..1 and judged through the undecomposed transport."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

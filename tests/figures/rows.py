@@ -45,6 +45,7 @@ def _ending(*ends: str) -> Callable[[str], bool]:
 SOLVED = {  # a row of docs/solvers.md -> the solver's name, and which of its rows
     "`none`": ("none", 1),
     "`direct`": ("direct", 1),
+    "`triangulated`": ("triangulated", 1),
     "`map`": ("map", 1),
     "`svd`, undecomposed (LSMR, 1000 steps)": ("svd", 1),
     "`nnls`, undecomposed": ("nnls", 1),
@@ -109,6 +110,7 @@ def _in_millions(cells: Cells) -> Cells:
 
 ROWS = (
     table("docs/decomposition.md", "python -m tests.studies.decomposition", 4, "room | allowed"),
+    table("docs/decomposition.md", "python -m tests.studies.neighbourhoods", 4, "entries from"),
     table("docs/mathematics.md", "python -m tests.studies.factoring", 2, "corner | camera", ("CPU s",)),
     table(
         "docs/hard_cases.md", "python -m tests.studies.hard_cases", 3, "error, % / amplification", units=5, share=0.3
@@ -120,7 +122,7 @@ ROWS = (
         (
             f"counterlight simulate corner {CORNER} -o corner",
             "counterlight build corner",
-            f"counterlight compensate corner {CLIP} --solver none,direct,map,svd,nnls,box",
+            f"counterlight compensate corner {CLIP} --solver none,direct,triangulated,map,svd,nnls,box",
             f"counterlight compensate corner {CLIP} --solver qr,svd --max-cluster 200",
         ),
         4,

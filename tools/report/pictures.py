@@ -3,9 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.arrays import IntArray
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.maps.row_map import RowMap
-from counterlight.tools.transport.transport import Csr
+from counterlight.pipeline.colour import LUMINANCE
+from counterlight.tools.transport.transport import Csr, Transport, channels, luminance_matrix
 
 Picture = NDArray[np.uint8]
 MATRIX_SIDE = 512
@@ -29,14 +30,42 @@ def cluster_picture(labels: IntArray, shape: tuple[int, int]) -> Picture:
 
 def matrix_picture(matrix: Csr) -> Picture:
     """A matrix as density: each pixel sums |entries| of a block of it, on a logarithmic scale of 4 decades."""
-    rows, columns = matrix.shape
-    height, width = min(rows, MATRIX_SIDE), min(columns, MATRIX_SIDE)
-    row = np.repeat(np.arange(rows, dtype=np.int64), np.diff(matrix.indptr)) * height // rows
-    column = matrix.indices.astype(np.int64) * width // columns
-    sums = np.bincount(row * width + column, weights=np.abs(matrix.data), minlength=height * width)
+    return _decades(_block_sums(matrix))
+
+
+def transport_picture(T: Transport) -> Picture:
+    """T's luminance as density, near, blurred and far light (thesis Figure 5.3), as `matrix_picture`.
+
+    Blurred and far light are summed through their factors: Rᵀ U M D C, with R and C which block a pixel is in.
+    """
+    sums, (rows, columns) = _block_sums(luminance_matrix(T.near)), (_blocks(side) for side in T.shape)
+    if T.blurred is not None:
+        cells = [rows @ part for part in channels(T.blurred.scatter)]
+        spread = [part @ columns.T for part in channels(T.blurred.gather)]
+        sums += sum(w * (B @ P).toarray() for w, B, P in zip(LUMINANCE, cells, spread, strict=True))
+    if T.far is not None:
+        cells = [rows @ part for part in channels(T.far.scatter)]
+        spread = [part @ columns.T for part in channels(T.far.gather)]
+        factors = zip(LUMINANCE, cells, T.far.mix, spread, strict=True)
+        sums += sum(w * ((U @ M) @ D.toarray()) for w, U, M, D in factors)
+    return _decades(sums)
+
+
+def _block_sums(matrix: Csr) -> FloatArray:
+    rows, columns = (_blocks(side) for side in matrix.shape)
+    return np.asarray((rows @ abs(matrix) @ columns.T).toarray(), np.float64)
+
+
+def _blocks(side: int) -> Csr:
+    """Which of at most MATRIX_SIDE blocks a pixel is in, (blocks, pixels)."""
+    count = min(side, MATRIX_SIDE)
+    block = np.arange(side, dtype=np.int64) * count // side
+    return Csr((np.ones(side), (block, np.arange(side))), shape=(count, side))
+
+
+def _decades(sums: FloatArray) -> Picture:
     largest = float(sums.max(initial=0.0)) or 1.0
-    decades = np.log10(np.maximum(sums / largest, 1e-4)) / 4 + 1
-    return _grey(decades.reshape(height, width))
+    return _grey(np.log10(np.maximum(sums / largest, 1e-4)) / 4 + 1)
 
 
 def texture_picture(packed: RowMap) -> Picture:

@@ -69,8 +69,7 @@ def find(built: BuiltRoom) -> Findings:
     advice = advise(built.tier, built.maps.white, impossible, ways)
     found = spectra.spectra(T, built.inverse.clusters, built.calibration.projector.shape)
     drawn, scales = _lit_pictures(built)
-    drawn |= _structure_pictures(built, T) | {"impossible.png": impossible.picture()}
-    drawn |= {"ways.png": ways.picture()}
+    drawn |= _structure_pictures(built) | {"impossible.png": impossible.picture(), "ways.png": ways.picture()}
     return Findings(_figures(built, impossible, found) | _of_ways(ways, advice) | {"picture_white": scales}, drawn)
 
 
@@ -94,12 +93,12 @@ def _lit_pictures(built: BuiltRoom) -> tuple[dict[str, NDArray[np.uint8]], dict[
     return {name: encoded(view, scales[name]) for name, view in views.items()}, scales
 
 
-def _structure_pictures(built: BuiltRoom, T: Csr) -> dict[str, NDArray[np.uint8]]:
+def _structure_pictures(built: BuiltRoom) -> dict[str, NDArray[np.uint8]]:
     clusters, calibration = built.inverse.clusters, built.calibration
     return {
         "clusters_camera.png": pictures.cluster_picture(clusters.camera, calibration.camera.shape),
         "clusters_projector.png": pictures.cluster_picture(clusters.projector, calibration.projector.shape),
-        "matrix.png": pictures.matrix_picture(T),
+        "matrix.png": pictures.transport_picture(built.transport.inside(built.calibration.mask)),
         "inverse_matrix.png": pictures.matrix_picture(channel(built.inverse.T_pinv, 1)),
         "texture.png": pictures.texture_picture(built.maps.correction),
     }

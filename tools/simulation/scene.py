@@ -53,8 +53,9 @@ Shapes and their keys:
     card       corner, fold (a vector along the fold), wings (two vectors from the fold): a folded card, two surfaces
     sphere     centre, radius
     cylinder   base, axis (a vector, its length the height), radius; with caps
-    relief     corner, edge_u, edge_v, height (metres) and figure ("statuette", "skull", "waves") or heights (a grey
-               picture, 8 or 16 bit); detail (fields along the longer edge); cut = true leaves out what stays at 0
+    relief     corner, edge_u, edge_v, height (metres) and figure ("statuette", "skull", "waves", "bricks") or heights
+               (a grey picture, 8 or 16 bit); detail (fields along the longer edge); cut = true leaves out what
+               stays at 0
     lathe      base, axis (default up), profile = [[radius, height], ...], detail: a solid of revolution, drawn from
                its bottom up the outside; closed if it begins and ends with radius 0
     mesh       file (OBJ), at (default the origin), scale (default 1)

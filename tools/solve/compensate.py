@@ -33,7 +33,7 @@ from counterlight.writing.replacing import replacing_file
 
 FAR_ROUNDS = 20
 FAR_TOLERANCE = 0.1 / 255  # drive
-HEADER = "solver       RMSE %  PSNR dB   SSIM  CIEDE2000  clipped %  seconds  below the optimum dB  light outside %"
+HEADER = "solver         RMSE %  PSNR dB   SSIM  CIEDE2000  clipped %  seconds  below the optimum dB  light outside %"
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Compensated:
     def __str__(self) -> str:
         q, outside = self.quality, "-" if self.outside is None else f"{100 * self.outside:.1f}"
         return (
-            f"{self.solver:10} {100 * q.rmse:8.3f} {q.psnr:8.2f} {q.ssim:6.4f} {q.ciede2000:10.3f} "
+            f"{self.solver:12} {100 * q.rmse:8.3f} {q.psnr:8.2f} {q.ssim:6.4f} {q.ciede2000:10.3f} "
             f"{100 * self.clipped:10.2f} {self.seconds:8.2f} {self.below_optimum:21.3f} "
             f"{outside:>16}"
         )
@@ -113,7 +113,8 @@ class CompensationTask:
                 f"--max-cluster {options.max_cluster}: blurred light is kept in blocks of pixels, which cannot be cut "
                 "into clusters; leave the option out"
             )
-        self._inside = tier.transport.inside(tier.calibration.mask)
+        sizes = tier.calibration.camera.shape, tier.calibration.projector.shape
+        self._inside = replace(tier.transport.inside(tier.calibration.mask), camera=sizes[0], projector=sizes[1])
         self._lit = self._inside.lit
         self._objective = objective_of(tier.transport, tier.calibration, options.aims)
 
@@ -144,7 +145,7 @@ class CompensationTask:
             return plain.reshape(-1, 3), ()
         if name == "map" and self._maps is not None:
             return self._by_maps(self._maps()).reshape(-1, 3), ()
-        if self._options.max_cluster is None or name == "direct":
+        if self._options.max_cluster is None or name in ("direct", "triangulated"):
             found = self._prepared(name).solve(self._target)
             return found.unclamped, found.notes
         return self._solve_decomposed(name, self._options.max_cluster)

@@ -9,7 +9,7 @@ from counterlight.arrays import FloatArray
 from counterlight.tools.clusters.finite import refuse_not_finite
 from counterlight.tools.solve.box import Box
 from counterlight.tools.solve.channel import Channel
-from counterlight.tools.solve.direct import Direct
+from counterlight.tools.solve.direct import Direct, Triangulated
 from counterlight.tools.solve.nnls import nnls
 from counterlight.tools.solve.qr import qr
 from counterlight.tools.solve.solution import ChannelSolver, Solution, Solver
@@ -37,16 +37,17 @@ SOLVERS: dict[str, Callable[[Transport], Solver]] = {
     "nnls": lambda T: ChannelByChannel(T, nnls),
     "box": Box,
 }
+OF_PICTURES: dict[str, Callable[[Transport], Solver]] = {"triangulated": Triangulated}  # T knows its pictures' sizes
 
 
 class Prepared:
-    """One of SOLVERS for one T and mask, or the box for an objective; see `prepare`."""
+    """A solver for one T and mask, or the box for an objective; see `prepare`."""
 
     def __init__(self, name: str, T: Transport, mask: NDArray[np.bool_] | None, objective: Objective | None) -> None:
         weighed = objective if name == "box" else None
         self.T, self._mask = T if mask is None else T.inside(mask), mask if weighed is None else None
         refuse_not_finite(self.T.near, np.zeros((1, len(CHANNELS))))
-        self._solver = SOLVERS[name](self.T) if weighed is None else Box(weighed)
+        self._solver = (SOLVERS | OF_PICTURES)[name](self.T) if weighed is None else Box(weighed)
 
     def solve(self, b: NDArray[np.floating]) -> Solution:
         """min ‖T p − b‖² over the camera pixels that count.
@@ -65,7 +66,7 @@ class Prepared:
 def prepare(
     name: str, T: Transport, mask: NDArray[np.bool_] | None = None, objective: Objective | None = None
 ) -> Prepared:
-    """One of SOLVERS, factorised for one T; KeyError for another name.
+    """One of SOLVERS or OF_PICTURES, factorised for one T; KeyError for another name.
 
     mask : (camera height, camera width) or (camera pixels,), which camera pixels count; None for all.
     objective : what the box minimises, as the player does; None for ½‖T p − b‖², as the others do.

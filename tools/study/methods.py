@@ -13,6 +13,7 @@ import numpy as np
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.maps.room_maps import RoomMaps
+from counterlight.maps.row_map import RowMap
 from counterlight.maps.short_map import in_half
 from counterlight.pipeline.refinement import DEFAULT_STEPS
 from counterlight.tools.inverse.method import LARGEST_DENSE
@@ -89,7 +90,7 @@ class Uncompensated:
     command: str = "counterlight build --inverse none; counterlight play --no-compensation"
 
     def prepare(self, room: StudyRoom) -> Prepared:
-        gl = _direct_bench(room).gl
+        gl = _direct_bench(room, DIRECT.family, room.direct[0]).gl
 
         def drive(task: Task) -> Drive:
             gl.show(task.desired, compensate=False, steps=0)  # for its time
@@ -100,16 +101,20 @@ class Uncompensated:
 
 @dataclass(frozen=True)
 class Direct:
-    """Direct mapping (thesis 6.1): a map of one entry a pixel."""
+    """Direct mapping (thesis 6.1): a map of one entry a pixel, or, if `triangulated`, of three."""
 
     family: str = "direct"
+    triangulated: bool = False
     knob: str = ""
     value: float | None = None
-    command: str = "counterlight compensate --solver direct"
+
+    @property
+    def command(self) -> str:
+        return f"counterlight compensate --solver {'triangulated' if self.triangulated else 'direct'}"
 
     def prepare(self, room: StudyRoom) -> Prepared:
-        mapped, seconds = room.direct
-        return _prepared(_direct_bench(room), 0, seconds, mapped.nbytes, None)
+        mapped, seconds = room.triangulated if self.triangulated else room.direct
+        return _prepared(_direct_bench(room, self.family, mapped), 0, seconds, mapped.nbytes, None)
 
 
 @dataclass(frozen=True)
@@ -199,6 +204,7 @@ class Solver:
         return SOLVERS[self.name](room.inside)
 
 
+DIRECT, TRIANGULATED = Direct(), Direct("direct, triangulated", triangulated=True)
 OURS = Map("refined from T⁺", "steps", DEFAULT_STEPS, steps=DEFAULT_STEPS)
 CUT = Map("refined from T⁺, cut", "steps", 4, InverseOptions(max_cluster=200), steps=4)
 PLAIN = Map("T⁺ of the thesis", "max-cluster", THESIS.largest, THESIS)
@@ -206,7 +212,8 @@ PLAIN = Map("T⁺ of the thesis", "max-cluster", THESIS.largest, THESIS)
 
 def catalogue() -> list[Method]:
     """Every method that inverts the uncut transport at most once; those that share a map follow each other."""
-    methods: list[Method] = [Solver("box", "box optimum"), Solver("nnls", "NNLS"), Uncompensated(), Direct()]
+    methods: list[Method] = [Solver("box", "box optimum"), Solver("nnls", "NNLS"), Uncompensated()]
+    methods += [DIRECT, TRIANGULATED]
     methods += [Map(UNCUT, "max-error", DEFAULTS.max_error), Map("T⁺, 16-bit weights", "", None, half=True)]
     methods += [replace(OURS, value=steps, steps=steps) for steps in STEPS]
     methods += [Map("T⁺, cut", "max-cluster", size, InverseOptions(max_cluster=size)) for size in (50, 1000, 200)]
@@ -253,10 +260,7 @@ def _prepared(bench: Bench, steps: int, preparation_s: float, size: int, bound: 
     return Prepared(preparation_s, size, bound, drive, cpu_s, bench.gl.frame_s)
 
 
-def _direct_bench(room: StudyRoom) -> Bench:
+def _direct_bench(room: StudyRoom, family: str, mapped: RowMap) -> Bench:
     """Direct mapping in place of T⁺: it divides by all light, so none is taken out before."""
-    return room.bench(
-        "direct",
-        lambda: RoomMaps(room.direct[0], room.near_map, None, None, room.white, mixing=room.tier.mixing),
-        "map",
-    )
+    observed = room.near_map, room.far_maps
+    return room.bench(family, lambda: RoomMaps(mapped, *observed, None, room.white, mixing=room.tier.mixing), "map")

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import cv2
@@ -11,12 +11,17 @@ from skimage import data
 
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
+from counterlight.media.video import MediaReader
+from counterlight.pipeline import reference
+from counterlight.pipeline.signal import signal_of
 from counterlight.response import Response
+from counterlight.show.headless import FRAME_TIMEOUT_S
 from counterlight.tools.relighting.pictures import read_placed
 from counterlight.tools.shipped import CLIP
 
 Shape = tuple[int, int]
 CLIP_SIZE = (720, 1280)
+FILM_FROM_S = 1.0
 FACE = 0.05  # of what a wide frame cuts off the photograph goes at the top
 DARK = 1 / 8  # three stops
 PAPER, INK = 0.02, 0.9  # of white, linear: light letters on a dark ground
@@ -36,6 +41,24 @@ class Picture:
 def find_pictures(names: Sequence[str]) -> list[Picture]:
     """Built-in pictures by name, others as files; InputError for what is neither, before the work begins."""
     return [Picture(name, BUILT_IN[name]) if name in BUILT_IN else _from_file(name) for name in names]
+
+
+def film_frames(count: int) -> list[Picture]:
+    """So many frames of the shipped clip, one after another, of one shot."""
+    lights = _film_lights(count)
+    return [Picture(f"frame {number}", partial(_filled, light)) for number, light in enumerate(lights, 1)]
+
+
+@cache
+def _film_lights(count: int) -> list[FloatArray]:
+    lights = []
+    with MediaReader.open(CLIP) as reader:
+        reader.seek(FILM_FROM_S)
+        while len(lights) < count and (frame := reader.next_frame(FRAME_TIMEOUT_S)) is not None:
+            light = reference.planes_to_linear(frame.planes, frame.format, signal_of(frame.format))
+            lights.append(np.asarray(light, np.float64))
+            reader.release(frame)
+    return lights
 
 
 def _from_file(name: str) -> Picture:

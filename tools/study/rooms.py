@@ -12,8 +12,8 @@ import numpy as np
 from counterlight import calibration as calibrations
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
-from counterlight.maps.room_maps import RefinementMaps, RoomMaps
-from counterlight.maps.row_map import RowMap, pack
+from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
+from counterlight.maps.row_map import RowMap, SparseRows, pack
 from counterlight.pipeline.fitting import on_cameras
 from counterlight.pipeline.room import Room
 from counterlight.tools.clusters.components import find_clusters
@@ -21,7 +21,8 @@ from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.inverse.build import BuiltRoom, build_maps
 from counterlight.tools.inverse.direct import direct_mapping
 from counterlight.tools.inverse.near_light import InverseOptions
-from counterlight.tools.inverse.refinement_maps import refinement_maps
+from counterlight.tools.inverse.refinement_maps import pack_far, refinement_maps
+from counterlight.tools.inverse.triangulated import triangulated_mapping
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation import room as simulation
 from counterlight.tools.simulation.scene import Scene, load_scene
@@ -160,13 +161,28 @@ class StudyRoom:
     def direct(self) -> tuple[RowMap, float]:
         """Direct mapping as the thesis' 6.1 has it, without a prior, and its processor seconds."""
         T, all_of_it = self.inside, np.ones((self.calibration.projector.pixels, 3))
-        shapes = self.calibration.projector.shape, self.calibration.camera.shape
-        return processor_seconds(lambda: pack(direct_mapping(T.T, T.composition(), all_of_it), *shapes))
+        return processor_seconds(lambda: self._asking(direct_mapping(T.T, T.composition(), all_of_it)))
+
+    @cached_property
+    def triangulated(self) -> tuple[RowMap, float]:
+        """Direct mapping to a fraction of a pixel, and its processor seconds."""
+        camera, projector = self.calibration.camera.shape, self.calibration.projector.shape
+        return processor_seconds(lambda: self._asking(triangulated_mapping(self.inside, camera, projector)))
+
+    def _asking(self, rows: SparseRows) -> RowMap:
+        """A map from the camera's picture to the projector's."""
+        return pack(rows, self.calibration.projector.shape, self.calibration.camera.shape)
 
     @cached_property
     def near_map(self) -> RowMap:
         """The near light as the player reads it."""
         return pack(self.transport.near, self.calibration.camera.shape, self.calibration.projector.shape)
+
+    @cached_property
+    def far_maps(self) -> FarMaps | None:
+        """The far light as the player reads it; None if there is none."""
+        far = self.transport.far
+        return None if far is None else pack_far(far, self.calibration.camera.shape, self.calibration.projector.shape)
 
 
 @dataclass(frozen=True)

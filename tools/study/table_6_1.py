@@ -4,13 +4,18 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
+from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.solve.box import Box
 from counterlight.tools.study.measure import RoomFigures, study_room
-from counterlight.tools.study.methods import CUT, PLAIN, Method, Solver
+from counterlight.tools.study.methods import CUT, PLAIN, TRIANGULATED, Map, Method, Solver
 from counterlight.tools.study.pictures import Picture
-from counterlight.tools.study.results import label
-from counterlight.tools.study.rooms import simulated_room
+from counterlight.tools.study.questions.acquiring import MULTIPLEXED, acquire_again, tier_of_acquired
+from counterlight.tools.study.results import Row, label
+from counterlight.tools.study.rooms import StudyRoom, Task, processor_seconds, simulated_room
+from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
+from counterlight.tools.transport.transport import CHANNELS
 
 CAMERA, PROJECTOR = (480, 640), (512, 512)  # the sizes that 4.2 and 5.2 name
 FOCUS_CAMERA, FOCUS_PROJECTOR = (48, 48), (52, 52)  # 4.3.3 solves about 2304 equations for 2700 unknowns
@@ -29,7 +34,8 @@ class ThesisRow:
     frames_per_second: str
 
 
-METHODS: tuple[Method, ...] = (Solver("nnls", "NNLS"), PLAIN, CUT)
+FROM_DIRECT = Map("steps from direct mapping", "steps", 4, InverseOptions(inverse="none"), steps=4, start="direct")
+METHODS: tuple[Method, ...] = (Solver("nnls", "NNLS"), TRIANGULATED, PLAIN, FROM_DIRECT, CUT)
 HEADER = (
     "scene",
     "captured",
@@ -39,14 +45,18 @@ HEADER = (
     "frames/s",
     "ours: camera, projector",
     "simulated in",
+    f"acquired ({MULTIPLEXED.words}, simulated): pictures; computed; below optimum",
     "NNLS picture",
+    "direct, triangulated: computed; frame; below optimum",
     "T⁺ as the thesis: computed; frame; below optimum",
+    f"direct mapping, {FROM_DIRECT.steps} steps: computed; frame; below optimum",
     f"T⁺ damped, {CUT.steps} steps: computed; frame; below optimum",
 )
 DIFFERENCES = (
     "The thesis' figures are from 2006: a Pentium 4 of 3 GHz with 2 to 4 GB, a GeForce 7900 GTX, wall-clock time.",
-    "Ours are of simulated scenes that resemble the thesis', not of its captures; no acquisition took place, so its "
-    "column is the simulation's time.",
+    "Ours are of simulated scenes that resemble the thesis', not of its captures. Acquired: by a camera that "
+    "is simulated in the scene (14 bits, 20 000 electrons, one shot), seconds are those of simulating its pictures and "
+    "solving for T, not of showing them; below the optimum is what the best drive by that T is in the scene.",
     "Ours are processor seconds, all cores together, and processor milliseconds where OpenGL runs in software: what "
     "one core alone would take. On n cores it is up to n times less, on a graphics card far less.",
     "Below optimum: PSNR in the camera's eyes, through the undecomposed T, below the best picture that a projector can "
@@ -64,44 +74,70 @@ THESIS_ROWS = (
 
 
 @dataclass(frozen=True)
+class Spent:
+    """What a way took and gave.
+
+    computed_s : processor seconds.  pictures : shown, of an acquisition.  frame_ms : on the GPU; processor time in
+    software.  below_db : PSNR below the box optimum.
+    """
+
+    computed_s: float
+    below_db: float
+    pictures: int | None = None
+    frame_ms: float | None = None
+
+    def __str__(self) -> str:
+        between = [] if self.pictures is None else [f"{self.pictures}"]
+        after = [] if self.frame_ms is None else [f"{self.frame_ms:.3g} ms"]
+        return "; ".join([*between, _seconds(self.computed_s), *after, f"{self.below_db:.2f} dB"])
+
+
+@dataclass(frozen=True)
 class OurRow:
     """Ours for a scene. Times are processor time; None where a method is not for the room.
 
-    simulation_s : in place of an acquisition.  nnls_s : a picture, T whole.  thesis_… : T⁺ as the thesis computes it,
-    plain and cut.  ours_… : damped, cut, and refined in every frame.  …_s : computing it.  …_ms : a frame on the GPU.
-    …_db : PSNR below the box optimum.
+    acquired : by a simulated camera.  nnls_s : a picture, T whole.  direct : triangulated.  thesis : T⁺ as the thesis
+    computes it, plain and cut.  stepped : refined in every frame, from direct mapping.  ours : from T⁺ damped and cut.
     """
 
     scene: str
     camera: str
     projector: str
     simulation_s: float
+    acquired: Spent | None
     nnls_s: float | None
-    thesis_s: float | None
-    thesis_ms: float | None
-    thesis_db: float | None
-    ours_s: float | None
-    ours_ms: float | None
-    ours_db: float | None
+    direct: Spent | None
+    thesis: Spent | None
+    stepped: Spent | None
+    ours: Spent | None
 
 
-def table_row(figures: RoomFigures) -> OurRow:
+def table_row(figures: RoomFigures, acquired: Spent | None = None) -> OurRow:
     """A row from the first picture that was studied in a room."""
     first = {row.label: row for row in reversed(figures.rows)}
-    nnls, thesis, ours = (first.get(label(m.family, m.knob, m.value)) for m in METHODS)
+    nnls, *others = (first.get(label(m.family, m.knob, m.value)) for m in METHODS)
     return OurRow(
         figures.name,
         str(figures.facts["camera"]),
         str(figures.facts["projector"]),
         float(figures.facts["simulation_s"]),
+        acquired,
         None if nnls is None else nnls.cpu_s,
-        None if thesis is None else thesis.preparation_s,
-        None if thesis is None else thesis.gl_ms,
-        None if thesis is None else thesis.below_optimum_db,
-        None if ours is None else ours.preparation_s,
-        None if ours is None else ours.gl_ms,
-        None if ours is None else ours.below_optimum_db,
+        *(None if row is None else _played(row) for row in others),
     )
+
+
+def _played(row: Row) -> Spent:
+    return Spent(row.preparation_s, row.below_optimum_db, frame_ms=row.gl_ms)
+
+
+def acquired(room: StudyRoom, picture: Picture) -> Spent:
+    """The room acquired by a simulated camera, and what the best drive by its T gives in the room as it is."""
+    done, seconds = processor_seconds(lambda: acquire_again(room.calibration, room.transport, MULTIPLEXED))
+    tier, task = tier_of_acquired(room.calibration, done), Task(room, picture)
+    box = Box(objective_of(tier.transport, tier.calibration, DEFAULT_AIMS))
+    drive = box.solve(tier.asked(task.desired).reshape(-1, len(CHANNELS))).drive
+    return Spent(seconds, task.judge(drive).below_optimum, done.pictures)
 
 
 def measure_at_thesis_size(picture: Picture) -> Iterator[OurRow]:
@@ -113,7 +149,7 @@ def measure_at_thesis_size(picture: Picture) -> Iterator[OurRow]:
         scene = load_scene(shipped[row.scene])
         camera, projector = (FOCUS_CAMERA, FOCUS_PROJECTOR) if row.scene == "two_planes" else (CAMERA, PROJECTOR)
         with closing(simulated_room(scene.resized(camera, projector), row.scene)) as room:
-            yield table_row(study_room(room, [picture], METHODS))
+            yield table_row(study_room(room, [picture], METHODS), acquired(room, picture))
 
 
 def to_markdown(ours: Sequence[OurRow]) -> str:
@@ -134,9 +170,9 @@ def cells(thesis: ThesisRow, ours: OurRow | None) -> list[str]:
         *words,
         f"{ours.camera}, {ours.projector}",
         _seconds(ours.simulation_s),
+        _spent(ours.acquired),
         _seconds(ours.nnls_s),
-        f"{_seconds(ours.thesis_s)}; {_milliseconds(ours.thesis_ms)}; {_decibels(ours.thesis_db)}",
-        f"{_seconds(ours.ours_s)}; {_milliseconds(ours.ours_ms)}; {_decibels(ours.ours_db)}",
+        *map(_spent, (ours.direct, ours.thesis, ours.stepped, ours.ours)),
     ]
 
 
@@ -144,9 +180,5 @@ def _seconds(value: float | None) -> str:
     return "n.a." if value is None else f"{value:.3g} s"
 
 
-def _milliseconds(value: float | None) -> str:
-    return "n.a." if value is None else f"{value:.3g} ms"
-
-
-def _decibels(value: float | None) -> str:
-    return "n.a." if value is None else f"{value:.2f} dB"
+def _spent(way: Spent | None) -> str:
+    return "n.a." if way is None else str(way)

@@ -14,7 +14,7 @@ from counterlight.tools.simulation.shapes.quadrics import Cylinder, Sphere
 from counterlight.tools.simulation.shapes.shape import Shape
 
 KINDS = ("plane", "card", "sphere", "cylinder", "relief", "lathe", "mesh")
-FIGURES = ("statuette", "skull", "waves")
+FIGURES = ("statuette", "skull", "waves", "bricks")
 SIZE = (1e-4, 1e4)  # metres
 MOST_POINTS = 1 << 22
 

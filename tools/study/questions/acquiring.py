@@ -5,18 +5,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from counterlight.calibration import Calibration
 from counterlight.command import track
 from counterlight.errors import InputError
-from counterlight.tools.acquisition.acquire import acquire
+from counterlight.tools.acquisition.acquire import Acquisition, acquire
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, SimulatedRoom
 from counterlight.tools.acquisition.memory import MemoryStore
 from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.schemes.baselines import GrayCodeScheme
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
-from counterlight.tools.colour.tiers import tier_of
+from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.study.questions.answers import CLOSE_DB, NEAR_DB, Answer, Question, cheapest, decibels, sentence
 from counterlight.tools.study.questions.place import MOST_PIXELS, Place, made_coarser
+from counterlight.tools.transport.transport import Transport
 
 MOST_ACQUIRED = MOST_PIXELS // 2  # camera pixels; schemes of a thousand pictures take minutes beyond
 SHOTS = 4
@@ -32,9 +34,10 @@ class Way:
     shots: int = 1
 
 
+MULTIPLEXED = Way("multiplexed", "--scheme multiplexed", MultiplexedScheme)
 WAYS = (
     Way("Gray code", "--scheme graycode", GrayCodeScheme),
-    Way("multiplexed", "--scheme multiplexed", MultiplexedScheme),
+    MULTIPLEXED,
     Way("multiplexed", "--scheme multiplexed", MultiplexedScheme, SHOTS),
     Way("hierarchical, τ = 16 σ", "--threshold 16", lambda: HierarchicalScheme(Threshold(16))),
     Way("hierarchical, τ = 4 σ", "", lambda: HierarchicalScheme(Threshold(4))),
@@ -73,13 +76,24 @@ def _fit(place: Place) -> Place:
     return Place(*small, place.pictures, "independent", place.factor * factor)
 
 
-def _acquired(place: Place, way: Way) -> Answer:
-    room, raster = place.calibration, (place.calibration.projector.shape,)
-    seen = SimulatedRoom(room.name, place.transport, room.ambient, raster, room.response)
+def acquire_again(room: Calibration, truth: Transport, way: Way) -> Acquisition:
+    """A room acquired by a simulated camera that sees it by its true T; InputError where a scheme does not work."""
+    raster = (room.projector.shape,)
+    seen = SimulatedRoom(room.name, truth, room.ambient, raster, room.response)
     camera = SimulatedCamera(seen, replace(CameraSettings(), exposures=(1.0,) * way.shots))
     (done,) = acquire(camera, MemoryStore(camera.exposures), way.make(), raster)
+    return done
+
+
+def tier_of_acquired(room: Calibration, done: Acquisition) -> Tier:
+    """The room as an acquisition found it, seen in white light."""
     found = replace(room, ambient=done.room.black.astype(np.float32))
-    drives = place.drives(tier_of(found, done.measured.transport, "independent"))
+    return tier_of(found, done.measured.transport, "independent")
+
+
+def _acquired(place: Place, way: Way) -> Answer:
+    done = acquire_again(place.calibration, place.transport, way)
+    drives = place.drives(tier_of_acquired(place.calibration, done))
     more = str(done.pictures), str(way.shots), way.options
     scheme, _, threshold = way.words.partition(", ")
     shots = "" if way.shots == 1 else f"{way.shots} shots"

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from counterlight.tools.study.pictures import Picture
-from counterlight.tools.study.questions import acquiring, coarser, colours, drifting, figures
+from counterlight.tools.study.questions import acquiring, coarser, colours, drifting, figures, moving
 from counterlight.tools.study.questions.answers import Question, decibels
 from counterlight.tools.study.questions.place import Place, place_of
 from counterlight.tools.study.results import Row, means
@@ -33,6 +33,7 @@ def ask(room: StudyRoom, transport: Transport, pictures: Sequence[Picture], rows
     found = [
         figures.steps(rows),
         figures.maps(rows),
+        moving.film(place),
         acquiring.pictures(place),
         coarser.sizes(place),
         drifting.drift(place),
