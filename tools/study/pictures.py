@@ -1,5 +1,6 @@
 """What is shown in a study: five pictures that stand for what people project, or the user's own files."""
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -36,6 +37,11 @@ class Picture:
 def find_pictures(names: Sequence[str]) -> list[Picture]:
     """Built-in pictures by name, others as files; InputError for what is neither, before the work begins."""
     return [Picture(name, BUILT_IN[name]) if name in BUILT_IN else _from_file(name) for name in names]
+
+
+def anywhere(names: Sequence[str]) -> tuple[str, ...]:
+    """The same names, which mean the same pictures in whatever folder they are read."""
+    return tuple(name if name in BUILT_IN else os.path.abspath(name) for name in names)
 
 
 def _from_file(name: str) -> Picture:
