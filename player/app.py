@@ -14,6 +14,7 @@ from counterlight.command import run, tell
 from counterlight.errors import InputError
 from counterlight.jobs.workers import Processes, Workers
 from counterlight.media.audio import open_audio
+from counterlight.media.sound_track import copied_sound
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.placement import read_placement
@@ -34,7 +35,7 @@ from counterlight.show.options import (
     one_medium,
     read_options,
 )
-from counterlight.show.output import check_output, is_film
+from counterlight.show.output import check_output, is_film, is_video
 from counterlight.show.playlist import Playlist, files_of
 from counterlight.show.remotes import open_remotes
 from counterlight.show.rendering import Rendering, Stretch
@@ -188,9 +189,11 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
         raise InputError(f"--path {options.path}: --backend cpu has no GPU to take it on; leave one of them out")
     backend = "gl" if options.path is not None and options.backend == "auto" else options.backend
     if (options.segments or options.cluster) and is_film(options.output) and not reader.info.still:
-        stats = _render_segments(options, reader, room, adjustments, chosen_backend(backend))
+        render, backend = _render_segments, chosen_backend(backend)
     else:
-        stats = _render_whole(options, reader, room, adjustments, backend)
+        render = _render_whole
+    with _sound(options, reader) as sound:
+        stats = render(options, reader, room, adjustments, backend, sound)
     if room.drifted is not None:
         stats.facts["drift"] = room.drifted
     quality = stats.facts.get("camera_psnr_db")
@@ -198,8 +201,27 @@ def _render_medium(options: argparse.Namespace, reader: MediaReader, room: Room,
     return stats
 
 
+@contextmanager
+def _sound(options: argparse.Namespace, reader: MediaReader) -> Iterator[Path | None]:
+    """The sound that a film is written with."""
+    silent = not is_video(options.output) or reader.info.still or reader.info.live or reader.medium.is_sequence
+    if silent or not options.audio:
+        yield None
+    elif options.loop:
+        tell("--loop: sound is copied once around only, so the output has none")
+        yield None
+    else:
+        with copied_sound(reader.medium, options.start, tell) as sound:
+            yield sound
+
+
 def _render_whole(
-    options: argparse.Namespace, reader: MediaReader, room: Room, adjustments: Adjustments, backend: str
+    options: argparse.Namespace,
+    reader: MediaReader,
+    room: Room,
+    adjustments: Adjustments,
+    backend: str,
+    sound: Path | None,
 ) -> Stats:
     with headless_renderer(backend, room, options.path or "fragment") as renderer:
         renderer.open(reader.info.format)
@@ -214,11 +236,17 @@ def _render_whole(
             stretch=Stretch(end=options.frames),
             governor=_governor(options, room, _steps_into_file(options, room, still=reader.info.still)),
             appraised=options.stats is not None,
+            sound=sound,
         )
 
 
 def _render_segments(
-    options: argparse.Namespace, reader: MediaReader, room: Room, adjustments: Adjustments, backend: str
+    options: argparse.Namespace,
+    reader: MediaReader,
+    room: Room,
+    adjustments: Adjustments,
+    backend: str,
+    sound: Path | None,
 ) -> Stats:
     if options.budget != "no" or options.within != "no":
         raise InputError("--segments: --budget and --within carry steps from frame to frame; give --refine N instead")
@@ -243,7 +271,7 @@ def _render_segments(
     )
     with _segment_workers(options, reader) as workers:
         count = options.segments or SEGMENTS_A_WORKER * workers.count
-        stats = render_in_segments(rendering, reader, options.output, workers, count, options.lead_in)
+        stats = render_in_segments(rendering, reader, options.output, workers, count, options.lead_in, sound)
     for joint in stats.facts["segments"]["within_shots"]:
         frame, differing, of, most = joint.values()
         print(f"divided within a shot at frame {frame}: {differing} of {of} codes differ there, by at most {most:g}")

@@ -38,7 +38,7 @@ from counterlight.unattended.supervisor import SAFE
 from counterlight.unattended.timecode import Timecode, parse_timecode
 
 WINDOW_ONLY = (
-    *("fullscreen", "monitor", "any_size", "vsync", "bits", "hwdec", "audio", "volume", "mute", "blackout", "osd"),
+    *("fullscreen", "monitor", "any_size", "vsync", "bits", "hwdec", "volume", "mute", "blackout", "osd"),
     *("screenshot_directory", "speed", "image_display_duration", "playlist_start"),
     *("control", "remote", "osc", "heartbeat", "lead", "follow", "timecode", "at", "schedule"),
 )
@@ -213,7 +213,7 @@ def _add_window(parser: argparse.ArgumentParser) -> None:
     add("--list-monitors", action="store_true", help="list the monitors and end")
     _flag(parser, "any-size", False, "go full screen on a monitor that is not of the projector's size")
     _flag(parser, "vsync", True, "wait for the display's refresh")
-    _flag(parser, "audio", True, "play sound, if the extra audio is there")
+    _flag(parser, "audio", True, "play sound, if the extra audio is there; with --output, copy it into a film")
     _offer(parser, "volume", "mute", "blackout", "osd")
     add("--screenshot-directory", type=Path, default=Path(), metavar="DIR", help="for the key s (default: here)")
     add("--config", type=Path, metavar="FILE", help="settings (default ~/.config/counterlight/player.toml)")
