@@ -7,14 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import sparse
 
 from counterlight import calibration
 from counterlight.errors import InputError
+from counterlight.tools.blurring import blurring
+from counterlight.tools.blurring.blurring import Blurring
 from counterlight.tools.blurring.choice import chosen_limit
 from counterlight.tools.blurring.pruning import in_cells
+from counterlight.tools.import_transport import main as import_transport
 from counterlight.tools.inverse.direct import lit_most
 from counterlight.tools.shipped import parse_scene
-from counterlight.tools.simulation import assembly
 from counterlight.tools.simulation import simulate as simulation
 from counterlight.tools.simulation.effects.blooming import bloom
 from counterlight.tools.simulation.scene import Scene, load_scene
@@ -27,7 +30,7 @@ from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.mixing import mixed_channels
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.storage import read_transport
-from counterlight.tools.transport.transport import Transport, dense_rows, in_one
+from counterlight.tools.transport.transport import CHANNELS, Transport, dense_rows, in_one
 from counterlight.tools.transport.trust import cut_by_edges, seen
 from tests.blurred_rooms import (
     CAMERA,
@@ -268,8 +271,8 @@ def test_the_simulator_puts_long_rows_in_cells(wide: Scene, monkeypatch: pytest.
     full = simulate(wide)
     assert full.transport.blurred is None  # few enough to be played as they are
     assert full.blurring is None
-    monkeypatch.setattr(assembly, "MANY", 1000)
-    monkeypatch.setattr(assembly, "LONG", 2)
+    monkeypatch.setattr(blurring, "MANY", 1000)
+    monkeypatch.setattr(blurring, "LONG", 2)
     made = simulate(wide, tolerance=0.2)
     assert made.transport.blurred is not None
     assert made.blurring is not None
@@ -280,6 +283,87 @@ def test_the_simulator_puts_long_rows_in_cells(wide: Scene, monkeypatch: pytest.
     as_it_is = simulate(wide, tolerance=0)
     assert as_it_is.transport.blurred is None
     alike(as_it_is.transport.near.weights, full.transport.near.weights)
+
+
+GAUSSIAN_CAMERA, GAUSSIAN_PROJECTOR = (24, 29), (22, 26)
+
+
+def gaussian_room(rng: np.random.Generator) -> NDArray[np.float64]:
+    """T, (camera pixels, projector pixels), of one channel: Gaussians that widen to the right, painted, measured.
+
+    σ from 2 to 4 projector pixels, cut at 3 σ; a measurement's noise of a hundredth of each entry.
+    """
+    (H, W), (h, w) = GAUSSIAN_CAMERA, GAUSSIAN_PROJECTOR
+    y, x = np.mgrid[:H, :W].reshape(2, -1, 1)
+    v, u = np.mgrid[:h, :w].reshape(2, 1, -1)
+    away = ((y + 0.5) * h / H - v - 0.5) ** 2 + ((x + 0.5) * w / W - u - 0.5) ** 2
+    sigma = 2 + 2 * x / W
+    T = np.where(away < 9 * sigma**2, np.exp(-away / (2 * sigma**2)) / (2 * np.pi * sigma**2), 0)
+    return np.asarray(T * rng.uniform(0.4, 1, (H * W, 1)) * rng.normal(1, 0.01, T.shape))
+
+
+def best_error(T: NDArray[np.float64], by: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Σ (T p − b)², p the best drive in 0..1 by another T: projected gradients with Nesterov's momentum, in numpy."""
+    curvature = np.linalg.norm(by, 1) * np.linalg.norm(by, np.inf)
+    p = before = np.full(by.shape[1], 0.5)
+    for step in range(300):
+        ahead = p + step / (step + 3) * (p - before)
+        before, p = p, np.clip(ahead - by.T @ (by @ ahead - b) / curvature, 0, 1)
+    return float(np.sum((T @ p - b) ** 2))
+
+
+def test_an_imported_blur_is_put_into_blocks_that_keep_the_tolerance(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], rng: np.random.Generator
+) -> None:
+    """A T of another hand, judged by pictures and a solver of another hand."""
+    monkeypatch.setattr(blurring, "MANY", 1000)
+    tolerance, full = 0.1, gaussian_room(rng).astype(np.float32).astype(np.float64)
+    sparse.save_npz(tmp_path / "T.npz", sparse.csr_array(full.astype(np.float32)))
+    (H, W), (h, w) = GAUSSIAN_CAMERA, GAUSSIAN_PROJECTOR
+    words = [word for name in CHANNELS for word in (f"--{name}", str(tmp_path / "T.npz"))]
+    sizes = ["--camera", f"{W}x{H}", "--projector", f"{w}x{h}", "--tolerance", str(tolerance)]
+    assert import_transport([*words, *sizes, "-o", str(tmp_path / "room")]) == 0
+    said = capsys.readouterr().out
+    made = read_transport(calibration.read(tmp_path / "room"))
+    assert made.blurred is not None
+    assert f"{np.count_nonzero(full)} entries a channel are {made.near.indices.size} near and" in said
+    assert made.entries < np.count_nonzero(full) / 2
+    found = written_out(made)[1]
+    np.testing.assert_allclose(found.sum(axis=1), full.sum(axis=1), rtol=1e-5)  # float32 sums of up to 450
+    white = np.percentile(full.sum(axis=1), 10)
+    y, x = np.mgrid[:H, :W]
+    waves = 0.5 + 0.2 * np.sin(x / 3) + 0.2 * np.cos(y / 4)
+    for picture in (waves, (x + y) % 16 < 8, np.hypot(x - 15, y - 11) < 6, 0.2 + 0.75 * x / W):
+        b = white * np.clip(picture, 0.05, 0.95).ravel()
+        floor = 1e-6 * white**2 * b.size  # 60 dB below white counts as none
+        lost = 10 * np.log10((best_error(full, found, b) + floor) / (best_error(full, full, b) + floor))
+        assert lost < tolerance
+
+
+def test_what_is_not_worth_blocks_stays(T: Transport, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    short = Transport(rows_of(discs(rng, RADIUS)), camera=CAMERA, projector=PROJECTOR)
+    assert blurring.in_blocks(short, 0.1) == (short, None)  # maps hold it as it is
+    monkeypatch.setattr(blurring, "MANY", 1000)
+    monkeypatch.setattr(blurring, "LONG", 1)
+    assert blurring.in_blocks(short, 0.0) == (short, None)
+    assert blurring.in_blocks(T, 0.1) == (T, None)  # is in blocks
+    sharp = Transport(rows_of(discs(rng, 0.7)), camera=CAMERA, projector=PROJECTOR)
+    assert blurring.in_blocks(sharp, 1e-9) == (sharp, None)
+    monkeypatch.setattr(blurring, "BAND", 5000)
+    made, done = blurring.in_blocks(short, 0.2)
+    assert done is not None
+    assert max(done.losses.values()) <= 0.2
+    alike(made.composition(), short.composition())
+    alike(written_out(made), written_out(in_blocks_at_once(short, done)))
+
+
+def in_blocks_at_once(short: Transport, done: Blurring) -> Transport:
+    """The same T, all rows in one piece, by the limit whose losses were stated."""
+    choice = chosen_limit([short.near], CAMERA[1], PROJECTOR, 0.2)
+    assert choice.losses == done.losses
+    near, scatter = in_cells(short.near, PROJECTOR, choice.limit)
+    return replace(short, near=near, blurred=Pyramid(PROJECTOR).light(scatter))
 
 
 def test_halos_are_those_of_its_entries(T: Transport, wide: Scene) -> None:

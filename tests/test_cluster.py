@@ -1,5 +1,6 @@
 """Jobs on dask.distributed: real schedulers and workers, one of which is killed; what cannot be is one line."""
 
+import csv
 import os
 import re
 import signal
@@ -69,6 +70,55 @@ def test_a_worker_that_is_killed_is_replaced_and_the_film_is_the_same(room: Path
     assert process.returncode == 0, errors
     assert packets(tmp_path / "many.mkv") == packets(tmp_path / "one.mkv")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["many.mkv", "one.mkv"]
+
+
+FEW = (
+    "import counterlight.tools.study.jobs as j; from counterlight.tools.study_accuracy import main; box, _, *some = "
+    "j.catalogue(); few = [box, *some[:3]]; j.catalogue = lambda: few; knob = j.uncut_knobs()[:1]; "
+    "j.uncut_knobs = lambda: knob; raise SystemExit(main())"
+)
+TIMED = {"preparation_s", "cpu_s", "gl_ms"}
+
+
+def studying(report: Path, *more: object) -> list[object]:
+    """The command that studies a scene by few methods."""
+    words = "--scenes", "wall", "--size", "24x16", "--pictures", "text", "-o", report
+    return [sys.executable, "-c", FEW, *words, *more]
+
+
+def figures(report: Path) -> list[dict[str, str]]:
+    """A study's, without times."""
+    with (report / "results.csv").open(encoding="utf-8") as file:
+        return [{k: v for k, v in row.items() if k not in TIMED} for row in csv.DictReader(file)]
+
+
+def drawing(pid: int) -> list[int]:
+    """Workers that have begun to try methods: they have OpenGL."""
+    return [child for child in descendants(pid) if called(child, "spawn_main") and maps(child, "libEGL")]
+
+
+def maps(pid: int, name: str) -> bool:
+    """Whether a process has a library in memory."""
+    try:
+        return name in Path(f"/proc/{pid}/maps").read_text()
+    except OSError:
+        return False
+
+
+def test_a_study_elsewhere_finds_the_same_though_a_worker_is_killed(tmp_path: Path) -> None:
+    with running(*studying(tmp_path / "here")) as process:
+        _, errors = process.communicate(timeout=240)
+    assert process.returncode == 0, errors
+    with running(*studying(tmp_path / "there", *LOCAL)) as process:
+        wait_until(lambda: bool(drawing(process.pid)), "no worker began", process)
+        os.kill(drawing(process.pid)[-1], signal.SIGKILL)
+        _, errors = process.communicate(timeout=240)
+    assert process.returncode == 0, errors
+    found = figures(tmp_path / "here")
+    assert [row["family"] for row in found] == ["box optimum", "uncompensated", "direct", "T⁺", "T⁺"]
+    assert figures(tmp_path / "there") == found
+    sheet = "pictures_wall.png"
+    assert (tmp_path / "there" / sheet).read_bytes() == (tmp_path / "here" / sheet).read_bytes()
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ from counterlight.tools.acquisition.matrices_room import keep_light
 from counterlight.tools.acquisition.room_options import ASSUMED
 from counterlight.tools.choices import BLUR_TOLERANCE, PRESETS, TOLERANCE
 from counterlight.tools.colour.tiers import Tier, tier_of
-from counterlight.tools.factoring.factoring import factored
+from counterlight.tools.factoring.factoring import compacted
 from counterlight.tools.shipped import parse_scene
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
@@ -76,8 +76,8 @@ class Room:
         response : the projector's light for a code value: linear, srgb, a gamma, or a Response. None takes sRGB, and
             warns that this is a guess: codes that are made from it will be off.
         primaries : (3, height, width, 3), the camera's pictures of full red, green and blue, without ambient light.
-        factor : a dense T becomes near light and factors of far light; what compensated pictures may lose by that, in
-            dB of the camera's picture; 0 keeps T as it is.
+        factor : a dense T becomes near light and factors of far light, long rows blocks of projector pixels; what
+            compensated pictures may lose by that, in dB of the camera's picture; 0 keeps T as it is.
         Raises InputError for matrices that do not fit, have no light, or numbers that are none.
         """
         eye, lamp = Device(*camera, Response("linear")), Device(*projector, _given_or_assumed(response))
@@ -85,7 +85,7 @@ class Room:
         channels = [_channel(*each, shape) for each in zip((red, green, blue), CHANNELS, strict=True)]
         transport = Transport.from_matrices(channels, camera=camera, projector=projector)
         light = _picture(np.zeros(3) if ambient is None else ambient, camera, "ambient").astype(np.float32)
-        transport, _ = factored(transport, light, factor)
+        transport, _ = compacted(transport, light, factor)
         counts = directly_lit(transport, light, projector) if mask is None else np.array(mask, bool)
         if counts.shape != camera or not counts.any():
             raise InputError(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from counterlight.command import Parser, parse_size, run
 from counterlight.tools.choices import STUDIED_PICTURES, USUAL_PICTURES
+from counterlight.tools.cluster_option import add_cluster, workers_of
 from counterlight.tools.colour.option import add_colour
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.writing.outputs import check_folder
@@ -18,22 +19,19 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
+    from counterlight.tools.study.jobs import files_of
     from counterlight.tools.study.pictures import find_pictures
     from counterlight.tools.study.rooms import find_places
     from counterlight.tools.study.study import StudyOptions, check_output, run_study
 
     check_folder(options.output, inputs=[*options.rooms, *map(Path, options.pictures)])
     check_output(options.output)
-    study = StudyOptions(
-        find_places(options.rooms, options.scenes),
-        find_pictures(options.pictures),
-        options.size,
-        options.patience,
-        options.table_6_1,
-        options.colour,
-    )
-    for line in run_study(study, options.output):
-        print(line, flush=True)
+    places = find_places(options.rooms, options.scenes)
+    find_pictures(options.pictures)
+    study = StudyOptions(places, options.pictures, options.size, options.patience, options.table_6_1, options.colour)
+    with workers_of(options.cluster, files_of(places, options.pictures), None) as workers:
+        for line in run_study(study, options.output, workers):
+            print(line, flush=True)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -77,6 +75,7 @@ def _parser() -> argparse.ArgumentParser:
         "--table-6-1", action="store_true", help="also measure the thesis' scenes at its sizes (takes longer)"
     )
     add_colour(parser)
+    add_cluster(parser, "rooms are opened and methods tried")
     return parser
 
 

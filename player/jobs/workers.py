@@ -1,4 +1,4 @@
-"""Workers, and those of this machine: processes, each of which is replaced if it dies."""
+"""Workers, and those of this machine: this very thread, or processes, each of which is replaced if it dies."""
 
 import multiprocessing
 import os
@@ -38,6 +38,21 @@ class Workers(Protocol):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
     ) -> None: ...
+
+
+class Here:
+    """This thread of this process, one job after the other."""
+
+    count = 1
+
+    def completed(self, jobs: Sequence[Callable[[], T]]) -> Generator[tuple[int, T]]:
+        yield from ((number, job()) for number, job in enumerate(jobs))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
 
 
 class Processes:

@@ -16,7 +16,7 @@ from counterlight.show.governor import Governor
 from counterlight.show.output import is_film
 
 WINDOW_ONLY = (
-    *("fullscreen", "monitor", "any_size", "vsync", "bits", "hwdec", "audio", "volume", "mute", "blackout", "osd"),
+    *("fullscreen", "monitor", "any_size", "vsync", "bits", "hwdec", "volume", "mute", "blackout", "osd"),
     *("screenshot_directory", "speed", "image_display_duration", "playlist_start"),
     *("control", "remote", "osc", "heartbeat", "lead", "follow", "timecode", "at", "schedule"),
 )

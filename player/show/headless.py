@@ -113,10 +113,11 @@ def render_to_file(
     before: Path | None = None,
     quiet: bool = False,
     appraised: bool = False,
+    sound: Path | None = None,
 ) -> Stats:
     """Render a stretch of an open medium into `output`; returns what was counted and timed.
 
-    before : takes the picture of the frame before the stretch, if that was drawn.
+    before : takes the picture of the frame before the stretch, if that was drawn.  sound : see open_output.
 
     For the camera's view the stats hold the mean PSNR against the desired picture inside the mask; where the room has
     the maps for it, the steps of refinement, how far the last frame can be from the optimum and, if there is a promise
@@ -126,7 +127,7 @@ def render_to_file(
     stats, quality = Stats(), list[float]()
     _pass_over(reader, stretch.lead)
     drawing = _Drawing(renderer, room, governor, {"view": view, "compensate": compensate}, still=reader.info.still)
-    with open_output(output, reader.info.frames_per_second) as sink:
+    with open_output(output, reader.info.frames_per_second, sound) as sink:
         wanted = 1 if sink.single else stretch.end
         numbers = range(stretch.lead, ENDLESS if wanted is None else wanted)
         for index in numbers if quiet else track(numbers, "rendering", None if wanted is None else len(numbers)):

@@ -2,6 +2,8 @@
 
 import argparse
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,13 +11,14 @@ from counterlight.command import tell
 from counterlight.errors import InputError
 from counterlight.jobs.workers import Processes, Workers
 from counterlight.media.frames import MediaInfo
+from counterlight.media.sound_track import copied_sound
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.refinement import STEPS_OF_A_STILL
 from counterlight.pipeline.room import Room
 from counterlight.show.asked import governor_of, ignored, one_medium
 from counterlight.show.headless import chosen_backend, headless_renderer, render_to_file
-from counterlight.show.output import is_film
+from counterlight.show.output import is_film, is_video
 from counterlight.show.rendering import Rendering, Stretch
 from counterlight.show.segmented import render_in_segments, tables_of
 from counterlight.show.stats import Stats
@@ -64,12 +67,34 @@ def _check_medium(options: argparse.Namespace, info: MediaInfo) -> None:
 def _rendered(options: argparse.Namespace, reader: MediaReader, room: Room, adjustments: Adjustments) -> Stats:
     backend = "gl" if options.path is not None and options.backend == "auto" else options.backend
     if (options.segments or options.cluster) and is_film(options.output) and not reader.info.still:
-        return _render_segments(options, reader, room, adjustments, chosen_backend(backend))
-    return _render_whole(options, reader, room, adjustments, backend)
+        rendering, backend = _render_segments, chosen_backend(backend)
+    else:
+        rendering = _render_whole
+    with _sound(options, reader) as sound:
+        return rendering(options, reader, room, adjustments, backend, sound)
+
+
+@contextmanager
+def _sound(options: argparse.Namespace, reader: MediaReader) -> Iterator[Path | None]:
+    """The sound that a film is written with."""
+    silent = not is_video(options.output) or reader.info.still or reader.info.live or reader.medium.is_sequence
+    if silent or not options.audio:
+        yield None
+    elif options.loop:
+        tell("--loop: sound is copied once around only, so the output has none")
+        yield None
+    else:
+        with copied_sound(reader.medium, options.start, tell) as sound:
+            yield sound
 
 
 def _render_whole(
-    options: argparse.Namespace, reader: MediaReader, room: Room, adjustments: Adjustments, backend: str
+    options: argparse.Namespace,
+    reader: MediaReader,
+    room: Room,
+    adjustments: Adjustments,
+    backend: str,
+    sound: Path | None,
 ) -> Stats:
     with headless_renderer(backend, room, options.path or "fragment") as renderer:
         renderer.open(reader.info.format)
@@ -84,6 +109,7 @@ def _render_whole(
             stretch=Stretch(end=options.frames),
             governor=governor_of(options, room, _steps_into_file(options, room, still=reader.info.still)),
             appraised=options.stats is not None,
+            sound=sound,
         )
 
 
@@ -93,7 +119,12 @@ def _steps_into_file(options: argparse.Namespace, room: Room, *, still: bool) ->
 
 
 def _render_segments(
-    options: argparse.Namespace, reader: MediaReader, room: Room, adjustments: Adjustments, backend: str
+    options: argparse.Namespace,
+    reader: MediaReader,
+    room: Room,
+    adjustments: Adjustments,
+    backend: str,
+    sound: Path | None,
 ) -> Stats:
     if options.budget != "no" or options.within != "no":
         raise InputError("--segments: --budget and --within carry steps from frame to frame; give --refine N instead")
@@ -118,7 +149,7 @@ def _render_segments(
     )
     with _segment_workers(options, reader) as workers:
         count = options.segments or SEGMENTS_A_WORKER * workers.count
-        stats = render_in_segments(rendering, reader, options.output, workers, count, options.lead_in)
+        stats = render_in_segments(rendering, reader, options.output, workers, count, options.lead_in, sound)
     for joint in stats.facts["segments"]["within_shots"]:
         frame, differing, of, most = joint.values()
         print(f"divided within a shot at frame {frame}: {differing} of {of} codes differ there, by at most {most:g}")

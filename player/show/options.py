@@ -164,7 +164,7 @@ def _add_window(parser: argparse.ArgumentParser) -> None:
     add("--list-monitors", action="store_true", help="list the monitors and end")
     _flag(parser, "any-size", False, "go full screen on a monitor that is not of the projector's size")
     _flag(parser, "vsync", True, "wait for the display's refresh")
-    _flag(parser, "audio", True, "play sound, if the extra audio is there")
+    _flag(parser, "audio", True, "play sound, if the extra audio is there; with --output, copy it into a film")
     _offer(parser, "volume", "mute", "blackout", "osd")
     add("--screenshot-directory", type=Path, default=Path(), metavar="DIR", help="for the key s (default: here)")
     add("--config", type=Path, metavar="FILE", help="settings (default ~/.config/counterlight/player.toml)")

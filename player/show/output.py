@@ -2,8 +2,9 @@
 
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from fractions import Fraction
+from math import isnan
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, runtime_checkable
@@ -13,11 +14,13 @@ import numpy as np
 from av.video.reformatter import ColorRange, Colorspace
 from numpy.typing import NDArray
 
+from counterlight.command import tell
 from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.files.picture_files import read_picture
 from counterlight.files.png import write_png
 from counterlight.media.decoding.ffmpeg_log import log_natively
+from counterlight.media.sound_track import SoundTrack
 from counterlight.media.video import MediaReader
 from counterlight.writing.numbered import is_numbered, name_of
 from counterlight.writing.outputs import check_file, check_sequence
@@ -56,15 +59,17 @@ class FilmOutput(Output, Protocol):
 
 
 @contextmanager
-def open_output(path: Path, frames_per_second: float) -> Iterator[Output]:
+def open_output(path: Path, frames_per_second: float, sound: Path | None = None) -> Iterator[Output]:
     """Open `path` for rendered frames; whatever was written is removed again if the block fails.
+
+    sound : what a video takes beside its pictures, of copied_sound; a line says where its container cannot.
 
     `.png` holds the encoded view, `.exr` the linear one, `name%05d.png` numbers them, a video holds the encoded view.
     Raises InputError as `check_output` does, and where another process is writing it.
     """
     check_output(path)
     if path.suffix.lower() in VIDEOS:
-        with replacing_file(path) as temporary, _VideoOutput(temporary, frames_per_second) as video:
+        with replacing_file(path) as temporary, _VideoOutput(temporary, frames_per_second, sound) as video:
             yield video
     elif is_numbered(path):
         with replacing_sequence(path) as stage:
@@ -86,7 +91,12 @@ def check_output(path: Path, *, inputs: Iterable[Path] = ()) -> None:
 
 def is_film(path: Path) -> bool:
     """Whether an output takes more than one frame."""
-    return path.suffix.lower() in VIDEOS or is_numbered(path)
+    return is_video(path) or is_numbered(path)
+
+
+def is_video(path: Path) -> bool:
+    """Whether an output holds sound as well."""
+    return path.suffix.lower() in VIDEOS
 
 
 def write_picture(path: Path, renderer: Rendered) -> None:
@@ -138,12 +148,15 @@ class _VideoOutput:
 
     single = False
 
-    def __init__(self, path: Path, frames_per_second: float) -> None:
+    def __init__(self, path: Path, frames_per_second: float, sound: Path | None) -> None:
+        self._stack = ExitStack()
         self._container = av.open(f"file:{path}", "w")  # else a colon in the name would be taken for a protocol
         self._rate = Fraction(frames_per_second).limit_denominator(1001)
         self._lossless = path.suffix.lower() == ".mkv"
         self._stream: av.VideoStream | None = None
-        self._first_s: float | None = None
+        self._first_s, self._last_s = float("nan"), float("nan")
+        self._sound_file = sound
+        self._sound: SoundTrack | None = None
 
     def write(self, renderer: Rendered, time_s: float) -> None:
         self._encode(renderer.encoded(), time_s)
@@ -168,11 +181,14 @@ class _VideoOutput:
             frame = frame.reformat(
                 format=stream.pix_fmt, dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG
             )
-        if self._first_s is None:
+        if isnan(self._first_s):
             self._first_s = time_s
+        self._last_s = time_s
         frame.time_base = CLOCK
         frame.pts = round((time_s - self._first_s) / CLOCK)
         self._container.mux(stream.encode(frame))
+        if self._sound is not None:
+            self._sound.follow(self._first_s, time_s)
 
     def _add_stream(self, picture: NDArray[np.uint8]) -> av.VideoStream:
         height, width = picture.shape[:2]
@@ -191,7 +207,17 @@ class _VideoOutput:
             context.colorspace = context.color_primaries = context.color_trc = BT709
             context.color_range = int(ColorRange.MPEG)
         self._stream = stream
+        self._sound = self._sound_beside()
         return stream
+
+    def _sound_beside(self) -> SoundTrack | None:
+        if self._sound_file is None:
+            return None
+        try:
+            return self._stack.enter_context(SoundTrack(self._sound_file, self._container))
+        except InputError as error:
+            tell(str(error))
+            return None
 
     def __enter__(self) -> "_VideoOutput":
         return self
@@ -199,10 +225,13 @@ class _VideoOutput:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is not None:
-            with suppress(av.FFmpegError):  # of what the block failed of already
-                self._container.close()
-            return
-        if self._stream is not None:
-            self._container.mux(self._stream.encode(None))
-        self._container.close()
+        with self._stack:
+            if kind is not None:
+                with suppress(av.FFmpegError):  # of what the block failed of already
+                    self._container.close()
+                return
+            if self._sound is not None:
+                self._sound.follow(self._first_s, self._last_s + float(1 / self._rate))
+            if self._stream is not None:
+                self._container.mux(self._stream.encode(None))
+            self._container.close()

@@ -96,12 +96,19 @@ def render_segment(rendering: Rendering, segment: Segment) -> Stats:
 
 
 def render_in_segments(
-    rendering: Rendering, reader: MediaReader, output: Path, workers: Workers, count: int, lead_in: int | None
+    rendering: Rendering,
+    reader: MediaReader,
+    output: Path,
+    workers: Workers,
+    count: int,
+    lead_in: int | None,
+    sound: Path | None = None,
 ) -> Stats:
     """Render a film in at most `count` segments; returns what was counted and, of those rendered now, timed.
 
     reader : at the film's first frame.  workers : ended when this returns.
     lead_in : frames that are drawn before a segment which begins within a shot; None for no such segment.
+    sound : see open_output.
     """
     film = look_through(reader, rendering.frames)
     stretches = divide(film, count, carries=rendering.carries, lead_in=lead_in)
@@ -110,7 +117,7 @@ def render_in_segments(
     folder = output.absolute().with_name(f"{output.name}.segments")
     segments = [Segment(number, stretch, folder, output) for number, stretch in enumerate(stretches)]
     within = within_shots(stretches, film) if rendering.carries else []
-    with open_output(output, reader.info.frames_per_second) as sink:
+    with open_output(output, reader.info.frames_per_second, sound) as sink:
         assert isinstance(sink, FilmOutput)
         with _kept(folder, _plan(rendering, film, stretches)), workers:
             stats = _rendered(rendering, segments, workers)

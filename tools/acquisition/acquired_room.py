@@ -30,7 +30,7 @@ from counterlight.tools.acquisition.summary import AcquisitionReport, Black, Lig
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.colour.tiers import tier_of
-from counterlight.tools.factoring.factoring import Factoring, factored
+from counterlight.tools.factoring.factoring import Factoring, compacted, factored
 from counterlight.tools.solve.box import CHECK_EVERY, Box
 from counterlight.tools.transport.joining import joined, told_colours, with_monitors
 from counterlight.tools.transport.mask import directly_lit
@@ -118,8 +118,10 @@ def _part(done: Acquisition, projector: Shape, camera: Camera, plan: Plan, name:
     ambient = np.maximum(done.room.black, 0).astype(np.float32)
     shape = ambient.shape
     whole = replace(done.measured.transport, camera=shape[:2], projector=projector)
-    transport, factoring = factored(whole, ambient, plan.tolerance)
-    mask = _lit(transport, ambient, projector, done.room.rise_noise, views_of(camera)) & ~done.room.saturated
+    cameras = views_of(camera)
+    made_small = factored if cameras else compacted  # blocks are of one camera
+    transport, factoring = made_small(whole, ambient, plan.tolerance)
+    mask = _lit(transport, ambient, projector, done.room.rise_noise, cameras) & ~done.room.saturated
     if not mask.any():
         raise InputError(
             "no camera pixel is clearly lit by single projector pixels; lower --threshold, or darken the room"
@@ -177,7 +179,7 @@ def _report(parts: Sequence[_Part], found: SharedRoom, given: Response | None) -
     indices = transport.near.indices
     return AcquisitionReport(
         projectors=tuple(ProjectorReport(part.done, given, part.factoring) for part in parts),
-        covered=float(np.unique(indices).size / sum(each.pixels for each in room.projectors)),
+        covered=float(transport.lit.any(axis=1).sum() / sum(each.pixels for each in room.projectors)),
         lit=int(room.mask.sum()),
         camera_pixels=room.mask.size,
         entries=int(indices.size),

@@ -11,7 +11,7 @@ from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.tools.choices import TOLERANCE
-from counterlight.tools.factoring.factoring import Factoring, factored
+from counterlight.tools.factoring.factoring import Factoring, compacted
 from counterlight.tools.transport.arrays import opened_array
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.storage import read_matrix, write_transport
@@ -72,7 +72,7 @@ def import_matrices_room(
 ) -> MatricesSummary:
     """Read and check everything, then write the calibration `folder`; it appears whole or not at all.
 
-    tolerance : dB that pictures may lose where a dense T is factored, 0 for T as it is.
+    tolerance : dB that pictures may lose where a dense or a blurred T is factored, 0 for T as it is.
     Raises InputError for damaged files, wrong shapes, NaN, infinity, a channel without entries, an unlit camera.
     """
     with calibration.replacing(folder, force=force, inputs=files.all) as stage:
@@ -83,7 +83,7 @@ def import_matrices_room(
         transport = Transport.from_matrices(matrices, camera=camera.shape, projector=projector.shape)
         del matrices  # as large as T, which may be dense
         ambient = read_ambient(files.ambient, camera)
-        transport, factoring = factored(transport, ambient, tolerance)
+        transport, factoring = compacted(transport, ambient, tolerance)
         mask = _mask(files.mask, camera, projector, transport, ambient)
         named = folder.name if name is None else name
         write_transport(transport, stage)

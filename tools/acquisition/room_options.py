@@ -31,7 +31,7 @@ def given_or_assumed(text: str | None) -> Response:
     return ASSUMED if text is None else projector_response(text)
 
 
-DENSE = "a dense T becomes near light and factors of far light"
+DENSE = "a dense T becomes near light and factors of far light, what is blurred at many pixels blocks of pixels"
 
 
 def add_tolerance(parser: argparse.ArgumentParser, what: str = DENSE, default: float = TOLERANCE) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from counterlight import memory
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
+from counterlight.tools.blurring.blurring import Blurring, in_blocks
 from counterlight.tools.choices import MOST_TOLERANCE, TOLERANCE
 from counterlight.tools.factoring import passes
 from counterlight.tools.factoring.losses import asked, compensated, each_picture, measured
@@ -38,7 +39,8 @@ class Factoring:
     """What became of T; its text is a line of a command's output.
 
     before, after : numbers of a channel, near light's entries and what is not 0 in the factors.  near : entries.
-    losses : decibels of the camera's picture by the names of pictures.  reason : why T is as it was, or "".
+    losses : decibels of the camera's picture by the names of pictures.  reason : why T has no such factors, or "".
+    blurring : what became of rows that were still too long, None if there were none.
     """
 
     before: int
@@ -46,8 +48,13 @@ class Factoring:
     near: int
     losses: dict[str, float] = field(default_factory=dict)
     reason: str = ""
+    blurring: Blurring | None = None
 
     def __str__(self) -> str:
+        far = f"no far light in factors: {self.reason}" if self.reason and self.blurring else self._of_far_light()
+        return far if self.blurring is None else f"{far}; {self.blurring}"
+
+    def _of_far_light(self) -> str:
         if self.reason:
             return f"T is left as it is, {self.before} numbers a channel: {self.reason}"
         lost = ", ".join(f"{name} {loss:.3f}" for name, loss in self.losses.items())
@@ -83,6 +90,15 @@ def factored(
     if np.count_nonzero(rows.apart) > WORTH * before:
         return transport, replace(left, reason="its light is near light")
     return _Search(rows, ambient, tolerance).found(left)
+
+
+def compacted(
+    transport: Transport, ambient: NDArray[np.floating], tolerance: float = TOLERANCE
+) -> tuple[Transport, Factoring]:
+    """`factored`, and rows that are too long then, far out of focus, in blocks for what is left of the tolerance."""
+    made, done = factored(transport, ambient, tolerance)
+    made, blurring = in_blocks(made, tolerance - max(done.losses.values(), default=0.0))
+    return made, replace(done, blurring=blurring)
 
 
 def numbers(transport: Transport) -> int:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.maps.row_map import SparseRows, below_each_other
+from counterlight.tools.blurring.blurring import Blurring, too_long
 from counterlight.tools.blurring.choice import Choice, chosen_limit
 from counterlight.tools.blurring.pruning import in_cells
 from counterlight.tools.transport.blurred import BlurredLight, Pyramid
@@ -16,7 +17,6 @@ MAX_BYTES = 6 << 30
 BYTES_AN_ENTRY = 4 + 3 * 4
 SHORTER = 0.5  # than the rows so far the others may be
 ADVICE = "lower samples or the devices' sizes, or raise threshold"
-LONG, MANY = 64, 1 << 24  # entries, a camera pixel and in all: below either a T is played as it is
 
 
 @dataclass(frozen=True)
@@ -31,31 +31,13 @@ class Blur:
     tolerance: float
 
 
-@dataclass(frozen=True)
-class Blurring:
-    """What became of long rows: entries that there were, and that there are, near and blurred; dB by pictures."""
-
-    before: int
-    near: int
-    blurred: int
-    losses: dict[str, float]
-
-    def __str__(self) -> str:
-        lost = ", ".join(f"{name} {loss:.3f}" for name, loss in self.losses.items())
-        return (
-            f"blurred light in blocks of pixels: {self.before} entries a channel are {self.near} near and "
-            f"{self.blurred} blurred ones; where blur is widest pictures lose, in dB: {lost}"
-        )
-
-
 @dataclass
 class NearLight:
     """Collects T's entries; the three channels share one pattern.
 
     shape : (camera pixels, projector pixels).  threshold : entries below this share of their row's largest are left out
     where they are that small in every channel; what stays is scaled so that each row keeps its sum.
-    blur : what may be done where rows are long, once there are more than LONG entries a camera pixel and MANY in all;
-    None leaves them as they are.
+    blur : what may be done where rows are too long for maps; None leaves them as they are.
     """
 
     shape: tuple[int, int]
@@ -95,7 +77,7 @@ class NearLight:
         self._near.append(band)
         if self._choice is not None:
             self._put_in_cells(len(self._near) - 1)
-        elif self.blur is not None and self._before > max(LONG * self.shape[0], MANY):
+        elif self.blur is not None and too_long(self._before, self.shape[0]):
             self._choice = chosen_limit(self._near, self.blur.width, self.blur.raster, self.blur.tolerance)
             for number in range(len(self._near)):
                 self._put_in_cells(number)

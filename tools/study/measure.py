@@ -1,6 +1,6 @@
 """Every method on every picture of a room."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +11,7 @@ from counterlight.command import track
 from counterlight.errors import InputError
 from counterlight.tools.study.methods import OURS, PLAIN, UNCUT, Method, Prepared
 from counterlight.tools.study.pictures import Picture
+from counterlight.tools.study.questions.asked import Tried
 from counterlight.tools.study.results import Row, Skipped, label
 from counterlight.tools.study.rooms import StudyRoom, Task
 
@@ -26,6 +27,7 @@ class RoomFigures:
 
     seen : by picture and method, radiance over white, (camera height, camera width, 3), for the first pictures and the
     methods of SHOWN; "desired" is among them.
+    tried : what was asked of the user's own room, None for any other.
     """
 
     name: str
@@ -34,40 +36,55 @@ class RoomFigures:
     rows: list[Row] = field(default_factory=list)
     skipped: list[Skipped] = field(default_factory=list)
     seen: dict[str, dict[str, FloatArray]] = field(default_factory=dict)
+    tried: Tried | None = None
+
+    def take(self, more: "RoomFigures") -> None:
+        """Add what other methods gave in this room."""
+        self.rows += more.rows
+        self.skipped += more.skipped
+        self.tried = self.tried or more.tried
+        for picture, by_method in more.seen.items():
+            self.seen.setdefault(picture, {}).update(by_method)
+
+    def refuses(self, patience_s: float) -> str:
+        """Why knobs that invert the uncut transport once more are not turned here: it took longer; "" if it did not."""
+        took = max((row.preparation_s for row in self.rows if row.family == UNCUT), default=0.0)
+        if took <= patience_s:
+            return ""
+        return f"inverting the uncut transport takes {took:.0f} s, more than --patience {patience_s:g}"
+
+    def skip(self, methods: Iterable[Method], reason: str) -> None:
+        self.skipped += [Skipped(self.name, _label(method), reason) for method in methods]
 
 
-def study_room(
-    room: StudyRoom,
-    pictures: Sequence[Picture],
-    methods: Sequence[Method],
-    knobs: Sequence[Method] = (),
-    patience_s: float = 0.0,
-) -> RoomFigures:
-    """Run methods, then, where inverting the uncut transport took at most `patience_s`, knobs that do it again."""
-    found = RoomFigures(room.name, _facts(room), room.calibration.mask)
-    tasks = [Task(room, picture) for picture in pictures]
-    for task in tasks[:SHOWN_PICTURES]:
-        found.seen[task.name] = {"desired": task.desired / room.white}
-    for method in track(methods, f"{room.name}: methods", len(methods)):
-        _run(method, room, tasks, found)
-    took = max((row.preparation_s for row in found.rows if row.family == UNCUT), default=0.0)
-    if took > patience_s:
-        reason = f"inverting the uncut transport takes {took:.0f} s, more than --patience {patience_s:g}"
-        found.skipped += [Skipped(room.name, _label(method), reason) for method in knobs]
+class Trial:
+    """A room in which methods are tried on pictures, whose best drives are kept."""
+
+    def __init__(self, room: StudyRoom, pictures: Sequence[Picture]) -> None:
+        self.room, self._tasks = room, [Task(room, picture) for picture in pictures]
+
+    def of(self, methods: Iterable[Method]) -> RoomFigures:
+        room = self.room
+        found = RoomFigures(room.name, _facts(room), room.calibration.mask)
+        for task in self._tasks[:SHOWN_PICTURES]:
+            found.seen[task.name] = {"desired": task.desired / room.white}
+        for method in methods:
+            self._run(method, found)
         return found
-    for method in track(knobs, f"{room.name}: knobs", len(knobs)):
-        _run(method, room, tasks, found)
-    return found
+
+    def _run(self, method: Method, found: RoomFigures) -> None:
+        try:
+            for row, seen in _rows(method, method.prepare(self.room), self._tasks):
+                found.rows.append(row)
+                if row.picture in found.seen and row.label in SHOWN:
+                    found.seen[row.picture][row.label] = seen / self.room.white
+        except InputError as error:
+            found.skipped.append(Skipped(self.room.name, _label(method), str(error)))
 
 
-def _run(method: Method, room: StudyRoom, tasks: Sequence[Task], found: RoomFigures) -> None:
-    try:
-        for row, seen in _rows(method, method.prepare(room), tasks):
-            found.rows.append(row)
-            if row.picture in found.seen and row.label in SHOWN:
-                found.seen[row.picture][row.label] = seen / room.white
-    except InputError as error:
-        found.skipped.append(Skipped(room.name, _label(method), str(error)))
+def study_room(room: StudyRoom, pictures: Sequence[Picture], methods: Sequence[Method]) -> RoomFigures:
+    """Try methods in a room."""
+    return Trial(room, pictures).of(track(methods, f"{room.name}: methods", len(methods)))
 
 
 def _rows(method: Method, ready: Prepared, tasks: Sequence[Task]) -> Iterator[tuple[Row, FloatArray]]:

@@ -3,7 +3,7 @@
 A new method is a new object in `catalogue`: everything else, figures, plots and advice, follows from it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
@@ -65,7 +65,10 @@ class Prepared:
 
 
 class Method(Protocol):
-    """family, knob, value : where it stands in the plots.  command : how a user gets it."""
+    """family, knob, value : where it stands in the plots.  command : how a user gets it.
+
+    made : what is made for it before a picture comes, and serves those that follow with the same.
+    """
 
     @property
     def family(self) -> str: ...
@@ -75,6 +78,8 @@ class Method(Protocol):
     def value(self) -> float | None: ...
     @property
     def command(self) -> str: ...
+    @property
+    def made(self) -> Hashable: ...
 
     def prepare(self, room: StudyRoom) -> Prepared:
         """InputError in one line if the room is not for it."""
@@ -88,6 +93,7 @@ class Uncompensated:
     knob: str = ""
     value: float | None = None
     command: str = "counterlight build --inverse none; counterlight play --no-compensation"
+    made: str = "direct"
 
     def prepare(self, room: StudyRoom) -> Prepared:
         gl = _direct_bench(room, DIRECT.family, room.direct[0]).gl
@@ -107,6 +113,7 @@ class Direct:
     triangulated: bool = False
     knob: str = ""
     value: float | None = None
+    made: str = "direct"
 
     @property
     def command(self) -> str:
@@ -132,6 +139,10 @@ class Map:
     steps: int = 0
     start: str = "map"
     half: bool = False
+
+    @property
+    def made(self) -> Hashable:
+        return self.options
 
     @property
     def command(self) -> str:
@@ -178,6 +189,10 @@ class Solver:
     family: str
     knob: str = ""
     value: float | None = None
+
+    @property
+    def made(self) -> Hashable:
+        return self.name
 
     @property
     def command(self) -> str:

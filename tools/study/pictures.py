@@ -1,5 +1,6 @@
 """What is shown in a study: five pictures that stand for what people project, or the user's own files."""
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
@@ -59,6 +60,11 @@ def _film_lights(count: int) -> list[FloatArray]:
             lights.append(np.asarray(light, np.float64))
             reader.release(frame)
     return lights
+
+
+def anywhere(names: Sequence[str]) -> tuple[str, ...]:
+    """The same names, which mean the same pictures in whatever folder they are read."""
+    return tuple(name if name in BUILT_IN else os.path.abspath(name) for name in names)
 
 
 def _from_file(name: str) -> Picture:

@@ -2,41 +2,38 @@
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from counterlight.errors import InputError
+from counterlight.jobs.workers import Here, Workers
 from counterlight.tools.study import page, summary
 from counterlight.tools.study.frames import graphics, in_software
-from counterlight.tools.study.measure import NNLS_LABEL, OURS_LABEL, THESIS_LABEL, RoomFigures, study_room
-from counterlight.tools.study.methods import catalogue, uncut_knobs
-from counterlight.tools.study.pictures import Picture
-from counterlight.tools.study.questions.asked import Asked, ask
+from counterlight.tools.study.jobs import RoomSource, study_rooms, thesis_rows
+from counterlight.tools.study.measure import NNLS_LABEL, OURS_LABEL, THESIS_LABEL, RoomFigures
+from counterlight.tools.study.pictures import anywhere
+from counterlight.tools.study.questions.asked import Asked, answered
 from counterlight.tools.study.recommend import wishes
 from counterlight.tools.study.results import everywhere, write_csv, write_json
-from counterlight.tools.study.rooms import open_room
-from counterlight.tools.study.table_6_1 import OurRow, measure_at_thesis_size, table_row, to_markdown
+from counterlight.tools.study.table_6_1 import OurRow, table_row, to_markdown
 from counterlight.writing.outputs import check_folder, is_vacant, refuse_strangers
 from counterlight.writing.replacing import replacing_folder
 
 CSV, JSON, PAGE, SUMMARY, TABLE = "results.csv", "results.json", "report.html", "summary.md", "table_6_1.md"
 SOFTWARE_NOTE = "OpenGL runs on the processor here: milliseconds are of processor time, all cores together."
-ASKED_PICTURES = 3  # of the study's, in the user's own room
 HARDWARE_NOTE = "Milliseconds are wall-clock medians."
 
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """places : scenes and calibrations.  size : (height, width) that a scene's camera is fitted into.
-
-    patience_s : see measure.study_room.  table_6_1 : also measure the thesis' scenes at its sizes.
+    """places : scenes and calibrations.  pictures : names.  size : (height, width) that a scene's camera is fitted
+    into.  patience_s : see jobs.study_rooms.  table_6_1 : also measure the thesis' scenes at its sizes.
     colour : of choices.COLOURS.
     """
 
     places: Sequence[Path]
-    pictures: Sequence[Picture]
+    pictures: Sequence[str]
     size: tuple[int, int]
     patience_s: float
     table_6_1: bool = False
@@ -64,34 +61,36 @@ def _refuse_other(folder: Path) -> None:
     refuse_strangers(folder, (CSV, JSON, PAGE, SUMMARY, TABLE, "*.png"), "a study's report")
 
 
-def run_study(options: StudyOptions, folder: Path) -> Iterator[str]:
-    """Study, write the report to `folder` and yield what to print, line by line."""
+def run_study(options: StudyOptions, folder: Path, workers: Workers | None = None) -> Iterator[str]:
+    """Study, write the report to `folder` and yield what to print, line by line.
+
+    workers : who opens rooms and tries methods; None for this process.
+    """
     check_output(folder)
     with replacing_folder(folder, _refuse_other) as stage:
-        yield from _study(options, stage)
+        yield from _study(options, stage, workers)
     yield f"report: {folder / PAGE}"
 
 
-def _study(options: StudyOptions, stage: Path) -> Iterator[str]:
+def _study(options: StudyOptions, stage: Path, workers: Workers | None) -> Iterator[str]:
     yield f"OpenGL: {graphics()}"
     figures: list[RoomFigures] = []
     asked: list[Asked] = []
-    for place in options.places:
-        with closing(open_room(place, options.size, options.colour)) as room:
-            found = study_room(room, options.pictures, catalogue(), uncut_knobs(), options.patience_s)
-            if room.given is not None and len(room.tier.calibration.cameras) == 1:
-                asked.append(ask(room, room.given, options.pictures[:ASKED_PICTURES], found.rows, options.colour))
-        figures.append(found)
-        yield f"{found.name}: {len(found.rows)} figures, {len(found.skipped)} methods not for it"
-        if asked and asked[-1].room == found.name:
-            yield asked[-1].verdict
-            yield from (f"{question.title}: {question.verdict}" for question in asked[-1].questions)
+    told = options.size, options.colour, anywhere(options.pictures), graphics()
+    sources = [RoomSource(place.absolute(), *told) for place in options.places]
+    # Here a room after the other, each opened once; elsewhere all at a time.
+    for some in [sources] if workers else [[source] for source in sources]:
+        for found in study_rooms(some, options.patience_s, workers or Here()):
+            figures.append(found)
+            yield f"{found.name}: {len(found.rows)} figures, {len(found.skipped)} methods not for it"
+            if found.tried is not None:
+                asked.append(answered(found.name, found.tried, found.rows))
+                yield asked[-1].verdict
+                yield from (f"{question.title}: {question.verdict}" for question in asked[-1].questions)
     table = [table_row(found) for found in figures]
     if options.table_6_1:
-        table = []
-        for row in measure_at_thesis_size(options.pictures[0]):
-            table.append(row)
-            yield f"{row.scene} at {row.camera}, {row.projector}: measured for Table 6.1"
+        table = thesis_rows(anywhere(options.pictures)[0], workers or Here())
+        yield from (f"{row.scene} at {row.camera}, {row.projector}: measured for Table 6.1" for row in table)
     yield from write_study(stage, figures, table, asked)
 
 

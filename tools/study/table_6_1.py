@@ -1,6 +1,6 @@
 """Table 6.1 of the thesis, row by row, beside what this program takes for the same scenes."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.solve.box import Box
 from counterlight.tools.study.measure import RoomFigures, study_room
 from counterlight.tools.study.methods import CUT, PLAIN, TRIANGULATED, Map, Method, Solver
-from counterlight.tools.study.pictures import Picture
+from counterlight.tools.study.pictures import Picture, find_pictures
 from counterlight.tools.study.questions.acquiring import MULTIPLEXED, acquire_again, tier_of_acquired
 from counterlight.tools.study.results import Row, label
 from counterlight.tools.study.rooms import StudyRoom, Task, processor_seconds, simulated_room
@@ -140,16 +140,18 @@ def acquired(room: StudyRoom, picture: Picture) -> Spent:
     return Spent(seconds, task.judge(drive).below_optimum, done.pictures)
 
 
-def measure_at_thesis_size(picture: Picture) -> Iterator[OurRow]:
-    """The scenes of the table that are shipped, one after another."""
-    shipped = shipped_scenes()
-    for row in THESIS_ROWS:
-        if row.scene not in shipped:
-            continue
-        scene = load_scene(shipped[row.scene])
-        camera, projector = (FOCUS_CAMERA, FOCUS_PROJECTOR) if row.scene == "two_planes" else (CAMERA, PROJECTOR)
-        with closing(simulated_room(scene.resized(camera, projector), row.scene)) as room:
-            yield table_row(study_room(room, [picture], METHODS), acquired(room, picture))
+def scenes_of_the_table() -> list[str]:
+    """Those that are shipped."""
+    return [row.scene for row in THESIS_ROWS if row.scene in shipped_scenes()]
+
+
+def measure_at_thesis_size(scene: str, picture: str) -> OurRow:
+    """One of them.  picture : by name."""
+    camera, projector = (FOCUS_CAMERA, FOCUS_PROJECTOR) if scene == "two_planes" else (CAMERA, PROJECTOR)
+    resized = load_scene(shipped_scenes()[scene]).resized(camera, projector)
+    with closing(simulated_room(resized, scene)) as room:
+        (shown,) = find_pictures([picture])
+        return table_row(study_room(room, [shown], METHODS), acquired(room, shown))
 
 
 def to_markdown(ours: Sequence[OurRow]) -> str:

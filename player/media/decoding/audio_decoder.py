@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from counterlight.errors import InputError
 from counterlight.media.decoding.child import limit_memory, private_stdout
 from counterlight.media.decoding.ffmpeg_log import log_natively
-from counterlight.media.decoding.opening import open_file
+from counterlight.media.decoding.opening import first_picture_s, open_file
 from counterlight.media.medium import Medium
 
 RATE, CHANNELS = 48_000, 2
@@ -65,7 +65,7 @@ def decoded(medium: Medium, time_s: float, speed: float) -> Iterator[Samples]:
         if not container.streams.audio:
             return
         stream = container.streams.audio[0]
-        origin_s = _origin_s(container)
+        origin_s = first_picture_s(container)
         if time_s > 0:
             container.seek(int((time_s + origin_s) * av.time_base))
         resampler = av.AudioResampler(format="flt", layout="stereo", rate=RATE)
@@ -83,14 +83,6 @@ def decoded(medium: Medium, time_s: float, speed: float) -> Iterator[Samples]:
                 if early < len(pairs):
                     yield from tempo(pairs[early:])
         yield from tempo(None)
-
-
-def _origin_s(container: av.container.InputContainer) -> float:
-    """Time stamp of the first picture, which the player's times count from."""
-    video = container.streams.best("video")
-    if video is None or video.start_time is None or video.time_base is None:
-        return 0.0
-    return float(video.start_time * video.time_base)
 
 
 class _Tempo:

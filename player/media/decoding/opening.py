@@ -58,6 +58,14 @@ def open_live(live: LiveAddress, options: Mapping[str, str]) -> InputContainer:
     return _open(live.address, formats, options, live.protocols, live.format, (OPEN_S, READ_S))
 
 
+def first_picture_s(container: InputContainer) -> float:
+    """Time stamp of the first picture, which the player's times count from."""
+    video = container.streams.best("video")
+    if video is None or video.start_time is None or video.time_base is None:
+        return 0.0
+    return float(video.start_time * video.time_base)
+
+
 def reason(error: BaseException) -> str:
     """FFmpeg's words without the path and the errno, in one line."""
     if isinstance(error, av.ArgumentError):

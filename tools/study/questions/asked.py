@@ -3,13 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from counterlight.tools.study.pictures import Picture
 from counterlight.tools.study.questions import acquiring, coarser, colours, drifting, figures, moving
 from counterlight.tools.study.questions.answers import Question, decibels
-from counterlight.tools.study.questions.place import Place, place_of
+from counterlight.tools.study.questions.place import Place
 from counterlight.tools.study.results import Row, means
-from counterlight.tools.study.rooms import StudyRoom
-from counterlight.tools.transport.transport import Transport
 
 PLAIN, DIRECT = "uncompensated", "direct"
 
@@ -27,27 +24,41 @@ class Asked:
     size: str
 
 
-def ask(room: StudyRoom, transport: Transport, pictures: Sequence[Picture], rows: Sequence[Row], colour: str) -> Asked:
-    """Ask everything.  transport : of white light.  rows : the figures of the methods in this room."""
-    place = place_of(room.calibration, transport, pictures, colour)
+@dataclass(frozen=True)
+class Tried:
+    """What is answered by trying, without figures of methods.
+
+    reached : PSNR of each picture by its best drive.  size : of the room in which it was tried, in words.
+    """
+
+    reached: dict[str, float]
+    questions: tuple[Question, ...]
+    size: str
+
+
+def tried(place: Place) -> Tried:
+    """Try whatever a question needs to be tried."""
     found = [
-        figures.steps(rows),
-        figures.maps(rows),
         moving.film(place),
         acquiring.pictures(place),
         coarser.sizes(place),
         drifting.drift(place),
         colours.colours(place),
     ]
-    questions = tuple(question for question in found if question is not None)
-    return Asked(room.name, _overall(place, rows), questions, place.size)
+    names = (picture.name for picture in place.pictures)
+    reached = dict(zip(names, place.reached, strict=True))
+    return Tried(reached, tuple(question for question in found if question is not None), place.size)
 
 
-def _overall(place: Place, rows: Sequence[Row]) -> str:
+def answered(room: str, found: Tried, rows: Sequence[Row]) -> Asked:
+    """Every answer.  rows : the figures of the methods in this room."""
+    questions = figures.steps(rows), figures.maps(rows), *found.questions
+    return Asked(room, _overall(found, rows), questions, found.size)
+
+
+def _overall(found: Tried, rows: Sequence[Row]) -> str:
     by_label = {mean.label: mean.below_optimum_db for mean in means(rows)}
-    reached = ", ".join(
-        f"{value:.1f} dB ({picture.name})" for value, picture in zip(place.reached, place.pictures, strict=True)
-    )
+    reached = ", ".join(f"{value:.1f} dB ({name})" for name, value in found.reached.items())
     worse = [
         f"{words} is {decibels(by_label[name])} below that"
         for name, words in ((PLAIN, "an uncorrected picture"), (DIRECT, "direct mapping"))

@@ -1,0 +1,101 @@
+"""The process that copies sound: `python -m counterlight.media.decoding.sound_copier`, started by media/sound_track.py.
+
+Reads one JSON line {"medium": …, "output": path, "start_s": t} from stdin, copies the packets of the medium's first
+sound track as they are, and writes one to stdout, behind empty ones as signs of life: {"copied": whether there is
+sound, "reason": why it cannot be}.
+"""
+
+import json
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import IO
+
+import av
+from av.audio.stream import AudioStream
+from av.container import InputContainer
+
+from counterlight.errors import InputError
+from counterlight.media.decoding.child import limit_memory, private_stdout
+from counterlight.media.decoding.ffmpeg_log import log_natively
+from counterlight.media.decoding.opening import first_picture_s, open_file, reason
+from counterlight.media.medium import Medium
+
+SIGN_EVERY_S = 1.0
+
+
+def copy(medium: Medium, output: Path, start_s: float, alive: Callable[[], None]) -> bool:
+    """Write the track to `output`, in NUT, which holds any codec at its own times; False if there is none.
+
+    Times count from the medium's first picture; what ends before `start_s` is left out.
+    alive : called with each packet.  Raises FFmpeg's errors.
+    """
+    with open_file(medium, Path(medium.name)) as source:
+        if not source.streams.audio:
+            return False
+        track, origin_s = source.streams.audio[0], first_picture_s(source)
+        if start_s > 0:
+            source.seek(int((start_s + origin_s) * av.time_base))
+        with av.open(f"file:{output}", "w", format="nut") as sink:
+            stream = sink.add_stream_from_template(track)
+            for packet in _timed(source, track, origin_s, start_s):
+                packet.stream = stream
+                sink.mux(packet)
+                alive()
+    return True
+
+
+def _timed(
+    source: InputContainer, track: AudioStream, origin_s: float, start_s: float
+) -> "Iterator[av.Packet[AudioStream]]":
+    """Packets from `start_s` on, at times from the first picture on; none before it: not every container holds them."""
+    shift = round(origin_s / track.time_base) if track.time_base else 0
+    for packet in source.demux(track):
+        if packet.pts is None or packet.dts is None or not packet.size:
+            continue
+        packet.pts, packet.dts = packet.pts - shift, packet.dts - shift
+        if packet.dts >= 0 and (packet.pts + (packet.duration or 0)) * packet.time_base > start_s:
+            yield packet
+
+
+class _Life:
+    """An empty line to the parent every now and then."""
+
+    def __init__(self, pipe: IO[bytes]) -> None:
+        self._pipe, self._told_s = pipe, time.monotonic()
+
+    def __call__(self) -> None:
+        if time.monotonic() - self._told_s > SIGN_EVERY_S:
+            self._told_s = time.monotonic()
+            self._pipe.write(b"\n")
+            self._pipe.flush()
+
+
+def main() -> None:
+    answer = private_stdout()
+    told = json.loads(sys.stdin.buffer.readline())
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    medium, output = Medium(**told["medium"]), Path(told["output"])
+    try:
+        found = {"copied": copy(medium, output, told["start_s"], _Life(answer)), "reason": ""}
+    except (av.FFmpegError, InputError, OSError, ValueError) as error:
+        found = {"copied": False, "reason": reason(error)}
+    answer.write(json.dumps(found).encode() + b"\n")
+    answer.flush()
+
+
+def _end_with_parent() -> None:
+    sys.stdin.buffer.read()
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    limit_memory()
+    log_natively(av.logging.PANIC)
+    main()
+    os._exit(0)

@@ -1,0 +1,101 @@
+"""The sound of a medium as it is, for a film that is written: its packets, copied by a process of their own."""
+
+import json
+import select
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import av
+from av.container import OutputContainer
+
+from counterlight.errors import InputError
+from counterlight.media.decoding.child import start_child
+from counterlight.media.decoding.opening import open_file
+from counterlight.media.medium import Medium
+
+PATIENCE_S = 30.0  # with a copier that shows no sign of life
+
+
+@contextmanager
+def copied_sound(medium: Medium, start_s: float, tell: Callable[[str], None]) -> Iterator[Path | None]:
+    """A file that holds a medium's sound from `start_s` on, as long as the block runs; None without.
+
+    tell : takes a line that says why there is none of a medium that has sound.
+    """
+    with tempfile.TemporaryDirectory(prefix="counterlight-") as folder:
+        path = Path(folder) / "sound.nut"
+        found = _copied({"medium": asdict(medium), "output": str(path), "start_s": start_s})
+        if found["reason"]:
+            tell(f"{medium}: its sound cannot be copied ({found['reason']}); the output has none")
+        yield path if found["copied"] else None
+
+
+def _copied(order: dict[str, Any]) -> dict[str, Any]:
+    child = start_child("counterlight.media.decoding.sound_copier", subprocess.DEVNULL)
+    assert child.stdin is not None
+    assert child.stdout is not None
+    try:
+        with suppress(BrokenPipeError):
+            child.stdin.write(json.dumps(order).encode() + b"\n")
+            child.stdin.flush()
+        line = b"\n"
+        while line == b"\n":
+            heard, _, _ = select.select([child.stdout], [], [], PATIENCE_S)
+            line = child.stdout.readline() if heard else b""
+    finally:
+        child.kill()
+        child.stdin.close()
+        child.stdout.close()
+        child.wait()
+    found: dict[str, Any] = json.loads(line) if line else {"copied": False, "reason": "it cannot be read"}
+    return found
+
+
+class SoundTrack:
+    """Sound on its way into a film, beside its pictures.
+
+    path : of copied_sound.  film : the container; its pictures' times count from the first one that is written.
+    Raises InputError if that kind of container does not hold such sound.
+    """
+
+    def __init__(self, path: Path, film: OutputContainer) -> None:
+        self._film = film
+        self._source = open_file(Medium(str(path)), path)
+        track = self._source.streams.audio[0]
+        try:
+            self._stream = film.add_stream_from_template(track)
+        except (ValueError, av.FFmpegError):
+            self._source.close()
+            name = track.codec_context.name
+            raise InputError(f"{film.format.name} holds no {name} sound; the output has none, .mkv takes it") from None
+        self._packets = (packet for packet in self._source.demux(track) if packet.size)
+        self._waiting = next(self._packets, None)
+
+    def follow(self, first_s: float, until_s: float) -> None:
+        """Write what begins from `first_s`, the first picture's time, on and before `until_s`; call it in order."""
+        while self._waiting is not None and self._time(self._waiting) < until_s:
+            packet, self._waiting = self._waiting, next(self._packets, None)
+            assert packet.pts is not None
+            if self._time(packet) >= first_s:
+                packet.pts -= round(Fraction(first_s) / packet.time_base)
+                packet.dts = packet.pts
+                packet.stream = self._stream
+                self._film.mux(packet)
+
+    def _time(self, packet: "av.Packet[Any]") -> Fraction:
+        return (packet.pts or 0) * packet.time_base
+
+    def __enter__(self) -> "SoundTrack":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._source.close()

@@ -1,0 +1,144 @@
+"""A study in jobs, each a room and the methods that share what is made for them: done here, or by other processes.
+
+A process that does several jobs of a room opens it once. What a job finds does not depend on who does it, times apart.
+"""
+
+import io
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing, redirect_stderr
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import groupby
+from pathlib import Path
+from threading import Lock
+from typing import TypeVar
+from uuid import uuid4
+
+from counterlight.calibration import TOML
+from counterlight.command import track
+from counterlight.errors import InputError
+from counterlight.jobs.workers import Here, Workers
+from counterlight.tools.study.frames import graphics
+from counterlight.tools.study.measure import RoomFigures, Trial
+from counterlight.tools.study.methods import Method, catalogue, uncut_knobs
+from counterlight.tools.study.pictures import BUILT_IN, find_pictures
+from counterlight.tools.study.questions.asked import tried
+from counterlight.tools.study.questions.place import place_of
+from counterlight.tools.study.rooms import open_room
+from counterlight.tools.study.table_6_1 import OurRow, measure_at_thesis_size, scenes_of_the_table
+
+ASKED_PICTURES = 3  # of the study's, in the user's own room
+T = TypeVar("T")
+_opened: "dict[RoomSource, Trial]" = {}  # the last one
+_alone = Lock()  # of a worker's threads: a room keeps the maps made last, and OpenGL is one thread's
+
+
+@dataclass(frozen=True)
+class RoomSource:
+    """Where a process finds a room, and what is shown there.
+
+    place, size, colour : as open_room takes them.  pictures : names by pictures.anywhere.  opengl : what times frames.
+    run : no other run's, so that no process takes a room that it has opened for one that has changed meanwhile.
+    """
+
+    place: Path
+    size: tuple[int, int]
+    colour: str
+    pictures: tuple[str, ...]
+    opengl: str
+    run: str = field(default_factory=lambda: uuid4().hex)
+
+
+Job = tuple[RoomSource, Callable[[], RoomFigures]]
+
+
+def study_rooms(sources: Sequence[RoomSource], patience_s: float, workers: Workers) -> list[RoomFigures]:
+    """Every method in every room, what is asked of one's own, and knobs.
+
+    patience_s : knobs that invert the uncut transport once more are turned only where that took at most so long.
+    """
+    jobs = [(source, partial(_ask, source)) for source in sources if source.place.is_dir()]
+    found = _gathered([*_methods(sources, catalogue()), *jobs], workers, "methods")
+    knobs = uncut_knobs()
+    patient = [source for source in sources if not found[source].refuses(patience_s)]
+    turned = _gathered(_methods(patient, knobs), workers, "knobs")
+    for source, figures in found.items():
+        if source in turned:
+            figures.take(turned[source])
+        else:
+            figures.skip(knobs, figures.refuses(patience_s))
+    return [found[source] for source in sources]
+
+
+def thesis_rows(picture: str, workers: Workers) -> list[OurRow]:
+    """The scenes of Table 6.1 at the sizes of the thesis.  picture : by name."""
+    jobs = [partial(measure_at_thesis_size, scene, picture) for scene in scenes_of_the_table()]
+    return _in_order(jobs, workers, "Table 6.1")
+
+
+def files_of(places: Sequence[Path], pictures: Sequence[str]) -> list[Path]:
+    """What every process has to see: scenes, what vouches for a calibration's files, pictures."""
+    rooms = [place / TOML if place.is_dir() else place for place in places]
+    return rooms + [Path(name) for name in pictures if name not in BUILT_IN]
+
+
+def _methods(sources: Sequence[RoomSource], methods: Sequence[Method]) -> list[Job]:
+    groups = [tuple(group) for _, group in groupby(methods, lambda method: method.made)]
+    return [(source, partial(_try, source, group)) for source in sources for group in groups]
+
+
+def _gathered(jobs: Sequence[Job], workers: Workers, what: str) -> Mapping[RoomSource, RoomFigures]:
+    """What all jobs of a room found, in their order."""
+    rooms = dict.fromkeys(source.place.stem for source, _ in jobs)
+    parts = _in_order([job for _, job in jobs], workers, f"{', '.join(rooms)}: {what}")
+    found: dict[RoomSource, RoomFigures] = {}
+    for (source, _), part in zip(jobs, parts, strict=True):
+        if source in found:
+            found[source].take(part)
+        else:
+            found[source] = part
+    return found
+
+
+def _in_order(jobs: Sequence[Callable[[], T]], workers: Workers, what: str) -> list[T]:
+    done = workers.completed([job if isinstance(workers, Here) else partial(_quietly, job) for job in jobs])
+    parts = dict(track(done, what, len(jobs)))
+    return [parts[number] for number in range(len(jobs))]
+
+
+def _quietly(job: Callable[[], T]) -> T:
+    """Without progress on a terminal where others report theirs."""
+    with redirect_stderr(io.StringIO()):
+        return job()
+
+
+def _try(source: RoomSource, methods: Sequence[Method]) -> RoomFigures:
+    with _alone:
+        trial = _trial(source)
+        with closing(trial.room):
+            return trial.of(methods)
+
+
+def _ask(source: RoomSource) -> RoomFigures:
+    """What is asked of one's own room, of one camera."""
+    with _alone:
+        trial = _trial(source)
+        room, found = trial.room, trial.of(())
+        if room.given is not None and len(room.calibration.cameras) == 1:
+            pictures = find_pictures(source.pictures[:ASKED_PICTURES])
+            found.tried = tried(place_of(room.calibration, room.given, pictures, source.colour))
+        return found
+
+
+def _trial(source: RoomSource) -> Trial:
+    """The room, opened; InputError where frames are not timed on what the other figures' are."""
+    if source not in _opened:
+        if graphics() != source.opengl:
+            raise InputError(
+                f"--cluster: a worker's OpenGL is {graphics()}, here it is {source.opengl}; times of frames would not "
+                "compare; use machines of one kind"
+            )
+        _opened.clear()
+        room = open_room(source.place, source.size, source.colour)
+        _opened[source] = Trial(room, find_pictures(source.pictures))
+    return _opened[source]
