@@ -107,7 +107,7 @@ class Places:
         more of each, so that it is one where four lie on a circle.
         """
         at = (self._at - self._at.mean(axis=0)) / self._extent
-        lifted = (at**2).sum(axis=1) + LIFT * (np.arange(len(at)) * (np.sqrt(5) - 1) / 2 % 1)
+        lifted = (at**2).sum(axis=1) + LIFT * np.random.default_rng(0).uniform(size=len(at))
         triples = np.array(list(combinations(range(len(at)), 3)), np.int64).reshape(-1, 3)
         sides = at[triples[:, :2]] - at[triples[:, 2:]]
         area = np.linalg.det(sides)
