@@ -1,6 +1,8 @@
 """Views of one room from several places: shares of viewers, drives between views, what is read and refused."""
 
+import json
 import shutil
+import socket
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -15,13 +17,12 @@ from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.maps.room_maps import RefinementMaps
 from counterlight.media.frames import radiance_frame
-from counterlight.media.video import Frame
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.reference_renderer import ReferenceRenderer
 from counterlight.pipeline.renderer import Renderer
-from counterlight.pipeline.room import Room
 from counterlight.pipeline.views_together import check_views, with_shared_darkness
+from counterlight.show.control import ControlServer
 from counterlight.show.registry import CommandError
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.transport.joining_cameras import CameraOptions
@@ -30,10 +31,11 @@ from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport
 from counterlight.viewpoints import Places, Viewpoint, read_places
 from tests.camera_rooms import FIRST, LEFT, calibration_of, homography, transport_seen
-from tests.refined_rooms import PhysicalRoom, physical_room
-from tests.rooms import CAMERA, rgb_frame
+from tests.refined_rooms import PhysicalRoom
+from tests.rooms import CAMERA
 from tests.scenes import SCENES
 from tests.stage import Stage
+from tests.viewed_rooms import as_set, letters, two_views
 
 SQUARE = Places(((0, 0), (1, 0), (0, 1), (1, 1)))
 LINE = Places(((0.5, 1), (-0.5, 0), (0, 0.5)))
@@ -92,22 +94,11 @@ def test_several_viewers_share_and_all_stand_at_the_views() -> None:
 
 @pytest.fixture(scope="module")
 def views() -> list[PhysicalRoom]:
-    """Two rooms of the same size whose T, ambient light and masks are unlike, as two views' are, only more so."""
-    return [physical_room(np.random.default_rng(seed), far=False) for seed in (1, 2)]
-
-
-def as_set(views: list[PhysicalRoom], start: str = "previous") -> Room:
-    first, second = (replace(view.room, start=start) for view in views)
-    return replace(first, others=(second,), places=Places(((0, 0), (1, 0))))
-
-
-def picture(seed: int = 0) -> Frame:
-    codes = np.random.default_rng(seed).choice([0, 90, 255], (*CAMERA, 3)).astype(np.uint8)
-    return rgb_frame(codes)
+    return two_views()
 
 
 def drawn(renderer: Renderer, viewpoint: Viewpoint, steps: int) -> np.ndarray:
-    frame = picture()
+    frame = letters()
     renderer.open(frame.format)
     renderer.adjust(Adjustments(viewpoint=viewpoint))
     renderer.upload(frame)
@@ -149,7 +140,7 @@ def test_a_pass_over_the_place_moves_the_drive_without_jumps(views: list[Physica
     drawn(renderer, ((0, 0),), 64)
     for place in np.linspace(0, 1, 121):
         renderer.adjust(Adjustments(viewpoint=((float(place), 0),)))
-        renderer.upload(picture())
+        renderer.upload(letters())
         renderer.render("projector", compensate=True, steps=4)
         drives.append(renderer.linear().astype(np.float64))
     changes = [float(np.sqrt(np.mean((b - a) ** 2))) for a, b in pairwise(drives)]
@@ -167,7 +158,7 @@ def test_no_certificate_is_given_between_views(views: list[PhysicalRoom]) -> Non
 
 
 def test_the_view_shown_is_that_of_the_largest_share(views: list[PhysicalRoom]) -> None:
-    renderer, frame = CpuRenderer(as_set(views)), picture()
+    renderer, frame = CpuRenderer(as_set(views)), letters()
     renderer.open(frame.format)
     for place, view in ((0.4, 0), (0.6, 1)):
         renderer.adjust(Adjustments(viewpoint=((place, 0),)))
@@ -242,6 +233,30 @@ def test_a_tracker_sets_the_viewpoint(said: object, read: object) -> None:
     place = stage.commands.get("viewpoint")
     assert (place if read == "all" else [list(each) for each in place]) == read
     assert stage.screen.adjusted[-1].viewpoint == place
+
+
+def test_a_tracker_sets_it_over_the_socket_sixty_times_a_second(tmp_path: Path) -> None:
+    """Each is answered, the last one counts, and none reads or makes the room again."""
+    stage, path = Stage(), tmp_path / "show.socket"
+    stage.advance(0.05)
+    server = ControlServer(path)
+    try:
+        with socket.socket(socket.AF_UNIX) as client:
+            client.connect(f"{path}")
+            answers = b""
+            for number in range(120):
+                ask = {"command": ["set_property", "viewpoint", [number / 100, 0.5]], "request_id": number}
+                client.sendall(json.dumps(ask).encode() + b"\n")
+                server.poll(stage.commands)
+                stage.advance(1 / 60)
+                answers += client.recv(1 << 16)
+    finally:
+        server.close()
+    errors = [json.loads(line)["error"] for line in answers.splitlines() if b"request_id" in line]
+    assert errors == ["success"] * 120
+    assert stage.commands.get("viewpoint") == ((1.19, 0.5),)
+    assert [each.viewpoint for each in stage.screen.adjusted][-2:] == [((1.18, 0.5),), ((1.19, 0.5),)]
+    assert len(stage.screen.shown) >= 120  # drawn at every step
 
 
 @pytest.mark.parametrize("said", ["", "left", "1,2,3", "nan", None, True, [], [[1, 2, 3]], [[True]], "1e9", {"x": 1}])
