@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
@@ -31,6 +32,7 @@ from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport
 from counterlight.viewpoints import Places, Viewpoint, read_places
 from tests.camera_rooms import FIRST, LEFT, calibration_of, homography, transport_seen
+from tests.programs import fail, succeed
 from tests.refined_rooms import PhysicalRoom
 from tests.rooms import CAMERA
 from tests.scenes import SCENES
@@ -410,3 +412,24 @@ def test_a_scene_s_camera_stands_at_each_viewpoint_and_looks_at_one_point(tmp_pa
         np.testing.assert_allclose(depth, np.linalg.norm(camera.position))
         axes = np.stack([camera.right, camera.up, camera.forward])
         np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+
+
+def test_from_a_scene_to_a_picture_between_views(tmp_path: Path) -> None:
+    """Whole commands: a set is simulated, built, and played from between; the three viewpoints get three pictures."""
+    (tmp_path / "room.toml").write_text(
+        (SCENES / "wall.toml").read_text() + "\n[viewpoints]\nat = [[-0.3, 0], [0.3, 0]]\n"
+    )
+    sizes = "--camera", "48x32", "--projector", "32x20"
+    said = succeed("simulate", tmp_path / "room.toml", *sizes, "-o", tmp_path / "set")
+    assert f"{tmp_path / 'set'}: 2 views of 48x32, screen " in said
+    assert "view 2 of 2" in succeed("build", tmp_path / "set", "--inverse", "none")
+    cv2.imwrite(f"{tmp_path / 'grey.png'}", np.full((32, 48, 3), 120, np.uint8))
+    shown = []
+    for place in ("-0.3", "0", "0.3"):
+        output = tmp_path / f"{len(shown)}.png"
+        succeed("play", tmp_path / "set", tmp_path / "grey.png", f"--viewpoint={place}", "--output", output)
+        shown.append(cv2.imread(f"{output}").astype(float))
+    lit = np.minimum(shown[0], shown[2]) > 0
+    between = np.abs(shown[1] - (shown[0] + shown[2]) / 2)[lit]
+    assert np.median(between) < 2  # code values: a matt wall looks alike from both sides
+    assert "expected X or X,Y, found '1,2,3'" in fail("join", tmp_path, "--at", "1,2,3", "-o", tmp_path / "other")

@@ -29,6 +29,10 @@ def _main(argv: Sequence[str] | None) -> None:
 
     named = {"name": options.name, "force": options.force}
     if options.at:
+        if options.cameras:
+            raise InputError(
+                "--cameras makes one room of all, --at a set of views for viewers that move; leave one out"
+            )
         from counterlight.tools.transport.joining_views import join_views
 
         asked = CameraOptions(options.screen, options.keep_exposures, options.tolerance)

@@ -101,11 +101,16 @@ class Line:
         scene = _scene(subject, folder, self.positions)
         self._codes = np.rint(255 * _srgb(BUILT_IN["photograph"](CAMERA))).astype(np.uint8)
         self._picture = Response("srgb").to_linear(self._codes / 255)
-        views = scene.views
-        self.seen = [self._at(view, views[0]) for view in views]
+        self._views, self._seen = scene.views, dict[int, Seen]()
         self.frame: Frame = rgb_frame(self._codes)
 
-    def _at(self, view: Scene, reference: Scene) -> Seen:
+    def at(self, number: int) -> Seen:
+        """At a viewpoint, from 0; simulated when first asked for."""
+        if number not in self._seen:
+            self._seen[number] = self._made(self._views[number], self._views[0])
+        return self._seen[number]
+
+    def _made(self, view: Scene, reference: Scene) -> Seen:
         result = simulate(view, chosen(needs_of(view), ["inter_reflection"]))
         room = simulated_calibration(view, result)
         room = replace(room, screen=Screen(CAMERA, (CAMERA,), _looks_at(view, reference)))
@@ -167,7 +172,7 @@ class Player:
 
 def interpolated(line: Line, views: Sequence[int], shares: FloatArray) -> FloatArray:
     """The best drive for Σ λ T and Σ λ e of the views around, row by row of the screen, solved to the end."""
-    parts = [(share, line.seen[view]) for share, view in zip(shares, views, strict=True) if share > 0]
+    parts = [(share, line.at(view)) for share, view in zip(shares, views, strict=True) if share > 0]
     onto = [(share, seen, *_onto_screen(seen.room)) for share, seen in parts]
     total = np.sum([share * known for share, _, _, known in onto], axis=0)
     scale = sparse.diags_array(np.divide(1, total, out=np.zeros_like(total), where=total > 0))
@@ -201,7 +206,7 @@ def _onto_screen(room: Calibration) -> tuple[Csr, FloatArray]:
 
 def own_screen(line: Line, views: Sequence[int]) -> list[tuple[Calibration, Transport]]:
     """The views as `join --at` places them, by T alone; the screen is the first one's view, as the truth's is."""
-    rooms = [(replace(line.seen[view].room, screen=None), line.seen[view].transport) for view in views]
+    rooms = [(replace(line.at(view).room, screen=None), line.at(view).transport) for view in views]
     joined, _ = on_shared_screen(*zip(*rooms, strict=True), "set", CameraOptions(keep_exposures=True))
     screens = [room.screen for room, _ in joined if room.screen is not None]
     low = 0.5 - screens[0].positions[0, 0]
@@ -215,7 +220,7 @@ def placing_error(line: Line, views: Sequence[int]) -> FloatArray:
     """How far the pixels of the views that count are from where geometry says that they look, in the first's pixels."""
     found = []
     for view, (room, _) in zip(views, own_screen(line, views), strict=True):
-        truth = line.seen[view].room.screen
+        truth = line.at(view).room.screen
         assert room.screen is not None
         assert truth is not None
         found.append(np.linalg.norm(room.screen.positions - truth.positions, axis=2)[room.mask])
@@ -224,9 +229,9 @@ def placing_error(line: Line, views: Sequence[int]) -> FloatArray:
 
 def compared(line: Line, count: int) -> dict[str, list[float]]:
     """dB below each viewpoint's best, by the way that the drive is made."""
-    views, best = SETS[count], [line.seen[view].best for view in SETS[count]]
+    views, best = SETS[count], [line.at(view).best for view in SETS[count]]
     places = line.placed(views)
-    exact = [(line.seen[view].room, line.seen[view].transport) for view in views]
+    exact = [(line.at(view).room, line.at(view).transport) for view in views]
     sets = [exact, own_screen(line, views) if count > 1 else exact]
     geometry, joined = (Player(set_of(rooms, places, line.white), line.frame) for rooms in sets)
     ways: dict[str, Callable[[FloatArray, tuple[float, float]], FloatArray]] = {
@@ -242,17 +247,17 @@ def compared(line: Line, count: int) -> dict[str, list[float]]:
         at = float(line.positions[number]), 0.0
         shares = places.shares((at,))
         for name, made in ways.items():
-            lost[name].append(line.seen[number].db(made(shares, at)))
+            lost[name].append(line.at(number).db(made(shares, at)))
     return lost
 
 
 def company(line: Line, count: int) -> tuple[list[float], list[float]]:
     """What each of several viewers, one at each view, loses: of one drive for all, and of the best for the first."""
     views = SETS[count]
-    rooms = [(line.seen[view].room, line.seen[view].transport) for view in views]
+    rooms = [(line.at(view).room, line.at(view).transport) for view in views]
     together = Player(set_of(rooms, line.placed(views), line.white), line.frame).drive("all", TO_THE_END)
-    return [line.seen[view].db(together) for view in views], [
-        line.seen[view].db(line.seen[views[0]].best) for view in views[1:]
+    return [line.at(view).db(together) for view in views], [
+        line.at(view).db(line.at(views[0]).best) for view in views[1:]
     ]
 
 
@@ -264,7 +269,7 @@ def errors(name: str) -> None:
     subject = SUBJECTS[name]
     with TemporaryDirectory() as folder:
         line = Line(subject, Path(folder))
-    best = [seen.psnr(seen.best) for seen in line.seen]
+    best = [seen.psnr(seen.best) for seen in map(line.at, range(COUNT))]
     print(f"\n{subject.what}, from {-subject.span} to {subject.span} m; best: {min(best):.1f} to {max(best):.1f} dB")
     for count in SETS:
         lost = compared(line, count)
@@ -287,13 +292,11 @@ def picture(name: str, file: Path) -> None:
     subject = SUBJECTS[name]
     with TemporaryDirectory() as folder:
         line = Line(subject, Path(folder))
-    views, seen = SETS[2], line.seen[COUNT // 2]
+    views, seen = SETS[2], line.at(COUNT // 2)
     places = line.placed(views)
-    player = Player(
-        set_of([(line.seen[v].room, line.seen[v].transport) for v in views], places, line.white), line.frame
-    )
+    player = Player(set_of([(line.at(v).room, line.at(v).transport) for v in views], places, line.white), line.frame)
     between = player.drive(((float(line.positions[COUNT // 2]), 0.0),), TO_THE_END)
-    shown = [seen.transport.apply(drive) for drive in (line.seen[views[1]].best, between, seen.best)]
+    shown = [seen.transport.apply(drive) for drive in (line.at(views[1]).best, between, seen.best)]
     pictures = [each.reshape(seen.wanted.shape) + seen.room.ambient for each in shown]
     codes = [np.rint(255 * _srgb(np.clip(each / line.white, 0, 1))).astype(np.uint8) for each in pictures]
     large = [np.repeat(np.repeat(each, 3, axis=0), 3, axis=1) for each in codes]
