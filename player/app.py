@@ -110,6 +110,9 @@ def _room_told(options: argparse.Namespace) -> Room:
     room = room_of(options)
     if room.maps.mixing.neutral is not None:
         tell(f"colour: {room.maps.mixing.tier}, as the maps were built", sys.stdout)
+    outside = room.outside(options.viewpoint)
+    for line in [] if outside is None else [outside]:
+        tell(line)
     tell(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white == 'auto' else ''}", sys.stdout)
     return room
 

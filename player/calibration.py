@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight import viewpoints
 from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.files.generation import read_steadily
@@ -35,7 +36,8 @@ FORMAT = 1
 TOML, AMBIENT, MASK = "calibration.toml", "ambient.exr", "mask.png"
 PRIMARIES = "primary_red.exr", "primary_green.exr", "primary_blue.exr"
 LIGHT = "transport_*.npz", "far_light.npz", "blurred_light.npz"
-PARTS = (TOML, AMBIENT, MASK, *PRIMARIES, SCREEN, *LIGHT, "correction", "placement.toml", "drift")
+VIEWS = viewpoints.TOML, viewpoints.FOLDER
+PARTS = (TOML, AMBIENT, MASK, *PRIMARIES, SCREEN, *LIGHT, "correction", "placement.toml", "drift", *VIEWS)
 MOST_PROJECTORS, LONGEST_PROVENANCE = 64, 1 << 16
 GREY, LEAST_COLOUR = 1e-3, 1e-3  # a row's sum, as text rounds it; the volume that primaries span beside their own
 # White is no less, light no more, in any unit: of what lies between, squares and a frame's sums stay within float32.
@@ -218,7 +220,7 @@ def refuse_existing(folder: Path, *, force: bool) -> None:
     """InputError if writing a calibration to `folder` would lose something; commands ask before the long work."""
     if is_vacant(folder):
         return
-    if not (folder / TOML).is_file():
+    if not (folder / TOML).is_file() and not viewpoints.is_set(folder):
         raise InputError(f"{folder}: exists and is no calibration folder; choose another name")
     if not force:
         raise InputError(f"{folder}: a calibration is there already; choose another name or replace it with --force")
@@ -238,6 +240,9 @@ def _read(folder: Path) -> StoredCalibration:
         if not folder.is_dir():
             found = "a file, expected a calibration folder" if folder.exists() else "no such folder"
             raise InputError(f"{folder}: {found}; {REBUILD}")
+    if viewpoints.is_set(folder):
+        one = folder / viewpoints.FOLDER / "1"
+        raise InputError(f"{folder}: a set of views, expected one calibration; name a view, as {one}")
     path = folder / TOML
     content = read_bytes(path, MAX_TOML_BYTES, REBUILD)
     table = Table(parse_toml(content, path, REBUILD), f"{path}", REBUILD)
@@ -258,7 +263,7 @@ def _read(folder: Path) -> StoredCalibration:
 def check_order(room: Path, others: Iterable[Path | str | None]) -> None:
     """InputError if what should be a calibration folder is none, and another argument is one."""
     swapped = next((other for other in others if other is not None and (Path(other) / TOML).is_file()), None)
-    if swapped is not None and not (room / TOML).exists():
+    if swapped is not None and not (room / TOML).exists() and not viewpoints.is_set(room):
         raise InputError(f"{room}: no calibration folder, but {swapped} is one; name the room first")
 
 

@@ -23,6 +23,7 @@ from counterlight.show.playlist import Playlist, is_list, read_list
 from counterlight.show.registry import Commands
 from counterlight.show.session import Session
 from counterlight.show.show import Show
+from counterlight.viewpoints import Viewpoint
 
 MEASURED = PathReport("fragment", 16, None, {"fragment": 12.5, "compute": 25.0})
 GOVERNED = "refine", "budget", "within", "offers"
@@ -202,6 +203,7 @@ class Stage:
         self.fresh: list[Any] = []
         self.refinable, self.drifts = True, False
         self.drifted: dict[str, Any] | None = None
+        self.outside: Callable[[Viewpoint], str | None] = lambda viewpoint: None
         told = {name: options.pop(name) for name in ("bindings", "remotes", "heartbeat", "checks") if name in options}
         governed = {name: options.pop(name) for name in GOVERNED if name in options}
         self.session = Session(
@@ -245,6 +247,9 @@ class Stage:
         if isinstance(fresh, Exception):
             raise fresh
         return fresh
+
+    def stand(self, viewpoint: Viewpoint) -> str | None:
+        return self.outside(viewpoint)
 
     def fit(self, pixels: Any) -> Corners:
         return SQUARE

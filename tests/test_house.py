@@ -134,15 +134,17 @@ ROOMS = {  # of the player, and which others each may know
     "raster": "errors files",
     "response": "errors files raster",
     "screen": "errors files",
-    "calibration": "errors files raster response screen writing",
+    "viewpoints": "errors files",
+    "calibration": "errors files raster response screen viewpoints writing",
     "maps": "arrays calibration errors files memory writing",
     "media": "errors files writing",
-    "pipeline": "arrays calibration errors files maps media raster response screen writing",
+    "pipeline": "arrays calibration errors files maps media raster response screen viewpoints writing",
     "overlay": "maps pipeline screen",
     "unattended": "command errors",
     "remote": "command errors unattended",
     "gl": "calibration command errors maps media overlay pipeline raster response unattended",
-    "show": "calibration command errors files gl jobs maps media overlay pipeline raster remote unattended writing",
+    "show": "calibration command errors files gl jobs maps media overlay pipeline raster remote unattended viewpoints "
+    "writing",
     "app": "calibration command errors gl jobs media overlay pipeline show unattended writing",
 }
 

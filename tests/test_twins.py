@@ -16,6 +16,7 @@ from counterlight.pipeline.views import VIEWS
 from tests.coloured_rooms import with_mixing
 from tests.refined_rooms import physical_room
 from tests.rooms import CAMERA, yuv_frame
+from tests.viewed_rooms import as_set, two_views
 
 ROOT = Path(__file__).resolve().parents[1]
 TWIN = re.compile(r"^// CPU twin: ([\w.]+) in ([\w/]+\.py)\.$", re.MULTILINE)
@@ -63,6 +64,10 @@ def test_the_renderer_without_opengl_runs_every_twin(rng: np.random.Generator, m
     mixing.open(radiance.format)
     mixing.upload(radiance)
     mixing.render("camera", compensate=True)
+    between = ReferenceRenderer(as_set(two_views()))
+    between.open(frame.format)
+    between.upload(frame)
+    between.render("projector", compensate=True, steps=1)
     renderer = ReferenceRenderer(physical_room(rng).room)
     renderer.open(frame.format)
     for adjustments in (Adjustments(), Adjustments(adapt=3, flicker=0.5, clipping=True, corners=PINNED)):

@@ -14,10 +14,13 @@ from counterlight.tools.choices import INVERSE_METHODS, INVERSES, PRESETS
 from counterlight.tools.cluster_option import add_cluster, workers_of
 from counterlight.tools.colour.option import add_colour
 from counterlight.tools.objective_options import add_objective_options, aims_of
+from counterlight.viewpoints import calibrations_in, is_set
 from counterlight.writing.outputs import check_folder
 
 if TYPE_CHECKING:
     from counterlight.tools.clusters.decomposition import Parameters
+    from counterlight.tools.inverse.near_light import InverseOptions
+    from counterlight.tools.transport.objective import ObjectiveOptions
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -27,11 +30,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _main(argv: Sequence[str] | None) -> None:
     parser = _parser()
     options = parser.parse_args(argv)
-    from counterlight import calibration
     from counterlight.tools.inverse import presets
-    from counterlight.tools.inverse.build import build_room_maps
     from counterlight.tools.inverse.near_light import InverseOptions
-    from counterlight.tools.report.report import check_report_folder, write_report
+    from counterlight.tools.report.report import check_report_folder
 
     if options.preset is not None:  # what is given beside it prevails
         preset = presets.PRESETS[options.preset]
@@ -51,8 +52,26 @@ def _main(argv: Sequence[str] | None) -> None:
     if options.report is not None:
         check_folder(options.report, inputs=[options.calibration])
         check_report_folder(options.report)
-    aims = aims_of(options)
-    stored = calibration.read(options.calibration)
+    aims, folders = aims_of(options), calibrations_in(options.calibration)
+    if options.report is not None and is_set(options.calibration):
+        raise InputError(f"--report {options.report}: is of one view; build it by itself, as {folders[0]}")
+    for number, folder in enumerate(folders, 1):
+        if is_set(options.calibration):
+            print(f"view {number} of {len(folders)}")
+        conclusion = _build(folder, options, inverse_options, aims)
+    took = time.monotonic() - start
+    print(f"{took:.1f} s: {conclusion}; next: counterlight play {shlex.quote(str(options.calibration))} MEDIA")
+
+
+def _build(
+    folder: Path, options: argparse.Namespace, inverse_options: "InverseOptions", aims: "ObjectiveOptions"
+) -> str:
+    """Build one calibration, and print what is to be said of it; returns how it is best played."""
+    from counterlight import calibration
+    from counterlight.tools.inverse.build import build_room_maps
+    from counterlight.tools.report.report import write_report
+
+    stored = calibration.read(folder)
     with workers_of(options.cluster, [stored.folder / calibration.TOML], stored.folder) as workers:
         built = build_room_maps(
             stored, inverse_options, aims, refine=not options.no_refine, colour=options.colour, workers=workers
@@ -61,8 +80,7 @@ def _main(argv: Sequence[str] | None) -> None:
     print(built.summary)
     if options.report is not None:
         print(f"report: {write_report(built, options.report)}")
-    took = time.monotonic() - start
-    print(f"{took:.1f} s: {built.conclusion}; next: counterlight play {shlex.quote(str(options.calibration))} MEDIA")
+    return built.conclusion
 
 
 def _damping(text: str) -> float | None:

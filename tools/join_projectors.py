@@ -1,10 +1,12 @@
-"""counterlight join: one calibration of several projectors that one camera saw, or of cameras that saw the same ones.
+"""counterlight join: one calibration of several projectors that one camera saw, or of cameras that saw the same ones;
+or, with --at, a set of views of one room, for viewers that move.
 
 Rooms are joined as cameras with --cameras, or where that is plain: the same projectors, and cameras of other sizes or
 monitors of the same names.
 """
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +15,7 @@ from counterlight.command import Parser, run
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.room_options import add_tolerance
 from counterlight.tools.choices import SCREENS
+from counterlight.viewpoints import FARTHEST, Places
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -25,6 +28,16 @@ def _main(argv: Sequence[str] | None) -> None:
     from counterlight.tools.transport.joining_cameras import CameraOptions, join_cameras, same_projectors
 
     named = {"name": options.name, "force": options.force}
+    if options.at:
+        if options.cameras:
+            raise InputError(
+                "--cameras makes one room of all, --at a set of views for viewers that move; leave one out"
+            )
+        from counterlight.tools.transport.joining_views import join_views
+
+        asked = CameraOptions(options.screen, options.keep_exposures, options.tolerance)
+        print(join_views(options.rooms, Places(tuple(options.at)), options.output, asked, options.monitor, **named))
+        return
     if options.cameras or same_projectors(options.rooms):
         asked = CameraOptions(options.screen, options.keep_exposures, options.tolerance)
         if not options.cameras:
@@ -34,6 +47,17 @@ def _main(argv: Sequence[str] | None) -> None:
     if options.keep_exposures or options.screen != SCREENS[0]:
         raise InputError("--screen and --keep-exposures are for cameras: add --cameras, or leave them out")
     print(join_rooms(options.rooms, options.output, options.monitor, tolerance=options.tolerance, **named))
+
+
+def _place(text: str) -> tuple[float, float]:
+    found = text.split(",")
+    try:
+        x, y = (*map(float, found), 0.0)[:2]
+    except ValueError:
+        x = y = math.nan
+    if len(found) > 2 or not max(abs(x), abs(y)) <= FARTHEST:
+        raise argparse.ArgumentTypeError(f"expected X or X,Y, found {text!r}")
+    return x, y
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -49,6 +73,15 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--cameras", action="store_true", help="the rooms are the same projectors seen by several cameras"
+    )
+    parser.add_argument(
+        "--at",
+        type=_place,
+        action="append",
+        default=[],
+        metavar="X[,Y]",
+        help="the rooms are views of one room from different places, once for each in their order, in any unit: "
+        "counterlight play --viewpoint is between them",
     )
     parser.add_argument(
         "--screen",

@@ -59,10 +59,8 @@ class GlDevice:
     def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> "_Encoder":
         return _Encoder(self._context, shape, response, scale, dither, self._bits)
 
-    def stepper(
-        self, shape: tuple[int, int], step_size: NDArray[np.float32], prior: Mapping[str, moderngl.Texture]
-    ) -> "_Stepper":
-        return _Stepper(self._context, shape, step_size, prior)
+    def stepper(self, shape: tuple[int, int], prior: Mapping[str, moderngl.Texture]) -> "_Stepper":
+        return _Stepper(self._context, shape, prior)
 
     def total(self, shape: tuple[int, int]) -> "_Total":
         return _Total(self._context, shape)
@@ -125,13 +123,11 @@ class _Stepper:
         self,
         context: moderngl.Context,
         shape: tuple[int, int],
-        step_size: NDArray[np.float32],
         prior: Mapping[str, moderngl.Texture],
     ) -> None:
         self._owner, self._prior = Owner(), prior
         own = self._owner.own
         try:
-            self._step_size = own(picture_texture(context, step_size))
             uniforms = {"over_relaxation": OVER_RELAXATION}
             self._pass = own(ScreenPass(context, "refinement_step.frag", uniforms=uniforms))
             self._targets = [own(_Target(context, shape)) for _ in range(2)]
@@ -140,12 +136,17 @@ class _Stepper:
             raise
 
     def run(
-        self, step: int, descent: moderngl.Texture, y: moderngl.Texture, p: moderngl.Texture
+        self,
+        step: int,
+        descent: moderngl.Texture,
+        y: moderngl.Texture,
+        p: moderngl.Texture,
+        step_size: moderngl.Texture,
     ) -> tuple[moderngl.Texture, moderngl.Texture]:
         following = self._targets[step % 2]
         following.framebuffer.use()
         self._pass.set(momentum=momentum(step))
-        self._pass.draw(descent=descent, y=y, p=p, step_size=self._step_size, **self._prior)
+        self._pass.draw(descent=descent, y=y, p=p, step_size=step_size, **self._prior)
         return following.p, following.y
 
     def release(self) -> None:

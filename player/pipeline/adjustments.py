@@ -22,6 +22,7 @@ from counterlight.pipeline.colour import LUMA_WEIGHTS, Decoding
 from counterlight.pipeline.kinds import UnreadError
 from counterlight.pipeline.parameters import CONTROL, PARAMETERS
 from counterlight.pipeline.placement import Corners, check_corners
+from counterlight.viewpoints import Viewpoint
 
 LARGEST_GAMMA = 8.0
 
@@ -32,6 +33,7 @@ class Adjustments:
 
     adapt : see player/pipeline/content.py.  flicker : weight of the previous frame's drive.
     target_peak, hdr_peak, tone_mapping : see player/pipeline/rendition.py.
+    viewpoint : see counterlight.viewpoints.
     card : one of counterlight.pipeline.test_cards.CARDS instead of the picture, uncompensated.
     corners : of the picture in the camera's view; None fits it in.
     lut : a table that codes go through; see player/pipeline/signal.py.
@@ -50,6 +52,7 @@ class Adjustments:
     hdr_peak: float | str = PARAMETERS["hdr-peak"].default
     tone_mapping: str = PARAMETERS["tone-mapping"].default
     lut_type: str = PARAMETERS["lut-type"].default
+    viewpoint: Viewpoint = PARAMETERS["viewpoint"].default
     lut: Cube | None = None
     card: str | None = None
     corners: Corners | None = None

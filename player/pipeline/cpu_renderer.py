@@ -65,10 +65,8 @@ class CpuDevice(ReferenceDevice):
     def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> Operation:
         return _Encoder(shape, response, scale, dither)
 
-    def stepper(
-        self, shape: tuple[int, int], step_size: NDArray[np.floating], prior: Mapping[str, Picture]
-    ) -> Operation:
-        return _Stepper(self.picture(step_size), prior)
+    def stepper(self, shape: tuple[int, int], prior: Mapping[str, Picture]) -> Operation:
+        return _Stepper(shape, prior)
 
     def total(self, shape: tuple[int, int]) -> Function:
         return Function(lambda picture: picture.sum(axis=(0, 1), dtype=np.float64))
@@ -213,14 +211,14 @@ class _Encoder(Held):
 class _Stepper(Held):
     """By turns into two pairs of targets."""
 
-    def __init__(self, step_size: Picture, prior: Mapping[str, Picture]) -> None:
-        self._told = [flat(picture) for picture in (step_size, *(prior[name] for name in ("damping", "right", "down")))]
+    def __init__(self, shape: tuple[int, int], prior: Mapping[str, Picture]) -> None:
+        self._prior = [flat(prior[name]) for name in ("damping", "right", "down")]
         self._draws = any(picture.any() for picture in prior.values())
-        self._targets = [[np.zeros_like(step_size) for _ in range(2)] for _ in range(2)]
+        self._targets = [[np.zeros((*shape, 3), np.float32) for _ in range(2)] for _ in range(2)]
 
-    def run(self, step: int, descent: Picture, y: Picture, p: Picture) -> tuple[Picture, Picture]:
+    def run(self, step: int, descent: Picture, y: Picture, p: Picture, step_size: Picture) -> tuple[Picture, Picture]:
         next_p, next_y = self._targets[step % 2]
         pace = np.float32(momentum(step)), np.float32(OVER_RELAXATION)
-        pictures = flat(descent), flat(y), flat(p), *self._told
+        pictures = *(flat(picture) for picture in (descent, y, p, step_size)), *self._prior
         compiled.step(*pictures, self._draws, *pace, flat(next_p), flat(next_y))
         return next_p, next_y

@@ -185,8 +185,8 @@ class Device(Protocol):
     def encoder(self, shape: tuple[int, int], response: RasterResponse, scale: float, dither: str) -> Operation:
         """run(light, frame) -> 8 bit through the inverse response of each column."""
 
-    def stepper(self, shape: tuple[int, int], step_size: NDArray[np.float32], prior: Mapping[str, Light]) -> Operation:
-        """run(step, descent, y, p) -> the next p and y, valid until the step after the next."""
+    def stepper(self, shape: tuple[int, int], prior: Mapping[str, Light]) -> Operation:
+        """run(step, descent, y, p, step_size) -> the next p and y, valid until the step after the next."""
 
     def total(self, shape: tuple[int, int]) -> Operation:
         """run(picture) -> its sum, (3,) float64; waits for it."""

@@ -121,6 +121,59 @@ class Choice:
 
 
 @dataclass(frozen=True)
+class Places:
+    """Places (x, y), or a word: "0.3" or "0.3,1", several with spaces between; for JSON 0.3, [0.3, 1], a list of such.
+
+    A number alone is x, beside y of 0.  high : of what a number may be, either side of 0.  most : places.
+    """
+
+    word: str
+    high: float
+    most: int
+
+    def __str__(self) -> str:
+        return f"{self.word}, X, X,Y, several"
+
+    def read(self, value: object) -> Any:
+        if value == self.word:
+            return value
+        try:
+            places = tuple(_place(each) for each in _listed(value))
+            near = all(abs(number) <= self.high for place in places for number in place)  # NaN is not
+            if not near or not 1 <= len(places) <= self.most:
+                raise ValueError
+        except (TypeError, ValueError, OverflowError):
+            raise UnreadError(f"expected {self.word}, X or X,Y, several with spaces between, found {value!r}") from None
+        return places
+
+    def next(self, value: Any, direction: int) -> Any:
+        raise UnreadError("has no next value")
+
+    def info(self) -> dict[str, Any]:
+        return {"type": "any"}
+
+
+def _listed(value: object) -> list[object]:
+    """Of several places, or of one."""
+    if isinstance(value, str):
+        return list(value.split())
+    if isinstance(value, list | tuple) and any(isinstance(each, list | tuple) for each in value):
+        return list(value)
+    return [value]
+
+
+def _place(value: object) -> tuple[float, float]:
+    """ValueError, or TypeError, for what is none."""
+    numbers: Any = value.split(",") if isinstance(value, str) else value if isinstance(value, list | tuple) else [value]
+    if any(isinstance(number, bool) for number in numbers):
+        raise ValueError
+    if len(numbers) not in (1, 2):
+        raise ValueError
+    x, y = [*map(float, numbers), 0.0][:2]
+    return x, y
+
+
+@dataclass(frozen=True)
 class Anything:
     """Whatever the parameter's own setter takes, said in words."""
 

@@ -6,10 +6,11 @@ A row is an option of counterlight play and a setting, a property of the control
 from dataclasses import dataclass
 from typing import Any
 
-from counterlight.pipeline.kinds import Choice, Flag, Kind, Number
+from counterlight.pipeline.kinds import Choice, Flag, Kind, Number, Places
 from counterlight.pipeline.refinement import MOST_STEPS
 from counterlight.pipeline.test_cards import CARDS
 from counterlight.pipeline.views import VIEWS
+from counterlight.viewpoints import FARTHEST, MOST_VIEWS
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,13 @@ PARAMETERS = {
         "native: a medium's codes become others of its own curve; conversion: of BT.1886 and BT.709",
         Choice(LUT_TYPES),
         "native",
+    ),
+    "viewpoint": Parameter(
+        "where the viewer stands among the views of a room that was seen from several places",
+        Places("all", FARTHEST, MOST_VIEWS),
+        "all",
+        "all|X[,Y]",
+        unsaid="all: one viewer at every view",
     ),
     "test-card": Parameter("test card instead of the picture", Choice(("no", *CARDS)), "no"),
     "view": Parameter("what is shown", Choice(VIEWS), "projector"),

@@ -373,3 +373,8 @@ def _upsample(plane: FloatArray, size: tuple[int, ...], decoding: Decoding) -> N
 def blend(now: FloatArray, before: FloatArray, weight: float) -> FloatArray:
     """(1 − weight) now + weight before (blend.frag)."""
     return np.asarray((1 - weight) * now + weight * before)
+
+
+def inverse(picture: FloatArray) -> FloatArray:
+    """1 / picture, 0 where that is 0 (inverse.frag)."""
+    return np.divide(1.0, picture, out=np.zeros_like(picture), where=picture > 0)

@@ -36,6 +36,7 @@ TWINS: dict[str, Callable[..., FloatArray]] = {
     "error_map.frag": lambda seen, b, ambient, reach, white, **_: reference.error_map(seen, ambient, b, reach, white),
     "gap.frag": reference.gap_terms,
     "impossible.frag": lambda reach, white, **_: reference.impossible(reach, white),
+    "inverse.frag": reference.inverse,
     "mix.frag": reference.mix,
     "moved.frag": moved,
     "pinned.frag": lambda source, to_source, target, **screen: reference.pinned(
@@ -101,11 +102,9 @@ class ReferenceDevice:
         tables, whose = response.inverse_tables(), (response.of_column, response.row_height)
         return Function(lambda light, frame: encode(light, tables, scale, dither, frame, *whose))
 
-    def stepper(
-        self, shape: tuple[int, int], step_size: FloatArray, prior: Mapping[str, NDArray[np.float32]]
-    ) -> Operation:
+    def stepper(self, shape: tuple[int, int], prior: Mapping[str, NDArray[np.float32]]) -> Operation:
         step, drawn = reference.refinement_step, Prior(**prior)
-        return Function(lambda k, descent, y, p: step(descent, y, p, step_size, drawn, momentum(k), OVER_RELAXATION))
+        return Function(lambda k, descent, y, p, size: step(descent, y, p, size, drawn, momentum(k), OVER_RELAXATION))
 
     def total(self, shape: tuple[int, int]) -> Operation:
         return Function(lambda picture: reference.block_sum(picture, max(shape))[0, 0])

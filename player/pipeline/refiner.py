@@ -1,6 +1,6 @@
 """Refinement: two gathers a step, T and Tᵀ, and the step itself; see player/pipeline/refinement.py."""
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.maps.room_maps import RefinementMaps
-from counterlight.pipeline.device import ChainPass, Device, Light, Owner, StoredMaps
+from counterlight.pipeline.device import ChainPass, Device, Light, Owner, Pass, StoredMaps
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.shortfall import Snapshot
 from counterlight.pipeline.starts import Iterate
@@ -45,9 +45,12 @@ class Refiner:
         own, projector = self._owner.own, maps.dual.output_shape
         try:
             self._slope = own(_Slope(stored, maps))
-            prior = {name: own(device.picture(picture)) for name, picture in vars(maps.prior).items()}
-            self._step = own(device.stepper(projector, maps.step_size, prior))
-            self._make_certifier = partial(_Certifier, device, maps, prior, mask)
+            self._prior = {name: own(device.picture(picture)) for name, picture in vars(maps.prior).items()}
+            self._step = own(device.stepper(projector, self._prior))
+            self._step_size = own(device.picture(maps.step_size))
+            self._make_downhill = partial(device.make_pass, "refinement_step.frag", projector, {"SLOPE": None})
+            self._make_curvature = partial(_curvature, device, maps.step_size)
+            self._make_certifier = partial(_Certifier, device, maps, mask)
         except BaseException:
             self.release()
             raise
@@ -57,18 +60,37 @@ class Refiner:
         p, y, made = start
         for step in range(made + 1, made + steps + 1):
             _, descent = self._slope.run(y, b)
-            p, y = self._step.run(step, descent, y, p)
+            p, y = self._step.run(step, descent, y, p, self._step_size)
         return Iterate(p, y, made + steps)
+
+    def downhill(self, y: Light, b: Light) -> Light:
+        """TᵀW (b − T y) − P y."""
+        return self._against_gradient(self._slope.run(y, b)[1], y)
+
+    @cached_property
+    def curvature(self) -> Light:
+        """1 / step size; 0 where that is 0."""
+        return self._owner.own(self._make_curvature())
 
     def certify(self, p: Light, goal: Goal) -> Certificate:
         """Measure a drive within 0..1; waits for the GPU."""
-        return self._certifier.run(self._slope, p, goal)[0]
+        return self._measured(p, goal)[0]
 
     def snapshot(self, last: Iterate, goal: Goal, steps: int) -> Snapshot:
         """The same of a drive after `steps` steps, with what an estimate needs; reads three pictures back."""
-        certificate, descent = self._certifier.run(self._slope, last.p, goal)
+        certificate, descent = self._measured(last.p, goal)
         p, y, d = (self._device.read(picture, np.float32) for picture in (last.p, last.y, descent))
         return Snapshot(certificate, p, y, d, last.steps, steps)
+
+    def _measured(self, p: Light, goal: Goal) -> tuple[Certificate, Light]:
+        return self._certifier.run(self._slope, self._against_gradient, p, goal)
+
+    def _against_gradient(self, descent: Light, y: Light) -> Light:
+        return self._downhill.run(descent=descent, y=y, **self._prior)
+
+    @cached_property
+    def _downhill(self) -> Pass:
+        return self._owner.own(self._make_downhill())
 
     @cached_property
     def _certifier(self) -> "_Certifier":
@@ -138,14 +160,10 @@ class _Residual:
 class _Certifier:
     """The gap, the errors and the light outside, summed over the picture and read back."""
 
-    def __init__(
-        self, device: Device, maps: RefinementMaps, prior: Mapping[str, Light], mask: NDArray[np.bool_]
-    ) -> None:
+    def __init__(self, device: Device, maps: RefinementMaps, mask: NDArray[np.bool_]) -> None:
         camera, projector = (mask.shape[0], mask.shape[1]), maps.dual.output_shape
         self._owner = Owner()
         own = self._owner.own
-        self._downhill = own(device.make_pass("refinement_step.frag", projector, {"SLOPE": None}))
-        self._prior = prior
         self._gap = own(device.make_pass("gap.frag", projector))
         self._squared = own(device.make_pass("weighted.frag", camera, {"SQUARED": None}))
         self._weighted = own(device.make_pass("weighted.frag", projector))
@@ -154,12 +172,12 @@ class _Certifier:
         )
         self._of_projector, self._of_camera = own(device.total(projector)), own(device.total(camera))
 
-    def run(self, slope: _Slope, p: Light, goal: Goal) -> tuple[Certificate, Light]:
+    def run(
+        self, slope: _Slope, against_gradient: Callable[[Light, Light], Light], p: Light, goal: Goal
+    ) -> tuple[Certificate, Light]:
         """With TᵀW (b − T p). The error inside the mask is of all that was asked for."""
         residual, descent = slope.measured(p, goal.b)
-        gap = self._of_projector.run(
-            self._gap.run(descent=self._downhill.run(descent=descent, y=p, **self._prior), p=p)
-        )
+        gap = self._of_projector.run(self._gap.run(descent=against_gradient(descent, p), p=p))
         weighted = self._error(residual, self._weights)
         inside = self._error(slope.residual(p, goal.unbounded), self._mask)
         beside, usual = (
@@ -178,3 +196,7 @@ class _Certifier:
 def grey(values: NDArray[np.generic]) -> NDArray[np.float32]:
     """(height, width) as a picture."""
     return np.repeat(values[..., None].astype(np.float32), 3, axis=2)
+
+
+def _curvature(device: Device, step_size: NDArray[np.float32]) -> Light:
+    return device.picture(np.divide(1, step_size, out=np.zeros_like(step_size), where=step_size > 0))

@@ -7,32 +7,31 @@ Which view is shown, what drives the projector and how far from the best one tha
 """
 
 from collections.abc import Mapping
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.calibration import Calibration
 from counterlight.errors import InputError
-from counterlight.maps.room_maps import RefinementMaps
 from counterlight.media.frames import Frame, PixelFormat
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
+from counterlight.pipeline.company import Company
 from counterlight.pipeline.content import SceneCuts
 from counterlight.pipeline.damper import Damper
-from counterlight.pipeline.device import ChainPass, Device, Light, Operation, Owner, Pass, StoredMaps
+from counterlight.pipeline.device import Device, Light, Owner, Pass
 from counterlight.pipeline.drift import Drift
+from counterlight.pipeline.eye import Asked, Eye
 from counterlight.pipeline.laps import Laps
-from counterlight.pipeline.map_views import MapViews, Observer
-from counterlight.pipeline.mixer import Mixer
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.refiner import Goal, Refiner
-from counterlight.pipeline.request import Request
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Snapshot
 from counterlight.pipeline.small_pictures import SmallPicture
-from counterlight.pipeline.starts import DirectStart, GreyStart, Iterate, MapStart, PreviousStart, Start, standing
+from counterlight.pipeline.starts import Iterate, standing
 from counterlight.response import Response
+from counterlight.viewpoints import Viewpoint
 
 
 class Renderer:
@@ -58,32 +57,16 @@ class Renderer:
 
     def _build(self, path: str) -> None:
         device, room, own = self._device, self._room, self._owner.own
-        maps, calibration = room.maps, room.calibration
+        calibration = room.calibration
         camera, projector = calibration.camera.shape, calibration.projector.shape
-        ambient = own(device.picture(room.ambient))
-        stored = own(device.store(room, path))
-        self.path = stored.report
-        undo = None if maps.undo is None else own(ChainPass(stored, maps.undo, "SUBTRACT_FROM_BASE"))
-        self._near_light = _NearLight(undo)
-        self._correct = own(_Corrected(stored, self._near_light, "CLAMP"))
-        self._unclamped = own(_Corrected(stored, self._near_light))
-        self._refiner = None
-        if maps.refinement is not None:
-            self._refiner = own(Refiner(device, stored, maps.refinement, calibration.mask))
-            self._stored, self._starts = stored, dict[str, Start]()
-            self.start_from(room.start)
-        mixer = own(Mixer(device, room))
-        self._make_observer = partial(Observer, stored, ambient, mixer)
-        self._maps = own(MapViews(device, stored, ambient, mixer))
-        self._request = own(Request(device, room, ambient, self._maps, self._near_light, mixer))
+        self._eyes = [own(Eye(device, each, path)) for each in room.eyes]
+        self.path = self._eyes[0].stored.report
+        self._company = own(Company(device, self._eyes, projector))
+        self._company.start_from(room.start)
+        self._stand(NEUTRAL.viewpoint)
         self._moved = None if room.drift is None or not room.drift.moves else own(_Moved(device, room, room.drift))
         self._projector_view = own(device.encoder(projector, calibration.response, 1.0, room.dither))
         self._camera_view = own(device.encoder(camera, Response("srgb").over(camera), room.white, "none"))
-
-    @cached_property
-    def _observers(self) -> list[Observer]:
-        """Of the drive that is shown, and of another one beside it; made with the first view of the camera's."""
-        return [self._owner.own(self._make_observer()) for _ in range(2)]
 
     @cached_property
     def _split(self) -> Pass:
@@ -101,31 +84,16 @@ class Renderer:
 
     def start_from(self, start: str) -> None:
         """Have refinement start there, one of STARTS, from the next render on."""
-        maps = self._room.maps.refinement
-        if maps is not None:
-            if start not in self._starts:
-                self._starts[start] = self._owner.own(self._make_start(self._stored, maps, start))
-            self._start = self._starts[start]
-
-    def _make_start(self, stored: StoredMaps, maps: RefinementMaps, start: str) -> Start:
-        device, projector = self._device, self._room.calibration.projector.shape
-        if start == "previous-direct":
-            return PreviousStart(device, projector, self._owner.own(stored.of(maps.direct).product()).run)
-        if start == "direct":
-            return DirectStart(stored.of(maps.direct))
-        if start == "grey":
-            return GreyStart(device, projector)
-        if start == "map":
-            return MapStart(self._correct)
-        return PreviousStart(device, projector, self._unclamped)
+        self._company.start_from(start)
 
     def open(self, pixels: PixelFormat) -> None:
         """Prepare for frames of one format; raises InputError if they do not suit the room."""
-        check_radiance_size(pixels, self._room.calibration)
+        check_radiance(pixels, self._room)
         self._medium.release()
         self._planes = self._medium.own(self._device.planes(pixels))
         self._planes.adjust(self._adjustments)
-        self._request.open(pixels, self._adjustments)
+        for eye in self._eyes:
+            eye.request.open(pixels, self._adjustments)
         self._cuts = SceneCuts()
         self._opened, self._view = True, ""
 
@@ -134,10 +102,14 @@ class Renderer:
 
         Something used for the first time is built here, so that a frame afterwards allocates nothing.
         """
-        previous, self._adjustments = self._adjustments, adjustments
-        if self._opened:
+        previous = self._adjustments
+        if adjustments.viewpoint != previous.viewpoint:
+            self._stand(adjustments.viewpoint)
+        self._adjustments = adjustments
+        if self._opened and adjustments != replace(previous, viewpoint=adjustments.viewpoint):
             self._planes.adjust(adjustments)
-            self._request.adjust(adjustments)
+            for eye in self._eyes:
+                eye.request.adjust(adjustments)
         if adjustments.flicker and self._damper is None:
             self._damper = self._owner.own(Damper(self._device, self._room.calibration.projector.shape))
         if self._damper is not None and not previous.flicker:
@@ -147,11 +119,21 @@ class Renderer:
         """Take a frame's planes; the frame may be released afterwards."""
         self._planes.upload(frame.planes)
         cut = self._cuts.starts_with(frame)
-        self._request.advance(cut=cut, duration_s=frame.duration_s)
-        if self._refiner is not None:
-            self._start.advance(cut=cut)
+        for eye in self._eyes:
+            eye.request.advance(cut=cut, duration_s=frame.duration_s)
+        self._company.advance(cut=cut)
         if self._damper is not None:
             self._damper.advance(cut=cut)
+
+    def _stand(self, viewpoint: Viewpoint) -> None:
+        """Who has a share in the drive from now on; `_eye`, who has most, is whose view is shown.
+
+        InputError for a place in a room that was seen from one alone.
+        """
+        shares = [(float(share), eye) for share, eye in zip(self._room.shares(viewpoint), self._eyes, strict=True)]
+        self._shares = [(share, eye) for share, eye in shares if share > 0]
+        self._eye = max(self._shares, key=lambda each: each[0])[1]
+        self._company.stand(self._shares)
 
     def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0, timed: bool = False) -> None:
         """Compute a view of the uploaded frame, one of VIEWS.
@@ -187,7 +169,7 @@ class Renderer:
 
     def desired(self) -> NDArray[np.float32]:
         """What is asked for, as adapted and placed: (camera height, camera width, 3), in screen primaries."""
-        return self._request.desired(self._planes.run())
+        return self._eye.request.desired(self._planes.run())
 
     def small(self) -> NDArray[np.uint8] | None:
         """The rendered view as a small sRGB picture; None before the first frame of a medium.
@@ -208,28 +190,29 @@ class Renderer:
             return self.small()
         if not self._view or self._sent is None:
             return None
-        return self._device.read(self._small_camera.run(self._observers[0].run(self._sent)), np.uint8)
+        return self._device.read(self._small_camera.run(self._eye.observers[0].run(self._sent)), np.uint8)
 
     def finish(self) -> None:
         """Wait until everything asked for has been computed."""
         self._device.finish()
 
     def certificate(self) -> Certificate | None:
-        """How far the drive of the rendered view can be from the best one; None without compensation or its maps.
+        """How far the drive of the rendered view can be from the best one; None without compensation or its maps, and
+        between views, where nobody knows what is best.
 
         Costs as much as a step of refinement.
         """
-        if self._refiner is None or self._compensated is None:
+        if self._compensated is None or (refiner := self._compensated.refiner) is None:
             return None
-        last, b, _ = self._compensated
-        return self._refiner.certify(last.p, self._goal(b))
+        last, asked, _ = self._compensated
+        return refiner.certify(last.p, self._goal(asked[0].b))
 
     def snapshot(self) -> Snapshot | None:
         """The same with what is needed to estimate it (survey.py): three pictures are read back as well."""
-        if self._refiner is None or self._compensated is None:
+        if self._compensated is None or (refiner := self._compensated.refiner) is None:
             return None
-        last, b, steps = self._compensated
-        return self._refiner.snapshot(last, self._goal(b), steps)
+        last, asked, steps = self._compensated
+        return refiner.snapshot(last, self._goal(asked[0].b), steps)
 
     def release(self) -> None:
         """Give back what the renderer holds."""
@@ -238,80 +221,77 @@ class Renderer:
 
     def _shown(self, view: str, *, compensate: bool, steps: int) -> Light:
         if view == "impossible":
-            return self._maps.impossible()
+            return self._eye.views.impossible()
         if view == "projector":
             return self._shown_to_projector(compensate=compensate, steps=steps)
         if self._adjustments.card is not None:
-            return self._seen(self._request.plain(self._decoded))
-        b = self._light()
+            return self._seen(self._plain())
+        asked = self._asked()
         if view == "split":
-            drives = self._request.plain(self._decoded), self._drive(b, steps)
+            drives = self._plain(), self._drive(asked, steps)
             self._sent = drives[1]
-            plain, corrected = (observe.run(drive) for observe, drive in zip(self._observers, drives, strict=True))
+            plain, corrected = (observe.run(drive) for observe, drive in zip(self._eye.observers, drives, strict=True))
             seen = self._split.run(left=plain, right=corrected)
         else:
-            seen = self._seen(self._drive(b, steps) if compensate else self._request.plain(self._decoded))
+            seen = self._seen(self._drive(asked, steps) if compensate else self._plain())
         if view == "error":
-            seen = self._maps.error(seen, self._request.unbounded(self._decoded))
+            seen = self._eye.views.error(seen, self._unbounded())
         if self._adjustments.clipping:
-            seen = self._maps.over_camera(seen, self._near_light(self._request.unbounded(self._decoded)))
+            seen = self._eye.views.over_camera(seen, self._eye.near_light(self._unbounded()))
         return seen
 
     def _seen(self, drive: Light) -> Light:
         self._sent = drive
-        return self._observers[0].run(drive)
+        return self._eye.observers[0].run(drive)
 
     def _shown_to_projector(self, *, compensate: bool, steps: int) -> Light:
         if not compensate:
-            self._sent = self._request.plain(self._decoded)
+            self._sent = self._plain()
             return self._sent
-        b = self._light()
-        drive = self._sent = self._drive(b, steps)
+        drive = self._sent = self._drive(self._asked(), steps)
         if self._adjustments.clipping:
-            asked = self._unclamped(self._request.unbounded(self._decoded))
-            drive = self._maps.over_projector(drive, asked)
+            wanted = self._eye.guess("map", clamp=False)(self._unbounded())
+            drive = self._eye.views.over_projector(drive, wanted)
         return drive if self._moved is None else self._moved.run(drive)
 
     def _goal(self, b: Light) -> Goal:
-        return Goal(b, self._request.unbounded(self._decoded), self._request.plain(self._decoded))
+        return Goal(b, self._unbounded(), self._plain())
 
-    def _light(self) -> Light:
-        b = self._request.light(self._decoded)
+    def _plain(self) -> Light:
+        return self._eye.request.plain(self._decoded)
+
+    def _unbounded(self) -> Light:
+        return self._eye.request.unbounded(self._decoded)
+
+    def _asked(self) -> list[Asked]:
+        asked = [Asked(share, eye, eye.request.light(self._decoded)) for share, eye in self._shares]
         self._laps.end("place")
-        return b
+        return asked
 
-    def _drive(self, b: Light, steps: int) -> Light:
-        if self._refiner is None or not steps:
-            last = standing(self._correct(b))
-            self._laps.end("start")
-        else:
-            start = self._start.run(b)
-            self._laps.end("start")
-            last = self._refiner.run(start, b, steps)
-            self._start.keep(last)
+    def _drive(self, asked: list[Asked], steps: int) -> Light:
+        refined = self._company.refines and steps > 0
+        last = self._company.begin(asked) if refined else self._company.thesis(asked)
+        self._laps.end("start")
+        if refined:
+            last = self._company.refine(last, asked, steps)
             self._laps.end("steps")
         if self._damper is not None and self._adjustments.flicker:
             last = standing(self._damper.run(last.p, self._adjustments.flicker))
-        self._compensated = _Compensated(last, b, steps)
+        self._compensated = _Compensated(last, asked, steps)
         return last.p
 
 
 class _Compensated(NamedTuple):
-    """The drive of the rendered view, the light that it was asked for, and the steps of refinement."""
+    """The drive of the rendered view, what it was asked for, and the steps of refinement."""
 
     last: Iterate
-    b: Light
+    asked: list[Asked]
     steps: int
 
-
-class _NearLight:
-    """b -> b without the far light of the compensated picture."""
-
-    def __init__(self, undo: ChainPass | None) -> None:
-        self._undo = undo
-
-    def __call__(self, b: Light) -> Light:
-        return b if self._undo is None else self._undo.run(b, b)
+    @property
+    def refiner(self) -> Refiner | None:
+        """None between views."""
+        return self.asked[0].eye.refiner if len(self.asked) == 1 else None
 
 
 class _Moved:
@@ -334,29 +314,14 @@ class _Moved:
         self._owner.release()
 
 
-class _Corrected:
-    """b -> T⁺ b of the near light; built when first asked, for steps may start without T⁺.
-
-    combine : "", or "CLAMP" to limit it to 0..1.
-    """
-
-    def __init__(self, stored: StoredMaps, near_light: _NearLight, combine: str = "") -> None:
-        self._stored, self._near_light, self._combine = stored, near_light, combine
-        self._product: Operation | None = None
-
-    def __call__(self, b: Light) -> Light:
-        if self._product is None:
-            self._product = self._stored.of(self._stored.room.maps.correction).product(self._combine)
-        return self._product.run(self._near_light(b))
-
-    def release(self) -> None:
-        if self._product is not None:
-            self._product.release()
-
-
-def check_radiance_size(pixels: PixelFormat, calibration: Calibration) -> None:
-    """An OpenEXR picture is the camera's radiance as it is: InputError unless it has the camera's size."""
-    camera = calibration.camera
+def check_radiance(pixels: PixelFormat, room: Room) -> None:
+    """An OpenEXR picture is the camera's radiance as it is: InputError unless it has the size of the only camera."""
+    camera = room.calibration.camera
+    if pixels.layout == "radiance" and room.others:
+        raise InputError(
+            f"an OpenEXR picture is the radiance of one view, the room has {len(room.others) + 1}; play one of them, "
+            "or save it as PNG"
+        )
     if pixels.layout == "radiance" and (pixels.height, pixels.width) != camera.shape:
         raise InputError(
             f"an OpenEXR picture of {pixels.width}x{pixels.height} pixels, the camera has "

@@ -16,6 +16,8 @@ from counterlight.maps import room_maps as maps
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.pipeline.drift import Drift, read_drift
 from counterlight.pipeline.refinement import Advice, Offer, advice_of, default_start, default_steps
+from counterlight.pipeline.views_together import check_views, with_shared_darkness
+from counterlight.viewpoints import Places, Viewpoint, folders_of, is_set, read_places
 
 DITHERS = ("ordered", "noise", "none")
 
@@ -27,6 +29,7 @@ class Room:
     white : camera radiance of a white picture, in each channel.  dither : one of DITHERS.
     start : one of counterlight.pipeline.refinement.STARTS, where refinement begins.
     drift : what has changed since the calibration, whose ambient light is that of now; None if nobody has looked.
+    others, places : of a set of views the further ones, and where all stand; this is the first.
     """
 
     calibration: Calibration
@@ -35,11 +38,37 @@ class Room:
     dither: str = "ordered"
     start: str = "previous"
     drift: Drift | None = None
+    others: tuple["Room", ...] = ()
+    places: Places | None = None
+
+    @property
+    def eyes(self) -> tuple["Room", ...]:
+        """The room as it is seen from each of its views."""
+        return (self, *self.others)
+
+    def shares(self, viewpoint: Viewpoint) -> NDArray[np.float64]:
+        """Of each eye, for viewers there; InputError for a place in a room that was seen from one alone."""
+        if self.places is not None:
+            return self.places.shares(viewpoint)
+        if viewpoint != "all":
+            raise InputError(
+                "a viewpoint is for a room of several views, this one has one; join views with: "
+                "counterlight join VIEW… --at X[,Y]… -o FOLDER"
+            )
+        return np.ones(1)
 
     @property
     def drifted(self) -> dict[str, Any] | None:
         """For JSON, what the last check found; None if there was none."""
         return None if self.drift is None else self.drift.to_dict(self.calibration.projectors)
+
+    def seen_from(self, viewpoint: Viewpoint) -> "Room":
+        """The eye that has the largest share, whose view is shown."""
+        return self.eyes[int(self.shares(viewpoint).argmax())]
+
+    def outside(self, viewpoint: Viewpoint) -> str | None:
+        """A line about viewers who stand beyond all views, None if nobody does."""
+        return None if self.places is None else self.places.outside(viewpoint)
 
     @cached_property
     def ambient(self) -> NDArray[np.float32]:
@@ -48,7 +77,9 @@ class Room:
 
     @property
     def default_steps(self) -> int:
-        """Steps of refinement a frame if nobody says how many."""
+        """Steps of refinement a frame if nobody says how many; of several views what the neediest needs."""
+        if self.others:
+            return max(replace(each, others=(), start=self.start).default_steps for each in self.eyes)
         if self.maps.refinement is None:
             return 0
         advice = _advice(self.maps)
@@ -78,7 +109,10 @@ def read_room(
     refine : steps of refinement; None for the usual number where the room has the maps for it.
     start : one of STARTS, where they begin; None for what suits the room's maps.
     words : read the maps in words, too, if the room has any.
+    Of a set of views all are read, for one white, one start, and no view's darkness where another one sees light.
     """
+    if is_set(folder):
+        return _read_set(folder, white, dither, refine, start, words=words)
     if refine == 0 and start is not None:
         raise InputError(
             f"--refine-from {start}: --refine 0 makes no step that could start there; leave one of them out"
@@ -94,6 +128,18 @@ def read_room(
     reachable = room_maps.white * (1.0 if drift is None else drift.dimming)
     level = reachable if white is None else white
     return Room(calibration, room_maps, level, dither, start or start_of(room_maps, folder), drift)
+
+
+def _read_set(folder: Path, white: float | None, *told: Any, words: bool) -> Room:
+    places = read_places(folder, calibrations.TOML)
+    rooms = [read_room(view, white, *told, words=words) for view in folders_of(folder, len(places.at))]
+    check_views([each.calibration for each in rooms], f"{folder}")
+    level = min(each.white for each in rooms)
+    if all(each.maps.refinement is not None for each in rooms):
+        maps_of = with_shared_darkness([each.maps for each in rooms])
+        rooms = [replace(each, maps=maps) for each, maps in zip(rooms, maps_of, strict=True)]
+    first, *others = (replace(each, white=level, start=rooms[0].start) for each in rooms)
+    return replace(first, others=tuple(others), places=places)
 
 
 def start_of(room_maps: RoomMaps, folder: Path | None = None) -> str:

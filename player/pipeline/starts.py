@@ -5,7 +5,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from counterlight.pipeline.device import Device, Light, Owner, StoredMap
+from counterlight.pipeline.device import Device, Light, Owner
 from counterlight.pipeline.refinement import GREY
 
 Correct: TypeAlias = Callable[[Light], Light]
@@ -25,7 +25,7 @@ def standing(drive: Light) -> Iterate:
 
 
 class MapStart:
-    """clamp(T⁺ b): the thesis' method.  correct : b -> that, p within 0..1."""
+    """clamp(T⁺ b), the thesis' method, or direct mapping.  correct : b -> that, p within 0..1."""
 
     def __init__(self, correct: Correct) -> None:
         self._correct = correct
@@ -95,17 +95,6 @@ class _Carried:
     def release(self) -> None:
         self.change.release()
         self.momentum.release()
-
-
-class DirectStart(MapStart):
-    """Direct mapping: each projector pixel asks the camera pixel that it lights most."""
-
-    def __init__(self, direct: StoredMap) -> None:
-        self._product = direct.product("CLAMP")
-        super().__init__(self._product.run)
-
-    def release(self) -> None:
-        self._product.release()
 
 
 class GreyStart(MapStart):

@@ -102,7 +102,7 @@ def _render_whole(
         return render_to_file(
             reader,
             renderer,
-            room,
+            room.seen_from(adjustments.viewpoint),
             options.output,
             options.view,
             compensate=options.compensation,

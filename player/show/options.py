@@ -141,7 +141,7 @@ def _add_compensation(parser: argparse.ArgumentParser) -> None:
         help="where they start (default: as the maps say, the correction map's\n"
         "picture, or direct mapping's if that map is large, both changed\nas in the frame before)",
     )
-    _offer(parser, "compensation", "view")
+    _offer(parser, "compensation", "view", "viewpoint")
 
 
 def _add_adjustments(parser: argparse.ArgumentParser) -> None:

@@ -120,7 +120,7 @@ def _adjustments(session: Session) -> dict[str, Property]:
         found = session.adjustments.corners
         return None if found is None else [list(corner) for corner in found]
 
-    names = "brightness", "contrast", "gamma", "saturation", "black-level", "adapt", "flicker", "clipping"
+    names = "brightness", "contrast", "gamma", "saturation", "black-level", "adapt", "flicker", "clipping", "viewpoint"
     light = "target-peak", "hdr-peak", "tone-mapping", "lut-type"
     return {name: field(name) for name in (*names, *light)} | {
         "test-card": named(

@@ -19,6 +19,7 @@ from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Shortfall, Snapshot
 from counterlight.raster import Region
+from counterlight.viewpoints import Viewpoint, calibrations_in
 
 if TYPE_CHECKING:
     from counterlight.pipeline.survey import Survey
@@ -32,12 +33,21 @@ class RoomInUse:
     ) -> None:
         self._folder, self._room, self._read, self._make_renderer = folder, room, read, make_renderer
         self._survey: tuple[Room, Survey] | None = None
+        self.stand("all")
+
+    def stand(self, viewpoint: Viewpoint) -> str | None:
+        """Take the view that is shown to viewers there; a line if one is beyond all views.
+
+        InputError for a place in a room that was seen from one alone.
+        """
+        self._seen, self._viewpoint = self._room.seen_from(viewpoint), viewpoint
+        return self._room.outside(viewpoint)
 
     def appraise(self, snapshot: Snapshot) -> Shortfall:
         """Where a drive stands; InputError without the maps of refinement. Takes seconds: for a thread of its own."""
         from counterlight.pipeline.survey import Survey  # Numba takes half a second: not before it is used
 
-        room = self._room
+        room = self._seen
         if room.maps.refinement is None:
             raise InputError(f"{self._folder}: its maps were built without what refinement needs")
         if self._survey is None or self._survey[0] is not room:
@@ -47,7 +57,7 @@ class RoomInUse:
     @property
     def refinable(self) -> bool:
         """Whether the maps are there that refinement needs."""
-        return self._room.maps.refinement is not None
+        return all(each.maps.refinement is not None for each in self._room.eyes)
 
     @property
     def placed_on(self) -> tuple[int, int]:
@@ -62,8 +72,8 @@ class RoomInUse:
     @property
     def drifts(self) -> bool:
         """Whether the last check has found, or no longer finds, anything to undo."""
-        found = read_drift(calibration.read(self._folder))
-        return any(each is not None and each.changes for each in (found, self._room.drift))
+        found = [read_drift(calibration.read(folder)) for folder in calibrations_in(self._folder)]
+        return any(each is not None and each.changes for each in (*found, *(eye.drift for eye in self._room.eyes)))
 
     def reload(self) -> Renderer:
         """Read the maps and make a renderer of them; InputError if they do not suit the windows that are open."""
@@ -76,6 +86,7 @@ class RoomInUse:
             )
         renderer = self._make_renderer(fresh)
         self._room, self._survey = fresh, None
+        self.stand(self._viewpoint)
         return renderer
 
     def fit(self, pixels: PixelFormat) -> Corners:
@@ -88,7 +99,7 @@ class RoomInUse:
 
     def psnr(self, certificate: Certificate) -> float:
         """10 log₁₀(white² / mean (T p − b)²) over the camera pixels that count and their channels."""
-        values = 3 * np.count_nonzero(self._room.calibration.mask)
+        values = 3 * np.count_nonzero(self._seen.calibration.mask)
         return psnr(float(certificate.squared_error.sum()) / max(int(values), 1) / self._room.white**2)
 
     def pointed_at(self, points: Points, view: str) -> Points:
@@ -96,15 +107,15 @@ class RoomInUse:
 
         Of the projector's picture, what the correction map has most of.
         """
-        screen = self._room.calibration.screen
-        seen = lit_by(self._room.maps.correction, points) if view == "projector" else points
+        screen = self._seen.calibration.screen
+        seen = lit_by(self._seen.maps.correction, points) if view == "projector" else points
         return seen if screen is None else screen.looked_at(seen)
 
     def outline(self, corners: Corners, corner: int | None, view: str) -> Outline:
         """Of a picture with these corners in a view; in the projector's, where it lights the outline most."""
-        screen = self._room.calibration.screen
+        screen = self._seen.calibration.screen
         drawn = outline_of(corners, corner, self.placed_on) if screen is None else outline_on(screen, corners, corner)
-        return moved(drawn, partial(lit_by, self._room.maps.transport)) if view == "projector" else drawn
+        return moved(drawn, partial(lit_by, self._seen.maps.transport)) if view == "projector" else drawn
 
 
 def _sizes(regions: Sequence[Region]) -> str:

@@ -30,6 +30,7 @@ from counterlight.show.output import FilmOutput, open_output, read_written
 from counterlight.show.rendering import Rendering, Stretch
 from counterlight.show.segments import Film, divide, look_through, within_shots
 from counterlight.show.stats import Stats
+from counterlight.viewpoints import calibrations_in
 from counterlight.writing.numbered import is_numbered, number_of
 from counterlight.writing.outputs import is_vacant, refuse_strangers
 from counterlight.writing.replacing import replacing_file
@@ -78,7 +79,7 @@ def render_segment(rendering: Rendering, segment: Segment) -> Stats:
         stats = render_to_file(
             reader,
             renderer,
-            room,
+            room.seen_from(rendering.adjustments.viewpoint),
             segment.part,
             rendering.view,
             compensate=rendering.compensate,
@@ -172,15 +173,17 @@ def _apart(one: Any, other: Any) -> dict[str, Any]:
 def _plan(rendering: Rendering, film: Film, stretches: Sequence[Stretch]) -> dict[str, Any]:
     """What decides every bit of the segments, for JSON."""
     made = asdict(rendering) | {"medium": _identity(rendering.medium.name)}
-    room = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in tables_of(rendering.calibration)}
+    folder = rendering.calibration
+    room = {f"{path.relative_to(folder)}": hashlib.sha256(path.read_bytes()).hexdigest() for path in tables_of(folder)}
     text = json.dumps([made, room, asdict(film)], sort_keys=True, default=_told)
     digest = hashlib.sha256(text.encode()).hexdigest()
     return {"format": FORMAT, "of": digest, "stretches": [[each.lead, each.begin, each.end] for each in stretches]}
 
 
 def tables_of(calibration: Path) -> list[Path]:
-    """The files that vouch for all others of a calibration folder."""
-    folders = calibration, calibration / "correction", calibration / "drift"
+    """The files that vouch for all others of a calibration folder, or of a set of views."""
+    rooms = dict.fromkeys([calibration, *calibrations_in(calibration)])
+    folders = [folder for room in rooms for folder in (room, room / "correction", room / "drift")]
     return [path for folder in folders for path in sorted(folder.glob("*.toml"))]
 
 

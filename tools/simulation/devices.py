@@ -55,6 +55,25 @@ class Device:
         tan_x = self.tan_half[0]
         return replace(self, width=width, height=height, tan_half=(tan_x, tan_x * height / width))
 
+    def moved(self, right: float, up: float) -> Self:
+        """Standing that many metres to the right and up, and turned towards the same point, as sharp there."""
+        target = self.position + self.target_distance * self.forward
+        position = self.position + right * self.right + up * self.up
+        towards = target - position
+        distance = float(np.linalg.norm(towards))
+        forward = towards / distance
+        across = np.cross(forward, self.up)
+        across = across / np.linalg.norm(across)
+        return replace(
+            self,
+            position=position,
+            right=across,
+            up=np.cross(across, forward),
+            forward=forward,
+            target_distance=distance,
+            focus_distance=self.focus_distance * distance / self.target_distance,
+        )
+
     def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Pixel coordinates x, y (continuous) and depth along the axis of points (n, 3); NaN behind the device."""
         towards = points - self.position

@@ -10,10 +10,13 @@ from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.simulation.simulate import Simulated
+from counterlight.tools.transport import joining_views
 from counterlight.tools.transport.joining_cameras import CameraOptions, described, joined_cameras
+from counterlight.tools.transport.joining_views import on_shared_screen, write_views
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport
+from counterlight.viewpoints import Places
 
 
 def simulated_calibration(scene: Scene, result: Simulated) -> Calibration:
@@ -46,6 +49,8 @@ def simulated_room(scene: Scene, results: Sequence[Simulated]) -> tuple[Calibrat
 
 def fill_simulated_room(scene: Scene, results: Sequence[Simulated], stage: Path) -> str:
     """Write a simulated scene into the stage of a calibration; returns some words on the whole."""
+    if scene.places is not None:
+        return _fill_set(scene, scene.places, results, stage)
     room, transport = simulated_room(scene, results)
     write_transport(transport, stage)
     calibration.write(room, stage)
@@ -54,3 +59,12 @@ def fill_simulated_room(scene: Scene, results: Sequence[Simulated], stage: Path)
     blurring = "" if results[0].blurring is None else f"; {results[0].blurring}"
     lit = f"{mask.sum()} of {mask.size} camera pixels lit directly"
     return f"{several}{entries} near entries a channel, {lit}{blurring}"
+
+
+def _fill_set(scene: Scene, places: Places, results: Sequence[Simulated], stage: Path) -> str:
+    rooms = [simulated_calibration(view, result) for view, result in zip(scene.views, results, strict=True)]
+    exact = CameraOptions(keep_exposures=True)
+    views, _ = on_shared_screen(rooms, [result.transport for result in results], scene.name, exact)
+    views = [(replace(room, provenance=rooms[0].provenance), transport) for room, transport in views]
+    write_views(views, places, stage)
+    return joining_views.described(views)

@@ -28,6 +28,10 @@
 
                                        # several see the same room as [[cameras]], each with the keys of [camera]
 
+    [viewpoints]                       # the camera stands at each of these, and looks at what it looks at (default one)
+    at = [[-0.5, 0], [0, 0], [0.5, 0]] # metres to the right of its position and up, at most 64: views for viewers that
+                                       # move (docs/viewpoints.md)
+
     [ambient]
     irradiance = [0.02, 0.02, 0.02]    # on every surface from every side (default none)
 
@@ -80,6 +84,7 @@ from counterlight.tools.simulation.devices import Camera, Projector, read_camera
 from counterlight.tools.simulation.materials import read_material
 from counterlight.tools.simulation.shapes.read import read_shapes
 from counterlight.tools.simulation.surfaces import Surface
+from counterlight.viewpoints import FARTHEST, Places
 
 Size: TypeAlias = tuple[int, int]  # (height, width)
 MAX_SAMPLES, MAX_CELLS = 16, 4000
@@ -89,7 +94,8 @@ MAX_SAMPLES, MAX_CELLS = 16, 4000
 class Scene:
     """A whole room; see the module's text for units.
 
-    camera : the one that is simulated.  others : of a room of several cameras.
+    camera : the one that is simulated.  others : of a room of several cameras, or of several views.
+    places : where views stand, the camera's first; None for a room that is one calibration.
     """
 
     name: str
@@ -101,11 +107,12 @@ class Scene:
     cells: int
     threshold: float
     others: tuple[Camera, ...] = ()
+    places: Places | None = None
 
     @property
     def views(self) -> tuple["Scene", ...]:
         """The room as each camera sees it alone."""
-        return tuple(replace(self, camera=camera, others=()) for camera in (self.camera, *self.others))
+        return tuple(replace(self, camera=each, others=(), places=None) for each in (self.camera, *self.others))
 
     def resized(self, camera: Size | None = None, projector: Size | None = None) -> "Scene":
         """With other pixels, (height, width) each, None to keep them; the horizontal fields of view stay."""
@@ -123,6 +130,11 @@ def load_scene(path: Path) -> Scene:
     projector = read_projector(top.table("projector"), path.parent)
     cameras = top.tables("cameras", MOST_CAMERAS) if "cameras" in top else [top.table("camera")]
     camera, *others = (read_camera(table, path.parent) for table in cameras)
+    places = _places(top)
+    if places is not None:
+        if others:
+            raise InputError(f"{path}: [viewpoints] are of one camera, found {len(cameras)} [[cameras]]; leave one out")
+        camera, *others = (camera.moved(*at) for at in places.at)
     ambient = top.table("ambient", optional=True)
     scene = Scene(
         name=top.text("name", path.stem),
@@ -136,10 +148,25 @@ def load_scene(path: Path) -> Scene:
         cells=top.integer("cells", 600, 2, MAX_CELLS),
         threshold=top.number("threshold", 1e-4, 0.0, 0.1),
         others=tuple(others),
+        places=places,
     )
     for part in (top, ambient):
         part.refuse_unknown()
     return scene
+
+
+def _places(top: Table) -> Places | None:
+    if "viewpoints" not in top:
+        return None
+    table = top.table("viewpoints")
+    listed = table.raw("at", None)
+    many = len(listed) if isinstance(listed, list) else 0
+    at = table.rows("at", max(many, 1), 2, -FARTHEST, FARTHEST)
+    table.refuse_unknown()
+    try:
+        return Places(tuple((float(x), float(y)) for x, y in at))
+    except InputError as error:
+        raise table.refusal(f", {error}") from None
 
 
 def _surfaces(table: Table, folder: Path, eye: Vector) -> list[Surface]:

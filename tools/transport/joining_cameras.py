@@ -62,7 +62,7 @@ def join_cameras(
     with calibrations.replacing(output, force=force, inputs=folders) as stage:
         stored = [calibrations.read(folder) for folder in folders]
         rooms = [one.calibration for one in stored]
-        _check_projectors(rooms, folders)
+        check_projectors(rooms, folders)
         made = [factored(read_transport(one), one.calibration.ambient, options.tolerance)[0] for one in stored]
         shared = joined_cameras(rooms, made, name or output.name, options, monitors)
         write_transport(shared.transport, stage)
@@ -129,7 +129,8 @@ def same_projectors(folders: Sequence[Path]) -> bool:
     return len(names) == 1
 
 
-def _check_projectors(rooms: Sequence[Calibration], folders: Sequence[Path]) -> None:
+def check_projectors(rooms: Sequence[Calibration], folders: Sequence[Path]) -> None:
+    """InputError for projectors of other sizes, or of responses too far apart."""
     first, codes = rooms[0], np.repeat(np.linspace(0, 1, NODES)[:, None], 3, axis=1)
     for room, folder in zip(rooms[1:], folders[1:], strict=True):
         sizes = [" + ".join(f"{p.width}x{p.height}" for p in each.projectors) for each in (room, first)]

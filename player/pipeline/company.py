@@ -1,0 +1,140 @@
+"""Eyes that look at one picture from several places: the drive that serves them, each by its share.
+
+With shares λ of sum 1, steps go towards
+
+    min Σ λ (½ Σ w (T p − b)² + ½ pᵀP p),        0 ≤ p ≤ 1,
+
+T, b, w and P each eye's own (refinement.py): the mean of their slopes, stepped by the inverse of the mean of their
+curvatures. They start from the mean of the eyes' own starts. Of one eye alone, all of that is its own.
+"""
+
+from collections.abc import Sequence
+
+from counterlight.maps.prior import Prior
+from counterlight.pipeline.device import Device, Light, Owner
+from counterlight.pipeline.eye import Asked, Eye
+from counterlight.pipeline.starts import GreyStart, Iterate, MapStart, PreviousStart, Start, standing
+
+
+class Mean:
+    """Σ λ picture of pictures of the projector's size, in one of two targets by turns; a single one as it is."""
+
+    def __init__(self, device: Device, shape: tuple[int, int]) -> None:
+        self._device, self._shape, self._owner = device, shape, Owner()
+        self._passes: list[Light] = []
+
+    def run(self, pictures: Sequence[tuple[float, Light]]) -> Light:
+        """Valid until the next call."""
+        (total, mean), *others = pictures
+        for number, (share, picture) in enumerate(others):
+            total += share
+            blend = self._pass(number % 2)
+            blend.set(weight=share / total)
+            mean = blend.run(now=mean, before=picture)
+        return mean
+
+    def _pass(self, number: int) -> Light:
+        while len(self._passes) <= number:
+            self._passes.append(self._owner.own(self._device.make_pass("blend.frag", self._shape, weight=0.0)))
+        return self._passes[number]
+
+    def release(self) -> None:
+        self._owner.release()
+
+
+class Company:
+    """Makes drives for eyes.  shape : (height, width) of the projector.
+
+    refines : whether there are the maps for it.
+    """
+
+    def __init__(self, device: Device, eyes: Sequence[Eye], shape: tuple[int, int]) -> None:
+        self._device, self._shape, self._owner = device, shape, Owner()
+        self.refines = all(eye.refiner is not None for eye in eyes)
+        self._guesses, self._slopes, self._curvatures = (self._owner.own(Mean(device, shape)) for _ in range(3))
+        self._starts: dict[str, Start] = {}
+        self._several: _Several | None = None
+
+    def start_from(self, start: str) -> None:
+        """Have refinement start there, one of STARTS."""
+        if self.refines:
+            if start not in self._starts:
+                self._starts[start] = self._owner.own(self._make_start(start))
+            self._start = self._starts[start]
+
+    def _make_start(self, start: str) -> Start:
+        if start == "grey":
+            return GreyStart(self._device, self._shape)
+        if start in ("direct", "map"):
+            return MapStart(_Guessed(self._guesses, start, clamp=True))
+        of = "direct" if start == "previous-direct" else "map"
+        return PreviousStart(self._device, self._shape, _Guessed(self._guesses, of, clamp=False))
+
+    def stand(self, shares: Sequence[tuple[float, Eye]]) -> None:
+        """Take the eyes that have a share from now on; of several, their curvature is made here, once."""
+        if len(shares) > 1 and self.refines:
+            if self._several is None:
+                self._several = self._owner.own(_Several(self._device, self._shape))
+            curvatures = [(share, eye.refiner.curvature) for share, eye in shares if eye.refiner is not None]
+            self._several.take(self._curvatures.run(curvatures))
+
+    def advance(self, *, cut: bool) -> None:
+        """A new frame comes; cut: it has nothing to do with the one before."""
+        if self.refines:
+            self._start.advance(cut=cut)
+
+    def thesis(self, asked: Sequence[Asked]) -> Iterate:
+        """clamp(T⁺ b), the mean of the eyes'."""
+        return standing(_Guessed(self._guesses, "map", clamp=True)(asked))
+
+    def begin(self, asked: Sequence[Asked]) -> Iterate:
+        """Where the frame's steps start."""
+        return self._start.run(asked)
+
+    def refine(self, start: Iterate, asked: Sequence[Asked], steps: int) -> Iterate:
+        if len(asked) == 1:
+            refiner = asked[0].eye.refiner
+            assert refiner is not None
+            last = refiner.run(start, asked[0].b, steps)
+        else:
+            assert self._several is not None
+            last = self._several.run(self._slopes, start, asked, steps)
+        self._start.keep(last)
+        return last
+
+    def release(self) -> None:
+        self._owner.release()
+
+
+class _Guessed:
+    """What eyes ask -> the mean of their drives without steps."""
+
+    def __init__(self, mean: Mean, of: str, *, clamp: bool) -> None:
+        self._mean, self._of, self._clamp = mean, of, clamp
+
+    def __call__(self, asked: Sequence[Asked]) -> Light:
+        return self._mean.run([(each.share, each.eye.guess(self._of, clamp=self._clamp)(each.b)) for each in asked])
+
+
+class _Several:
+    """Steps on the mean slope of several eyes; their priors are in it already."""
+
+    def __init__(self, device: Device, shape: tuple[int, int]) -> None:
+        self._owner = Owner()
+        own = self._owner.own
+        prior = {name: own(device.picture(picture)) for name, picture in vars(Prior.none(shape)).items()}
+        self._step = own(device.stepper(shape, prior))
+        self._inverse = own(device.make_pass("inverse.frag", shape))
+
+    def take(self, curvature: Light) -> None:
+        self._step_size = self._inverse.run(picture=curvature)
+
+    def run(self, mean: Mean, start: Iterate, asked: Sequence[Asked], steps: int) -> Iterate:
+        p, y, made = start
+        for step in range(made + 1, made + steps + 1):
+            slopes = [(each.share, each.eye.refiner.downhill(y, each.b)) for each in asked if each.eye.refiner]
+            p, y = self._step.run(step, mean.run(slopes), y, p, self._step_size)
+        return Iterate(p, y, made + steps)
+
+    def release(self) -> None:
+        self._owner.release()

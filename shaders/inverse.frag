@@ -1,0 +1,14 @@
+#version 330 core
+// One over a picture, 0 where that is 0: step sizes of curvatures (player/pipeline/company.py).
+//
+// Input: `picture`, ≥ 0.
+// Output: 1 / picture, or 0, of its size.
+// CPU twin: inverse in player/pipeline/reference.py.
+uniform sampler2D picture;
+
+out vec4 result;
+
+void main() {
+    vec3 value = texelFetch(picture, ivec2(gl_FragCoord.xy), 0).rgb;
+    result = vec4(mix(vec3(0.0), 1.0 / max(value, vec3(1e-37)), greaterThan(value, vec3(0.0))), 1.0);
+}

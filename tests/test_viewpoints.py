@@ -1,0 +1,435 @@
+"""Views of one room from several places: shares of viewers, drives between views, what is read and refused."""
+
+import json
+import shutil
+import socket
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+from scipy.spatial import ConvexHull, Delaunay
+
+from counterlight import calibration
+from counterlight.calibration import Calibration
+from counterlight.errors import InputError
+from counterlight.maps.room_maps import RefinementMaps
+from counterlight.media.frames import radiance_frame
+from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.cpu_renderer import CpuRenderer
+from counterlight.pipeline.reference_renderer import ReferenceRenderer
+from counterlight.pipeline.renderer import Renderer
+from counterlight.pipeline.views_together import check_views, with_shared_darkness
+from counterlight.show.control import ControlServer
+from counterlight.show.registry import CommandError
+from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.transport.joining_cameras import CameraOptions
+from counterlight.tools.transport.joining_views import join_views, on_shared_screen
+from counterlight.tools.transport.storage import read_transport, write_transport
+from counterlight.tools.transport.transport import Transport
+from counterlight.viewpoints import Places, Viewpoint, read_places
+from tests.camera_rooms import FIRST, LEFT, calibration_of, homography, transport_seen
+from tests.programs import fail, succeed
+from tests.refined_rooms import PhysicalRoom
+from tests.rooms import CAMERA
+from tests.scenes import SCENES
+from tests.stage import Stage
+from tests.viewed_rooms import as_set, letters, two_views
+
+SQUARE = Places(((0, 0), (1, 0), (0, 1), (1, 1)))
+LINE = Places(((0.5, 1), (-0.5, 0), (0, 0.5)))
+LINE2 = Places(((0, 0), (1, 0)))
+GRID = Places(tuple((float(x), float(y)) for x in range(4) for y in range(3)))
+
+
+@pytest.mark.parametrize("places", [SQUARE, LINE, GRID, Places(((3, -2),))])
+def test_a_viewer_at_a_view_has_that_alone(places: Places) -> None:
+    shares = [places.shares((at,)) for at in places.at]
+    np.testing.assert_array_equal(shares, np.eye(len(places.at)))  # no other view's drive is asked for
+
+
+def test_shares_give_the_place_back_and_name_few_views(rng: np.random.Generator) -> None:
+    """Barycentric in a triangulation: whatever is linear in the place is exact, and views far off have no say."""
+    places = Places(tuple(map(tuple, rng.uniform(-2, 3, (12, 2)).tolist())))
+    at, hull = np.array(places.at), Delaunay(np.array(places.at))
+    inside = [point for point in rng.uniform(-2, 3, (300, 2)) if hull.find_simplex(point) >= 0]
+    assert len(inside) > 100
+    for point in inside:
+        shares = places.shares((tuple(point),))
+        assert shares.min() >= 0
+        np.testing.assert_allclose(shares @ at, point, atol=1e-5)  # shares below 1e-6 are left out
+        corners = hull.simplices[hull.find_simplex(point)]
+        assert set(np.flatnonzero(shares)) <= set(corners.tolist())  # scipy's triangulation is ours
+
+
+@pytest.mark.parametrize("places", [SQUARE, GRID, LINE])
+def test_shares_are_continuous(places: Places, rng: np.random.Generator) -> None:
+    """Also where four views lie on a circle, and two triangulations would be as good: no jump of the picture."""
+    for start in rng.uniform(-1, 4, (30, 2)):
+        path = start + np.linspace(0, 1, 200)[:, None] * rng.uniform(-1, 1, 2)
+        shares = np.array([places.shares((tuple(point),)) for point in path])
+        assert np.abs(np.diff(shares, axis=0)).max() < 0.03  # a step is at most 0.0072 long; slopes of shares up to 2
+
+
+def test_beyond_the_views_counts_the_nearest_place_between_them(rng: np.random.Generator) -> None:
+    assert GRID.outside(((1.5, 0.3),)) is None
+    assert GRID.outside("all") is None
+    assert GRID.outside(((1.5, 0.3), (9, 1))) == "viewpoint 9,1 is outside the views; taken as 3,1"
+    places = Places(tuple(map(tuple, rng.uniform(-1, 1, (9, 2)).tolist())))
+    corners = np.array(places.at)[ConvexHull(np.array(places.at)).vertices]
+    border = np.concatenate(
+        [np.linspace(a, b, 2000) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
+    )
+    for angle in np.linspace(0, 6, 13):
+        point = 4 * np.array([np.cos(angle), np.sin(angle)])
+        nearest = border[((border - point) ** 2).sum(axis=1).argmin()]
+        np.testing.assert_allclose(places.shares((tuple(point),)) @ np.array(places.at), nearest, atol=2e-3)
+
+
+def test_several_viewers_share_and_all_stand_at_the_views() -> None:
+    np.testing.assert_allclose(LINE.shares(((0, 0.5), (0.25, 0.75))), [0.25, 0, 0.75])
+    np.testing.assert_allclose(LINE.shares("all"), [1 / 3] * 3)
+
+
+@pytest.fixture(scope="module")
+def views() -> list[PhysicalRoom]:
+    return two_views()
+
+
+def drawn(renderer: Renderer, viewpoint: Viewpoint, steps: int) -> np.ndarray:
+    frame = letters()
+    renderer.open(frame.format)
+    renderer.adjust(Adjustments(viewpoint=viewpoint))
+    renderer.upload(frame)
+    renderer.render("projector", compensate=True, steps=steps)
+    return renderer.linear().astype(np.float64)
+
+
+@pytest.mark.parametrize("steps", [0, 5])
+@pytest.mark.parametrize("start", ["previous", "previous-direct", "map", "direct", "grey"])
+def test_at_a_view_the_drive_is_that_of_the_view_alone(views: list[PhysicalRoom], start: str, steps: int) -> None:
+    room = as_set(views, start)
+    for place, view in ((0, 0), (1, 1), (-7, 0)):  # beyond the views: as at the nearest
+        alone = drawn(CpuRenderer(replace(views[view].room, start=start)), "all", steps)
+        np.testing.assert_array_equal(drawn(CpuRenderer(room), ((place, 0),), steps), alone)
+
+
+@pytest.mark.parametrize("share", [0.25, 0.5])
+def test_between_views_steps_end_at_scipys_answer(views: list[PhysicalRoom], share: float) -> None:
+    """min Σ λ ‖T p − b‖² within 0..1, from dense matrices by bounded-variable least squares."""
+    found = drawn(CpuRenderer(as_set(views)), ((share, 0),), 4000).reshape(-1, 3)
+    rows, asked = [list[np.ndarray]() for _ in range(3)], [list[np.ndarray]() for _ in range(3)]
+    for weight, view in zip((1 - share, share), views, strict=True):
+        alone = CpuRenderer(view.room)
+        drawn(alone, "all", 0)
+        b = np.clip((alone.desired() - view.room.ambient).reshape(-1, 3), 0, view.dense.sum(axis=2).T)
+        for i in range(3):
+            rows[i].append(np.sqrt(weight) * view.dense[i][view.inside])
+            asked[i].append(np.sqrt(weight) * b[view.inside, i])
+    for i in range(3):
+        T, b = np.concatenate(rows[i]), np.concatenate(asked[i])
+        best = lsq_linear(T, b, (0, 1), method="bvls", tol=1e-12)
+        error = float(np.sum((T @ found[:, i] - b) ** 2)) / 2
+        assert best.cost <= error < best.cost * (1 + 1e-4)  # float32 pictures, 4000 steps
+
+
+def test_a_pass_over_the_place_moves_the_drive_without_jumps(views: list[PhysicalRoom]) -> None:
+    """At 60 Hz a viewer moves by little a frame: so does the drive, also where a view begins to have a share."""
+    renderer, drives = CpuRenderer(as_set(views)), []
+    drawn(renderer, ((0, 0),), 64)
+    for place in np.linspace(0, 1, 121):
+        renderer.adjust(Adjustments(viewpoint=((float(place), 0),)))
+        renderer.upload(letters())
+        renderer.render("projector", compensate=True, steps=4)
+        drives.append(renderer.linear().astype(np.float64))
+    changes = [float(np.sqrt(np.mean((b - a) ** 2))) for a, b in pairwise(drives)]
+    whole = float(np.sqrt(np.mean((drives[-1] - drives[0]) ** 2)))
+    assert max(changes) < 0.15 * whole  # evenly it would be 1/120; a switch between views would be 1
+
+
+def test_no_certificate_is_given_between_views(views: list[PhysicalRoom]) -> None:
+    renderer = CpuRenderer(as_set(views))
+    drawn(renderer, ((0.5, 0),), 4)
+    assert renderer.certificate() is None
+    assert renderer.snapshot() is None
+    drawn(renderer, ((1, 0),), 4)
+    assert renderer.certificate() is not None
+
+
+def test_the_view_shown_is_that_of_the_largest_share(views: list[PhysicalRoom]) -> None:
+    renderer, frame = CpuRenderer(as_set(views)), letters()
+    renderer.open(frame.format)
+    for place, view in ((0.4, 0), (0.6, 1)):
+        renderer.adjust(Adjustments(viewpoint=((place, 0),)))
+        renderer.upload(frame)
+        drive = np.zeros((views[0].dense.shape[2], 3))
+        renderer.render("projector", compensate=True, steps=3)
+        drive[:] = renderer.linear().reshape(-1, 3)
+        renderer.render("camera", compensate=True, steps=3)
+        seen = views[view].transport.apply(drive).reshape(*CAMERA, 3) + views[view].room.ambient
+        np.testing.assert_allclose(renderer.linear(), seen, atol=1e-5)  # float32 sums
+
+
+def test_the_compiled_renderer_between_views_is_numpys(views: list[PhysicalRoom]) -> None:
+    room = as_set(views)
+    compiled, twin = (drawn(kind(room), "all", 6) for kind in (CpuRenderer, ReferenceRenderer))
+    np.testing.assert_allclose(compiled, twin, atol=2e-5)  # float32 and float64, six steps
+
+
+def test_a_pixel_that_another_view_sees_is_not_held_dark(views: list[PhysicalRoom]) -> None:
+    """Each view's prior draws to black what it does not see; together only what nobody sees stays drawn."""
+    held = []
+    for number, view in enumerate(views):
+        further = view.room.maps.refinement
+        assert further is not None
+        damping = np.zeros_like(further.step_size)
+        damping[number], damping[3] = 2.0, 1.0 + number  # a row that only the other view sees, and one that nobody does
+        lit = np.divide(1, further.step_size, out=np.zeros_like(damping), where=further.step_size > 0)
+        lit[number] = lit[3] = 0
+        total = lit + damping
+        step = np.divide(1, total, out=np.zeros_like(total), where=total > 0)
+        held.append((replace(further, prior=replace(further.prior, damping=damping), step_size=step), lit))
+    maps = [replace(view.room.maps, refinement=one) for view, (one, _) in zip(views, held, strict=True)]
+    for made, (before, lit) in zip(with_shared_darkness(maps), held, strict=True):
+        after = made.refinement
+        assert isinstance(after, RefinementMaps)
+        assert not after.prior.damping[:2].any()
+        np.testing.assert_array_equal(after.prior.damping[3], 1.0)
+        expected = lit + after.prior.damping
+        seen = expected > 0
+        np.testing.assert_allclose(after.step_size[seen], 1 / expected[seen], rtol=1e-5)  # float32, there and back
+        assert not after.step_size[~seen].any()
+        assert before.step_size.dtype == after.step_size.dtype
+
+
+def test_radiance_of_one_view_is_refused(views: list[PhysicalRoom]) -> None:
+    with pytest.raises(InputError, match="radiance of one view, the room has 2"):
+        CpuRenderer(as_set(views)).open(radiance_frame(np.zeros((*CAMERA, 3), np.float32)).format)
+
+
+def test_a_room_of_one_view_has_no_viewpoint(views: list[PhysicalRoom]) -> None:
+    renderer = CpuRenderer(views[0].room)
+    with pytest.raises(InputError, match="one has one; join views with: counterlight join VIEW"):
+        renderer.adjust(Adjustments(viewpoint=((0, 0),)))
+
+
+@pytest.mark.parametrize(
+    ("said", "read"),
+    [
+        ("0.25", [[0.25, 0]]),
+        ("-1,2.5", [[-1, 2.5]]),
+        ("0 1,1", [[0, 0], [1, 1]]),
+        (0.5, [[0.5, 0]]),
+        ([0.5, 1], [[0.5, 1]]),
+        ([[0.5, 1], [2]], [[0.5, 1], [2, 0]]),
+        ("all", "all"),
+    ],
+)
+def test_a_tracker_sets_the_viewpoint(said: object, read: object) -> None:
+    stage = Stage()
+    stage.advance(0.05)
+    stage.commands.set("viewpoint", said)
+    place = stage.commands.get("viewpoint")
+    assert (place if read == "all" else [list(each) for each in place]) == read
+    assert stage.screen.adjusted[-1].viewpoint == place
+
+
+def test_a_tracker_sets_it_over_the_socket_sixty_times_a_second(tmp_path: Path) -> None:
+    """Each is answered, the last one counts, and none reads or makes the room again."""
+    stage, path = Stage(), tmp_path / "show.socket"
+    stage.advance(0.05)
+    server = ControlServer(path)
+    try:
+        with socket.socket(socket.AF_UNIX) as client:
+            client.connect(f"{path}")
+            answers = b""
+            for number in range(120):
+                ask = {"command": ["set_property", "viewpoint", [number / 100, 0.5]], "request_id": number}
+                client.sendall(json.dumps(ask).encode() + b"\n")
+                server.poll(stage.commands)
+                stage.advance(1 / 60)
+                answers += client.recv(1 << 16)
+    finally:
+        server.close()
+    errors = [json.loads(line)["error"] for line in answers.splitlines() if b"request_id" in line]
+    assert errors == ["success"] * 120
+    assert stage.commands.get("viewpoint") == ((1.19, 0.5),)
+    assert [each.viewpoint for each in stage.screen.adjusted][-2:] == [((1.18, 0.5),), ((1.19, 0.5),)]
+    assert len(stage.screen.shown) >= 120  # drawn at every step
+
+
+@pytest.mark.parametrize("said", ["", "left", "1,2,3", "nan", None, True, [], [[1, 2, 3]], [[True]], "1e9", {"x": 1}])
+def test_what_is_no_place_is_refused(said: object) -> None:
+    stage = Stage()
+    stage.advance(0.05)
+    with pytest.raises(CommandError, match="viewpoint: expected all, X or X,Y, several with spaces between, found"):
+        stage.commands.set("viewpoint", said)
+
+
+def test_who_leaves_the_views_is_told_of_once() -> None:
+    stage = Stage()
+    stage.outside = lambda viewpoint: "beyond" if viewpoint != "all" and viewpoint[0][0] > 1 else None
+    stage.advance(0.05)
+    for place in (0.5, 1.5, 1.6, 1.7, 0.5, 1.5):
+        stage.commands.set("viewpoint", place)
+    assert [line for line in stage.session.stats.latest_notices() if "beyond" in line] == ["beyond"] * 2
+
+
+def shifted(by: float) -> np.ndarray:
+    """Where a camera sees the wall that looks somewhat further to the right, in projector pixels."""
+    return LEFT + np.outer([1, 0, 0], [0, 0, by])
+
+
+def seen_view(shift: float, gain: float = 1.0) -> tuple[Calibration, Transport]:
+    """A flat wall from somewhat to the right."""
+    transport = transport_seen(FIRST, homography(shifted(shift)), (gain, gain, gain))
+    return calibration_of(transport, f"at {shift}"), transport
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder, made = tmp_path_factory.mktemp("views"), []
+    for number, (shift, gain) in enumerate(((0, 1.0), (2, 0.8))):
+        room, transport = seen_view(shift, gain)
+        made.append(folder / f"{number}")
+        with calibration.writing(made[-1], room) as stage:
+            write_transport(transport, stage)
+    return made
+
+
+@pytest.fixture(scope="module")
+def joined(folders: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    output = tmp_path_factory.mktemp("set") / "room"
+    said = join_views(folders, Places(((-1, 0), (1, 0))), output, CameraOptions())
+    assert said.splitlines()[0] == f"{output}: 2 views of 50x36, screen 53x36"
+    assert "view 2: " in said
+    assert "its light times 1.249 1.250 1.251" in said
+    return output
+
+
+def test_views_share_a_screen_and_stay_calibrations_of_their_own(folders: list[Path], joined: Path) -> None:
+    """A wall place is at one place of the screen in each; the second camera looks 2 projector pixels further."""
+    rooms = [calibration.read(joined / "views" / name) for name in "12"]
+    first, second = (room.calibration.screen for room in rooms)
+    assert first is not None
+    assert second is not None
+    assert first.shape == second.shape
+    x, y = homography(np.linalg.inv(LEFT))(*homography(shifted(2))(*_centres()))
+    offset = first.positions.reshape(-1, 2) - np.stack(_centres(), axis=1)
+    found, counts = second.positions.reshape(-1, 2) - offset, rooms[1].calibration.mask.ravel()
+    away = np.linalg.norm(found - np.stack([x, y], axis=1), axis=1)[counts]
+    assert np.median(away) < 0.05  # of a pixel: middles of footprints
+    assert np.percentile(away, 99) < 0.5
+    alone = read_transport(calibration.read(folders[1]))
+    together = read_transport(rooms[1])
+    ratio = together.composition()[counts] / alone.composition()[counts]
+    np.testing.assert_allclose(ratio, 1.25, rtol=5e-3)  # matched by medians of pixels
+    assert read_places(joined, calibration.TOML) == Places(((-1, 0), (1, 0)))
+
+
+def _centres() -> tuple[np.ndarray, np.ndarray]:
+    y, x = np.mgrid[: FIRST[0], : FIRST[1]].reshape(2, -1) + 0.5
+    return x, y
+
+
+def test_a_view_that_was_calibrated_anew_is_refused(joined: Path, folders: list[Path], tmp_path: Path) -> None:
+    room = tmp_path / "room"
+    shutil.copytree(joined, room)
+    shutil.rmtree(room / "views" / "2")
+    with pytest.raises(InputError, match=r"views/2: no calibration, .*viewpoints.toml lists 2; join the views again"):
+        read_places(room, calibration.TOML)
+    shutil.copytree(folders[1], room / "views" / "2")
+    with pytest.raises(InputError, match="views/2: another calibration than that which"):
+        read_places(room, calibration.TOML)
+
+
+def test_a_set_is_no_calibration_and_a_view_is(joined: Path) -> None:
+    with pytest.raises(InputError, match=r"a set of views, expected one calibration; name a view, as .*views/1$"):
+        calibration.read(joined)
+    with pytest.raises(InputError, match="is a set of views already"):
+        join_views([joined, joined], LINE2, joined.parent / "again", CameraOptions())
+
+
+def test_a_set_is_replaced_only_by_force(folders: list[Path], tmp_path: Path) -> None:
+    output = tmp_path / "room"
+    for force in (False, True):
+        join_views(folders, LINE2, output, CameraOptions(), force=force)
+    with pytest.raises(InputError, match="a calibration is there already"):
+        join_views(folders, LINE2, output, CameraOptions())
+    (output / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"notes.txt: is no part of a calibration"):
+        join_views(folders, LINE2, output, CameraOptions(), force=True)
+
+
+def test_what_does_not_fit_together_is_refused(folders: list[Path], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="2 calibrations, 3 places; give --at"):
+        join_views(folders, LINE, tmp_path / "room", CameraOptions())
+    with pytest.raises(InputError, match="views 1 and 3 are both at 0,1; leave one out"):
+        Places(((0, 1), (0, 0), (0, 1)))
+    with pytest.raises(InputError, match="65 views, expected 1 to 64"):
+        Places(tuple((float(x), 0.0) for x in range(65)))
+    room, transport = seen_view(0)
+    narrower = replace(room, camera=replace(room.camera, width=49))
+    with pytest.raises(InputError, match="gallery: view 2 has a camera of 49x36, view 1 of 50x36"):
+        check_views([room, narrower], "gallery")
+    pair = replace(room, projectors=room.projectors * 2)
+    with pytest.raises(InputError, match=r"gallery: view 2 has projectors of 48x27 \+ 48x27, view 1 of 48x27"):
+        check_views([room, pair], "gallery")
+    views, _ = on_shared_screen([room, seen_view(1)[0]], [transport, seen_view(1)[1]], "gallery", CameraOptions())
+    with pytest.raises(InputError, match="view 1 is of 1 cameras; a view has one"):
+        on_shared_screen([views[0][0]], [transport], "gallery", CameraOptions())
+
+
+@pytest.mark.parametrize(
+    ("added", "line"),
+    [
+        ("at = [[0, 0], [0, 0]]", r"views 1 and 2 are both at 0,0"),
+        ("at = [[0, 0, 1]]", r"at.*: .*2 numbers"),
+        ("at = 3", r"a list of 1 lists of 2 numbers"),
+        ("at = [[0, 0]]\nto = 3", r"to"),
+    ],
+)
+def test_a_scene_s_viewpoints_are_checked(added: str, line: str, tmp_path: Path) -> None:
+    (tmp_path / "room.toml").write_text((SCENES / "wall.toml").read_text() + f"\n[viewpoints]\n{added}\n")
+    with pytest.raises(InputError, match=line):
+        load_scene(tmp_path / "room.toml")
+
+
+def test_a_scene_s_camera_stands_at_each_viewpoint_and_looks_at_one_point(tmp_path: Path) -> None:
+    text = (SCENES / "wall.toml").read_text()
+    (tmp_path / "room.toml").write_text(text + "\n[viewpoints]\nat = [[0, 0], [0.3, 0], [0, -0.4]]\n")
+    scene, before = load_scene(tmp_path / "room.toml"), load_scene(SCENES / "wall.toml")
+    cameras = [view.camera for view in scene.views]
+    np.testing.assert_allclose(cameras[0].position, before.camera.position)
+    for camera, (right, up) in zip(cameras, ((0, 0), (0.3, 0), (0, -0.4)), strict=True):
+        expected = before.camera.position + right * before.camera.right + up * before.camera.up
+        np.testing.assert_allclose(camera.position, expected)
+        x, y, depth = camera.project(np.zeros((1, 3)))  # what wall.toml looks at
+        np.testing.assert_allclose([x[0], y[0]], [camera.width / 2, camera.height / 2], atol=1e-9)
+        np.testing.assert_allclose(depth, np.linalg.norm(camera.position))
+        axes = np.stack([camera.right, camera.up, camera.forward])
+        np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+
+
+def test_from_a_scene_to_a_picture_between_views(tmp_path: Path) -> None:
+    """Whole commands: a set is simulated, built, and played from between; the three viewpoints get three pictures."""
+    (tmp_path / "room.toml").write_text(
+        (SCENES / "wall.toml").read_text() + "\n[viewpoints]\nat = [[-0.3, 0], [0.3, 0]]\n"
+    )
+    sizes = "--camera", "48x32", "--projector", "32x20"
+    said = succeed("simulate", tmp_path / "room.toml", *sizes, "-o", tmp_path / "set")
+    assert f"{tmp_path / 'set'}: 2 views of 48x32, screen " in said
+    assert "view 2 of 2" in succeed("build", tmp_path / "set", "--inverse", "none")
+    cv2.imwrite(f"{tmp_path / 'grey.png'}", np.full((32, 48, 3), 120, np.uint8))
+    shown = []
+    for place in ("-0.3", "0", "0.3"):
+        output = tmp_path / f"{len(shown)}.png"
+        succeed("play", tmp_path / "set", tmp_path / "grey.png", f"--viewpoint={place}", "--output", output)
+        shown.append(cv2.imread(f"{output}").astype(float))
+    lit = np.minimum(shown[0], shown[2]) > 0
+    between = np.abs(shown[1] - (shown[0] + shown[2]) / 2)[lit]
+    assert np.median(between) < 2  # code values: a matt wall looks alike from both sides
+    assert "expected X or X,Y, found '1,2,3'" in fail("join", tmp_path, "--at", "1,2,3", "-o", tmp_path / "other")
