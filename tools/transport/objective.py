@@ -179,7 +179,9 @@ def objective_of(transport: Transport, calibration: Calibration, options: Object
             raise InputError(
                 "--avoid-highlights: of one projector; leave it out, or join a second one (counterlight join)"
             )
-        away = (AVOIDED * glossy(T, calibration)[:, None] * unaided.curvature).reshape(*projector, 3)
+        away = (AVOIDED * glossy(T, calibration, owners(projector, regions))[:, None] * unaided.curvature).reshape(
+            *projector, 3
+        )
         prior = replace(prior, damping=(prior.damping + away).astype(np.float32))
     return replace(unaided, prior=prior)
 
