@@ -31,6 +31,7 @@ from tests.joint_rooms import lit_by
 
 CAMERA, PROJECTOR = (72, 96), (54, 72)
 STEPS = 400
+WIDTH = 192  # of each room in the picture
 BUST_SIDE, WALL_SIDE, COAT_SIDE = "[-0.6, 0.45, 2.1]", "[-0.5, 0.2, 2.1]", "[-1.4, 0.0, 2.2]"  # of the second one
 GREY = 0.5  # of white
 COATED = """
@@ -219,12 +220,14 @@ def load(folder: Path, text: str) -> Scene:
 
 
 def row(what: str, values: Sequence[float], form: str) -> str:
-    cells = [form.format(value) for value in values] + [""] * (4 - len(values))
+    cells = [form.format(value if abs(value) >= 0.05 else 0.0) for value in values] + [""] * (4 - len(values))
     return f"| {what} | {' | '.join(cells)} |"
 
 
 def picture(light: FloatArray, white: float) -> FloatArray:
-    return cv2.resize(codes(light / white), (224, 168), interpolation=cv2.INTER_LINEAR)
+    height, width = light.shape[:2]
+    size = WIDTH, WIDTH * height // width
+    return np.asarray(cv2.resize(codes(light / white), size, interpolation=cv2.INTER_LINEAR))
 
 
 def main() -> None:
@@ -232,7 +235,7 @@ def main() -> None:
     parser.add_argument("--only", choices=("shadow", "brightness", "wide", "highlight"), help="one room")
     parser.add_argument("picture", type=Path, nargs="?", help="PNG of all, a row each")
     options = parser.parse_args()
-    print("| | first | second | both | both, --avoid-highlights |\n|---|---|---|---|---|")
+    print("| room: figure | first | second | both | both, `--avoid-highlights` |\n|---|---|---|---|---|")
     drawn = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
