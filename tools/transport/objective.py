@@ -3,7 +3,8 @@
     ½ Σ w (T p − b)²  +  ½ Σ η p²  +  ½ Σ ω (p_j − p_k)²,        0 ≤ p ≤ 1.
 
 w : how far a camera pixel is to be trusted (trust.py).  η : towards darkness, of projector pixels that no camera pixel
-sees, or that cameras see by gloss (gloss.py, if asked for).  ω : between neighbours, so that the picture stands a drift of the projector.
+sees, or that cameras see by gloss (gloss.py, if asked for).  ω : between neighbours, so that the picture stands a
+drift of the projector.
 """
 
 from collections.abc import Iterator, Sequence
