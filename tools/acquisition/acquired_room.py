@@ -108,7 +108,7 @@ class _Part:
 
 def _acquire(camera: Camera, plan: Plan, store: CaptureStore, name: str) -> list[_Part]:
     if plan.make_scheme is None:
-        found = [acquire_pictures(camera, store, plan.pictures, plan.projectors[0], plan.response)]
+        found = acquire_pictures(camera, store, plan.pictures, plan.projectors, plan.response)
     else:
         found = acquire(camera, store, plan.make_scheme, plan.projectors, plan.response, plan.aim or DEFAULT_AIM)
     return [_part(done, shape, camera, plan, name) for done, shape in zip(found, plan.projectors, strict=True)]

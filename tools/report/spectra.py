@@ -49,8 +49,8 @@ def spectra(T: Csr, clusters: Clusters, projector_shape: tuple[int, int]) -> lis
     if not clusters.count:
         return []
     columns = sparse.csc_array(T.astype(np.float64))
-    seen = np.bincount(clusters.projector[(np.diff(columns.indptr) > 0) & (clusters.projector >= 0)])
-    seen = np.pad(seen, (0, clusters.count - seen.size)) > 0  # of a cluster outside the mask, T has no row
+    entries = np.diff(columns.indptr) * (clusters.projector >= 0)
+    seen = np.bincount(np.maximum(clusters.projector, 0), entries, clusters.count) > 0  # outside the mask T has no row
     small = np.flatnonzero(seen & (clusters.projector_sizes <= LARGEST_SVD) & (clusters.camera_sizes <= LARGEST_SVD))
     small = small[np.argsort(clusters.projector_sizes[small], kind="stable")]
     found = [

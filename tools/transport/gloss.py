@@ -7,7 +7,7 @@ stands elsewhere does not see that highlight, and what was left out for it is da
 
 import numpy as np
 
-from counterlight.arrays import BoolArray, FloatArray
+from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.calibration import Calibration
 from counterlight.tools.transport.transport import Transport, luminance
 
@@ -18,30 +18,24 @@ ROUNDS, TUKEY = 30, 4.0
 TINY = np.finfo(np.float64).tiny
 
 
-def glossy(transport: Transport, calibration: Calibration) -> FloatArray:
+def glossy(transport: Transport, calibration: Calibration, owner: IntArray) -> FloatArray:
     """The share of each projector pixel's light that cameras see as a highlight, (projector pixels,), 0 to 1.
 
+    owner : the number of each pixel's projector from 0, (projector height, projector width); -1 where there is none.
     0 everywhere for one projector.
     """
-    owner = np.zeros(calibration.projector.shape, np.int64)
-    for number, region in enumerate(calibration.regions):
-        owner[region.part] = number
-    found = np.zeros(transport.shape[1])
-    if len(calibration.regions) == 1:
-        return found
-    lights = np.stack([_floodlight(transport, owner.ravel() == k) for k in range(len(calibration.regions))])
-    for k, light in enumerate(lights):
+    numbers, near = range(len(calibration.regions)), transport.near
+    lights = np.stack([_floodlight(transport, owner.ravel() == each) for each in numbers])
+    lights = lights.reshape(len(numbers), *calibration.camera.shape)
+    found, ones = np.zeros(transport.shape[1]), np.ones((transport.shape[0], 3))
+    sent = np.maximum(luminance(near.apply_transpose(ones)), TINY)
+    for each in numbers:
+        others = np.delete(lights, each, axis=0).sum(axis=0)
         shares = np.zeros(calibration.camera.shape)
         for view in calibration.views:
-            pictures = lights.reshape(len(lights), *calibration.camera.shape)[:, *view]
-            shares[view] = _highlights(pictures[k], np.delete(pictures, k, axis=0).sum(axis=0))
-        sent, seen = np.zeros((2, transport.shape[1]))
-        if light.any():
-            ones = np.ones((transport.shape[0], 3))
-            sent = luminance(transport.near.apply_transpose(ones))
-            seen = luminance(transport.near.apply_transpose(shares.reshape(-1, 1) * ones))
-        mine = owner.ravel() == k
-        found[mine] = (seen / np.maximum(sent, TINY))[mine]
+            shares[view] = _highlights(lights[each][view], others[view])
+        seen = luminance(near.apply_transpose(shares.reshape(-1, 1) * ones))
+        found = np.where(owner.ravel() == each, seen / sent, found)
     return found
 
 
@@ -73,9 +67,9 @@ def _above_surface(values: FloatArray, known: BoolArray) -> tuple[FloatArray, fl
     at = at[:: -(-at.size // MOST)]
     A, b = terms.reshape(-1, 6)[at], values.ravel()[at]
     weights, usual = np.ones(at.size), 0.0
-    found = np.zeros(6)
+    found: FloatArray = np.zeros(6)
     for _ in range(ROUNDS):
-        found = np.linalg.lstsq(A * weights[:, None], b * weights, rcond=None)[0]
+        found = np.asarray(np.linalg.lstsq(A * weights[:, None], b * weights, rcond=None)[0], np.float64)
         off = np.abs(b - A @ found)
         usual = float(np.median(off))
         weights = np.clip(1 - (off / max(TUKEY * usual, TINY)) ** 2, 0, None)

@@ -18,6 +18,7 @@ from counterlight import calibration as calibrations
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.maps.row_map import SparseRows
+from counterlight.raster import Shape, Shapes
 from counterlight.response import Response
 from counterlight.screen import parts_of, raster_of
 from counterlight.tools.choices import TOLERANCE
@@ -115,6 +116,21 @@ def below_each_other(
     )
     near = _stacked([each.near for each in transports], [0] * len(rooms)).at(rows)
     return joint, Transport(near, _far_light(transports, rows), shape, rooms[0].projector.shape)
+
+
+def seen_below(transports: Sequence[Transport | None], cameras: Shapes, projector: Shape) -> Transport:
+    """T of several cameras in their raster.
+
+    transports : of each, (height · width, projector pixels), None for some that are dark.
+    """
+    there = [each for each in transports if each is not None]
+    ends = np.cumsum([0, *(each.shape[0] for each in there)])
+    rows, starts = np.full(raster_of(cameras), ends[-1]), iter(ends)
+    for part, each in zip(parts_of(cameras), transports, strict=True):
+        if each is not None:
+            rows[part] = next(starts) + np.arange(each.shape[0]).reshape(rows[part].shape)
+    near = _stacked([each.near for each in there], [0] * len(there)).at(rows.ravel())
+    return Transport(near, _far_light(there, rows.ravel()), raster_of(cameras), projector)
 
 
 def same_projectors(folders: Sequence[Path]) -> bool:

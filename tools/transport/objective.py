@@ -3,7 +3,8 @@
     ½ Σ w (T p − b)²  +  ½ Σ η p²  +  ½ Σ ω (p_j − p_k)²,        0 ≤ p ≤ 1.
 
 w : how far a camera pixel is to be trusted (trust.py).  η : towards darkness, of projector pixels that no camera pixel
-sees.  ω : between neighbours, so that the picture stands a drift of the projector.
+sees, or that cameras see by gloss (gloss.py, if asked for).  ω : between neighbours, so that the picture stands a
+drift of the projector.
 """
 
 from collections.abc import Iterator, Sequence
@@ -179,7 +180,9 @@ def objective_of(transport: Transport, calibration: Calibration, options: Object
             raise InputError(
                 "--avoid-highlights: of one projector; leave it out, or join a second one (counterlight join)"
             )
-        away = (AVOIDED * glossy(T, calibration)[:, None] * unaided.curvature).reshape(*projector, 3)
+        away = (AVOIDED * glossy(T, calibration, owners(projector, regions))[:, None] * unaided.curvature).reshape(
+            *projector, 3
+        )
         prior = replace(prior, damping=(prior.damping + away).astype(np.float32))
     return replace(unaided, prior=prior)
 

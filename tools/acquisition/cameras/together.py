@@ -72,11 +72,6 @@ def views_of(camera: Camera) -> tuple[Shape, ...]:
     return () if eye is None else eye.views
 
 
-def are_several(camera: Camera) -> bool:
-    """Whether they are cameras that photograph together."""
-    return _eyes_of(camera) is not None
-
-
 def _eyes_of(camera: Camera) -> TogetherEye | None:
     eye = camera.eye if isinstance(camera, LiveCamera) else None
     return eye if isinstance(eye, TogetherEye) else None

@@ -1,0 +1,173 @@
+"""What each camera saw of one projector's pictures, fitted camera by camera, and the whole of them.
+
+What is around a pixel is in its own camera's picture, and so is the noise; the projector has one response, which is
+that of the camera that tells it best. A camera that this projector hardly lights has no part in it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import BoolArray, FloatArray
+from counterlight.raster import Shape, Shapes
+from counterlight.response import Response
+from counterlight.screen import parts_of
+from counterlight.tools.acquisition.acquire import AGAIN, refuse_unusable, rises
+from counterlight.tools.acquisition.check import Check
+from counterlight.tools.acquisition.few.fitting import Fit, fitted
+from counterlight.tools.acquisition.few.held_out import RAMPS_ALONE, Held, check_ramps, held_out
+from counterlight.tools.acquisition.few.order import Order
+from counterlight.tools.acquisition.few.places import located
+from counterlight.tools.acquisition.few.reference import noise_by_neighbours, reference
+from counterlight.tools.acquisition.few.response import Curves, curves_of
+from counterlight.tools.acquisition.few.seen import SUMMED, Seen
+from counterlight.tools.acquisition.movement import refuse_moved
+from counterlight.tools.acquisition.plan import Noise, Reference
+from counterlight.tools.acquisition.ramps import CODES, ProjectorLight, crosstalk
+from counterlight.tools.transport.joining_cameras import seen_below
+from counterlight.tools.transport.transport import Transport
+
+
+@dataclass(frozen=True)
+class View:
+    """One camera's.  name : before what is said of it, empty for the only one.  part : of the raster of all."""
+
+    name: str
+    part: tuple[slice, slice]
+    seen: Seen
+    fit: Fit
+    held: Held | None
+
+    @property
+    def check(self) -> Check:
+        return check_ramps(self.fit) if self.held is None else self.held.check
+
+    def __str__(self) -> str:
+        return f"{self.name}{RAMPS_ALONE if self.held is None else self.held}"
+
+
+@dataclass(frozen=True)
+class Views:
+    """All cameras' that the projector lights.
+
+    black : (height, width, 3), of the raster.  cameras : (height, width) of each, none for one.  curves : of the
+    projector.
+    """
+
+    views: tuple[View, ...]
+    black: FloatArray
+    saturated: BoolArray
+    cameras: Shapes
+    projector: Shape
+    curves: Curves
+
+    @property
+    def check(self) -> Check:
+        """The worst camera's."""
+        return max((view.check for view in self.views), key=lambda check: check.error)
+
+    @property
+    def transport(self) -> Transport:
+        if not self.cameras:
+            return self.views[0].fit.transport
+        by_part = {_corner(view.part): view.fit.transport for view in self.views}
+        found = [by_part.get(_corner(part)) for part in parts_of(self.cameras)]
+        return seen_below(found, self.cameras, self.projector)
+
+    @property
+    def room(self) -> Reference:
+        """Noise is the largest camera's."""
+        noises = [view.seen.room.noise for view in self.views]
+        noise = Noise(*(np.max([getattr(each, name) for each in noises], axis=0) for name in ("dark", "gain")))
+        light = np.zeros(self.black.shape)
+        for view in self.views:
+            light[view.part] = view.seen.room.floodlight - view.seen.room.black
+        return Reference(self.black, self.black + light, noise, self.saturated)
+
+    @property
+    def light(self) -> ProjectorLight:
+        """The primaries, the response, and whether white is their sum."""
+        primaries = np.zeros((3, *self.black.shape), np.float32)
+        for view in self.views:
+            height, width = view.seen.camera
+            primaries[:, *view.part] = view.fit.primaries.transpose(2, 0, 1).reshape(3, height, width, 3)
+        curves, clarity = self.curves, sum(float(view.seen.clarity.sum()) for view in self.views)
+        return ProjectorLight(
+            response=curves.response,
+            gammas=curves.gammas,
+            primaries=primaries,
+            fitted=curves.pooled,
+            noise=curves.noise,
+            unadded=self._unadded(),
+            unadded_noise=4 / float(np.sqrt(max(clarity, 1.0))),
+            segment=None,
+            crosstalk=crosstalk(primaries.reshape(3, -1, 3).astype(np.float64), self.room),
+        )
+
+    def _unadded(self) -> FloatArray:
+        unadded, off, light = np.zeros(len(CODES)), 0.0, 0.0
+        for view in self.views:
+            seen = view.seen
+            weights = np.where(seen.clarity > 0, seen.light, 0)
+            for white in seen.order.whites(seen.count)[:1]:
+                off += float(np.vdot(weights, seen.above[white] - seen.primaries.sum(axis=2)))
+                light += float(np.vdot(weights, seen.light))
+        unadded[-1] = off / light if light else 0.0
+        return unadded
+
+
+def views_fitted(
+    order: Order,
+    captures: Sequence[NDArray[np.float32]],
+    saturated: BoolArray,
+    cameras: Shapes,
+    given: Response | None,
+    name: str = "",
+) -> Views:
+    """Of a projector's captures, radiance of the raster.
+
+    cameras : (height, width) of each of several, none for one.  given : the projector's response, if not the measured
+    one.  name : of the projector, before what is said of it.
+    Raises InputError for captures that are saturated or black, and for a moved camera.
+    """
+    height, width = captures[0].shape[:2]
+    parts = parts_of(cameras) if cameras else ((slice(0, height), slice(0, width)),)
+    names = [f"camera {number}: " if cameras else "" for number in range(1, len(parts) + 1)]
+    seen = [reference(order, [capture[part] for capture in captures], saturated[part]) for part in parts]
+    lit = [rises(_judged(each.room)) for each in seen]
+    told = []
+    for said, part, each, counts in zip(names, parts, seen, lit, strict=True):
+        if counts or not any(lit):
+            refuse_unusable(_judged(each.room), f"{name}{said}")
+            _refuse_moved(each)
+            told.append((said, part, each))
+    curves = min((curves_of(each, given)[0] for _, _, each in told), key=lambda each: each.noise)
+    views = tuple(_view(*each, curves, order.random(len(captures))) for each in told)
+    black = np.asarray(captures[0], np.float64)
+    return Views(views, black, saturated, cameras, order.projector, curves)
+
+
+def _judged(room: Reference) -> Reference:
+    """As one judges whether it is lit: by the noise of a floodlight that is a sum."""
+    noise = noise_by_neighbours(room)
+    return replace(room, noise=replace(noise, dark=SUMMED * noise.dark))
+
+
+def _refuse_moved(seen: Seen) -> None:
+    """InputError if something moved between white pictures."""
+    whites = seen.order.whites(seen.count)
+    for later in whites[1:]:
+        before, after = (seen.above[number].astype(np.float64) for number in (whites[0], later))
+        refuse_moved(before, after, seen.room.noise, 2, AGAIN)
+
+
+def _view(name: str, part: tuple[slice, slice], seen: Seen, curves: Curves, random: list[int]) -> View:
+    spots = located(seen, curves.table)
+    fit = fitted(seen, curves.table, spots, random)
+    return View(name, part, seen, fit, held_out(seen, curves.table, spots, random))
+
+
+def _corner(part: tuple[slice, slice]) -> tuple[int, int]:
+    return part[0].start, part[1].start
