@@ -87,7 +87,7 @@ class Session:
         self.show_stats = self.done = False
         self.help_page = 0  # from 1; 0 for none
         self.placing: Placing | None = None
-        self._is_outside = room.stand(adjustments.viewpoint) is not None
+        self._outside = room.stand(adjustments.viewpoint)
         self._hearing = Hearing(audio, silence, self.notice)
         self._lasting, self._unattended = lasting, unattended
         self._incoming: Renderer | None = None
@@ -195,15 +195,11 @@ class Session:
         if self._incoming is not None:
             self._incoming.adjust(adjustments)
         self.adjustments = adjustments
-        self._stand()
-        self._changed = True
-
-    def _stand(self) -> None:
-        """Have the room seen from where the viewer is; one who leaves the views is told of once."""
-        outside = self.room.stand(self.adjustments.viewpoint)
-        if outside is not None and not self._is_outside:
+        outside, before = self.room.stand(adjustments.viewpoint), self._outside
+        self._outside = outside
+        if outside is not None and before is None:  # once, until the viewer is back
             self.notice(outside)
-        self._is_outside = outside is not None
+        self._changed = True
 
     @property
     def steps(self) -> int:

@@ -143,6 +143,14 @@ ROWS = (
     ),
     table("docs/refinement.md", "python -m tests.studies.refinement", 20, "schedule | 1 step"),
     table("docs/gpu.md", "python -m tests.studies.scaling", 6, "projector | 4 entries", ("entries",)),
+    table("docs/viewpoints.md", "python -m tests.studies.viewpoints", 15, "views | nearest view"),
+    table(
+        "docs/viewpoints.md",
+        "python -m tests.studies.viewpoints --price",
+        2,
+        "views | maps",
+        ("frame at a view", "between two", "moving", "for all"),
+    ),
     table(
         "docs/table_6_1.md",
         "counterlight study --table-6-1 -o study",

@@ -50,6 +50,7 @@ COUNT = 22  # viewpoints along the line
 SETS = {1: [10], 2: [0, 21], 4: [0, 7, 14, 21], 8: [0, 3, 6, 9, 12, 15, 18, 21]}
 SEEN = range(1, COUNT, 2)
 TO_THE_END, PLAYED = 256, 8  # steps
+WHITE_ERROR = 60  # code values
 ROUGH = "gloss = { reflectance = 0.06, roughness = 0.35 }"
 
 
@@ -288,19 +289,25 @@ def errors(name: str) -> None:
 
 
 def picture(name: str, file: Path) -> None:
-    """What a viewer in the middle between two views sees: by the nearest view, solved between, by the best."""
-    subject = SUBJECTS[name]
+    """Errors in the middle between two views, of lit pixels: nearest view, drives blended, solved between, the best."""
     with TemporaryDirectory() as folder:
-        line = Line(subject, Path(folder))
+        line = Line(SUBJECTS[name], Path(folder))
     views, seen = SETS[2], line.at(COUNT // 2)
-    places = line.placed(views)
+    places, at = line.placed(views), (float(line.positions[COUNT // 2]), 0.0)
+    shares, best = places.shares((at,)), [line.at(view).best for view in views]
     player = Player(set_of([(line.at(v).room, line.at(v).transport) for v in views], places, line.white), line.frame)
-    between = player.drive(((float(line.positions[COUNT // 2]), 0.0),), TO_THE_END)
-    shown = [seen.transport.apply(drive) for drive in (line.at(views[1]).best, between, seen.best)]
-    pictures = [each.reshape(seen.wanted.shape) + seen.room.ambient for each in shown]
-    codes = [np.rint(255 * _srgb(np.clip(each / line.white, 0, 1))).astype(np.uint8) for each in pictures]
-    large = [np.repeat(np.repeat(each, 3, axis=0), 3, axis=1) for each in codes]
-    write_png(file, np.concatenate(large, axis=1))
+    blended = np.einsum("v,vpc->pc", shares, np.stack(best))
+    drives = best[int(shares.argmax())], blended, player.drive((at,), TO_THE_END), seen.best
+    errors = [_error_codes(seen, drive) for drive in drives]
+    large = [np.kron(each, np.ones((2, 2))) for each in errors]
+    write_png(file, np.rint(np.clip(255 * np.concatenate(large, axis=1) / WHITE_ERROR, 0, 255)).astype(np.uint8))
+
+
+def _error_codes(seen: Seen, drive: FloatArray) -> FloatArray:
+    """Mean of the channels' distances from what is wanted, code values, (height, width); 0 where no pixel counts."""
+    found = seen.transport.apply(drive).reshape(seen.wanted.shape) + seen.room.ambient
+    codes = [255 * _srgb(np.clip(light / seen.white, 0, 1)) for light in (found, seen.wanted)]
+    return np.asarray(np.abs(codes[0] - codes[1]).mean(axis=2) * seen.room.mask)
 
 
 PRICED = (240, 320), (144, 256)
@@ -352,7 +359,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scene", nargs="+", choices=SUBJECTS, default=list(SUBJECTS))
     parser.add_argument("--price", action="store_true", help="milliseconds and memory instead")
-    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="what is seen of the first scene instead")
+    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="errors of the first scene instead")
     options = parser.parse_args()
     if options.price:
         price()
