@@ -225,7 +225,7 @@ def solve(
         raise InputError(f"solver {solver!r}: expected one of {', '.join(SOLVERS)}{nearest(solver, SOLVERS)}")
     tier = _coloured(room, colour).tier
     b = tier.asked(_picture(picture, room.camera, "a picture") * (tier.white if white is None else white))
-    objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS)
+    objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS, tier.mixing)
     drive = np.clip(prepare(solver, tier.transport, room.mask, objective).solve(b).unclamped, 0, 1)
     bound = objective.certificate(drive, b.reshape(-1, 3))
     shown = drive.reshape(*room.projector, 3)

@@ -115,7 +115,7 @@ class CompensationTask:
             )
         self._inside = tier.transport.inside(tier.calibration.mask)
         self._lit = self._inside.lit
-        self._objective = objective_of(tier.transport, tier.calibration, options.aims)
+        self._objective = objective_of(tier.transport, tier.calibration, options.aims, tier.mixing)
 
     def run(self, plain: FloatArray) -> Iterator[Compensated]:
         """Every solver of the options, in their order.
