@@ -6,7 +6,8 @@
 //   TONE asks for s (k + (1 − k) unit · picture) + o instead of the picture, k the black level, (s, o) the one texel of
 //   `tone` (player/pipeline/content.py);
 //   MIXED takes the light through each pixel's matrix, `row_red`, `row_green`, `row_blue` (player/maps/mixing.py);
-//   FULL limits it to what each pixel can have by itself, 0 to `full`, T·1: what a drive is sought for.
+//   FULL limits it to what each pixel can have by itself, 0 to `full`, T·1: what a drive is sought for; where MIXED to
+//   what the camera sees nearest, `squares` being Q Qᵀ.
 // Output: b, radiance, of their size.
 // CPU twin: desired_light in player/pipeline/reference.py.
 uniform sampler2D picture;
@@ -21,6 +22,26 @@ uniform float unit, black_level;
 #endif
 #ifdef MIXED
 uniform sampler2D row_red, row_green, row_blue;
+#ifdef FULL
+uniform mat3 squares;
+
+const int SWEEPS = 3;
+
+// Limit after limit, the others make up for what a primary has to give way (nearest in player/maps/mixing.py).
+vec3 nearest(vec3 light, vec3 most, mat3 rows) {
+    if (light == clamp(light, vec3(0.0), most)) return light;
+    mat3 spread = transpose(rows) * squares * rows;
+    vec3 moved = vec3(0.0);
+    for (int turn = 0; turn < 3 * SWEEPS; turn++) {
+        int primary = turn % 3;
+        float own = spread[primary][primary], alone = light[primary] - own * moved[primary];
+        float more = (clamp(alone, 0.0, most[primary]) - alone) / own - moved[primary];
+        light += spread[primary] * more;
+        moved[primary] += more;
+    }
+    return light;
+}
+#endif
 #endif
 
 out vec4 b;
@@ -34,8 +55,11 @@ void main() {
 #endif
     vec3 light = white * asked - texelFetch(ambient, at, 0).rgb;
 #ifdef MIXED
-    light = vec3(dot(texelFetch(row_red, at, 0).rgb, light), dot(texelFetch(row_green, at, 0).rgb, light),
-                 dot(texelFetch(row_blue, at, 0).rgb, light));
+    mat3 rows = mat3(texelFetch(row_red, at, 0).rgb, texelFetch(row_green, at, 0).rgb, texelFetch(row_blue, at, 0).rgb);
+    light = light * rows;
+#ifdef FULL
+    light = nearest(light, texelFetch(full, at, 0).rgb, rows);
+#endif
 #endif
 #ifdef FULL
     light = clamp(light, vec3(0.0), texelFetch(full, at, 0).rgb);

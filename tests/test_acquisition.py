@@ -195,7 +195,8 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
     tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
 ) -> None:
     room = small_room(tmp_path / "room", rng)
-    succeed("acquire", "--camera", f"simulated:{room}", "-o", tmp_path / "direct")
+    # As a folder does where nobody waits and captures have no pace.
+    succeed("acquire", "--camera", f"simulated:{room}", "--shots", "1", "-o", tmp_path / "direct")
     eye = SimulatedCamera(simulated_rooms(room)[0], CameraSettings())
     exchange = tmp_path / "exchange"
     arguments = ["--camera", f"folder:{exchange}", "--projector", "30x21"]

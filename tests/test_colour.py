@@ -12,7 +12,7 @@ from scipy.optimize import lsq_linear
 import counterlight as cl
 from counterlight.calibration import Calibration
 from counterlight.errors import InputError
-from counterlight.maps.mixing import TIERS, Mixing, invertible
+from counterlight.maps.mixing import TIERS, Mixing, invertible, mixed
 from counterlight.pipeline.content import psnr
 from counterlight.tools.colour.neutral import neutral_mixing
 from counterlight.tools.colour.shared import colour_matrices
@@ -344,3 +344,28 @@ def test_projectors_without_a_white_in_common_are_refused(rng: np.random.Generat
     alike = np.ones((3, 11, 17, 3))
     unknown = colour_matrices([measured[0], alike], [room.calibration.mask for room in rooms], ["left", "right"])
     assert unknown == (None, None)
+
+
+def test_what_a_pixel_cannot_have_is_asked_nearest_in_the_cameras_colours(rng: np.random.Generator) -> None:
+    """Where a primary ends the others make up for it, as scipy's bounded least squares does."""
+    camera = 6, 10
+    B = np.eye(3) + 0.3 * rng.uniform(-1, 1, (*camera, 3, 3))
+    mixing = Mixing(WHEEL, (B / np.linalg.norm(B, axis=2, keepdims=True)).astype(np.float32))
+    light, full = rng.uniform(-0.5, 1.5, (*camera, 3)), rng.uniform(0.2, 1, (*camera, 3))
+    light[0] = 0.5 * full[0]
+    found, clipped = mixing.within(light, full), np.clip(light, 0, full)
+    assert np.array_equal(found[0], light[0])  # they can have it
+    assert ((found >= 0) & (found <= full)).all()
+    assert mixing.pixel is not None
+    matrices = WHEEL @ mixing.pixel.astype(np.float64)
+    off = {
+        name: np.linalg.norm(mixed(matrices, y - light), axis=2) for name, y in (("found", found), ("clip", clipped))
+    }
+    best = np.zeros(camera)
+    for y, x in np.ndindex(*camera):
+        answer = lsq_linear(matrices[y, x], matrices[y, x] @ light[y, x], (0, full[y, x]), tol=1e-12)
+        best[y, x] = np.linalg.norm(answer.fun)
+    assert (off["found"] <= 1.05 * best + 1e-9).all()  # three times round the primaries
+    assert off["found"].mean() < 1.005 * best.mean()
+    assert off["clip"].mean() > 1.02 * best.mean()
+    assert np.array_equal(Mixing(WHEEL).within(light, full), clipped)  # one for the room: channels by themselves

@@ -227,7 +227,7 @@ def solve(
         raise InputError(f"solver {solver!r}: expected one of {', '.join(known)}{nearest(solver, known)}")
     tier = _coloured(room, colour).tier
     b = tier.asked(_picture(picture, room.camera, "a picture") * (tier.white if white is None else white))
-    objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS)
+    objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS, tier.mixing)
     T = replace(tier.transport, camera=room.camera, projector=room.projector)
     drive = np.clip(prepare(solver, T, room.mask, objective).solve(b).unclamped, 0, 1)
     bound = objective.certificate(drive, b.reshape(-1, 3))

@@ -13,6 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.maps.mixing import SWEEPS
 from counterlight.maps.products import kept
 from counterlight.pipeline.reference import TINY
 
@@ -200,7 +201,48 @@ def _taps(centre: Any, reach: Any, count: Any, most: Any) -> Any:
     return np.int64(max(first, 0.0)), np.int64(min(last, count - 1.0)), np.int64(step), radius
 
 
-@kernel(f"{PICTURE}, {PICTURE}, float32, float32, {PICTURE}, {PICTURE}, {PICTURE}, boolean, {PICTURE}, {PICTURE}")
+@inlined
+def _turned(row: Any, squares: Any) -> Any:
+    """Q Qᵀ times a row of A."""
+    return (
+        squares[0] * row[0] + squares[1] * row[1] + squares[2] * row[2],
+        squares[3] * row[0] + squares[4] * row[1] + squares[5] * row[2],
+        squares[6] * row[0] + squares[7] * row[1] + squares[8] * row[2],
+    )
+
+
+@inlined
+def _dot(first: Any, second: Any) -> Any:
+    return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
+
+
+@inlined
+def _more(light: Any, moved: Any, own: Any, most: Any) -> Any:
+    """By how much a limit moves its primary beyond what it has done, over N's diagonal."""
+    alone = light - own * moved
+    return (within(alone, np.float32(0), most) - alone) / own - moved
+
+
+@inlined
+def _nearest(red: Any, green: Any, blue: Any, most: Any, rows: Any, squares: Any) -> Any:
+    """See maps/mixing.py."""
+    red_turned, green_turned = _turned(rows[0], squares), _turned(rows[1], squares)
+    rr, rg, rb = _dot(rows[0], red_turned), _dot(rows[1], red_turned), _dot(rows[2], red_turned)
+    gg, gb, bb = _dot(rows[1], green_turned), _dot(rows[2], green_turned), _dot(rows[2], _turned(rows[2], squares))
+    of_red, of_green, of_blue = np.float32(0), np.float32(0), np.float32(0)
+    for _ in range(SWEEPS):
+        more = _more(red, of_red, rr, most[0])
+        red, green, blue, of_red = red + rr * more, green + rg * more, blue + rb * more, of_red + more
+        more = _more(green, of_green, gg, most[1])
+        red, green, blue, of_green = red + rg * more, green + gg * more, blue + gb * more, of_green + more
+        more = _more(blue, of_blue, bb, most[2])
+        red, green, blue, of_blue = red + rb * more, green + gb * more, blue + bb * more, of_blue + more
+    return red, green, blue
+
+
+@kernel(
+    f"{PICTURE}, {PICTURE}, float32, float32, {PICTURE}, {PICTURE}, {PICTURE}, boolean, {PICTURE}, {LINE}, {PICTURE}"
+)
 def desired(
     picture: Picture,
     ambient: Picture,
@@ -211,13 +253,14 @@ def desired(
     row_blue: Picture,
     clamp: Any,
     full: Picture,
+    squares: Picture,
     out: Picture,
 ) -> None:
     """b = gain · picture + offset − ambient (desired_light), taken through a matrix of each pixel, and limited.
 
-    row_red, row_green, row_blue, full : empty where there is none.
+    row_red, row_green, row_blue, full, squares : empty where there is none.
     """
-    mixes, limits = row_red.size > 0, full.size > 0
+    mixes, limits, makes_up = row_red.size > 0, full.size > 0, squares.size > 0
     zero, one = np.float32(0), np.float32(1)
     for y in numba.prange(out.shape[0]):
         for x in range(out.shape[1]):
@@ -230,6 +273,11 @@ def desired(
                     row_green[y, x, 0] * red + row_green[y, x, 1] * green + row_green[y, x, 2] * blue,
                     row_blue[y, x, 0] * red + row_blue[y, x, 1] * green + row_blue[y, x, 2] * blue,
                 )
+                if makes_up and (
+                    min(red, green, blue) < zero or red > full[y, x, 0] or green > full[y, x, 1] or blue > full[y, x, 2]
+                ):
+                    rows = row_red[y, x], row_green[y, x], row_blue[y, x]
+                    red, green, blue = _nearest(red, green, blue, full[y, x], rows, squares)
             if limits:
                 red = within(red, zero, full[y, x, 0])
                 green = within(green, zero, full[y, x, 1])

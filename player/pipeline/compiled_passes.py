@@ -15,6 +15,7 @@ from counterlight.pipeline.reference_renderer import Held
 Picture = NDArray[np.float32]
 Whole = NDArray[np.int32]
 NOTHING = np.zeros((0, 0, 0), np.float32)
+NO_SQUARES = np.zeros(0, np.float32)
 
 
 class Drawn(Held):
@@ -52,11 +53,12 @@ def desired(
     row_red: Picture = NOTHING,
     row_green: Picture = NOTHING,
     row_blue: Picture = NOTHING,
+    squares: NDArray[np.float32] = NO_SQUARES,
 ) -> None:
     scale, offset = (float(value) for value in np.ravel(tone)[:2])
     gain = np.float32(white * scale * (1 - black_level) * unit)
     lift = np.float32(white * (scale * black_level + offset))
-    compiled.desired(picture, ambient, gain, lift, row_red, row_green, row_blue, clamp, full, out)
+    compiled.desired(picture, ambient, gain, lift, row_red, row_green, row_blue, clamp, full, squares, out)
 
 
 def combine(out: Picture, *, first: Picture, second: Picture, factor: float, clamp: bool = False) -> None:

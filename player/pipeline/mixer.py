@@ -14,7 +14,7 @@ ROWS = "row_red", "row_green", "row_blue"
 class Mixer:
     """Matrices of every camera pixel as pictures, each made when first asked for; none where channels do not mix.
 
-    defines : what the shaders are told that ask by `rows`.
+    defines, uniforms : what the shaders are told that ask by `rows`; uniforms where the light is limited.
     """
 
     def __init__(self, device: Device, room: Room) -> None:
@@ -22,6 +22,8 @@ class Mixer:
         self._mixing, self._camera = room.maps.mixing, room.calibration.camera.shape
         self.mixes = self._mixing.pixel is not None
         self.defines: dict[str, int | None] = {"MIXED": None} if self.mixes else {}
+        squares = self._mixing.squares.ravel().astype(np.float32)
+        self.uniforms: dict[str, NDArray[np.float32]] = {"squares": squares} if self.mixes else {}
 
     @cached_property
     def rows(self) -> dict[str, Light]:

@@ -88,4 +88,4 @@ def drive_of(maps: RoomMaps, b: Light) -> FloatArray:
     parts: list[Operator] = [PreparedRows(maps.transport)]
     parts += [Chain([PreparedRows(part) for part in each.parts]) for each in maps.beside]
     full = Sum(parts).apply(np.ones((*maps.transport.source_shape, 3)))
-    return compensation(maps).apply(np.clip(b, 0, full))
+    return compensation(maps).apply(maps.mixing.within(b, full.reshape(b.shape)))

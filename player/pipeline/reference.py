@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.files.cube import Cube
-from counterlight.maps.mixing import grey_reach, mixed
+from counterlight.maps.mixing import grey_reach, mixed, nearest, spread
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import RowMap, unpack
 from counterlight.media.frames import PixelFormat
@@ -195,19 +195,24 @@ def desired_light(
     row_red: FloatArray | None = None,
     row_green: FloatArray | None = None,
     row_blue: FloatArray | None = None,
+    squares: FloatArray | None = None,
 ) -> FloatArray:
     """What the projector must add: b = white (s u + o) − e (thesis eq. 5.1; desired.frag).
 
     u = k + (1 − k) unit · picture.  unit : share of white of a picture's 1.  black_level : k, what black asks for.
     row_red, row_green, row_blue : rows of a matrix for each pixel, that b is taken through.
     full : T·1; no pixel is then asked for what it cannot have by itself, lest its neighbours try in vain.
+    squares : (9,), with rows and `full`: the camera sees what is asked then nearest to what was (maps/mixing.py).
     clamp : limit the result to 0..1, as of a picture that goes to the projector.
     """
     scale, offset = np.ravel(tone)[:2]
     u = black_level + (1 - black_level) * (unit * picture)
     b = white * (scale * u + offset) - ambient
     if row_red is not None and row_green is not None and row_blue is not None:
-        b = mixed(np.stack([row_red, row_green, row_blue], axis=-2), b)
+        rows = np.stack([row_red, row_green, row_blue], axis=-2)[..., :3]
+        b = mixed(rows, b)
+        if full is not None and squares is not None:
+            b = nearest(b, full[..., :3], spread(rows, squares.reshape(3, 3)))
     if full is not None:
         b = np.clip(b, 0, full[..., :3])
     return np.asarray(np.clip(b, 0, 1) if clamp else b)

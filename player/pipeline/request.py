@@ -40,7 +40,8 @@ class Request:
         try:
             self._rows, self._defines = mixer.rows, mixer.defines
             self._black = own(device.picture(np.zeros((*self._projector, 3), np.float32)))
-            self._desired = own(device.make_pass("desired.frag", self._camera, {"FULL": None, **self._defines}))
+            limited = {"FULL": None, **self._defines}
+            self._desired = own(device.make_pass("desired.frag", self._camera, limited, **mixer.uniforms))
             self._plain = own(device.make_pass("desired.frag", self._projector, {"CLAMP": None}))
         except BaseException:
             self._owner.release()
@@ -159,15 +160,15 @@ class Request:
 
     @cached_property
     def _toned_desired(self) -> Pass:
-        return self._make_toned({"FULL": None})
+        return self._make_toned({"FULL": None}, **self._mixer.uniforms)
 
     @cached_property
     def _toned_unbounded(self) -> Pass:
         return self._make_toned({})
 
-    def _make_toned(self, defines: dict[str, int | None]) -> Pass:
-        told = {"TONE": None, **self._defines, **defines}
-        return self._owner.own(self._device.make_pass("desired.frag", self._camera, told, white=self._room.white))
+    def _make_toned(self, defines: dict[str, int | None], **uniforms: NDArray[np.float32]) -> Pass:
+        told, white = {"TONE": None, **self._defines, **defines}, self._room.white
+        return self._owner.own(self._device.make_pass("desired.frag", self._camera, told, white=white, **uniforms))
 
     @cached_property
     def _toned_plain(self) -> Pass:

@@ -106,7 +106,7 @@ class Verification:
         maps = read_maps(stored) if solver == "map" else None
         self._T_pinv = None if maps is None else compensation(maps)
         self.tier = tier_of(self._room, transport, colour if maps is None else maps.mixing.tier)
-        self._objective = objective_of(self.tier.transport, self._room, aims)
+        self._objective = objective_of(self.tier.transport, self._room, aims, self.tier.mixing)
         self._box = prepare("box", self.tier.transport, self._room.mask, self._objective)
         self.white = self.tier.white * drift.dimming
         self.desired: FloatArray = (

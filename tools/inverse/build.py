@@ -127,7 +127,7 @@ def build_maps(
     camera, projector = calibration.camera.shape, calibration.projector.shape
     maps.check_white(white)
     reach = np.asarray(tier.mixing.brightest(white, tier.ambient), np.float64).reshape(-1, 3)
-    objective = objective_of(tier.transport, tier.calibration, aims)
+    objective = objective_of(tier.transport, tier.calibration, aims, tier.mixing)
     common = projector, reach, white, options
     if transport.blurred is not None:
         inverse = mapped_directly(objective, options)

@@ -116,7 +116,7 @@ class CompensationTask:
         sizes = tier.calibration.camera.shape, tier.calibration.projector.shape
         self._inside = replace(tier.transport.inside(tier.calibration.mask), camera=sizes[0], projector=sizes[1])
         self._lit = self._inside.lit
-        self._objective = objective_of(tier.transport, tier.calibration, options.aims)
+        self._objective = objective_of(tier.transport, tier.calibration, options.aims, tier.mixing)
 
     def run(self, plain: FloatArray) -> Iterator[Compensated]:
         """Every solver of the options, in their order.

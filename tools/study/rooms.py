@@ -112,7 +112,7 @@ class StudyRoom:
         self.name, self.tier, self.simulation_s, self.given = name, tier, simulation_s, given
         self.calibration, self.transport, self.white = tier.calibration, tier.transport, tier.white
         self.inside = self.transport.inside(self.calibration.mask)
-        self.objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS)
+        self.objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS, tier.mixing)
         self.lit, self.box = self.inside.lit, Box(self.objective)
         self._built: tuple[InverseOptions, BuiltRoom, float] | None = None
         self._bench: tuple[object, Bench] | None = None

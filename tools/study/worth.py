@@ -138,7 +138,7 @@ class _Room:
     def __init__(self, scene: Scene, needs: Mapping[str, Need], without: Collection[str] = ()) -> None:
         result = simulate(scene, needs, without=without)
         self.tier = tier_of(simulated_calibration(scene, result), result.transport)
-        objective = objective_of(self.tier.transport, self.tier.calibration, DEFAULT_AIMS)
+        objective = objective_of(self.tier.transport, self.tier.calibration, DEFAULT_AIMS, self.tier.mixing)
         self._box = Box(objective, tolerance=GAP, most_steps=MOST_STEPS)
 
     def drive(self, asked: FloatArray) -> FloatArray:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration
 from counterlight.errors import InputError
+from counterlight.maps.mixing import Mixing
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import SparseRows
 from counterlight.pipeline.reference import pull
@@ -58,6 +59,7 @@ class ObjectiveOptions:
 
 
 DEFAULT_AIMS = ObjectiveOptions()
+INDEPENDENT = Mixing()
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,7 @@ class Objective:
     T : the rows of camera pixels without weight are empty.  weights : w, (camera pixels,).
     seen : (projector pixels,), how much of each trusted camera pixels see, 1 for most.
     bounds : no camera pixel is asked for what it cannot have by itself: its neighbours would be spoiled in vain.
+    mixing : of the camera's colours, in which what it is asked for instead is nearest.
     """
 
     T: Transport
@@ -74,6 +77,7 @@ class Objective:
     prior: Prior | None
     seen: FloatArray
     bounds: bool = True
+    mixing: Mixing = INDEPENDENT
 
     @classmethod
     def plain(cls, T: Transport) -> "Objective":
@@ -87,7 +91,7 @@ class Objective:
 
     def bounded(self, b: FloatArray) -> FloatArray:
         """b as it is solved for: 0 to T·1."""
-        return np.clip(b, 0, self._most) if self.bounds else b
+        return np.asarray(self.mixing.within(b, self._most), np.float64) if self.bounds else b
 
     def light_outside(self, drive: FloatArray, plain: FloatArray | None = None) -> float | None:
         """Drive of what the camera does not see, as a share of what it is in `plain`; None where that is nothing.
@@ -167,13 +171,15 @@ class Objective:
         return np.asarray(pulled.reshape(-1, 3), np.float64)
 
 
-def objective_of(transport: Transport, calibration: Calibration, options: ObjectiveOptions) -> Objective:
-    """A calibrated room's."""
+def objective_of(
+    transport: Transport, calibration: Calibration, options: ObjectiveOptions, mixing: Mixing = INDEPENDENT
+) -> Objective:
+    """A calibrated room's.  mixing : between T's light and the camera's colours."""
     projector, regions = calibration.projector.shape, calibration.regions
     weights = _trust(transport, calibration) * shares(transport.near, calibration)
     T = transport.inside(weights > 0)
     shown = seen(T, weights > 0)
-    unaided = Objective(T, weights, None, shown)
+    unaided = Objective(T, weights, None, shown, mixing=mixing)
     prior = _prior(unaided, projector, regions, options)
     if options.avoid_highlights:
         if len(regions) == 1:

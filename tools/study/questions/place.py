@@ -66,7 +66,7 @@ class Place:
 
         desired : the pictures, if its camera has other pixels.
         """
-        box = Box(objective_of(tier.transport, tier.calibration, aims), tolerance=GAP)
+        box = Box(objective_of(tier.transport, tier.calibration, aims, tier.mixing), tolerance=GAP)
         return [box.solve(tier.asked(each).reshape(-1, 3)).drive for each in desired or self.desired]
 
     def psnr(self, drives: Sequence[FloatArray], seen: Callable[[FloatArray], FloatArray] | None = None) -> list[float]:
