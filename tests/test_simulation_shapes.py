@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from counterlight.errors import InputError
 from counterlight.tools.simulation.geometry import blocked, trace
+from counterlight.tools.simulation.materials import Pattern
 from counterlight.tools.simulation.scene import inside_of, load_scene
 from counterlight.tools.simulation.shapes import mesh
+from counterlight.tools.simulation.shapes.figures import bricks
 from counterlight.tools.simulation.shapes.lathe import turned
 from counterlight.tools.simulation.shapes.mesh import read_obj
 from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
@@ -205,3 +207,16 @@ def test_the_nearest_of_several_surfaces_is_met_and_all_of_them_block(tmp_path: 
     np.testing.assert_array_equal(blocked(ends, np.array([0, 0, 2.0]), scene.surfaces), [True, False, False])
     assert inside_of(scene, np.array([0.1, 0, 0.5])) is scene.surfaces[1]
     assert inside_of(scene, np.array([0, 0, 2.0])) is None
+
+
+def test_bricks_stand_out_where_the_pattern_has_bricks(rng: np.random.Generator) -> None:
+    u, v = rng.uniform(size=(2, 5000))
+    repeat = float(bricks.BRICKS), float(bricks.COURSES)
+    painted = Pattern("bricks", np.array([[1.0, 1.0, 1.0], [0.0, 0.0, 0.0]]), repeat, 0.0).albedo(u, v)[:, 0]
+    heights = bricks.heights(u, v)
+    assert 0 < painted.mean() < 1
+    assert np.all((heights == 0) | (painted == 1))  # the mortar lies deep
+    assert np.median(heights[painted == 1]) > 0.5
+    assert heights.min() == 0
+    assert 0.8 < heights.max() <= 1
+    assert np.std(heights[heights > 0.6]) > 0.03  # rough

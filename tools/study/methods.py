@@ -277,5 +277,4 @@ def _prepared(bench: Bench, steps: int, preparation_s: float, size: int, bound: 
 
 def _direct_bench(room: StudyRoom, family: str, mapped: RowMap) -> Bench:
     """Direct mapping in place of T⁺: it divides by all light, so none is taken out before."""
-    observed = room.near_map, room.far_maps
-    return room.bench(family, lambda: RoomMaps(mapped, *observed, None, room.white, mixing=room.tier.mixing), "map")
+    return room.bench(family, lambda: room.asking_for_all(mapped), "map")

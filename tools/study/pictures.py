@@ -52,7 +52,7 @@ def film_frames(count: int) -> list[Picture]:
 
 @cache
 def _film_lights(count: int) -> list[FloatArray]:
-    lights = []
+    lights: list[FloatArray] = []
     with MediaReader.open(CLIP) as reader:
         reader.seek(FILM_FROM_S)
         while len(lights) < count and (frame := reader.next_frame(FRAME_TIMEOUT_S)) is not None:

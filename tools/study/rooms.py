@@ -12,7 +12,7 @@ import numpy as np
 from counterlight import calibration as calibrations
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
-from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
+from counterlight.maps.room_maps import BlurredMaps, FarMaps, RefinementMaps, RoomMaps
 from counterlight.maps.row_map import RowMap, SparseRows, pack
 from counterlight.pipeline.fitting import on_cameras
 from counterlight.pipeline.room import Room
@@ -21,7 +21,7 @@ from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.inverse.build import BuiltRoom, build_maps
 from counterlight.tools.inverse.direct import direct_mapping
 from counterlight.tools.inverse.near_light import InverseOptions
-from counterlight.tools.inverse.refinement_maps import pack_far, refinement_maps
+from counterlight.tools.inverse.refinement_maps import pack_blurred, pack_far, refinement_maps
 from counterlight.tools.inverse.triangulated import triangulated_mapping
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation import room as simulation
@@ -173,16 +173,18 @@ class StudyRoom:
         """A map from the camera's picture to the projector's."""
         return pack(rows, self.calibration.projector.shape, self.calibration.camera.shape)
 
-    @cached_property
-    def near_map(self) -> RowMap:
-        """The near light as the player reads it."""
-        return pack(self.transport.near, self.calibration.camera.shape, self.calibration.projector.shape)
+    def asking_for_all(self, correction: RowMap) -> RoomMaps:
+        """What the player needs to show b by a map alone: it asks for no more than all light of full drive."""
+        near, far, blurred = self._observed
+        return RoomMaps(correction, near, far, None, self.white, mixing=self.tier.mixing, blurred=blurred)
 
     @cached_property
-    def far_maps(self) -> FarMaps | None:
-        """The far light as the player reads it; None if there is none."""
-        far = self.transport.far
-        return None if far is None else pack_far(far, self.calibration.camera.shape, self.calibration.projector.shape)
+    def _observed(self) -> tuple[RowMap, FarMaps | None, BlurredMaps | None]:
+        """Near, far and blurred light as the player reads them; None for what there is none of."""
+        shapes, T = (self.calibration.camera.shape, self.calibration.projector.shape), self.transport
+        far = None if T.far is None else pack_far(T.far, *shapes)
+        blurred = None if T.blurred is None else pack_blurred(T.blurred, *shapes)
+        return pack(T.near, *shapes), far, blurred
 
 
 @dataclass(frozen=True)
