@@ -1,8 +1,8 @@
 """How far rows of T may err for pictures to lose no more than a tolerance, in decibels of the camera's picture.
 
 Measured on the square of the camera's picture where rows are longest: the player's steps, by T as it is and by T in
-cells, towards the best drives for three pictures, all judged by T as it is. The ramp decides: blur shows little of the
-others, whatever T is taken for, while a ramp, a face or a film's sky comes close to what was asked.
+cells, towards the best drives for three pictures, all judged by T as it is. The soft one decides: blur shows little of
+the others, whatever T is taken for, while a film comes close to what was asked.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.maps.row_map import SparseRows, below_each_other
 from counterlight.tools.blurring.pruning import COARSEST, in_cells
-from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.inverse.pictures import soft_picture, typical_pictures
 from counterlight.tools.transport.blurred import Pyramid
 from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import Transport
@@ -23,7 +23,7 @@ from counterlight.tools.transport.transport import Transport
 LIMITS = 0.032 * np.sqrt(0.5) ** np.arange(16)  # tried: down to 1.8e-4
 SIDE = 128  # camera pixels of the square: several times the widest blur, or drives could do what no room's can
 MOST_ENTRIES = 1 << 25  # of T in it
-NAMES = ("photograph", "letters", "ramp")
+NAMES = ("photograph", "letters", "soft")
 STEPS = 64  # what stands for the optimum
 DARKEST = 1e-6  # of white², a mean error that counts as none: 60 dB below white
 BRIGHT = 10  # percentile of the floodlit pixels that is white, as `reachable_white`
@@ -55,6 +55,11 @@ def chosen_limit(bands: Sequence[SparseRows], width: int, raster: tuple[int, int
     return found
 
 
+def judging_pictures(side: tuple[int, int]) -> list[FloatArray]:
+    """Those of NAMES, (height, width), linear, 0..1."""
+    return [*typical_pictures(side)[:2], soft_picture(side)]
+
+
 class _Square:
     """Some camera pixels, the projector pixels about them, and what is asked.
 
@@ -66,7 +71,7 @@ class _Square:
         self._T = self._objective(Transport(rows))
         floodlight = self._T.T.composition()
         self._white = float(np.percentile(floodlight[floodlight.any(axis=1)], BRIGHT))
-        pictures = (picture.reshape(-1, 1) for picture in typical_pictures(side))
+        pictures = (picture.reshape(-1, 1) for picture in judging_pictures(side))
         self._asked = [np.repeat(self._white * picture, 3, axis=1) for picture in pictures]
         self._inner = _inner(side)
         self._errors = [self._error(self._T, b) for b in self._asked]

@@ -19,7 +19,12 @@ def typical_pictures(shape: tuple[int, int]) -> list[FloatArray]:
     ramp = (x + 0.5) / width
     stroke = max(2, width // 60)
     letters = ((x // stroke + 2 * (y // (3 * stroke))) % 5 < 2) & (y // (3 * stroke) % 2 == 0)
-    return [_photograph(shape), np.where(letters, 0.9, 0.05), 0.2 + 0.75 * ramp]
+    return [_noise(shape, 1.0), np.where(letters, 0.9, 0.05), 0.2 + 0.75 * ramp]
+
+
+def soft_picture(shape: tuple[int, int]) -> FloatArray:
+    """A part of a film or a photograph at its own size, (height, width), linear, 0..1: softer than 1/f, 1/f² noise."""
+    return _noise(shape, 2.0)
 
 
 def pictures_of(calibration: Calibration) -> list[FloatArray]:
@@ -28,11 +33,12 @@ def pictures_of(calibration: Calibration) -> list[FloatArray]:
     return [on_cameras(np.repeat(picture[..., None], 3, axis=2), calibration)[..., 0] for picture in grey]
 
 
-def _photograph(shape: tuple[int, int]) -> FloatArray:
+def _noise(shape: tuple[int, int], slope: float) -> FloatArray:
+    """Noise whose amplitude falls as 1/f^slope."""
     height, width = shape
     frequency = np.hypot(np.fft.fftfreq(height)[:, None] * height, np.fft.rfftfreq(width)[None, :] * width)
     noise = np.fft.rfft2(np.random.default_rng(2006).standard_normal(shape))
-    picture = np.fft.irfft2(noise / np.maximum(frequency, 1.0), s=shape)
+    picture = np.fft.irfft2(noise / np.maximum(frequency, 1.0) ** slope, s=shape)
     low, high = np.percentile(picture, [2, 98])
     return np.asarray(
         np.clip((picture - low) / max(high - low, 1e-12), 0, 1) ** 2
