@@ -66,7 +66,7 @@ class FarMaps:
 
 @dataclass(frozen=True)
 class BlurredMaps:
-    """gather: picture -> cells; scatter: cells -> picture. Cells fill a picture line by line."""
+    """gather: picture -> parts of cells, as of FarMaps; scatter: parts -> picture. They fill a picture line by line."""
 
     gather: RowMap
     scatter: RowMap
@@ -333,6 +333,7 @@ def _sizes(manifest: Table, stored: StoredCalibration, *, refinement: bool) -> d
         cells = row_map.shapes(listed.table("blurred_gather"))[0]
         ends |= {"blurred_gather": (projector, cells), "blurred_scatter": (cells, camera)}
         if dual:
+            cells = row_map.shapes(listed.table("blurred_dual_gather"))[0]
             ends |= {"blurred_dual_gather": (camera, cells), "blurred_dual_scatter": (cells, projector)}
     if dual:
         ends |= {"dual": (camera, projector), "direct": (camera, projector)}

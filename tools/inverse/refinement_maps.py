@@ -38,11 +38,22 @@ def _in_parts(rows: SparseRows) -> tuple[SparseRows, NDArray[np.int64]]:
 
 def pack_blurred(blurred: BlurredLight, output: tuple[int, int], source: tuple[int, int]) -> BlurredMaps:
     """B P, or Pᵀ Bᵀ, from a picture of `source` to one of `output`; the cells fill a picture, its last line up."""
-    across = min(blurred.scatter.columns, CELLS_ACROSS)
-    cells = -(-blurred.scatter.columns // across), across
-    return BlurredMaps(
-        pack(_with_rows(blurred.gather, cells[0] * across), cells, source), pack(blurred.scatter, output, cells)
-    )
+    gather, cell_of = _in_parts(blurred.gather)
+    scatter = _of_parts(blurred.scatter, cell_of)
+    across = min(scatter.columns, CELLS_ACROSS)
+    cells = -(-scatter.columns // across), across
+    return BlurredMaps(pack(_with_rows(gather, cells[0] * across), cells, source), pack(scatter, output, cells))
+
+
+def _of_parts(rows: SparseRows, cell_of: NDArray[np.int64]) -> SparseRows:
+    """Rows that read cells, reading all parts of each instead.  cell_of : of each part, ascending."""
+    counts = np.bincount(cell_of, minlength=rows.columns)
+    first, read = np.cumsum(counts) - counts, counts[rows.indices]
+    entry = np.repeat(np.arange(rows.indices.size), read)
+    number = np.arange(entry.size) - np.repeat(np.cumsum(read) - read, read)
+    indices = (first[rows.indices[entry]] + number).astype(np.int32)
+    indptr = np.concatenate([[0], np.cumsum(read)])[rows.indptr]
+    return SparseRows(indptr, indices, rows.weights[entry], cell_of.size)
 
 
 def _with_rows(rows: SparseRows, count: int) -> SparseRows:
