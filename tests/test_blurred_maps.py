@@ -13,6 +13,7 @@ import pytest
 from counterlight import calibration
 from counterlight.errors import InputError
 from counterlight.files.manifest import write_toml
+from counterlight.maps.room_maps import read_maps
 from counterlight.maps.row_map import unpack
 from counterlight.media.frames import radiance_frame
 from counterlight.pipeline.colour import LUMINANCE
@@ -21,7 +22,8 @@ from counterlight.pipeline.reference_renderer import ReferenceRenderer
 from counterlight.pipeline.room import Room
 from counterlight.tools.acquisition.registration import _without_far
 from counterlight.tools.colour.tiers import tier_of
-from counterlight.tools.inverse.build import BuiltRoom, build_maps
+from counterlight.tools.inverse import refinement_maps
+from counterlight.tools.inverse.build import BuiltRoom, build_maps, build_room_maps
 from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from counterlight.tools.transport.storage import read_transport
@@ -59,6 +61,28 @@ def test_its_maps_multiply_as_the_dense_transport(rng: np.random.Generator, far:
     np.testing.assert_allclose(back, np.einsum("cij,ic->jc", dense, weights * c), atol=FLOAT32)
 
 
+def test_blocks_that_many_pixels_see_are_gathered_in_parts(
+    rng: np.random.Generator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As by a narrow texture; read from a folder, and multiplied as the dense transport."""
+    T = in_blocks(discs(rng, RADIUS))
+    write_room(tmp_path / "room", T)
+    monkeypatch.setattr(refinement_maps, "MAX_TEXTURE_WIDTH", 20)
+    stored = calibration.read(tmp_path / "room")
+    build_room_maps(stored, InverseOptions())
+    further = read_maps(stored).refinement
+    assert further is not None
+    assert further.blurred_dual is not None
+    gather, scatter = further.blurred_dual.parts
+    assert gather.lookup[..., 2].max() == 20
+    assert T.blurred is not None
+    assert gather.lookup[..., 2].astype(bool).sum() > T.blurred.gather.shape[0]
+    c = rng.uniform(size=(T.shape[0], 3))
+    back = unpack(further.dual).apply(c) + unpack(scatter).apply(unpack(gather).apply(c))
+    expected = np.einsum("cij,ic->jc", written_out(T), further.weights.reshape(-1, 1) * c)
+    np.testing.assert_allclose(back, expected, atol=FLOAT32)
+
+
 @pytest.mark.parametrize("far", [False, True])
 def test_a_frame_is_the_steps_of_the_dense_transport(rng: np.random.Generator, far: bool) -> None:
     T, made = built(rng, far=far)
@@ -80,7 +104,7 @@ def test_a_frame_is_the_steps_of_the_dense_transport(rng: np.random.Generator, f
 def test_what_full_drive_gives_without_far_light_is_near_and_blurred(rng: np.random.Generator) -> None:
     T, made = built(rng, far=True)
     renderer = ReferenceRenderer(Room(made.calibration, made.maps, made.maps.white))
-    most = renderer._maps.most[..., :3].reshape(-1, 3)
+    most = renderer._eye.views.most[..., :3].reshape(-1, 3)
     np.testing.assert_allclose(most, written_out(T.without_far).sum(axis=2).T, atol=FLOAT32)
 
 
