@@ -115,7 +115,7 @@ def test_a_study_elsewhere_finds_the_same_though_a_worker_is_killed(tmp_path: Pa
         _, errors = process.communicate(timeout=240)
     assert process.returncode == 0, errors
     found = figures(tmp_path / "here")
-    assert [row["family"] for row in found] == ["box optimum", "uncompensated", "direct", "T⁺", "T⁺"]
+    assert [row["family"] for row in found] == ["box optimum", "uncompensated", "direct", "direct, triangulated", "T⁺"]
     assert figures(tmp_path / "there") == found
     sheet = "pictures_wall.png"
     assert (tmp_path / "there" / sheet).read_bytes() == (tmp_path / "here" / sheet).read_bytes()
