@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import re
 import shutil
 import signal
@@ -9,7 +10,7 @@ import subprocess
 import sys
 import tomllib
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,7 @@ from counterlight.tools.study.methods import (
 )
 from counterlight.tools.study.pictures import BUILT_IN, DARK, find_pictures
 from counterlight.tools.study.recommend import CLOSE_DB, FRAME_MS, wishes
-from counterlight.tools.study.results import Mean, Row, everywhere, geometric, label, means, pareto
+from counterlight.tools.study.results import Mean, Row, everywhere, geometric, label, means, pareto, write_json
 from counterlight.tools.study.rooms import StudyRoom, Task, open_room
 from counterlight.tools.study.table_6_1 import HEADER, THESIS_ROWS, OurRow, Spent, acquired, to_markdown
 from tests.programs import fail, succeed
@@ -369,3 +370,11 @@ def test_direct_mapping_asks_for_all_light_of_a_room_with_far_light(tmp_path: Pa
         expected = next(CompensationTask(far.tier, white, radiance=False, options=options).run(task.plain))
         found = method.prepare(far).drive(task).drive
     np.testing.assert_allclose(found, expected.drive.reshape(-1, 3), atol=1e-5)  # maps are float32
+
+
+def test_a_figure_that_does_not_exist_is_null(tmp_path: Path) -> None:
+    """Views of less than 11 pixels a side have no SSIM."""
+    row = Row(**dict.fromkeys((field.name for field in fields(Row)), math.nan))  # type: ignore[arg-type]
+    write_json(tmp_path / "results.json", {}, [row], [])
+    (found,) = json.loads((tmp_path / "results.json").read_text())["rows"]
+    assert found["ssim"] is None

@@ -33,7 +33,16 @@ def rooms(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with room/, the truth, acquired/, what was acquired of it with few noisy captures, and picture.png."""
     folder = tmp_path_factory.mktemp("rooms")
     write_blurred_room(folder / "room", np.random.default_rng(8), CAMERA, PROJECTOR)
-    words = ["--camera", f"simulated:{folder / 'room'}", "--scheme", "multiplexed", "--full-well", "2000", "--shots", "1"]
+    words = [
+        "--camera",
+        f"simulated:{folder / 'room'}",
+        "--scheme",
+        "multiplexed",
+        "--full-well",
+        "2000",
+        "--shots",
+        "1",
+    ]
     assert acquire_transport.main([*words, "-o", str(folder / "acquired")]) == 0
     picture = cv2.resize(typical_pictures((6, 8))[0], CAMERA[::-1]).clip(0, 1)
     cv2.imwrite(str(folder / "picture.png"), np.round(255 * picture[..., None].repeat(3, 2) ** 0.45))

@@ -15,7 +15,7 @@ from tests.fuzz.evening import Evening
 from tests.fuzz.kills import Kills
 from tests.fuzz.lists import Lists
 from tests.fuzz.media import Media
-from tests.fuzz.memory import Loadfiles, Reloads, Seconds
+from tests.fuzz.memory import Loadfiles, Reloads, Seconds, Settings
 from tests.fuzz.remotes import Remotes
 from tests.fuzz.signals import Signals
 from tests.fuzz.tables import Tables
@@ -33,6 +33,7 @@ KINDS: tuple[type[Campaign], ...] = (
     Signals,
     Reloads,
     Loadfiles,
+    Settings,
     Seconds,
 )
 FOUND = 1

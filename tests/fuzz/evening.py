@@ -130,7 +130,7 @@ def _request(rng: np.random.Generator, visitor: Visitor, media: list[str]) -> li
     if rng.integers(3):
         writable = [each for each in known["properties"].values() if each["writable"] and each["name"] not in HANDS_OFF]
         info = writable[rng.integers(len(writable))]
-        return ["set_property", info["name"], _value(rng, info)]
+        return ["set_property", info["name"], drawn_value(rng, info)]
     share = lambda: float(rng.uniform(-0.2, 1.2))  # noqa: E731 - beyond the view, too
     offers: list[list[object]] = [
         *(
@@ -153,7 +153,8 @@ def _request(rng: np.random.Generator, visitor: Visitor, media: list[str]) -> li
     return offers[rng.integers(len(offers))]
 
 
-def _value(rng: np.random.Generator, info: dict[str, Any]) -> object:
+def drawn_value(rng: np.random.Generator, info: dict[str, Any]) -> object:
+    """Of a property, as it is told (registry.py); nonsense where no kind says what it takes."""
     choices = info.get("choices") or []
     if info["type"] == "flag":
         return bool(rng.integers(2))

@@ -1,5 +1,6 @@
 """Memory of a show that is reloaded, given other media, or just goes on: it grows by 10 MiB at most, however long."""
 
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ import numpy as np
 from counterlight.tools import build_correction_map
 from counterlight.unattended.heartbeat import rss_bytes
 from tests import screens
+from tests.fuzz.evening import HANDS_OFF, drawn_value
 from tests.fuzz.tally import GREEDY, READ, Plan, Tally, Trial
 from tests.media import numbered, write_video
 from tests.programs import descendants, wait_until
@@ -20,6 +22,7 @@ from tests.rooms import write_blurred_room
 MOST_GROWTH = 10 << 20  # the issue's bound
 WARM_UP, SAMPLES = 20, 15  # acts before anything is measured; measurements of which the median counts
 DAY_S = 24 * 3600
+SETTLED_S = 0.1  # for a frame or two by a setting
 CLIPS = {"0.mkv": (48, 64), "1.mkv": (96, 128)}
 Act = Callable[[], None]
 
@@ -30,6 +33,7 @@ class _Growth(ABC):
     name: str
     count: int
     purpose: str
+    warm_up = WARM_UP
 
     @abstractmethod
     def act(self, client: Client, process: Any) -> Act:
@@ -43,7 +47,7 @@ class _Growth(ABC):
         tally, sizes, held = Tally(self.name, plan), [], []
         with _looping(plan.scratch) as (process, client):
             act = self.act(client, process)
-            for _ in range(WARM_UP):
+            for _ in range(self.warm_up):
                 act()
             for index in plan.indices():
                 act()
@@ -86,6 +90,24 @@ class Loadfiles(_Growth):
             wait_until(lambda: client.get("path") == names[-1], "the medium", process, every_s=0.005)
 
         return load
+
+
+class Settings(_Growth):
+    name, count = "settings", 500
+    purpose = "one random setting after another; memory must stay flat"
+    warm_up = 300  # until every view and page has been shown once
+
+    def act(self, client: Client, process: Any) -> Act:
+        rng = np.random.default_rng(3)
+        kept = HANDS_OFF | {"loop-file"}  # without which the show ends
+        known = [each for each in client.get("property-info") if each["writable"] and each["name"] not in kept]
+
+        def put() -> None:
+            info = known[rng.integers(len(known))]
+            client.ask("set_property", info["name"], drawn_value(rng, info))
+            time.sleep(SETTLED_S)
+
+        return put
 
 
 class Seconds(_Growth):

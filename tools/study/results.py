@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from counterlight.unattended.json_lines import finite
+
 FORMAT = 1
 UNSEEN_DB = 0.01
 
@@ -154,4 +156,4 @@ def write_csv(path: Path, rows: Sequence[Row]) -> None:
 
 def write_json(path: Path, facts: dict[str, Any], rows: Sequence[Row], skipped: Sequence[Skipped]) -> None:
     table = {"format": FORMAT, **facts, "rows": list(map(asdict, rows)), "skipped": list(map(asdict, skipped))}
-    path.write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(finite(table), indent=1, allow_nan=False) + "\n", encoding="utf-8")
