@@ -111,8 +111,8 @@ def _room_told(options: argparse.Namespace) -> Room:
     if room.maps.mixing.neutral is not None:
         tell(f"colour: {room.maps.mixing.tier}, as the maps were built", sys.stdout)
     outside = room.outside(options.viewpoint)
-    for line in [] if outside is None else [outside]:
-        tell(line)
+    if outside is not None:
+        tell(outside)
     tell(f"white is a camera radiance of {room.white:.4g}{' (auto)' if options.white == 'auto' else ''}", sys.stdout)
     return room
 

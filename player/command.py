@@ -137,14 +137,19 @@ def parse_size(text: str) -> tuple[int, int]:
 
 def parse_decibels(text: str) -> float:
     """`0.1dB` or `0.1` -> 0.1."""
-    number = text.lower().removesuffix("db")
+    told = f"decibels are a number of at least 0, such as 0.1dB, found {text!r}"
+    return at_least_0(text.lower().removesuffix("db"), told)
+
+
+def at_least_0(text: str, told: str) -> float:
+    """A number from 0 up; what is none is refused in the words `told`."""
     try:
-        decibels = float(number)
+        number = float(text)
     except ValueError:
-        decibels = -1.0
-    if not 0 <= decibels < float("inf"):
-        raise argparse.ArgumentTypeError(f"decibels are a number of at least 0, such as 0.1dB, found {text!r}")
-    return decibels
+        number = -1.0
+    if not 0 <= number < float("inf"):
+        raise argparse.ArgumentTypeError(told)
+    return number
 
 
 def progress_bar(label: str, total: int | None) -> Any:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Parser, run
+from counterlight.command import Parser, at_least_0, run
 from counterlight.errors import InputError
 from counterlight.response import projector_response
 from counterlight.tools.acquisition.rig_options import add_rig_options
@@ -170,13 +170,7 @@ def _aim(options: argparse.Namespace) -> "Aim | None":
 
 
 def _minutes(text: str) -> float:
-    try:
-        minutes = float(text)
-    except ValueError:
-        minutes = -1.0
-    if not 0 <= minutes < float("inf"):
-        raise argparse.ArgumentTypeError(f"expected a number of minutes, 0 or more, found {text!r}")
-    return minutes
+    return at_least_0(text, f"expected a number of minutes, 0 or more, found {text!r}")
 
 
 def _threshold(options: argparse.Namespace) -> "Threshold":

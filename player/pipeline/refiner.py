@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from counterlight.maps.room_maps import RefinementMaps
 from counterlight.pipeline.device import ChainPass, Device, Light, Owner, Pass, StoredMaps
+from counterlight.pipeline.reference import inverse
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.shortfall import Snapshot
 from counterlight.pipeline.starts import Iterate
@@ -199,4 +200,4 @@ def grey(values: NDArray[np.generic]) -> NDArray[np.float32]:
 
 
 def _curvature(device: Device, step_size: NDArray[np.float32]) -> Light:
-    return device.picture(np.divide(1, step_size, out=np.zeros_like(step_size), where=step_size > 0))
+    return device.picture(inverse(step_size))

@@ -47,6 +47,8 @@ def pack_blurred(blurred: BlurredLight, output: tuple[int, int], source: tuple[i
 
 def _of_parts(rows: SparseRows, cell_of: NDArray[np.int64]) -> SparseRows:
     """Rows that read cells, reading all parts of each instead.  cell_of : of each part, ascending."""
+    if cell_of.size == rows.columns:  # every cell is a part: nothing to copy
+        return rows
     counts = np.bincount(cell_of, minlength=rows.columns)
     first, read = np.cumsum(counts) - counts, counts[rows.indices]
     entry = np.repeat(np.arange(rows.indices.size), read)

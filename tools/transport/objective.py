@@ -181,16 +181,17 @@ def objective_of(
     shown = seen(T, weights > 0)
     unaided = Objective(T, weights, None, shown, mixing=mixing)
     prior = _prior(unaided, projector, regions, options)
-    if options.avoid_highlights:
-        if len(regions) == 1:
-            raise InputError(
-                "--avoid-highlights: of one projector; leave it out, or join a second one (counterlight join)"
-            )
-        away = (AVOIDED * glossy(T, calibration, owners(projector, regions))[:, None] * unaided.curvature).reshape(
-            *projector, 3
-        )
-        prior = replace(prior, damping=(prior.damping + away).astype(np.float32))
-    return replace(unaided, prior=prior)
+    return replace(unaided, prior=_off_highlights(unaided, prior, calibration) if options.avoid_highlights else prior)
+
+
+def _off_highlights(objective: Objective, prior: Prior, calibration: Calibration) -> Prior:
+    """The prior, and what draws pixels that are seen by gloss towards darkness."""
+    projector, regions = calibration.projector.shape, calibration.regions
+    if len(regions) == 1:
+        raise InputError("--avoid-highlights: of one projector; leave it out, or join a second one (counterlight join)")
+    shares = glossy(objective.T, calibration, owners(projector, regions))
+    away = (AVOIDED * shares[:, None] * objective.curvature).reshape(*projector, 3)
+    return replace(prior, damping=(prior.damping + away).astype(np.float32))
 
 
 def _trust(T: Transport, calibration: Calibration) -> FloatArray:

@@ -17,10 +17,8 @@ from counterlight.tools.transport.overlap import batches, lengths_of
 from counterlight.tools.transport.transport import Transport, in_one, luminance
 
 FAINT = 0.02  # of a row's brightest entry: fainter ones do not say how wide it is
-REACH, BESIDE = (
-    3.0,
-    1.5,
-)  # times the radius that holds half of the light, and projector pixels: a normal spot ends there
+# Times the radius that holds half of the light, and projector pixels beside that: a normal spot ends there.
+REACH, BESIDE = 3.0, 1.5
 BRIGHT = 0.1  # of a row's brightest entry: a spot, and no spread light
 ROUNDS = 2  # of finding the middle again from what lies around it
 PERIODS = (4, 8, 16, 32, 64)  # projector pixels, of stripes whose contrast is told
