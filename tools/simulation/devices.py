@@ -13,6 +13,7 @@ from counterlight.maps.mixing import invertible
 from counterlight.response import Response, read_response
 
 MAX_SIDE = 4096
+MOSAICS = ("RGGB", "BGGR", "GRBG", "GBRG")
 
 
 @dataclass(frozen=True)
@@ -20,11 +21,12 @@ class Device:
     """A picture plane behind a thin lens. Right, up and forward are orthonormal; tan_half is (x, y).
 
     Pixel (x, y), continuous, row 0 at the top, looks through the lens' centre along
-    forward + (2x/width − 1) tan_x right − (2y/height − 1) tan_y up.
+    forward + (2x/width − 1) tan_x right − (2y/height − 1) tan_y up, unless the lens bends that (effects/distortion.py).
     target_distance : metres to look_at.
     aperture : the lens' diameter in metres, 0 for a pinhole.  focus_distance : depth along the axis that is sharp.
     vignetting : "cos4" or the share of light lost in the picture's corner, growing with the square of the distance
     from its centre.
+    distortion : k1, k2, p1, p2, k3 of OpenCV's model, all 0 for none.
     """
 
     width: int
@@ -38,6 +40,7 @@ class Device:
     aperture: float
     focus_distance: float
     vignetting: str | float
+    distortion: tuple[float, ...]
 
     @property
     def pixels(self) -> int:
@@ -79,9 +82,19 @@ class Device:
         towards = points - self.position
         depth = towards @ self.forward
         safe = np.where(depth > 0, depth, np.nan)
-        x = (towards @ self.right / safe / self.tan_half[0] + 1) * self.width / 2
-        y = (1 - towards @ self.up / safe / self.tan_half[1]) * self.height / 2
-        return x, y, depth
+        return *self.picture_of(towards @ self.right / safe, towards @ self.up / safe), depth
+
+    def picture_of(self, across: FloatArray, up: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Pixel coordinates of directions forward + across · right + up · up; NaN where the lens shows nothing."""
+        return (across / self.tan_half[0] + 1) * self.width / 2, (1 - up / self.tan_half[1]) * self.height / 2
+
+    def direction_of(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same back: across and up of pixel coordinates."""
+        return (2 * x / self.width - 1) * self.tan_half[0], (1 - 2 * y / self.height) * self.tan_half[1]
+
+    def crowding(self, across: FloatArray, up: FloatArray) -> FloatArray | float:
+        """How many pixels share a part of the plane at depth 1, as a share of the picture's centre."""
+        return 1.0
 
     def pixel_at(self, x: FloatArray, y: FloatArray) -> IntArray:
         """Index of the pixel that contains (x, y); −1 outside the picture or behind the device."""
@@ -97,11 +110,12 @@ class Device:
         """
         offset = (np.arange(samples) + 0.5) / samples
         y, x, sy, sx = np.meshgrid(np.array(rows), np.arange(self.width), offset, offset, indexing="ij")
-        tan_x, tan_y = self.tan_half
-        across = (2 * (x + sx) / self.width - 1).ravel() * tan_x
-        down = (2 * (y + sy) / self.height - 1).ravel() * tan_y
-        directions = self.forward + across[:, None] * self.right - down[:, None] * self.up
-        return directions, (y * self.width + x).ravel()
+        return self.rays((x + sx).ravel(), (y + sy).ravel()), (y * self.width + x).ravel()
+
+    def rays(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Directions (n, 3) of depth 1 through the lens' centre, of pixel coordinates."""
+        across, up = self.direction_of(x, y)
+        return np.asarray(self.forward + across[:, None] * self.right + up[:, None] * self.up)
 
     def blur_pixels(self, depth: FloatArray) -> FloatArray:
         """Diameter in pixels of the circle of confusion at depths z: aperture · |1/f − 1/z| · width / (2 tan_x).
@@ -115,12 +129,24 @@ class Device:
 
 
 @dataclass(frozen=True)
+class Flicker:
+    """Light that swings by a share of its mean, `hz` times a second."""
+
+    depth: float
+    hz: float
+
+
+@dataclass(frozen=True)
 class Projector(Device):
-    """brightness : radiance of a white card that faces it at target_distance.  black_level : share of white."""
+    """brightness : radiance of a white card that faces it at target_distance.  black_level : share of white.
+
+    flicker : of its light, None if that is steady.
+    """
 
     brightness: float
     black_level: float
     response: Response
+    flicker: Flicker | None = None
 
 
 @dataclass(frozen=True)
@@ -128,11 +154,14 @@ class Sensor:
     """What turns radiance into code values (EMVA Standard 1288): electrons at saturation, read noise, bits.
 
     full_well : 0 for no photon noise.
+    exposure_s, readout_s : seconds of an exposure of 1, and from the first row's exposure to the last one's.
     """
 
     full_well: float = 20000.0
     read_noise: float = 5.0
     bits: int = 14
+    exposure_s: float = 1 / 60
+    readout_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -140,6 +169,7 @@ class Camera(Device):
     """bloom_share : light that the lens and the sensor scatter into a halo of the angle `bloom_radius` (radians).
 
     mixing : what each channel sees of each primary on neutral paint, (3, 3), channel by primary; None: its own alone.
+    mosaic : colour filters of two rows of two pixels, one of MOSAICS; None: every pixel sees all colours.
     """
 
     response: Response
@@ -147,17 +177,23 @@ class Camera(Device):
     bloom_radius: float
     sensor: Sensor | None
     mixing: FloatArray | None = None
+    mosaic: str | None = None
 
 
 def read_projector(table: Table, folder: Path) -> Projector:
     """The projector of a scene in `folder`."""
+    flicker = table.table("flicker", optional=True)
     projector = Projector(
         **_pose(table),
         brightness=table.number("brightness", 1.0, 1e-6, 1e6),
         black_level=table.number("black_level", 0.0, 0.0, 1.0),
         response=read_response(table, folder),
+        flicker=Flicker(flicker.number("depth", None, 0, 1), flicker.number("hz", None, 1, 1e5))
+        if flicker.values
+        else None,
     )
-    table.refuse_unknown()
+    for part in (table, flicker):
+        part.refuse_unknown()
     return projector
 
 
@@ -170,6 +206,7 @@ def read_camera(table: Table, folder: Path) -> Camera:
         bloom_radius=float(np.radians(bloom.number("radius_deg", None, 0.001, 30.0))) if bloom.values else 0.0,
         sensor=_sensor(sensor) if sensor.values else None,
         mixing=_mixing(table),
+        mosaic=table.choice("mosaic", MOSAICS) if "mosaic" in table else None,
     )
     for part in (table, bloom, sensor):
         part.refuse_unknown()
@@ -192,6 +229,8 @@ def _sensor(table: Table) -> Sensor:
         full_well=table.number("full_well_electrons", 20000.0, 1.0, 1e9),
         read_noise=table.number("read_noise_electrons", 5.0, 0.0, 1e6),
         bits=table.integer("bits", 12, 1, 16),
+        exposure_s=table.number("exposure_s", 1 / 60, 1e-6, 3600.0),
+        readout_s=table.number("readout_s", 0.0, 0.0, 3600.0),
     )
 
 
@@ -223,6 +262,7 @@ def _pose(table: Table) -> dict[str, Any]:
         "aperture": table.number("aperture", 0.0, 0.0, 1.0),
         "focus_distance": table.number("focus_distance", distance, 1e-3, 1e6),
         "vignetting": _vignetting(table),
+        "distortion": tuple(table.numbers("distortion", 5, (0.0,) * 5, -10.0, 10.0).tolist()),
     }
 
 

@@ -136,6 +136,29 @@ def _crosstalk(scene: Scene) -> tuple[bool, str]:
     return True, f"{100 * share:.3g} % of what the camera's channels see is of other primaries"
 
 
+def _distortion(scene: Scene) -> tuple[bool, str]:
+    bent = [
+        f"{name}: {', '.join(f'{value:g}' for value in device.distortion)}"
+        for name, device in (("projector", scene.projector), ("camera", scene.camera))
+        if any(device.distortion)
+    ]
+    return bool(bent), "; ".join(bent) or "straight lines stay straight in both lenses"
+
+
+def _colour_filters(scene: Scene) -> tuple[bool, str]:
+    mosaic = scene.camera.mosaic
+    if mosaic is None:
+        return False, "each of the camera's pixels sees all colours"
+    return True, f"a pixel sees one colour of {mosaic}, its neighbours the others"
+
+
+def _flicker(scene: Scene) -> tuple[bool, str]:
+    flicker = scene.projector.flicker
+    if flicker is None or not flicker.depth:
+        return False, "the projector's light is steady"
+    return True, f"the projector's light swings by {100 * flicker.depth:g} % at {flicker.hz:g} Hz; T has none of it"
+
+
 def _overlap_in_projector(scene: Scene, a: Surface, b: Surface) -> bool:
     outlines = []
     for surface in (a, b):
@@ -148,6 +171,7 @@ def _overlap_in_projector(scene: Scene, a: Surface, b: Surface) -> bool:
 
 
 RULES: dict[str, Rule] = {
+    "distortion": _distortion,
     "camera_defocus": lambda scene: _defocus(scene.camera, scene),
     "direct": _direct,
     **OPTICS,
@@ -159,14 +183,19 @@ RULES: dict[str, Rule] = {
     "black_level": _black_level,
     "blooming": _blooming,
     "crosstalk": _crosstalk,
+    "colour_filters": _colour_filters,
+    "flicker": _flicker,
     "capture_noise": _capture_noise,
 }
 TAKES = ("shadows", "vignetting")  # their energy is what they take away
 MOVES = (
+    "distortion",
     "camera_defocus",
     "projector_defocus",
     "dispersion",
     "blooming",
     "crosstalk",
+    "colour_filters",
+    "flicker",
     "capture_noise",
 )  # theirs goes elsewhere

@@ -3,7 +3,8 @@
 The projector lights a plane across its axis evenly, as real ones are built to: at depth z along the axis the irradiance
 on such a plane is E⊥ = π · brightness · (z₀ / z)², z₀ the distance of look_at, so that a white card there has radiance
 `brightness`. On a surface turned by θ towards a beam at α from the axis, E = E⊥ cos θ / cos α. Every projector pixel
-then carries the same flux, π · brightness · z₀² times its area on the plane at depth 1.
+then carries the same flux, π · brightness · z₀² times its area on the plane at depth 1. Where a lens crowds pixels,
+there is that much more light.
 """
 
 from collections.abc import Iterator
@@ -30,7 +31,8 @@ def irradiance(scene: Scene, points: FloatArray, normals: FloatArray) -> FloatAr
     lit = depth > 0
     safe = np.where(lit, depth, 1.0)
     across = np.pi * projector.brightness * (projector.target_distance / safe) ** 2
-    return np.where(lit, across * cos_surface * distance / safe, 0.0)
+    crowded = projector.crowding(towards @ projector.right / safe, towards @ projector.up / safe)
+    return np.where(lit, across * cos_surface * distance / safe * crowded, 0.0)
 
 
 def pixel_flux(scene: Scene) -> float:

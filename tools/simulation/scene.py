@@ -15,14 +15,21 @@
     aperture = 0.02                    # the lens' diameter in metres (default 0: everything is sharp)
     focus_distance = 2.2               # depth along the axis that is sharp (default: look_at's distance)
     vignetting = 0.2                   # light lost in the picture's corner, or "cos4" (default 0)
+    distortion = [-0.1, 0.02, 0, 0, 0] # k1, k2, p1, p2, k3 of the lens, as OpenCV has them (default 0)
     brightness = 1.0                   # radiance of a white card facing it at look_at's distance (default 1)
     black_level = 0.002                # light of a black pixel, as a share of a white one (default 0)
     response = "srgb"                  # "linear", "srgb", a gamma, a table or "FILE.toml" of counterlight
                                        # fit-response, here or below (default "linear")
+    flicker = { depth = 0.05, hz = 240 }   # its light swings by that share of its mean, so often a second; in captures
+                                           # (default: steady)
 
-    [camera]                           # width to vignetting and response as above, and:
+    [camera]                           # width to distortion and response as above, and:
+    mosaic = "RGGB"                    # colour filters, from the upper left, and bilinear interpolation; or BGGR, GRBG,
+                                       # GBRG (default: every pixel sees all colours)
     bloom = { share = 0.03, radius_deg = 0.4 }     # light that lens and sensor scatter into a halo (default none)
-    sensor = { full_well_electrons = 20000, read_noise_electrons = 5, bits = 12 }   # of captures (default: noiseless)
+    sensor = { full_well_electrons = 20000, read_noise_electrons = 5, bits = 12 }   # of captures (default: noiseless);
+                                       # with flicker: exposure_s = 0.0167, seconds that an exposure of 1 takes, and
+                                       # readout_s = 0.01, from the first row's exposure to the last one's (default 0)
     mixing = [[0.88, 0.08, 0.04], [0.06, 0.88, 0.06], [0.03, 0.09, 0.88]]   # what red, green and blue of the camera
                                        # see of red, green and blue light on neutral paint (default: their own alone)
 

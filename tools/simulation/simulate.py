@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
 
@@ -136,7 +136,9 @@ class _Simulation:
 
     def __init__(self, scene: Scene, needs: dict[str, Need], tolerance: float = BLUR_TOLERANCE) -> None:
         self.start = time.process_time(), time.perf_counter()
-        self.scene, self.needs, self.effects = scene, needs, EffectsOn(needs)
+        self.needs, self.effects = needs, EffectsOn(needs)
+        self.straight = scene
+        self.scene = self.effects.call("distortion", "distorted", scene) if "distortion" in self.effects else scene
         pixels, raster = scene.camera.pixels, (scene.projector.height, scene.projector.width)
         blur = Blur(raster, scene.camera.width, tolerance) if tolerance else None
         self.near = NearLight((pixels, scene.projector.pixels), scene.threshold, scene.name, blur)
@@ -292,11 +294,15 @@ class _Simulation:
             effects.account("vignetting", weights.sum() - passed.sum())
             weights = passed
         if straight and samples.effect == "direct":
-            self._account_blur(there, found, weights)
+            self._account_moves(there, found, weights)
         return weights
 
-    def _account_blur(self, there: Samples, found: Arrivals, weights: FloatArray) -> None:
-        """Light that defocus brings from, or to, other pixels than pinholes would."""
+    def _account_moves(self, there: Samples, found: Arrivals, weights: FloatArray) -> None:
+        """Light that lenses bring from, or to, other pixels than pinholes would."""
+        if "distortion" in self.effects:
+            ends = ((self.straight.projector, found.pixel), (self.straight.camera, there.pixel))
+            same = [device.pixel_at(*device.project(there.point)[:2]) == pixel for device, pixel in ends]
+            self.effects.account("distortion", weights[~(same[0] & same[1])].sum())
         projector, camera = self.scene.projector, self.scene.camera
         if "projector_defocus" in self.effects:
             moved = projector.pixel_at(*projector.project(there.point)[:2]) != found.pixel
@@ -336,9 +342,25 @@ class _Simulation:
             spectral = Spectral(transport, X.reshape(*shape, 3, 3), F.reshape(3, *shape, 3).astype(np.float32))
             effects.account("crosstalk", elsewhere)
             transport = seen
+        if "colour_filters" in effects:
+            transport, ambient, spectral = self._through_filters(transport, ambient, spectral)
+        if "flicker" in effects:
+            effects.account("flicker", effects.call("flicker", "deviation", scene) * float(composition.sum()))
         picture = ambient.reshape(*shape, 3).astype(np.float32)
         spent = time.process_time() - self.start[0] + self.elsewhere_s, time.perf_counter() - self.start[1]
         return Simulated(transport, picture, self._reports(total), *spent, spectral, self.near.blurring())
+
+    def _through_filters(
+        self, transport: Transport, ambient: FloatArray, spectral: Spectral | None
+    ) -> tuple[Transport, FloatArray, Spectral | None]:
+        """What is photographed, T, e and floodlights, as the camera's colour filters leave it."""
+        effects, mosaic = self.effects, self.scene.camera.mosaic
+        filtered, ambient, moved = effects.call("colour_filters", "filtered", mosaic, transport, ambient)
+        effects.account("colour_filters", moved, filtered.entries - transport.entries)
+        if spectral is not None:
+            lights = [effects.call("colour_filters", "interpolated", mosaic, light) for light in spectral.primaries]
+            spectral = replace(spectral, primaries=np.stack(lights).astype(np.float32))
+        return filtered, ambient, spectral
 
     def _reports(self, total: float) -> tuple[EffectReport, ...]:
         effects = self.effects

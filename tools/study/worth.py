@@ -29,7 +29,7 @@ PICTURES = ("photograph", "text", "film")
 WINDOWS = 2  # of a picture, from its upper left to its lower right
 FEWEST_CELLS, FEWEST_SAMPLES = 400, 4  # of the small room, if the scene has more
 GAP, MOST_STEPS = 3e-3, 300  # of the box optimum: 0.013 dB, unless a T that lacks something takes too long
-UNJUDGED = ("direct", "capture_noise")  # no picture is without the first; T has nothing of the second
+UNJUDGED = ("direct", "flicker", "capture_noise")  # no picture is without the first; T has nothing of the others
 FREE = ("ambient_light", "black_level", "vignetting", "crosstalk")  # a few numbers a pixel: nothing to save
 SPENT = 0.5  # of a tolerance, in the small room
 

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -22,8 +23,10 @@ from counterlight.tools.acquisition.cameras.together import together
 from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.choices import MOST_LAG
 from counterlight.tools.colour.tiers import Tier, tier_of
-from counterlight.tools.simulation.devices import Sensor
+from counterlight.tools.simulation.devices import Flicker, Sensor
 from counterlight.tools.simulation.effects.capture_noise import capture
+from counterlight.tools.simulation.effects.colour_filters import interpolated
+from counterlight.tools.simulation.effects.flicker import gains
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.transport.storage import read_transport
@@ -68,6 +71,7 @@ class SimulatedRoom:
     mixing : (camera height, camera width, 3, 3), or one for all, what the camera's channels see of the light that the
     transport gives of each primary; None for their own alone.  sensor : the scene's own, if it describes one.
     gain : (3,), what the camera's own light was multiplied with to be that of the transport.
+    flicker : of the projector's light.  mosaic : the camera's colour filters.  None of either where nothing says so.
     """
 
     name: str
@@ -78,15 +82,20 @@ class SimulatedRoom:
     mixing: FloatArray | None = None
     sensor: Sensor | None = None
     gain: FloatArray | None = None
+    flicker: Flicker | None = None
+    mosaic: str | None = None
 
     @property
     def projector(self) -> Shape:
         """(height, width) of the raster."""
         return side_by_side(self.projectors)[0]
 
-    def seen(self, drive: FloatArray) -> FloatArray:
-        """The camera's radiance, (camera height, camera width, 3); drive : (projector pixels, 3)."""
-        light = self.transport.apply(drive).reshape(self.ambient.shape)
+    def seen(self, drive: FloatArray, gains: FloatArray | float = 1.0) -> FloatArray:
+        """The camera's radiance, (camera height, camera width, 3).
+
+        drive : (projector pixels, 3).  gains : what each of the camera's rows gets of its light, (rows, 1, 1).
+        """
+        light = self.transport.apply(drive).reshape(self.ambient.shape) * gains
         seen = (light if self.mixing is None else mixed(self.mixing, light)) + self.ambient
         return np.asarray(seen if self.gain is None else seen / self.gain)
 
@@ -115,12 +124,15 @@ class MemoryScreen:
 
 
 class SimulatedEye:
-    """A sensor in a simulated room that looks at what a screen shows, `settings.lag` frames late."""
+    """A sensor in a simulated room that looks at what a screen shows, `settings.lag` frames late.
+
+    unit : the time of an exposure of 1.
+    """
 
     timed = False
 
-    def __init__(self, room: SimulatedRoom, settings: CameraSettings, screen: VisibleScreen) -> None:
-        self._room, self._settings, self._screen = room, settings, screen
+    def __init__(self, room: SimulatedRoom, settings: CameraSettings, screen: VisibleScreen, unit: float) -> None:
+        self._room, self._settings, self._screen, self._unit = room, settings, screen, unit
         self._pictures = deque([screen.look()], settings.lag + 1)
         self._rng, self._time = np.random.default_rng(settings.seed), 1.0
 
@@ -143,12 +155,19 @@ class SimulatedEye:
 
     def radiance(self, codes: Codes) -> FloatArray:
         """T p + e of a picture's code values."""
-        return self._room.seen(self._room.response.to_linear(codes).reshape(-1, 3))
+        drive = self._room.response.to_linear(codes).reshape(-1, 3)
+        flicker, rows = self._room.flicker, len(self._room.ambient)
+        if flicker is None:
+            return self._room.seen(drive)
+        found = gains(flicker, self._settings.sensor, self._time / self._unit, rows, self._rng)
+        return self._room.seen(drive, found[:, None, None])
 
     def _shot(self, light: FloatArray) -> Shot:
         """Code values of light, 1 being full scale; stored so that the top code fills the container."""
-        sensor = self._settings.sensor
-        codes, top = capture(light, sensor, self._settings.response, self._rng), (1 << sensor.bits) - 1
+        sensor, mosaic = self._settings.sensor, self._room.mosaic
+        developed = None if mosaic is None else partial(interpolated, mosaic)
+        codes = capture(light, sensor, self._settings.response, self._rng, developed)
+        top = (1 << sensor.bits) - 1
         container = np.uint8 if sensor.bits <= 8 else np.uint16
         return np.asarray(np.rint(codes * (np.iinfo(container).max / top)), container)
 
@@ -168,11 +187,13 @@ class SimulatedCamera(LiveCamera):
     ) -> None:
         rooms, white = (room, *others), np.ones((room.transport.shape[1], 3))
         brightest = max(float(each.seen(white).max()) for each in rooms)
-        times = tuple(time / (HEADROOM * brightest) for time in settings.exposures)
+        unit = 1 / (HEADROOM * brightest)
+        times = tuple(time * unit for time in settings.exposures)
         shown: VisibleScreen = MemoryScreen(room.projector) if screen is None else screen
         seeds = range(settings.seed, settings.seed + len(rooms))
         eyes = [
-            SimulatedEye(each, replace(settings, seed=seed), shown) for each, seed in zip(rooms, seeds, strict=True)
+            SimulatedEye(each, replace(settings, seed=seed), shown, unit)
+            for each, seed in zip(rooms, seeds, strict=True)
         ]
         super().__init__(shown, together(eyes), Exposures(times, settings.response), lag=settings.lag)
 
@@ -213,4 +234,6 @@ def _simulated(scene: Scene) -> SimulatedRoom:
         scene.projector.response.over((scene.projector.height, scene.projector.width)),
         None if light is None else light.mixing,
         scene.camera.sensor,
+        flicker=scene.projector.flicker,
+        mosaic=scene.camera.mosaic,
     )

@@ -106,10 +106,8 @@ def lattice_of(scene: Scene, rows: range, effects: "EffectsOn") -> Lattice:
     projector = scene.projector
     y = np.linspace(rows.start, rows.stop, len(rows) * CELLS + 1)
     x = np.linspace(0, projector.width, projector.width * CELLS + 1)
-    down, across = np.meshgrid(2 * y / projector.height - 1, 2 * x / projector.width - 1, indexing="ij")
-    tan_x, tan_y = projector.tan_half
-    directions = projector.forward + across.reshape(-1, 1) * tan_x * projector.right
-    directions = directions - down.reshape(-1, 1) * tan_y * projector.up
+    across, down = (part.ravel() for part in np.meshgrid(x, y))
+    directions = projector.rays(across, down)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     row, column = np.meshgrid(np.arange(len(rows) * CELLS), np.arange(projector.width * CELLS), indexing="ij")
     pixel = ((rows.start + row // CELLS) * projector.width + column // CELLS).ravel()

@@ -4,6 +4,7 @@ Electrons are Poisson distributed about light · full well, the amplifier adds G
 to whole codes after the camera's response. T itself is free of noise; this is for pictures of it.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -19,15 +20,24 @@ OVERFLOW = 2.0  # light above that is as bright as that
 ENCODING_STEPS = 1 << 16
 
 
-def capture(light: FloatArray, sensor: Sensor, response: Response, random: np.random.Generator) -> NDArray[np.uint16]:
+def capture(
+    light: FloatArray,
+    sensor: Sensor,
+    response: Response,
+    random: np.random.Generator,
+    developed: Callable[[FloatArray], FloatArray] | None = None,
+) -> NDArray[np.uint16]:
     """Code values of a picture, 0 to 2^bits − 1.
 
     light : (rows, columns, 3), radiance times exposure; 1 fills the wells.
+    developed : what the camera makes of the sensor's picture before its response; None: nothing.
     """
     if sensor.full_well:
         electrons = random.poisson(np.clip(light, 0, OVERFLOW) * sensor.full_well)
         light = (electrons + random.normal(0, sensor.read_noise, np.shape(light))) / sensor.full_well
-    codes: NDArray[np.uint16] = np.rint(_codes(np.clip(light, 0, 1), response) * (2**sensor.bits - 1)).astype(np.uint16)
+    light = np.clip(light, 0, 1)
+    light = light if developed is None else developed(light)
+    codes: NDArray[np.uint16] = np.rint(_codes(light, response) * (2**sensor.bits - 1)).astype(np.uint16)
     return codes
 
 

@@ -12,10 +12,10 @@ from counterlight.tools.simulation.devices import Device
 
 def transmission(device: Device) -> FloatArray:
     """Share of the light that each pixel passes, (pixels,), 1 in the centre."""
-    x = (2 * (np.arange(device.width) + 0.5) / device.width - 1) * device.tan_half[0]
-    y = (2 * (np.arange(device.height) + 0.5) / device.height - 1) * device.tan_half[1]
-    square = (x[None, :] ** 2 + y[:, None] ** 2).ravel()  # tan² α
+    y, x = np.indices((device.height, device.width)) + 0.5
     if device.vignetting == "cos4":
-        return np.asarray((1 + square) ** -2)
-    corner = device.tan_half[0] ** 2 + device.tan_half[1] ** 2
-    return np.asarray(1 - float(device.vignetting) * square / corner)
+        across, up = device.direction_of(x.ravel(), y.ravel())
+        return np.asarray((1 + (across**2 + up**2)) ** -2)
+    width, height = device.tan_half
+    square = ((2 * x / device.width - 1) * width) ** 2 + ((2 * y / device.height - 1) * height) ** 2
+    return np.asarray(1 - float(device.vignetting) * square.ravel() / (width**2 + height**2))
