@@ -3,7 +3,7 @@
 # FUZZ= (campaigns and their options), ALL= (figures that take long, too).
 PYTHON ?= python3
 VENV ?= .venv
-WORKERS ?= 2
+WORKERS ?= $(shell cores=$$(nproc); echo $$((cores < 8 ? cores : 8)))
 python := $(VENV)/bin/python
 ready := $(VENV)/.ready
 folders := $(shell find player tools shaders calib_data -type d ! -name __pycache__ ! -path 'calib_data/example*')

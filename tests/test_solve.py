@@ -50,7 +50,7 @@ def in_reach(system: System) -> float:
     return TOLERANCE * max(found.squared_error[0], 1e-6 * float(system.target @ system.target)) + 1e-15
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(seed=SEEDS)
 def test_box_is_never_worse_than_any_clamped_solution(seed: int) -> None:
     rng = np.random.default_rng(seed)
