@@ -5,7 +5,7 @@ import re
 import pytest
 
 from tests.figures.__main__ import CommandFailedError, told
-from tests.figures.cells import agree, columns, differences, last_digit, like, markdown, pattern, renamed
+from tests.figures.cells import agree, columns, differences, last_digit, like, markdown, pattern, renamed, without
 from tests.figures.rows import ROWS, SOLVED, Figures
 from tests.programs import ROOT
 
@@ -45,7 +45,8 @@ def test_a_row_names_commands_that_there_are(row: Figures) -> None:
     for command in row.commands:
         program, *words = command.split()
         if program == "python":
-            assert (ROOT / f"{words[1].replace('.', '/')}.py").exists()
+            module = ROOT / words[1].replace(".", "/")
+            assert module.with_suffix(".py").exists() or (module / "__main__.py").exists()
         else:
             assert words[0] in verbs
     assert row.minutes > 0
@@ -123,6 +124,22 @@ def test_times_agree_to_a_factor_of_two() -> None:
     assert like("0.5; 3 ms", "0.9; 2 ms")
     assert not like("0.5; 3 ms", "0.9")
     assert [last_digit(number) for number in ("3.14", "12", "1e4", "2.1e2")] == [0.01, 1, 1e4, 10]
+
+
+def test_seconds_within_a_cell_are_times() -> None:
+    stated = {"a": "309; 170 s; 1.33 dB", "b": "20.4 s; 29.9 ms; 1.94 dB", "c": "n.a.", "d": "16 steps"}
+    again = {"a": "309; 99 s; 1.34 dB", "b": "20.4 s; 90 ms; 1.94 dB", "c": "n.a.", "d": "16 steps"}
+    [slower] = differences(stated, again, lambda name: False)
+    assert (slower.name, slower.time) == ("b", True)
+    worse = {"a": "309; 170 s; 2.33 dB", "b": stated["b"], "c": "3 s; 4 ms; 0.1 dB", "d": "32 steps"}
+    found = differences(stated, worse, lambda name: False)
+    assert {(each.name, each.time) for each in found} == {("a", False), ("c", False), ("d", False)}
+
+
+def test_what_a_page_keeps_from_earlier_is_not_compared() -> None:
+    cells = without(markdown("room | fault"), "ms")(PAGE)
+    assert "1: wall | known, error, dB" in cells
+    assert not any(name.endswith(", ms") for name in cells)
 
 
 def test_a_pattern_gives_its_groups() -> None:

@@ -2,6 +2,7 @@
 
 A reader takes a page, or what a command printed, and gives its cells by name. Two cells differ if their words do, or
 if a number is further off than a tolerance: so many units of the last digit that the page states, or a share of it.
+Seconds and milliseconds in a cell are compared as times.
 """
 
 import re
@@ -15,6 +16,7 @@ NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 UNITS, SHARE = 2.0, 0.05  # what rounding, and another order of float32 sums, may change
 ROUNDING = 0.6  # units, of a number with an exponent, which says no more than its order
 SLOWER = 2.0  # times differ by less on machines of a kind
+SPENT = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?= m?s\b)")
 
 
 @dataclass(frozen=True)
@@ -99,15 +101,33 @@ def renamed(reader: Reader, names: Mapping[str, str]) -> Reader:
     return lambda text: {new: cell for old, cell in reader(text).items() if (new := names.get(old)) is not None}
 
 
+def without(reader: Reader, *columns: str) -> Reader:
+    """Not cells of these columns: what a page keeps from earlier, which no command gives."""
+    ends = tuple(f", {column}" for column in columns)
+    return lambda text: {name: cell for name, cell in reader(text).items() if not name.endswith(ends)}
+
+
 def differences(
     stated: Cells, found: Cells, times: Callable[[str], bool], units: float = UNITS, share: float = SHARE
 ) -> list[Difference]:
     """What the page states otherwise than the command; times : whether a cell of this name is one."""
-    return [
-        Difference(name, cell, found.get(name), times(name))
+    compared = (
+        _time_differs(name, cell, found.get(name)) if times(name) else _differs(name, cell, found.get(name), units, share)
         for name, cell in stated.items()
-        if name not in found or not (like(cell, found[name]) if times(name) else agree(cell, found[name], units, share))
-    ]
+    )
+    return [each for each in compared if each is not None]
+
+
+def _time_differs(name: str, stated: str, found: str | None) -> Difference | None:
+    return None if found is not None and like(stated, found) else Difference(name, stated, found, time=True)
+
+
+def _differs(name: str, stated: str, found: str | None, units: float, share: float) -> Difference | None:
+    """Another figure, or nothing but another time in the cell."""
+    if found is None or not agree(SPENT.sub("t", stated), SPENT.sub("t", found), units, share):
+        return Difference(name, stated, found, time=False)
+    spent = [" ".join(SPENT.findall(each)) for each in (stated, found)]
+    return None if like(*spent) else Difference(name, stated, found, time=True)
 
 
 def agree(stated: str, found: str, units: float = UNITS, share: float = SHARE) -> bool:
