@@ -112,6 +112,8 @@ def test_another_figure_is_found_and_rounding_is_none() -> None:
         ("uncut", "none", False),
         ("–", "", True),
         ("-0.00", "0.00", True),
+        ("731,416", "731416", True),
+        ("1,416", "1,816", False),
     ],
 )
 def test_cells_agree_to_what_the_page_states(stated: str, found: str, same: bool) -> None:

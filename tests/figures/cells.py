@@ -101,6 +101,11 @@ def renamed(reader: Reader, names: Mapping[str, str]) -> Reader:
     return lambda text: {new: cell for old, cell in reader(text).items() if (new := names.get(old)) is not None}
 
 
+def labelled(reader: Reader, label: str) -> Reader:
+    """Only cells whose names have this part: some rows of a page's table."""
+    return lambda text: {name: cell for name, cell in reader(text).items() if label in name}
+
+
 def without(reader: Reader, *columns: str) -> Reader:
     """Not cells of these columns: what a page keeps from earlier, which no command gives."""
     ends = tuple(f", {column}" for column in columns)
@@ -110,12 +115,17 @@ def without(reader: Reader, *columns: str) -> Reader:
 def differences(
     stated: Cells, found: Cells, times: Callable[[str], bool], units: float = UNITS, share: float = SHARE
 ) -> list[Difference]:
-    """What the page states otherwise than the command; times : whether a cell of this name is one."""
-    compared = (
-        _time_differs(name, cell, found.get(name)) if times(name) else _differs(name, cell, found.get(name), units, share)
-        for name, cell in stated.items()
-    )
-    return [each for each in compared if each is not None]
+    """What the page states otherwise than the command; an empty cell states nothing.
+
+    times : whether a cell of this name is one.
+    """
+
+    def compared(name: str, cell: str) -> Difference | None:
+        again = found.get(name)
+        return _time_differs(name, cell, again) if times(name) else _differs(name, cell, again, units, share)
+
+    pairs = (compared(name, cell) for name, cell in stated.items() if cell)
+    return [each for each in pairs if each is not None]
 
 
 def _time_differs(name: str, stated: str, found: str | None) -> Difference | None:
@@ -158,5 +168,5 @@ def last_digit(number: str) -> float:
 
 
 def _plain(cell: str) -> str:
-    """Without marks of emphasis and code; a cell that is left out is one that is empty."""
-    return " ".join(re.sub(r"[*`–]", "", cell).split())
+    """Without marks of emphasis, code and thousands; a cell that is left out is one that is empty."""
+    return " ".join(re.sub(r"[*`–]|(?<=\d),(?=\d{3}\b)", "", cell).split())
