@@ -25,7 +25,7 @@ Words.
 
 | room | fault | error, dB | ms |
 |---|---|---|---|
-| wall | known | 5 | 6 |
+| wall | known | | 6 |
 """
 
 
@@ -87,6 +87,7 @@ def test_tables_are_read_by_their_headers_and_blank_labels_repeat_what_is_above(
     assert cells["1: wall | known, error, dB"] == "47.1 (0.3)"
     assert cells["1: wall | home, ms"] == "14"
     assert cells["2: wall | known, ms"] == "6"
+    assert cells["2: wall | known, error, dB"] == ""
     assert not any("other" in name for name in cells)
 
 
@@ -154,6 +155,8 @@ def test_times_agree_to_a_factor_of_two() -> None:
     assert like("12", "22")
     assert not like("12", "25")
     assert like("0.5; 3 ms", "0.9; 2 ms")
+    assert like("0.0", "0.07")
+    assert not like("0.0", "0.3")
     assert not like("0.5; 3 ms", "0.9")
     assert [last_digit(number) for number in ("3.14", "12", "1e4", "2.1e2")] == [0.01, 1, 1e4, 10]
 

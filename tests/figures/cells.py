@@ -57,8 +57,7 @@ def _free(cells: Cells, name: str) -> str:
 
 def _tables(text: str, beginning: str) -> Iterator[list[list[str]]]:
     for block in re.findall(r"(?:^\|.*\n?)+", text, re.MULTILINE):
-        rows = [[cell.strip() for cell in line.strip().strip("|").split(" | ")] for line in block.splitlines()]
-        rows = [[cell.strip("|").strip() for cell in row] for row in rows]
+        rows = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line.strip())[1:-1]] for line in block.splitlines()]
         if " | ".join(rows[0]).startswith(beginning):
             yield rows
 
@@ -153,10 +152,11 @@ def agree(stated: str, found: str, units: float = UNITS, share: float = SHARE) -
 
 
 def like(stated: str, found: str) -> bool:
-    """Whether two times are of one order."""
-    pairs = [list(map(float, NUMBER.findall(each))) for each in (stated, found)]
-    return len(pairs[0]) == len(pairs[1]) and all(
-        a == b or (min(a, b) > 0 and max(a, b) <= SLOWER * min(a, b)) for a, b in zip(*pairs, strict=True)
+    """Whether two times are of one order, to the last digit that is stated."""
+    numbers = [NUMBER.findall(each) for each in (stated, found)]
+    return len(numbers[0]) == len(numbers[1]) and all(
+        max(float(a), float(b)) <= SLOWER * max(min(float(a), float(b)), last_digit(a))
+        for a, b in zip(*numbers, strict=True)
     )
 
 
