@@ -86,9 +86,20 @@ def test_tables_are_read_by_their_headers_and_blank_labels_repeat_what_is_above(
     cells = markdown("room | fault")(PAGE)
     assert cells["1: wall | known, error, dB"] == "47.1 (0.3)"
     assert cells["1: wall | home, ms"] == "14"
-    assert cells["2: wall | known, ms"] == "6"
-    assert cells["2: wall | known, error, dB"] == ""
+    assert cells["2: wall, ms"] == "6"
+    assert cells["2: wall, error, dB"] == ""
     assert not any("other" in name for name in cells)
+
+
+def test_rows_are_called_by_the_cells_that_tell_them_apart() -> None:
+    """A figure that follows a name is compared, and is no part of the name."""
+    table = "| case | error | way |\n|---|---|---|\n| wall | 1.7 | a |\n| target | 20 | a |\n"
+    assert markdown("case")(table)["1: target, error"] == "20"
+    again = markdown("case")(table.replace("20", "21"))
+    assert [each.name for each in differences(markdown("case")(table), again, lambda _: False, units=0)] == []
+    worse = markdown("case")(table.replace("20", "30"))
+    assert [each.name for each in differences(markdown("case")(table), worse, lambda _: False)] == ["1: target, error"]
+    assert "1: wall | 1.7 | b, way" in markdown("case")(table.replace("target | 20 | a", "wall | 1.7 | b"))
 
 
 def test_tables_in_columns_are_read_by_first_words() -> None:

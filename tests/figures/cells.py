@@ -15,6 +15,7 @@ Reader: TypeAlias = Callable[[str], Cells]
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 UNITS, SHARE = 2.0, 0.05  # what rounding, and another order of float32 sums, may change
 ROUNDING = 0.6  # units, of a number with an exponent, which says no more than its order
+MOST_LABELS = 4  # columns
 SLOWER = 2.0  # times differ by less on machines of a kind
 SPENT = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?= m?s\b)")
 
@@ -33,21 +34,33 @@ class Difference:
 
 
 def markdown(beginning: str) -> Reader:
-    """Cells of every table whose header begins so, named by table, row and column: `2: wall | any, clusters`."""
+    """Cells of every table whose header begins so, named by table, row and column: `2: wall | any, clusters`.
+
+    A row is called by as many of its first cells as tell the table's rows apart; an empty one of them repeats what is
+    above.
+    """
 
     def read(text: str) -> Cells:
         cells: Cells = {}
-        for number, rows in enumerate(_tables(text, beginning), 1):
-            head, above = rows[0], [""] * len(rows[0])
-            for row in rows[2:]:
-                above = [cell or before for cell, before in zip(row, above, strict=False)]
-                label = " | ".join(above[:2])
-                cells |= {
-                    _free(cells, f"{number}: {label}, {column}"): cell for column, cell in zip(head, row, strict=False)
-                }
+        for number, (head, _, *rows) in enumerate(_tables(text, beginning), 1):
+            for label, row in zip(_labels(rows), rows, strict=True):
+                for column, cell in zip(head, row, strict=False):
+                    cells[_free(cells, f"{number}: {label}, {column}")] = cell
         return cells
 
     return read
+
+
+def _labels(rows: Sequence[Sequence[str]]) -> list[str]:
+    filled, above = [], [""] * MOST_LABELS
+    for row in rows:
+        above = [cell or before for cell, before in zip(row, above, strict=False)]
+        filled.append(above)
+    for count in range(1, MOST_LABELS + 1):
+        labels = [" | ".join(each[:count]) for each in filled]
+        if len(set(labels)) == len(labels):
+            break
+    return labels
 
 
 def _free(cells: Cells, name: str) -> str:

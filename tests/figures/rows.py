@@ -67,7 +67,7 @@ MEASURES = {  # a column there -> the command's
 def _solved(text: str) -> Cells:
     """Of the page, by its own labels without the other columns."""
     cells = markdown("solver | RMSE")(text)
-    named = {f"1: {row} | ": row for row in SOLVED}
+    named = {f"1: {row}, ": row for row in SOLVED}
     return {
         f"{label}, {column}": cell
         for name, cell in cells.items()
@@ -233,7 +233,7 @@ ROWS = (
         "docs/acquisition.md",
         (f"python -m tests.studies.acquisition --again --room {' --room '.join(SCHEMES_TRIED)}",),
         60,
-        labelled(markdown("room | camera, projector | scheme"), " | 96x72, 128x96, "),
+        labelled(markdown("room | camera, projector | scheme"), " | 96x72, 128x96 | "),
         markdown("room | camera, projector | scheme"),
         times=_ending(", s"),
     ),
