@@ -176,7 +176,9 @@ def _cell(figures: Figures) -> str:
 
 
 def _error_and_gain(error: float, gain: float) -> str:
-    return _short_exponent(f"{100 * error:.2g} / {gain:.2g}")
+    """In per cent; tenths of one, a gain below a thousand written out."""
+    per_cent = f"{100 * error:.1f}" if 0.1 <= error < 1 else f"{100 * error:.2g}"
+    return _short_exponent(f"{per_cent} / {gain:.0f}" if 10 <= gain < 1000 else f"{per_cent} / {gain:.2g}")
 
 
 def _short_exponent(text: str) -> str:
