@@ -1,10 +1,14 @@
 """make figures: every row points to figures that its page has, and a figure that is another one is found."""
 
 import re
+import time
 from collections.abc import Iterator
 
+import moderngl
 import pytest
 
+from counterlight.gl.context import in_software
+from tests.bench.frames import clock_of
 from tests.figures.__main__ import CommandFailedError, told
 from tests.figures.cells import agree, columns, differences, last_digit, like, markdown, pattern, renamed, without
 from tests.figures.rows import ROWS, SOLVED, Figures
@@ -186,6 +190,12 @@ def test_what_a_page_keeps_from_earlier_is_not_compared() -> None:
     cells = without(markdown("room | fault"), "ms")(PAGE)
     assert "1: wall | known, error, dB" in cells
     assert not any(name.endswith(", ms") for name in cells)
+
+
+def test_studies_that_draw_know_the_clock_of_their_context(gl_context: moderngl.Context) -> None:
+    """Where OpenGL runs on the processor, processor time; tests/bench and three studies ended here with an error."""
+    software = in_software(gl_context.info["GL_RENDERER"])
+    assert clock_of(gl_context) is (time.process_time if software else time.perf_counter)
 
 
 def test_a_pattern_gives_its_groups() -> None:
