@@ -14,7 +14,7 @@ import argparse
 import sys
 import time
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 import cv2
@@ -35,6 +35,7 @@ from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalSche
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.shipped import shipped_scenes
+from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.box import Box
@@ -182,9 +183,9 @@ def schemes(projector: tuple[int, int]) -> Iterator[tuple[str, int, MakeScheme]]
 
 def sensor(shots: int) -> CameraSettings:
     """What the mean of so many shots is like."""
-    one = CameraSettings()
+    one = Sensor()
     steps = min(16, one.bits + (shots - 1).bit_length())
-    return replace(one, bits=steps, full_well=shots * one.full_well, read_noise=shots**0.5 * one.read_noise)
+    return CameraSettings(Sensor(shots * one.full_well, shots**0.5 * one.read_noise, steps))
 
 
 def relative_error(found: Transport, truth: Transport) -> float:
