@@ -64,7 +64,7 @@ def shader() -> Iterator[str]:
     """The row-map product on every path beside scipy's and Numba's; bytes moved, and the share of a copy's speed."""
     rng = np.random.default_rng(1)
     with headless_context() as context:
-        software, host = in_software(context), host_copy_bandwidth()
+        software, host = drawn_in_software(context), host_copy_bandwidth()
         device = host if software else device_copy_bandwidth(context)
         yield f"{context.info['GL_RENDERER']}; a copy reads and writes {host / 1e9:.1f} GB/s on all cores" + (
             "" if software else f", {device / 1e9:.0f} GB/s on the GPU"
@@ -83,7 +83,7 @@ def refined() -> Iterator[str]:
     with headless_context() as context:
         yield context.info["GL_RENDERER"]
         yield refined_line(context, PROJECTOR, CAMERA, rng)
-        if in_software(context):
+        if drawn_in_software(context):
             yield "1920x1080: left out, no GPU here (OpenGL runs on the CPU)"
         else:
             yield refined_line(context, FULL_HD, FULL_HD, rng)
@@ -253,7 +253,11 @@ def fps(milliseconds: float) -> str:
 
 def clock_of(context: moderngl.Context) -> Callable[[], float]:
     """Seconds that other work on the machine changes least: of processor time, all cores together, on the CPU."""
-    return time.process_time if in_software(context) else time.perf_counter
+    return time.process_time if drawn_in_software(context) else time.perf_counter
+
+
+def drawn_in_software(context: moderngl.Context) -> bool:
+    return in_software(context.info["GL_RENDERER"])
 
 
 def bench_room(maps: RoomMaps, projector: tuple[int, int], camera: tuple[int, int]) -> Room:

@@ -24,6 +24,7 @@ from tests.brackets import codes_of
 
 SHAPE, EXPOSURES = (1024, 1280, 3), 13
 WARM_UP, REPEATS = 1, 7
+COLUMNS = "scene", "method", "shader", "numpy", "OpenCV", "OpenCV / shader", "differs by (median, 99 % of the values)"
 Times = tuple[float, float]
 
 
@@ -70,9 +71,7 @@ def agreement(ours: np.ndarray, theirs: np.ndarray, codes: list[np.ndarray]) -> 
     """Of pixels with every channel between 10 % and 90 % of the range in some picture."""
     well = np.any([np.all((z > 25) & (z < 230), axis=-1) for z in codes], axis=0)
     error = np.abs(ours[well] / theirs[well] - 1)
-    return (
-        f"differs from OpenCV by {np.median(error):.1e} (median), {np.percentile(error, 99):.1e} (99 % of the values)"
-    )
+    return f"{np.median(error):.0e}, {np.percentile(error, 99):.0e}"
 
 
 def compare(
@@ -87,14 +86,13 @@ def compare(
             "OpenCV": opencv(method, codes, times, exposure),
         }
         medians = interleaved(works)
-        apart = "" if method == "average" else "; " + agreement(works["GPU"](), works["OpenCV"](), codes)
-    row = ", ".join(f"{name} {wall:.0f} ({cpu:.0f})" for name, (wall, cpu) in medians.items())
-    wall, cpu = (medians["OpenCV"][i] / medians["GPU"][i] for i in range(2))
-    return f"{method}: {row}; OpenCV/GPU {wall:.2f} ({cpu:.2f}){apart}"
+        apart = "" if method == "average" else agreement(works["GPU"](), works["OpenCV"](), codes)
+    took = " | ".join(f"{cpu:.0f} ({wall:.0f})" for wall, cpu in medians.values())
+    return f"{took} | {medians['OpenCV'][1] / medians['GPU'][1]:.2f} | {apart}"
 
 
 def radiance_maps() -> Iterator[str]:
-    """13 exposures of 1280x1024: shader, numpy and OpenCV, medians of 7, wall ms (processor ms)."""
+    """13 exposures of 1280x1024: shader, numpy and OpenCV, medians of 7, processor ms (wall ms)."""
     rng = np.random.default_rng(1)
     response = Response("gamma", gamma=2.2)
     exposure = exposure_table(response, 256, 3)
@@ -103,10 +101,12 @@ def radiance_maps() -> Iterator[str]:
     scenes = {"neutral": light.repeat(3, axis=2), "coloured": light * np.exp(rng.normal(0, 0.3, SHAPE))}
     with headless_context() as context:
         yield f"{os.cpu_count()} cores, {context.info['GL_RENDERER']}, OpenCV {cv2.__version__}"
+        yield f"| {' | '.join(COLUMNS)} |"
+        yield "|---" * len(COLUMNS) + "|"
         for name, scene in scenes.items():
             codes = [codes_of(scene, float(t), response) for t in times]
             for method in MERGES:
-                yield f"{name}, {compare(context, method, codes, times, exposure)}"
+                yield f"| {name} | {method} | {compare(context, method, codes, times, exposure)} |"
 
 
 def main() -> None:

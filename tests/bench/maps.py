@@ -74,7 +74,7 @@ def _written(folder: Path) -> Path:
     projector, camera = Device(*PROJECTOR, Response("srgb")), Device(*CAMERA, Response("linear"))
     room = Calibration("wall", "made by the benchmark", (projector,), camera, dark, np.ones(CAMERA, bool))
     with calibration.writing(folder, room) as stage:
-        write_transport(Transport(wall()), stage)
+        write_transport(Transport.from_matrices(wall()), stage)
     return folder
 
 

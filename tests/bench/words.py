@@ -21,12 +21,23 @@ from tests.programs import succeed
 
 CAMERA, PROJECTOR = "128x96", "96x72"
 TIMED = "glass"
-GOAL = 0.4
+COLUMNS = (
+    "room",
+    "start",
+    "steps",
+    "MB in entries of 16 bytes",
+    "MB in words",
+    "share",
+    "of the change allowed",
+)
 ENTRY, LOOKUP = 16, 12  # bytes, of long maps
 
 
 def words() -> Iterator[str]:
     """Bytes a frame as each room is played by default, from the maps alone: entries of 16 bytes, words, their share."""
+    yield f"| {' | '.join(COLUMNS)} |"
+    yield "|---" * len(COLUMNS) + "|"
+    products: list[str] = []
     for name in shipped_scenes():
         with tempfile.TemporaryDirectory() as folder:
             succeed("simulate", name, "-o", Path(folder) / name, "--camera", CAMERA, "--projector", PROJECTOR)
@@ -35,19 +46,18 @@ def words() -> Iterator[str]:
         built = build_maps(tier, InverseOptions())
         yield line(name, built)
         if name == TIMED:
-            yield from timed(Room(built.calibration, built.maps, built.maps.white))
+            products += timed(Room(built.calibration, built.maps, built.maps.white))
+    yield from products
 
 
 def line(name: str, built: BuiltRoom) -> str:
+    """A row of the table of docs/gpu.md."""
     maps, found = built.maps, built.recommendation
     assert found is not None
     long_bytes, small_bytes = (frame_bytes(maps, found, made) for made in ({}, maps.in_words(maps.white)))
-    ratio = small_bytes / long_bytes
-    used = "none" if maps.words is None else f"{maps.words.used:.2f} of what is allowed"
-    return (
-        f"  {name:<13}{found.start:<16}{found.steps} steps: {long_bytes / 1e6:7.2f} -> {small_bytes / 1e6:6.2f} MB, "
-        f"{ratio:4.0%}{'' if ratio <= GOAL else ' (goal 40 %)'}; words: {used}"
-    )
+    used = "none" if maps.words is None else f"{maps.words.used:.2f}"
+    sizes = f"{long_bytes / 1e6:.1f} | {small_bytes / 1e6:.1f} | {100 * small_bytes / long_bytes:.0f} %"
+    return f"| {name} | {found.start} | {found.steps} | {sizes} | {used} |"
 
 
 def frame_bytes(maps: RoomMaps, played: Recommendation, words: Mapping[int, WordMap]) -> int:
@@ -70,6 +80,6 @@ def timed(room: Room) -> Iterator[str]:
     with headless_context() as context:
         stored = [GlMaps(context, room, path) for path in ("fragment", "words")]
         long_ms, small_ms = (products_ms(context, each) for each in stored)
-        yield f"  {'':<13}{context.info['GL_RENDERER']}: products take {small_ms / long_ms:.2f} of the time in words"
+        yield f"{TIMED}: {context.info['GL_RENDERER']}: products take {small_ms / long_ms:.2f} of the time in words"
         for each in stored:
             each.release()

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from tests.figures.cells import Difference, differences
 from tests.figures.rows import ROWS, Figures
+from tests.figures.unchecked import UNCHECKED
 from tests.programs import ROOT
 
 MINUTES = 5
@@ -41,6 +42,8 @@ def main() -> int:
             print(f"  not checked: {error}", flush=True)
             failed += 1
     if options.list:
+        for page, beginning, why in UNCHECKED:
+            print(f"not checked: {page}, table of {beginning.strip(' |')}: {why}")
         return 0
     left = len([row for row in ROWS if options.only in row.name]) - len(rows)
     unchecked = f", {failed} commands failed" if failed else ""

@@ -2,6 +2,7 @@
 
 A reader takes a page, or what a command printed, and gives its cells by name. Two cells differ if their words do, or
 if a number is further off than a tolerance: so many units of the last digit that the page states, or a share of it.
+Seconds and milliseconds in a cell are compared as times.
 """
 
 import re
@@ -14,7 +15,9 @@ Reader: TypeAlias = Callable[[str], Cells]
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 UNITS, SHARE = 2.0, 0.05  # what rounding, and another order of float32 sums, may change
 ROUNDING = 0.6  # units, of a number with an exponent, which says no more than its order
+MOST_LABELS = 4  # columns
 SLOWER = 2.0  # times differ by less on machines of a kind
+SPENT = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?= m?s\b)")
 
 
 @dataclass(frozen=True)
@@ -31,21 +34,33 @@ class Difference:
 
 
 def markdown(beginning: str) -> Reader:
-    """Cells of every table whose header begins so, named by table, row and column: `2: wall | any, clusters`."""
+    """Cells of every table whose header begins so, named by table, row and column: `2: wall | any, clusters`.
+
+    A row is called by as many of its first cells as tell the table's rows apart; an empty one of them repeats what is
+    above.
+    """
 
     def read(text: str) -> Cells:
         cells: Cells = {}
-        for number, rows in enumerate(_tables(text, beginning), 1):
-            head, above = rows[0], [""] * len(rows[0])
-            for row in rows[2:]:
-                above = [cell or before for cell, before in zip(row, above, strict=False)]
-                label = " | ".join(above[:2])
-                cells |= {
-                    _free(cells, f"{number}: {label}, {column}"): cell for column, cell in zip(head, row, strict=False)
-                }
+        for number, (head, _, *rows) in enumerate(_tables(text, beginning), 1):
+            for label, row in zip(_labels(rows), rows, strict=True):
+                for column, cell in zip(head, row, strict=False):
+                    cells[_free(cells, f"{number}: {label}, {column}")] = cell
         return cells
 
     return read
+
+
+def _labels(rows: Sequence[Sequence[str]]) -> list[str]:
+    filled, above = [], [""] * MOST_LABELS
+    for row in rows:
+        above = [cell or before for cell, before in zip(row, above, strict=False)]
+        filled.append(above)
+    for count in range(1, MOST_LABELS + 1):
+        labels = [" | ".join(each[:count]) for each in filled]
+        if len(set(labels)) == len(labels):
+            break
+    return labels
 
 
 def _free(cells: Cells, name: str) -> str:
@@ -55,8 +70,7 @@ def _free(cells: Cells, name: str) -> str:
 
 def _tables(text: str, beginning: str) -> Iterator[list[list[str]]]:
     for block in re.findall(r"(?:^\|.*\n?)+", text, re.MULTILINE):
-        rows = [[cell.strip() for cell in line.strip().strip("|").split(" | ")] for line in block.splitlines()]
-        rows = [[cell.strip("|").strip() for cell in row] for row in rows]
+        rows = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line.strip())[1:-1]] for line in block.splitlines()]
         if " | ".join(rows[0]).startswith(beginning):
             yield rows
 
@@ -99,15 +113,43 @@ def renamed(reader: Reader, names: Mapping[str, str]) -> Reader:
     return lambda text: {new: cell for old, cell in reader(text).items() if (new := names.get(old)) is not None}
 
 
+def labelled(reader: Reader, label: str) -> Reader:
+    """Only cells whose names have this part: some rows of a page's table."""
+    return lambda text: {name: cell for name, cell in reader(text).items() if label in name}
+
+
+def without(reader: Reader, *columns: str) -> Reader:
+    """Not cells of these columns: what a page keeps from earlier, which no command gives."""
+    ends = tuple(f", {column}" for column in columns)
+    return lambda text: {name: cell for name, cell in reader(text).items() if not name.endswith(ends)}
+
+
 def differences(
     stated: Cells, found: Cells, times: Callable[[str], bool], units: float = UNITS, share: float = SHARE
 ) -> list[Difference]:
-    """What the page states otherwise than the command; times : whether a cell of this name is one."""
-    return [
-        Difference(name, cell, found.get(name), times(name))
-        for name, cell in stated.items()
-        if name not in found or not (like(cell, found[name]) if times(name) else agree(cell, found[name], units, share))
-    ]
+    """What the page states otherwise than the command; an empty cell states nothing.
+
+    times : whether a cell of this name is one.
+    """
+
+    def compared(name: str, cell: str) -> Difference | None:
+        again = found.get(name)
+        return _time_differs(name, cell, again) if times(name) else _differs(name, cell, again, units, share)
+
+    pairs = (compared(name, cell) for name, cell in stated.items() if cell)
+    return [each for each in pairs if each is not None]
+
+
+def _time_differs(name: str, stated: str, found: str | None) -> Difference | None:
+    return None if found is not None and like(stated, found) else Difference(name, stated, found, time=True)
+
+
+def _differs(name: str, stated: str, found: str | None, units: float, share: float) -> Difference | None:
+    """Another figure, or nothing but another time in the cell."""
+    if found is None or not agree(SPENT.sub("t", stated), SPENT.sub("t", found), units, share):
+        return Difference(name, stated, found, time=False)
+    spent = [" ".join(SPENT.findall(each)) for each in (stated, found)]
+    return None if like(*spent) else Difference(name, stated, found, time=True)
 
 
 def agree(stated: str, found: str, units: float = UNITS, share: float = SHARE) -> bool:
@@ -123,10 +165,11 @@ def agree(stated: str, found: str, units: float = UNITS, share: float = SHARE) -
 
 
 def like(stated: str, found: str) -> bool:
-    """Whether two times are of one order."""
-    pairs = [list(map(float, NUMBER.findall(each))) for each in (stated, found)]
-    return len(pairs[0]) == len(pairs[1]) and all(
-        a == b or (min(a, b) > 0 and max(a, b) <= SLOWER * min(a, b)) for a, b in zip(*pairs, strict=True)
+    """Whether two times are of one order, to the last digit that is stated."""
+    numbers = [NUMBER.findall(each) for each in (stated, found)]
+    return len(numbers[0]) == len(numbers[1]) and all(
+        max(float(a), float(b)) <= SLOWER * max(min(float(a), float(b)), last_digit(a))
+        for a, b in zip(*numbers, strict=True)
     )
 
 
@@ -138,5 +181,5 @@ def last_digit(number: str) -> float:
 
 
 def _plain(cell: str) -> str:
-    """Without marks of emphasis and code; a cell that is left out is one that is empty."""
-    return " ".join(re.sub(r"[*`–]", "", cell).split())
+    """Without marks of emphasis, code and thousands; a cell that is left out is one that is empty."""
+    return " ".join(re.sub(r"[*`–]|(?<=\d),(?=\d{3}\b)", "", cell).split())

@@ -1,9 +1,10 @@
 """Which figures of which page come from which command."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from tests.figures.cells import Cells, Reader, columns, markdown, pattern, renamed
+from tests.figures.cells import Cells, Reader, columns, labelled, markdown, pattern, renamed, without
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ MEASURES = {  # a column there -> the command's
 def _solved(text: str) -> Cells:
     """Of the page, by its own labels without the other columns."""
     cells = markdown("solver | RMSE")(text)
-    named = {f"1: {row} | ": row for row in SOLVED}
+    named = {f"1: {row}, ": row for row in SOLVED}
     return {
         f"{label}, {column}": cell
         for name, cell in cells.items()
@@ -104,9 +105,47 @@ def built(room: str) -> Figures:
     )
 
 
+def explained(scene: str, sizes: str, minutes: float, beginning: str = "1") -> Figures:
+    """What a scene's effects cost and give, and all of them together; beginning : the number of the page's table."""
+    cells = without(labelled(markdown("scene | effect"), f"{beginning}: {scene} | "), "scene", "effect")
+
+    def found(text: str) -> Cells:
+        effects = re.findall(r"^(\w+) +on +([\d.]+) +([\d,]+) +(\S+ %)", text, re.MULTILINE)
+        named = {f"{beginning}: {scene} | {name}": figures for name, *figures in effects}
+        together = pattern(**{f"{beginning}: {scene} | **together**, CPU s": r"\ntogether +([\d.]+)"})(text)
+        columns_ = ("CPU s", "entries", "energy")
+        return together | {
+            f"{name}, {column}": figure
+            for name, figures in named.items()
+            for column, figure in zip(columns_, figures, strict=True)
+        }
+
+    return Figures(
+        "docs/simulation.md",
+        (f"counterlight simulate {scene} --explain {sizes}",),
+        minutes,
+        lambda text: {name: cell for name, cell in cells(text).items() if "MB" not in cell},
+        found,
+        times=_ending(", CPU s"),
+    )
+
+
+def rigged(options: str, minutes: float, beginning: str) -> Figures:
+    """A table of docs/rig.md, which has other columns in another order, and what was at first."""
+    stated = without(markdown(beginning), "below at first, dB")
+    command = " ".join(["python -m tests.rig", options])
+    return Figures("docs/rig.md", (command,), minutes, stated, markdown("room | fault | optimum"))
+
+
 def _in_millions(cells: Cells) -> Cells:
     return cells | {"entries": f"{float(cells['entries']) / 1e6:.1f}"} if "entries" in cells else cells
 
+
+FULL_SIZE = {"wall": 1, "corner": 1, "statuette": 1, "two_planes": 2, "folded_cards": 4}  # minutes
+RIG = "room | fault | optimum, dB | captured, dB | below, dB"
+AT_FIRST = f"{RIG} | below at first, dB | whole footprints, dB"
+ALONE = "quiet", "srgb", "believed", "response", "led", "segment", "lamp", "daylight"
+SCHEMES_TRIED = "corner", "folded_cards", "glass", "skull", "statuette", "two_planes", "wall"
 
 ROWS = (
     table("docs/displays.md", "python -m tests.studies.second_projector", 2, "room: figure | first"),
@@ -117,6 +156,8 @@ ROWS = (
     table(
         "docs/hard_cases.md", "python -m tests.studies.hard_cases", 3, "error, % / amplification", units=5, share=0.3
     ),
+    table("docs/hard_cases.md", "python -m tests.studies.hard_cases", 3, "focus | allowed"),
+    table("docs/hard_cases.md", "python -m tests.studies.hard_cases", 3, "far light and dark paint"),
     table("docs/hard_cases.md", "python -m tests.studies.colour", 2, "condition of the mixing"),
     *(built(room) for room in ("wall", "corner")),
     Figures(
@@ -137,13 +178,15 @@ ROWS = (
         "docs/refinement.md",
         "python -m tests.studies.refinement",
         20,
-        "start | 1 step | 2 steps | 4 steps | 8 steps | 16 steps",
+        "start | 1 step",
         ("before a step, ms", "a step, ms"),
         share=0.1,
     ),
     table("docs/refinement.md", "python -m tests.studies.refinement", 20, "schedule | 1 step"),
+    table("docs/refinement.md", "python -m tests.studies.refinement", 20, " | 1 step"),
     table("docs/gpu.md", "python -m tests.studies.scaling", 6, "projector | 4 entries", ("entries",)),
     table("docs/viewpoints.md", "python -m tests.studies.viewpoints", 15, "views | nearest view"),
+    table("docs/viewpoints.md", "python -m tests.studies.viewpoints", 15, "viewers at once"),
     table(
         "docs/viewpoints.md",
         "python -m tests.studies.viewpoints --price",
@@ -152,12 +195,51 @@ ROWS = (
         ("frame at a view", "between two", "moving", "for all"),
     ),
     table(
-        "docs/table_6_1.md",
-        "counterlight study --table-6-1 -o study",
-        60,
-        "scene | captured",
-        files=("study/table_6_1.md",),
+        "docs/cameras.md",
+        "python -m tests.studies.cameras",
+        3,
+        "projectors, cameras | camera pixels",
+        ("build, processor",),
+        share=0.1,
     ),
+    table("docs/content.md", "python -m tests.studies.content", 4, "white | adapt"),
+    table("docs/content.md", "python -m tests.studies.content", 4, "flicker | noise"),
+    table(
+        "docs/content.md",
+        "python -m tests.studies.content",
+        4,
+        "a frame in the projector's view",
+        ("processor ms, fastest of 7 in turns",),
+    ),
+    table("docs/gpu.md", "python -m tests.bench --only words", 3, "room | start | steps | MB"),
+    table(
+        "docs/hdr.md",
+        "python -m tests.bench.hdr",
+        4,
+        "scene | method | shader",
+        ("shader", "numpy", "OpenCV", "OpenCV / shader"),
+    ),
+    table("docs/size.md", "python -m tests.studies.blurring", 3, "limit | near | blurred"),
+    *(explained(scene, CORNER, minutes) for scene, minutes in FULL_SIZE.items()),
+    explained("glass", "--camera 320x240 --projector 192x144", 3, "2"),
+    explained("skull", "--camera 240x320 --projector 192x192", 2, "2"),
+    rigged(
+        "--fault known crosstalk home wheel drift", 15, f"{RIG} | below at first, dB | whole footprints, dB | blurred"
+    ),
+    rigged(f"--room wall --fault {' '.join(ALONE)}", 8, f"{RIG} | below at first, dB | whole footprints, dB | ΔE"),
+    rigged("--quick --fault segment", 2, f"{RIG} | blurred"),
+    table("docs/acquisition.md", "python -m tests.studies.pictures_first --fault known", 60, "room | fault"),
+    Figures(
+        "docs/acquisition.md",
+        (f"python -m tests.studies.acquisition --again --room {' --room '.join(SCHEMES_TRIED)}",),
+        60,
+        labelled(markdown("room | camera, projector | scheme"), " | 96x72, 128x96 | "),
+        markdown("room | camera, projector | scheme"),
+        times=_ending(", s"),
+    ),
+    table("docs/acquisition.md", "python -m tests.studies.noise", 30, "room | electrons"),
+    table("docs/table_6_1.md", "python -m tests.studies.brickstone", 10, "wall | picture"),
+    table("docs/table_6_1.md", "python -m tests.studies.table_6_1", 60, "scene | captured"),
     table(
         "docs/accuracy.md",
         "counterlight study -o study",

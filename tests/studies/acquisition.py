@@ -1,18 +1,20 @@
 """What each scheme of acquisition costs and gives: python -m tests.studies.acquisition.
 
 Fills docs/acquisition.csv, prints it as the table of docs/acquisition.md and draws docs/acquisition.png. Rows that are
-there are kept (remove a line to measure it again), and each is written when it is known. Every room is simulated, with
-a camera of 14 bits, 20 000 electrons full well and 5 electrons read noise; N shots are simulated as one of N times the
-electrons, which their sum is. The error of T is relative, in the Frobenius norm, against the noise-free truth, far
-light included. Compensation is the box-constrained optimum of the acquired room, to 0.04 dB, shown in the true one;
-mean PSNR of a photograph and of letters. At the camera's resolution they hold detail that no projector can show; at a
-sixth of it, enlarged, the optimum is nearly perfect and every fault of T shows. Nothing here decides a test.
+there are kept (`--again` measures them, and only prints), and each is written when it is known. Every room is
+simulated, with a camera of 14 bits, 20 000 electrons full well and 5 electrons read noise; N shots are simulated as
+one of N times the electrons, which their sum is. The error of T is relative, in the Frobenius norm, against the
+noise-free truth, far light included. Compensation is the box-constrained optimum of the acquired room, to 0.04 dB,
+shown in the true one; mean PSNR of a photograph and of letters. At the camera's resolution they hold detail that no
+projector can show; at a sixth of it, enlarged, the optimum is nearly perfect and every fault of T shows. Nothing here
+decides a test.
 """
 
 import argparse
+import sys
 import time
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import astuple, dataclass, fields, replace
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 import cv2
@@ -33,6 +35,7 @@ from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalSche
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.shipped import shipped_scenes
+from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.box import Box
@@ -180,9 +183,9 @@ def schemes(projector: tuple[int, int]) -> Iterator[tuple[str, int, MakeScheme]]
 
 def sensor(shots: int) -> CameraSettings:
     """What the mean of so many shots is like."""
-    one = CameraSettings()
+    one = Sensor()
     steps = min(16, one.bits + (shots - 1).bit_length())
-    return replace(one, bits=steps, full_well=shots * one.full_well, read_noise=shots**0.5 * one.read_noise)
+    return CameraSettings(Sensor(shots * one.full_well, shots**0.5 * one.read_noise, steps))
 
 
 def relative_error(found: Transport, truth: Transport) -> float:
@@ -276,19 +279,41 @@ def main() -> None:
     parser.add_argument("--camera", type=parse_size, default=(72, 96), help="default 96x72")
     parser.add_argument("--projector", type=parse_size, default=(96, 128), help="default 128x96")
     parser.add_argument("--room", action="append", help="only this one; may be given several times")
+    parser.add_argument("--again", action="store_true", help="measure everything; print it, and change no file")
     parser.add_argument("--draw-only", action="store_true", help="print and draw what is in the table")
     options = parser.parse_args()
+    if options.again:
+        print(as_table(in_order(measured(options, again=True))))
+        return
     if not options.draw_only:
-        with threadpool_limits(limits=1):
-            size = "{1}x{0}, {3}x{2}".format(*options.camera, *options.projector)
-            for place in rooms(options.camera, options.projector, options.room):
-                known = {row.scheme for row in read_rows() if (row.room, row.size) == (place.room.name, size)}
-                for row in study(place, size, known):
-                    print(row, flush=True)
-                    write_rows([*read_rows(), row])
-    rows = sorted(read_rows(), key=lambda row: (len(row.size), row.size, row.room, row.scheme))
-    print(f"| {' | '.join(COLUMNS)} |\n" + "|---" * len(COLUMNS) + "|", *rows, sep="\n")
+        for row in measured(options, again=False):
+            write_rows([*read_rows(), row])
+    rows = in_order(read_rows())
+    print(as_table(rows))
     draw(rows)
+
+
+def measured(options: argparse.Namespace, *, again: bool) -> Iterator[Row]:
+    """Each row when it is known; again : also those of the table."""
+    size = "{1}x{0}, {3}x{2}".format(*options.camera, *options.projector)
+    with threadpool_limits(limits=1):
+        for place in rooms(options.camera, options.projector, options.room):
+            at = place.room.name, size
+            for row in study(
+                place, size, set() if again else {r.scheme for r in read_rows() if (r.room, r.size) == at}
+            ):
+                print(row, file=sys.stderr, flush=True)
+                yield row
+
+
+def in_order(rows: Iterable[Row]) -> list[Row]:
+    """By size, the smallest first, room and scheme."""
+    return sorted(rows, key=lambda row: (len(row.size), row.size, row.room, row.scheme))
+
+
+def as_table(rows: Sequence[Row]) -> str:
+    """Of docs/acquisition.md."""
+    return "\n".join([f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|", *map(str, rows)])
 
 
 if __name__ == "__main__":

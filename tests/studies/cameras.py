@@ -45,7 +45,7 @@ COLUMNS = (
     "projectors, cameras",
     "camera pixels that count",
     f"below the joint optimum after {STEPS} steps: from T⁺, from direct mapping",
-    "grey off, in code values: where the first camera looks, both, the second",
+    "grey off: first camera's part, both's, second's",
     "build, processor",
     "maps",
 )

@@ -11,6 +11,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -36,6 +37,22 @@ NOISY, NOISE = 12, 2.0  # repetitions of a frame, standard deviation in code val
 STEPS, REPEATS = 4, 7
 ADAPT, FLICKER = (0, 1, 3, 10), (0, 0.3, 0.6, 0.9)
 CORNERS = ((0.15, 0.1), (0.8, 0.2), (0.9, 0.85), (0.1, 0.7))
+ADAPTED = (
+    "white",
+    "adapt",
+    "clipped light, % (worst frame)",
+    "PSNR to what was asked, dB (worst)",
+    "PSNR to the picture before adaptation, dB",
+    "mean radiance asked for, % of the picture's",
+    "the camera's view changes from frame to frame by, % of white",
+)
+DAMPED = (
+    "flicker",
+    "noise: the camera's view changes by, % of white",
+    "film: likewise",
+    "noise: PSNR to what was asked, dB",
+    "film: likewise (worst)",
+)
 FloatArray = NDArray[np.float64]
 
 
@@ -97,19 +114,9 @@ class Limits:
         return float(missed[counts].sum() / np.maximum(first_asked, self._ambient)[counts].sum())
 
 
-def study(room: Room, limits: Limits, renderer: GlRenderer) -> None:
+def adaptation(room: Room, limits: Limits, renderer: GlRenderer) -> None:
     mask, white = room.calibration.mask, room.white
     plain = show(renderer, clip_frames(), Adjustments())
-    print(f"\nAdaptation, white {white:.3g}, {len(plain.seen)} frames:\n")
-    header(
-        "adapt",
-        "clipped light, % (worst frame)",
-        "largest, % of white, of the change of asked light from frame to frame",
-        "PSNR to what was asked, dB (worst)",
-        "PSNR to the picture before adaptation, dB",
-        "mean radiance, % of the picture's",
-        "change of the camera's view, % of white",
-    )
     for percent in ADAPT:
         shown = show(renderer, clip_frames(), Adjustments(adapt=percent)) if percent else plain
         clipped = [100 * limits.clipped(c, first) for c, first in zip(shown.asked, plain.asked, strict=True)]
@@ -117,9 +124,9 @@ def study(room: Room, limits: Limits, renderer: GlRenderer) -> None:
         first = [camera_psnr(c, seen, mask, white) for c, seen in zip(plain.asked, shown.seen, strict=True)]
         light = [c[mask].mean() / first[mask].mean() for c, first in zip(shown.asked, plain.asked, strict=True)]
         row(
+            f"{white:.3g}",
             f"{percent} %" if percent else "off",
             f"{np.mean(clipped):.1f} ({max(clipped):.1f})",
-            f"{max(changes(shown.asked, mask, white)):.2f}",
             f"{np.mean(found):.1f} ({min(found):.1f})",
             f"{np.mean(first):.1f}",
             f"{100 * np.mean(light):.0f}",
@@ -129,14 +136,8 @@ def study(room: Room, limits: Limits, renderer: GlRenderer) -> None:
 
 def damping(room: Room, renderer: GlRenderer) -> None:
     mask, white = room.calibration.mask, room.white
-    print(f"\nDamping; one frame with noise of {NOISE:g} codes, {NOISY} times, and the passages of film:\n")
-    header(
-        "flicker",
-        "change of the camera's view, % of white: noise",
-        "film",
-        "PSNR to what was asked, dB: noise",
-        "film (worst)",
-    )
+    print()
+    header(*DAMPED)
     for weight in FLICKER:
         noisy, film = (show(renderer, frames(), Adjustments(flicker=weight)) for frames in (noisy_frames, clip_frames))
         quality = [
@@ -161,7 +162,6 @@ def costs(renderer: GlRenderer) -> None:
     """Milliseconds of a frame, fastest of REPEATS in turns: of processor time where OpenGL is llvmpipe."""
     clock = clock_of(renderer._device._context)
     processor = "processor " if clock is time.process_time else ""
-    print(f"\nA frame in the projector's view, {STEPS} steps, {processor}milliseconds:\n")
     settings = {
         "neutral": Adjustments(),
         "controls and black level": Adjustments(10, 10, 10, 10, 0.05),
@@ -178,7 +178,8 @@ def costs(renderer: GlRenderer) -> None:
             renderer.render("projector", compensate=True, steps=STEPS)
             renderer.finish()
             fastest[name] = min(fastest[name], 1000 * (clock() - begin))
-    header("", "ms")
+    print()
+    header("a frame in the projector's view", f"{processor}ms, fastest of {REPEATS} in turns")
     for name, milliseconds in fastest.items():
         row(name, f"{milliseconds:.0f}")
 
@@ -212,15 +213,24 @@ def run(context: moderngl.Context, folder: Path) -> None:
     print(f"{os.cpu_count()} cores, {context.info['GL_RENDERER']}")
     prepare(shipped_scenes()["corner"], folder / "corner")
     room = read_room(folder / "corner", None)
+    print()
+    header(*ADAPTED)
     for brighter in (1.0, 1.5):
         asked = replace(room, white=brighter * room.white)
-        renderer = GlRenderer(context, asked)
-        study(asked, Limits(asked), renderer)
-        if brighter == 1:
-            damping(asked, renderer)
-            costs(renderer)
-            draw_views(renderer, folder / "content.png")
-        renderer.release()
+        with ExitStack() as made:
+            adaptation(asked, Limits(asked), renderer_of(context, asked, made))
+    with ExitStack() as made:
+        renderer = renderer_of(context, room, made)
+        damping(room, renderer)
+        costs(renderer)
+        draw_views(renderer, folder / "content.png")
+
+
+def renderer_of(context: moderngl.Context, room: Room, made: ExitStack) -> GlRenderer:
+    """Released with `made`."""
+    renderer = GlRenderer(context, room)
+    made.callback(renderer.release)
+    return renderer
 
 
 def main() -> None:

@@ -46,6 +46,7 @@ from tests.hard_systems import (
 FloatArray = NDArray[np.float64]
 TRIED = METHODS | REFINED | SPLIT
 CUT_CONDITIONS = (4.0, 1e2, 1e4, 1e8)
+CUT_COLUMNS = "focus", "allowed", "clusters", "worst condition", "‖ΔT‖ / ‖T‖", "plain inverse", "λ = 0.1 σ₁"
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def measure_all() -> list[Figures]:
         for case in cases:
             row = [figures for figures in found if figures.case == case.name]
             print(f"{case.name:34}", *(f"{'refused' if f.refused else cell(f):>12}" for f in row))
-    print(f"\n{markdown(found)}\n")
+    print(f"\n{markdown(found)}\n\n{far_light_table(found)}\n")
     for reason in sorted({f"{f.case}, {f.method}: {f.refused}" for f in found if f.refused}):
         print(reason)
     return found
@@ -139,6 +140,25 @@ LISTED = {  # a case -> what its row there is called
     "weights 1e-7 to 1e3": "weights 1e-7 to 1e3",
     "cluster of 2048": "one cluster of 2048",
 }
+FAR_LIGHT_CASE = "dark paint, far light 0.3"
+FAR_LIGHT = {  # a row of the page's last table -> the method
+    "plain inverse of the near light, far light of its drive undone": "split none",
+    "plain inverse of near and far light in one T, uncut": "map none",
+    "the first, far light of the *clamped* drive undone, twice": "split none, clamped",
+    "near and far light in one T, cut to 40 pixels, energy fitted, plain: the thesis' way": "thesis",
+    "λ = 0.1 σ₁ of the near light, far light of its drive undone": "split 0.1",
+    "the same, of the clamped drive": "split 0.1, clamped",
+    "`refine`, 4 steps from the default map": "refined 4",
+    "`box`": "box",
+}
+
+
+def far_light_table(found: list[Figures]) -> str:
+    """Error and amplification where far light of what is not shown is undone."""
+    by_method = {figures.method: figures for figures in found if figures.case == FAR_LIGHT_CASE}
+    cells = {name: _cell(by_method[method]).split(" / ") for name, method in FAR_LIGHT.items()}
+    lines = [f"| {name} | {' | '.join(both)} |" for name, both in cells.items()]
+    return "\n".join(["| far light and dark paint | error, % | amplification |", "|---|---|---|", *lines])
 
 
 def markdown(found: list[Figures]) -> str:
@@ -152,8 +172,18 @@ def markdown(found: list[Figures]) -> str:
 def _cell(figures: Figures) -> str:
     if figures.refused:
         return "refused"
-    both = f"{100 * figures.error:.2g} / {figures.amplification:.2g}"
-    return re.sub(r"e([+-])0*(\d)", lambda sign: f"e{sign[1].strip('+')}{sign[2]}", both)
+    return _error_and_gain(figures.error, figures.amplification)
+
+
+def _error_and_gain(error: float, gain: float) -> str:
+    """In per cent; tenths of one, a gain below a thousand written out."""
+    per_cent = f"{100 * error:.1f}" if 0.1 <= error < 1 else f"{100 * error:.2g}"
+    return _short_exponent(f"{per_cent} / {gain:.0f}" if 10 <= gain < 1000 else f"{per_cent} / {gain:.2g}")
+
+
+def _short_exponent(text: str) -> str:
+    """1e4 for 1e+04."""
+    return re.sub(r"e([+-])0*(\d)", lambda sign: f"e{sign[1].strip('+')}{sign[2]}", text)
 
 
 # The decomposition's stability (thesis 4.2.2, 6.3)
@@ -206,16 +236,21 @@ def _condition(T: Csr, clusters: Clusters, label: int) -> float:
 
 
 def measure_decomposition() -> list[CutFigures]:
-    found = [decomposition(condition, allowed) for condition in CUT_CONDITIONS for allowed in (None, CUT, CUT // 4)]
-    print("\nthe decomposition; error in % of the floodlit room / amplification, through the whole T")
-    print("defocus, pixels  allowed  clusters  worst condition  ‖ΔT‖/‖T‖       plain inverse         λ = 0.1 σ₁")
-    for f in found:
-        plain, damped = (f"{100 * error:.2f} / {gain:.2g}" for error, gain in (f.plain, f.damped))
-        print(
-            f"{f.defocus:15.2f} {f.allowed or 'any':>8} {f.clusters:9} {f.condition:16.2g} {f.change:10.2f}"
-            f" {plain:>19} {damped:>18}"
-        )
+    """Each row printed as it is known: the page's second table."""
+    found = []
+    print(f"| {' | '.join(CUT_COLUMNS)} |\n{'|---' * len(CUT_COLUMNS)}|", flush=True)
+    for condition in CUT_CONDITIONS:
+        for allowed in (None, CUT, CUT // 4):
+            found.append(decomposition(condition, allowed))
+            print(f"| {' | '.join(_cut_cells(found[-1]))} |", flush=True)
     return found
+
+
+def _cut_cells(figures: CutFigures) -> list[str]:
+    both = [_error_and_gain(*each) for each in (figures.plain, figures.damped)]
+    condition = _short_exponent(f"{figures.condition:.2g}")
+    sizes = f"{figures.allowed or 'any'}", f"{figures.clusters}", condition, f"{figures.change:.2f}"
+    return [f"σ {figures.defocus:.2f} pixels", *sizes, *both]
 
 
 # Output

@@ -23,6 +23,7 @@ from counterlight.calibration import Calibration, Device, writing
 from counterlight.gl.context import headless_context
 from counterlight.gl.renderer import GlRenderer
 from counterlight.maps import room_maps as maps
+from counterlight.maps.prior import Prior
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.content import camera_psnr
 from counterlight.pipeline.reference import refinement_step
@@ -178,7 +179,7 @@ def still(study: StudyRoom) -> None:
             best = study.psnr(study.best(b), b)
             alone = best - study.psnr(drive_of(made["map"], 0), b)
             print(f"\n**{study.name}**, optimum {best:.2f} dB, T⁺ alone {alone:.2f} dB below; {entries(study)}\n")
-            header("start", *(f"{steps} steps" for steps in STEPS), "before a step, ms", "a step, ms")
+            header("start", *map(said, STEPS), "before a step, ms", "a step, ms")
             for start, cost in costs(made).items():
                 below = [best - study.psnr(drive_of(made[start], steps), b) for steps in STEPS]
                 row(start, *(f"{each:.2f}" for each in below), f"{cost.base:.1f}", f"{cost.step:.2f}")
@@ -204,7 +205,7 @@ def film(study: StudyRoom) -> None:
             optima.append(study.psnr(study.best(b), b))
         cost = costs(made)
         print(f"\n{FILM_FRAMES - 1} frames of film, the mean (the worst):\n")
-        header("start", *(f"{steps} steps" for steps in FILM_STEPS))
+        header("start", *map(said, FILM_STEPS))
         for start in starts:
             row(start, *(followed(study, made, start, steps, optima) for steps in FILM_STEPS))
         print("\nAt equal milliseconds, with the steps that fit:\n")
@@ -212,7 +213,7 @@ def film(study: StudyRoom) -> None:
         header("start", *(f"{budget:.0f} ms" for budget in budgets))
         for start in starts:
             fitting = [cost[start].steps_within(budget) for budget in budgets]
-            row(start, *(f"{steps} steps: {followed(study, made, start, steps, optima)}" for steps in fitting))
+            row(start, *(f"{said(steps)}: {followed(study, made, start, steps, optima)}" for steps in fitting))
 
 
 def followed(study: StudyRoom, made: dict[str, GlRenderer], start: str, steps: int, optima: Sequence[float]) -> str:
@@ -235,7 +236,7 @@ def descend(study: StudyRoom, p: FloatArray, b: FloatArray, best: float, schedul
     mask = study.room.calibration.mask.ravel()[:, None]
     for step in range(1, STEPS[-1] + 1):
         descent = study.transport.apply_transpose(mask * (b - study.transport.apply(y)))
-        q = np.asarray(refinement_step(descent, y, p, size, 0, 0)[0])
+        q = np.asarray(plain_step(descent, y, p, size, 0, 0)[0])
         y, p = schedule(step, q, p, y), q
         if step in STEPS:
             below.append(best - study.psnr(p, b))
@@ -264,7 +265,7 @@ def schedules(study: StudyRoom, start: FloatArray, b: FloatArray, best: float) -
             return q + self.since / (self.since + 3) * (q - p)
 
     print("\nFrom the map by other schedules:\n")
-    header("schedule", *(f"{steps} steps" for steps in STEPS))
+    header("schedule", *map(said, STEPS))
     for name, schedule in {
         "no momentum": lambda step, q, p, y: q,
         "β = n/(n + 3)": nesterov,
@@ -274,6 +275,16 @@ def schedules(study: StudyRoom, start: FloatArray, b: FloatArray, best: float) -
         "β = n/(n + 1) ≤ 0.95, γ = 0.6": ours,
     }.items():
         row(name, *(f"{each:.2f}" for each in descend(study, start, b, best, schedule)))
+
+
+def plain_step(
+    descent: FloatArray, y: FloatArray, p: FloatArray, size: FloatArray, momentum: float, over: float
+) -> tuple[FloatArray, FloatArray]:
+    """The player's step without ties, of (projector pixels, 3)."""
+    line = (1, len(y))
+    pictures = (each.reshape(*line, 3) for each in (descent, y, p, size))
+    done = refinement_step(*pictures, Prior.none(line), momentum, over)
+    return np.asarray(done[0]).reshape(-1, 3), np.asarray(done[1]).reshape(-1, 3)
 
 
 def fixed_far_light(study: StudyRoom, p: FloatArray, b: FloatArray, best: float) -> None:
@@ -293,11 +304,11 @@ def fixed_far_light(study: StudyRoom, p: FloatArray, b: FloatArray, best: float)
     below = []
     for n in range(1, STEPS[-1] + 1):
         descent = near.transport.apply_transpose(mask * (seen - near.transport.apply(y)))
-        p, y = map(np.asarray, refinement_step(descent, y, p, size, momentum(n), OVER_RELAXATION))
+        p, y = map(np.asarray, plain_step(descent, y, p, size, momentum(n), OVER_RELAXATION))
         if n in STEPS:
             below.append(best - study.psnr(p, b))
     print(f"\nFar light kept as it is in the start, {step:.2f} ms a step:\n")
-    header("", *(f"{steps} steps" for steps in STEPS))
+    header("", *map(said, STEPS))
     row("near light alone", *(f"{each:.2f}" for each in below))
 
 
@@ -305,6 +316,10 @@ def entries(study: StudyRoom) -> str:
     named = study.room.maps.named()
     far = sum(packed.count for name, packed in named.items() if name.startswith("far"))
     return f"entries: T⁺ {named['.'].count}, T {named['transport'].count}" + (f" and {far} of far light" if far else "")
+
+
+def said(steps: int) -> str:
+    return "1 step" if steps == 1 else f"{steps} steps"
 
 
 def header(*cells: str) -> None:
