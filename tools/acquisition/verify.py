@@ -105,7 +105,8 @@ class Verification:
         self._told: BoolArray = np.any(list(self._cameras.values()), axis=0)
         maps = read_maps(stored) if solver == "map" else None
         self._T_pinv = None if maps is None else compensation(maps)
-        self.tier = tier_of(self._room, transport, colour if maps is None else maps.mixing.tier)
+        tier = tier_of(self._room, transport, colour if maps is None else maps.mixing.tier)
+        self.tier = tier if drift.share is None else replace(tier, mixing=tier.mixing.shared(drift.share))
         self._objective = objective_of(self.tier.transport, self._room, aims, self.tier.mixing)
         self._box = prepare("box", self.tier.transport, self._room.mask, self._objective)
         self.white = self.tier.white * drift.dimming
