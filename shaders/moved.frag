@@ -11,7 +11,7 @@ uniform sampler2D projectors;
 
 out vec4 shown;
 
-const float FADE = 2.0; // pixels, as in the twin
+const float WHOLE = 1.0, FADE = 2.0; // pixels, as in the twin
 
 vec3 row_of(int projector, int column) { return texelFetch(projectors, ivec2(column, projector), 0).rgb; }
 
@@ -38,7 +38,7 @@ void main() {
     float scale = dot(row_of(projector, 2), own);
     if (scale <= 0.0) return;
     vec2 at = vec2(dot(row_of(projector, 0), own), dot(row_of(projector, 1), own)) / scale - 0.5;
-    vec2 lands = clamp(1.0 + (min(at, size - 1.0 - at) + 0.5) / FADE, 0.0, 1.0);
+    vec2 lands = clamp(1.0 + (min(at, size - 1.0 - at) + 0.5 + WHOLE) / FADE, 0.0, 1.0);
     if (lands.x * lands.y <= 0.0) return;
     ivec2 first = ivec2(floor(at)), most = ivec2(size) - 1;
     vec2 between = at - vec2(first);

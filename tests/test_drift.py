@@ -11,7 +11,18 @@ from counterlight import calibration
 from counterlight.calibration import StoredCalibration
 from counterlight.errors import InputError
 from counterlight.pipeline.cpu_renderer import CpuRenderer
-from counterlight.pipeline.drift import FILE, FOLDER, Drift, Moved, moved, read_drift, resampled, sampled, write_drift
+from counterlight.pipeline.drift import (
+    FILE,
+    FOLDER,
+    LEAST_SHARE,
+    Drift,
+    Moved,
+    moved,
+    read_drift,
+    resampled,
+    sampled,
+    write_drift,
+)
 from counterlight.pipeline.room import read_room
 from counterlight.raster import Region
 from counterlight.tools import build_correction_map
@@ -31,14 +42,17 @@ def test_what_is_kept_is_read_again(room: StoredCalibration, rng: np.random.Gene
     assert read_drift(room) is None
     found = Moved(np.array([[1.01, 0.02, 0.8], [0, 0.99, 0.6], [1e-4, 0, 1]]), np.array([0.9, 0.91, 0.89]))
     ambient = rng.uniform(0, 0.1, room.calibration.ambient.shape).astype(np.float32)
-    for kept in (Drift((found,), ambient, "moved", "2026-01-01"), Drift((Moved.nothing(),), None, "nothing")):
+    share = rng.uniform(LEAST_SHARE, 1, ambient.shape[:2]).astype(np.float32)
+    whole = Drift((found,), ambient, "moved", "2026-01-01", share)
+    for kept in (whole, Drift((Moved.nothing(),), None, "nothing")):
         write_drift(room, kept)
         again = read_drift(room)
         assert again is not None
         np.testing.assert_array_equal(again.projectors[0].to_raster, kept.projectors[0].to_raster)
         np.testing.assert_array_equal(again.projectors[0].gain, kept.projectors[0].gain)
         assert (again.said, again.date, again.changes) == (kept.said, kept.date, kept.changes)
-        assert again.ambient is None if kept.ambient is None else np.array_equal(again.ambient, kept.ambient)
+        for kept_light, light in ((kept.ambient, again.ambient), (kept.share, again.share)):
+            assert light is None if kept_light is None else np.array_equal(light, kept_light)
 
 
 HOSTILE = {
@@ -84,20 +98,30 @@ def test_an_ambient_picture_that_differs_from_the_recorded_one_is_refused(room: 
         read_drift(room)
 
 
+@pytest.mark.parametrize(("light", "says"), [(0.0, "shares from 0 to 1"), (2.0, "to 2"), (np.nan, "nan")])
+def test_shares_that_are_none_are_refused(room: StoredCalibration, light: float, says: str) -> None:
+    share = np.ones(room.calibration.camera.shape, np.float32)
+    share[3, 4] = light
+    write_drift(room, Drift((moved_by(0.8, 0.6),), share=share))
+    with pytest.raises(InputError, match=says) as refused:
+        read_drift(room)
+    assert "counterlight verify" in str(refused.value)
+
+
 def test_a_whole_pixel_is_moved_exactly_and_each_projector_within_its_own_picture(rng: np.random.Generator) -> None:
     drive = rng.uniform(0, 1, (7, 24, 3))
     shown = moved(drive, Drift((moved_by(2, -1), Moved.nothing())).table(REGIONS))
     expected = np.zeros_like(drive)
     expected[1:, :11] = drive[:-1, 2:13]
-    expected[1:, 11], expected[1:, 12] = 0.75 * drive[:-1, 11], 0.25 * drive[:-1, 10]  # beyond, a mirror that fades
-    expected[0, :13] = 0.75 * np.array([1] * 11 + [0.75, 0.25])[:, None] * drive[1, [*range(2, 13), 11, 10]]
+    expected[1:, 11], expected[1:, 12] = drive[:-1, 11], 0.75 * drive[:-1, 10]  # beyond, a mirror that fades
+    expected[0, :13] = np.array([1] * 12 + [0.75])[:, None] * drive[1, [*range(2, 13), 11, 10]]
     expected[:5, 13:] = drive[:5, 13:]  # below the lower projector nothing is shown
     np.testing.assert_allclose(shown, expected, atol=1e-6)  # the table is float32
 
 
-def test_beyond_the_border_it_fades_over_two_pixels_and_what_lands_there_is_lost() -> None:
-    shown = moved(np.ones((7, 24, 3)), Drift((moved_by(2.75, 0), moved_by(0, 0))).table(REGIONS))
-    np.testing.assert_allclose(shown[3, 9:13, 0], [1, 0.875, 0.375, 0], atol=1e-6)
+def test_beyond_the_border_it_goes_on_for_a_pixel_and_fades_over_two_and_what_lands_there_is_lost() -> None:
+    shown = moved(np.ones((7, 24, 3)), Drift((moved_by(3.75, 0), moved_by(0, 0))).table(REGIONS))
+    np.testing.assert_allclose(shown[3, 8:13, 0], [1, 1, 0.875, 0.375, 0], atol=1e-6)
     np.testing.assert_allclose(resampled(np.ones((7, 13, 3)), moved_by(0.25, 0).to_raster)[3, 11:, 0], [1, 0.75])
 
 

@@ -123,6 +123,14 @@ class Mixing:
             return full + ambient
         return grey_reach(self.inverse, full, ambient)
 
+    def shared(self, share: NDArray[np.float32]) -> "Mixing":
+        """Where the maps' transport gives only a share of the light that is seen, (camera height, camera width).
+
+        B / share, so that A asks for that share of what is asked.
+        """
+        pixel = np.eye(3, dtype=np.float32) if self.pixel is None else self.pixel
+        return Mixing(self.neutral, np.asarray(pixel / share[..., None, None], np.float32))
+
     def to_toml(self) -> dict[str, Any]:
         """The manifest's table [colour]; empty for independent channels."""
         if self.neutral is None:

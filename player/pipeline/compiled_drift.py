@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.pipeline.compiled import PICTURE, Picture, inlined, kernel, projected, within
-from counterlight.pipeline.drift import FADE, TAPS
+from counterlight.pipeline.drift import FADE, TAPS, WHOLE
 
 
 @kernel(f"{PICTURE}, float64[:, ::1], float64[::1], int64, int64, int64, int64, {PICTURE}")
@@ -27,7 +27,7 @@ def moved(
             u, v, w = projected(N, x, y)
             red, green, blue, lands = 0.0, 0.0, 0.0, 0.0
             if w > 0:
-                across, down = 1 + min(u, width - u) / FADE, 1 + min(v, height - v) / FADE
+                across, down = 1 + (min(u, width - u) + WHOLE) / FADE, 1 + (min(v, height - v) + WHOLE) / FADE
                 lands = within(across, 0.0, 1.0) * within(down, 0.0, 1.0)
             if lands > 0:
                 first, above = np.floor(u - 0.5), np.floor(v - 0.5)

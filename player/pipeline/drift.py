@@ -2,9 +2,11 @@
 
 A projector's picture has moved: its pixel x lights now where in the calibrated raster N x is, so that a drive
 p that is meant for the raster is shown as p(N x). Its light has changed, c = g T p + e', so that p(N x) / g is shown.
+Where its border went outwards, what is shown beyond the calibrated raster adds light that T knows nothing of: camera
+pixels there are asked for less, for their share.
 
-The folder drift/ of a calibration holds drift.toml and, if the ambient light is another one, ambient.exr. It is of one
-state of calibration.toml, and of any maps that are built of that.
+The folder drift/ of a calibration holds drift.toml, ambient.exr if the ambient light is another one, and share.exr if
+there are shares. It is of one state of calibration.toml, and of any maps that are built of that.
 """
 
 from dataclasses import dataclass
@@ -25,12 +27,13 @@ from counterlight.files.tables import Table
 from counterlight.raster import Region
 from counterlight.writing.replacing import replacing_folder
 
-FOLDER, FILE, AMBIENT, FORMAT = "drift", "drift.toml", "ambient.exr", 1
+FOLDER, FILE, AMBIENT, SHARE, FORMAT = "drift", "drift.toml", "ambient.exr", "share.exr", 1
 FARTHEST = 0.5  # of a projector's longer side: how far a corner may have moved
 GAIN = 0.05, 20.0
 TAPS = 6  # pixels a side of which a moved one is made
-FADE = 2.0  # pixels beside the calibrated raster over which a moved picture fades: what deblurs its rim needs them
-MARGIN = int(FADE) + TAPS // 2  # pixels of the mirror
+WHOLE, FADE = 1.0, 2.0  # pixels beside the calibrated raster that a moved picture goes on; over which it fades then
+MARGIN = int(WHOLE + FADE) + TAPS // 2  # pixels of the mirror
+LEAST_SHARE = 0.05
 Light: TypeAlias = NDArray[np.floating]
 
 
@@ -77,12 +80,15 @@ class Drift:
     """All that has changed.
 
     ambient : as a calibration's; None: as it was.  said : in words.  date : ISO 8601.
+    share : (camera height, camera width), LEAST_SHARE to 1, of the floodlight there is now what the calibrated raster
+    gave; None: all of it everywhere.
     """
 
     projectors: tuple[Moved, ...]
     ambient: NDArray[np.float32] | None = None
     said: str = ""
     date: str = ""
+    share: NDArray[np.float32] | None = None
 
     @property
     def moves(self) -> bool:
@@ -140,6 +146,8 @@ def write_drift(stored: StoredCalibration, drift: Drift) -> None:
     with replacing_folder(stored.folder / FOLDER, lambda _: stored.refuse_replaced()) as stage:
         if drift.ambient is not None:
             exr.write_rgb(stage / AMBIENT, drift.ambient)
+        if drift.share is not None:
+            exr.write_channels(stage / SHARE, {"Y": drift.share})
         write_toml(stage / FILE, _to_toml(stored, drift, describe_files(stage)))
 
 
@@ -148,20 +156,20 @@ def moved(drive: Light, projectors: Light) -> FloatArray:
     shown = np.zeros(drive.shape)
     for rows in np.asarray(projectors, np.float64):
         part = Region(*(int(value) for value in (*rows[3, :2], *rows[4, :2]))).part
-        shown[part] = np.clip(resampled(drive[part], rows[:3], FADE) / rows[5], 0, 1)
+        shown[part] = np.clip(resampled(drive[part], rows[:3], WHOLE, FADE) / rows[5], 0, 1)
     return shown
 
 
-def resampled(picture: Light, N: FloatArray, fade: float = 0.0) -> FloatArray:
+def resampled(picture: Light, N: FloatArray, whole: float = -0.5, fade: float = 1.0) -> FloatArray:
     """p(N x) of every pixel x, (height, width, channels), as much of it as its share that falls on the picture.
 
-    fade : where not 0, pixels whose centres fall on the picture count whole, those beside it the less the further, up
-    to so many pixels away.
+    whole, fade : pixels whose centres fall on the picture, or less than `whole` pixels beside it, count whole; farther
+    out the less the farther, nothing `fade` pixels on.
     """
     height, width = picture.shape[:2]
     at, ahead = positions(N, (height, width))
     depth = np.minimum(at, (width, height) - at)
-    lands = ahead * np.clip(1 + depth / fade if fade else depth + 0.5, 0, 1).prod(axis=2)
+    lands = ahead * np.clip(1 + (depth + whole) / fade, 0, 1).prod(axis=2)
     return np.asarray(lands[..., None] * sampled(picture, at.reshape(-1, 2)).reshape(picture.shape))
 
 
@@ -227,7 +235,18 @@ def _read(stored: StoredCalibration, path: Path) -> Drift:
     moved = tuple(_read_moved(entry, device) for entry, device in zip(entries, room.projectors, strict=True))
     files = DescribedFiles(path.parent, table.table("files", optional=True).values, fix)
     ambient = read_light(files, AMBIENT, room.camera) if AMBIENT in files else None
-    return Drift(moved, ambient, table.text("said", ""), table.text("date", ""))
+    share = _read_share(files, room.camera) if SHARE in files else None
+    return Drift(moved, ambient, table.text("said", ""), table.text("date", ""), share)
+
+
+def _read_share(files: DescribedFiles, camera: Device) -> NDArray[np.float32]:
+    share = exr.read_described(files, SHARE, camera.shape, "the camera")[..., 0]
+    low, high = float(share.min()), float(share.max())
+    if not (low >= LEAST_SHARE and high <= 1):  # NaN is no number's equal
+        raise InputError(
+            f"{files.folder / SHARE}: shares from {low:g} to {high:g}, expected {LEAST_SHARE} to 1; {files.fix}"
+        )
+    return share
 
 
 def _read_moved(table: Table, device: Device) -> Moved:

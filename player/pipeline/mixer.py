@@ -19,7 +19,7 @@ class Mixer:
 
     def __init__(self, device: Device, room: Room) -> None:
         self._device, self._owner = device, Owner()
-        self._mixing, self._camera = room.maps.mixing, room.calibration.camera.shape
+        self._mixing, self._camera = room.mixing, room.calibration.camera.shape
         self.mixes = self._mixing.pixel is not None
         self.defines: dict[str, int | None] = {"MIXED": None} if self.mixes else {}
         squares = self._mixing.squares.ravel().astype(np.float32)

@@ -13,6 +13,7 @@ from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.files.generation import read_steadily
 from counterlight.maps import room_maps as maps
+from counterlight.maps.mixing import Mixing
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.pipeline.drift import Drift, read_drift
 from counterlight.pipeline.refinement import Advice, Offer, advice_of, default_start, default_steps
@@ -71,9 +72,15 @@ class Room:
         return None if self.places is None else self.places.outside(viewpoint)
 
     @cached_property
+    def mixing(self) -> Mixing:
+        """Of the maps, as far as they still have all light of a camera pixel (Drift.share)."""
+        share = None if self.drift is None else self.drift.share
+        return self.maps.mixing if share is None else self.maps.mixing.shared(share)
+
+    @cached_property
     def ambient(self) -> NDArray[np.float32]:
         """Q e: light without the projector, in screen primaries, (camera height, camera width, 3)."""
-        return self.maps.mixing.on_screen(self.calibration.ambient).astype(np.float32, copy=False)
+        return self.mixing.on_screen(self.calibration.ambient).astype(np.float32, copy=False)
 
     @property
     def default_steps(self) -> int:

@@ -40,13 +40,20 @@ def test_the_chain_equals_its_twin_and_identity_is_left_out(
 ) -> None:
     plain, frame = random_room(rng, far=True), yuv_frame(rng, (9, 15))
     found = {}
-    drifts = {"none": None, "identity": Drift((Moved.nothing(),)), "moved": Drift((moved_by(0.8, -0.6, 0.9),))}
+    drifts: dict[str, Drift | None] = {
+        "none": None,
+        "identity": Drift((Moved.nothing(),)),
+        "moved": Drift((moved_by(0.8, -0.6, 0.9),)),
+    }
+    share = rng.uniform(0.5, 1, plain.calibration.camera.shape).astype(np.float32)
+    drifts["shared"] = Drift((moved_by(0.8, -0.6, 0.9),), share=share)
     for name, drift in drifts.items():
         with both(gl_context, replace(plain, drift=drift), frame) as (gpu, cpu):
             for renderer in (gpu, cpu):
                 renderer.render("projector", compensate=True)
             np.testing.assert_allclose(gpu.linear(), cpu.linear(), atol=ATOL)
             found[name] = gpu.linear().copy(), gpu.encoded().copy()
-    for none, identity, other in zip(*found.values(), strict=True):
+    for none, identity, other, shared in zip(*found.values(), strict=True):
         np.testing.assert_array_equal(none, identity)
         assert not np.array_equal(none, other)
+        assert not np.array_equal(other, shared)

@@ -1,18 +1,23 @@
 """The floodlit room as it was calibrated, and as it is seen now: what has become of cameras, light and things."""
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration
+from counterlight.pipeline.colour import LUMINANCE
+from counterlight.pipeline.drift import LEAST_SHARE
 from counterlight.raster import Region
 from counterlight.tools.acquisition.camera_shift import CameraShift, camera_shift
 from counterlight.tools.acquisition.plan import Noise
 from counterlight.tools.acquisition.registration import cauchy_weights, lit, robust_scale
 from counterlight.tools.transport.transport import Transport, luminance
 
+REPEATS = 4  # captures of each picture
 MARGIN = 8  # of the raster's side: what is nearer to its border than so large a part of it
 INNER = 0.999  # gives an inner pixel no more light than a thousandth
 OWN = 0.99  # share of a camera pixel's light that is one projector's
@@ -22,6 +27,7 @@ SURE = 5.0  # standard deviations
 SAME = 0.002  # of the light: a floodlit room that changes by less is the same, wherever a bare wall seems to be
 OTHERWISE, MOST_OTHERWISE = 0.1, 0.03  # brighter or darker by more than that; so much of the view may be
 ROOM_LIGHT, SMOOTH = 0.001, 3.0  # of the floodlight, likewise, over so many camera pixels
+SHARED = 0.02  # of the light: what less of it comes from beyond a raster, does not
 GAIN = 0.2, 5.0  # what can still be the same lamp
 ROUNDS, FINEST = 8, 1e-6  # of a fit with weights; its least scale, a share of the light
 
@@ -120,6 +126,28 @@ class Looked:
             change[view] = ndimage.gaussian_filter(change[view], (SMOOTH, SMOOTH, 0))  # noise is not
         other = float(np.sqrt(np.mean(change[lit] ** 2))) > ROOM_LIGHT * level
         return float(old[lit].mean()) / level, float(new[lit].mean()) / level, other
+
+    def share(self, gains: Sequence[FloatArray]) -> NDArray[np.float32] | None:
+        """What of the floodlight the calibrated rasters give, (camera height, camera width); None: all of it.
+
+        A picture that has moved outwards throws light beyond its raster, on what saw no pixel, or less of it. That is
+        told near one projector's border alone, and by more than noise.  gains : of each projector's light.
+        """
+        known, shape = self.known, self.known.room.camera.shape
+        lights = [luminance(gain * light) for gain, light in zip(gains, known.of_projectors, strict=True)]
+        before, after = np.asarray(sum(lights)), luminance(self.after)
+        told = (self.usable & self._of_asked).ravel() & lit(after) & (sum(known.shares) <= INNER)
+        alone = told & (np.max(lights, axis=0) >= OWN * before) & (before > 0)
+        share = np.clip(before[alone] / after[alone], LEAST_SHARE, 1)
+        surely = 1 - share > np.maximum(SHARED, SURE * self._unsure(alone) / after[alone])
+        result = np.ones(before.size, np.float32)
+        result[alone] = np.where(surely, share, 1)
+        return result.reshape(shape) if (result < 1).any() else None
+
+    def _unsure(self, pixels: BoolArray) -> FloatArray:
+        """Standard deviation of the floodlight's luminance in some pixels."""
+        sigma = self.noise.averaged(REPEATS).sigma(self.after[pixels])
+        return np.asarray(np.linalg.norm(np.array(LUMINANCE) * sigma, axis=1))
 
     def ambient(self) -> FloatArray:
         """The room's light now; as it was where no camera is asked."""

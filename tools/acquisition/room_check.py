@@ -18,14 +18,13 @@ from counterlight.errors import InputError
 from counterlight.pipeline import encoding
 from counterlight.pipeline.drift import Drift, Moved
 from counterlight.raster import Region
-from counterlight.tools.acquisition.looked import SURE, Known, Looked, View, divided
+from counterlight.tools.acquisition.looked import REPEATS, SURE, Known, Looked, View, divided
 from counterlight.tools.acquisition.photographer import Photographer
 from counterlight.tools.acquisition.plan import Codes, measure_noise
 from counterlight.tools.acquisition.registration import Registrar, Registration, random_field
 from counterlight.tools.acquisition.told_apart import CHANGED, changed_exposures
 from counterlight.tools.transport.transport import Transport
 
-REPEATS = 4  # captures of each picture
 STILL = 0.03  # projector pixels: a picture that has moved by less has not
 AGREED = 0.9  # a picture that agrees less was not found
 
@@ -144,7 +143,9 @@ class _Check:
         unsure = " and ".join(view.name for view in self._views if self._looked.asked[view.number] and view.unsure)
         if unsure:
             text += f" (too little texture to tell whether {unsure} has moved)"
-        drift = Drift(tuple(pictures), ambient, text, _now())
+        moves = any(not np.array_equal(each.to_raster, np.eye(3)) for each in pictures)
+        share = self._looked.share([each.gain for each in pictures]) if moves else None
+        drift = Drift(tuple(pictures), ambient, text, _now(), share)
         return Checked(drift, text, self._exposures, self._looked.asked)
 
     def _lost(self, text: str) -> Checked:

@@ -106,7 +106,9 @@ class Verification:
         maps = read_maps(stored) if solver == "map" else None
         self._T_pinv = None if maps is None else compensation(maps)
         self.tier = tier_of(self._room, transport, colour if maps is None else maps.mixing.tier)
-        self._objective = objective_of(self.tier.transport, self._room, aims, self.tier.mixing)
+        mixing = self.tier.mixing if drift.share is None else self.tier.mixing.shared(drift.share)
+        self._now = replace(self.tier, mixing=mixing)
+        self._objective = objective_of(self.tier.transport, self._room, aims, mixing)
         self._box = prepare("box", self.tier.transport, self._room.mask, self._objective)
         self.white = self.tier.white * drift.dimming
         self.desired: FloatArray = (
@@ -117,12 +119,12 @@ class Verification:
         """The plain compensation, and then `rounds` of feedback.  repeats : captures of each, averaged."""
         target = self.desired
         for index in range(rounds + 1):
-            asked = self.tier.asked(target)
+            asked = self._now.asked(target)
             light = self._objective.bounded(asked.reshape(-1, 3)).reshape(asked.shape)
             drive = self._drive(light)
             certificate = self._objective.certificate(drive, light.reshape(-1, 3))
             codes = self._codes(drive)
-            predicted = self.tier.seen(self._arriving(codes))
+            predicted = self._now.seen(self._arriving(codes))
             captured = np.asarray(self.tier.mixing.on_screen(self._photographer.mean(codes, repeats)), np.float64)
             figures = self._figures(predicted, captured, self._told)
             several = self._cameras if len(self._room.cameras) > 1 else {}
