@@ -136,6 +136,19 @@ def below_each_other(bands: Sequence[SparseRows]) -> SparseRows:
     return SparseRows(np.concatenate([[0], np.cumsum(lengths)]), indices, weights, bands[0].columns)
 
 
+def beside_each_other(left: SparseRows, right: SparseRows) -> SparseRows:
+    """The columns of both: a row's entries in `left`, then those in `right`."""
+    indptr, pair = left.indptr + right.indptr, (left, right)
+    before = right.indptr[:-1], left.indptr[1:]
+    places = [np.repeat(first, rows.lengths) + np.arange(rows.indices.size) for first, rows in zip(before, pair, strict=True)]
+    indices = np.empty(indptr[-1], np.int32)
+    weights = np.empty((indptr[-1], 3), np.result_type(left.weights, right.weights))
+    for place, rows, first in zip(places, pair, (0, left.columns), strict=True):
+        indices[place] = rows.indices + first
+        weights[place] = rows.weights
+    return SparseRows(indptr, indices, weights, left.columns + right.columns)
+
+
 @dataclass(frozen=True)
 class RowMap:
     """A packed sparse matrix.

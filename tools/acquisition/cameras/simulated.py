@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Protocol
 
@@ -148,9 +149,15 @@ class SimulatedEye:
     def _shot(self, light: FloatArray) -> Shot:
         """Code values of light, 1 being full scale; stored so that the top code fills the container."""
         sensor = self._settings.sensor
-        codes, top = capture(light, sensor, self._settings.response, self._rng), (1 << sensor.bits) - 1
-        container = np.uint8 if sensor.bits <= 8 else np.uint16
-        return np.asarray(np.rint(codes * (np.iinfo(container).max / top)), container)
+        stored = _container(sensor.bits)
+        return stored.take(capture(light, sensor, self._settings.response, self._rng))
+
+
+@cache
+def _container(bits: int) -> Shot:
+    """Each code as it is stored."""
+    kind, codes = np.uint8 if bits <= 8 else np.uint16, np.arange(1 << bits)
+    return np.rint(codes * (np.iinfo(kind).max / codes[-1])).astype(kind)
 
 
 class SimulatedCamera(LiveCamera):

@@ -6,16 +6,17 @@ Benveniste 1994, Multiscale recursive estimation): upwards each block's two valu
 variance; downwards what a block ends with above the sum of its quarters is shared among them by their variance.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import BoolArray, FloatArray
-from counterlight.tools.acquisition.schemes.blocks import NO_CHILD, BlockGrid, BlockLight
+from counterlight.tools.acquisition.schemes.blocks import NO_CHILD, BlockGrid, BlockLight, joined
 
 TINY = np.finfo(float).tiny
+SOME = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -80,19 +81,32 @@ def agree(root: BlockLight, variance: FloatArray, readings: Sequence[Reading]) -
     return [*parts, parents]
 
 
+def parts_of(count: int) -> Iterator[slice]:
+    """Entries some at a time, none once: what is made of all of them together would not fit into memory."""
+    return (slice(first, min(first + SOME, count)) for first in range(0, max(count, 1), SOME))
+
+
 def keep_measurable(
-    parents: BlockLight, quarters: FloatArray, lit: BoolArray, rest: BoolArray
+    parents: BlockLight, quarters: NDArray[np.floating], lit: BoolArray, rest: BoolArray
 ) -> tuple[BlockLight, list[BlockLight]]:
     """Energy is kept once, at the last level at which it was measurable.
 
-    quarters : (entries, 4, 3) ≥ 0, light of each parent's quarters.  lit : (entries, 4), measurable, existing.
-    rest : (entries,), what the lit quarters leave is measurable.
+    quarters : (entries, 4, 3), light of each parent's quarters; what is below 0 counts as 0.
+    lit : (entries, 4), measurable, existing.  rest : (entries,), what the lit quarters leave is measurable.
     Returns the lit quarters, and the rest: of a parent without lit quarters its own light; otherwise what its lit
     quarters leave of it, shared by its other quarters according to their size.
     """
     finer = BlockGrid(parents.grid.projector, parents.grid.side // 2)
-    children = parents.grid.children[parents.block]
-    whole = parents.select(np.asarray(~lit.any(axis=1)))
+    each = (_kept(parents.select(part), finer, quarters[part], lit[part], rest[part]) for part in parts_of(lit.shape[0]))
+    measured, dim = (joined(parts) for parts in zip(*each, strict=True))
+    return measured, [parents.select(np.asarray(~lit.any(axis=1))), dim]
+
+
+def _kept(
+    parents: BlockLight, finer: BlockGrid, quarters: NDArray[np.floating], lit: BoolArray, rest: BoolArray
+) -> tuple[BlockLight, BlockLight]:
+    """The lit quarters, and the others' light of parents that have any lit one."""
+    children, quarters = parents.grid.children[parents.block], np.maximum(quarters, 0)
     entry, quarter = np.nonzero(lit)
     measured = BlockLight(finer, parents.camera[entry], children[entry, quarter], quarters[entry, quarter])
     left = np.maximum(parents.light - np.sum(quarters * lit[..., None], axis=1), 0)
@@ -100,5 +114,5 @@ def keep_measurable(
     area = np.where(dim, finer.area[children], 0)
     share = area / np.maximum(area.sum(axis=1, keepdims=True), 1)
     entry, quarter = np.nonzero(dim)
-    light = left[entry] * share[entry, quarter][:, None]
-    return measured, [whole, BlockLight(finer, parents.camera[entry], children[entry, quarter], light)]
+    light = (left[entry] * share[entry, quarter][:, None]).astype(quarters.dtype, copy=False)
+    return measured, BlockLight(finer, parents.camera[entry], children[entry, quarter], light)
