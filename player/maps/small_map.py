@@ -12,12 +12,12 @@ whose code is red and whose next word is green | blue << 16; TRUST, whose 16 bit
 shaders/small_words.glsl reads them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.maps.row_map import SparseRows
+from counterlight.maps.row_map import SparseRows, bands
 
 JUMP, THREE, TRUST, ALL = 0, 3, 5, 7  # and 1, 2, 4 of red, green, blue alone
 OTHERS = -1  # green and blue of THREE
@@ -76,18 +76,32 @@ class SmallMap:
 
     def transposed(self, kept: NDArray[np.bool_] | None, colours: Uint32 | None) -> "SmallMap":
         """The codes' transpose, of those rows alone that are `kept`.  colours : of its own rows."""
-        rows = self.rows
-        entries = np.arange(rows.size) if kept is None else np.flatnonzero(kept[rows])
-        order = entries[np.argsort(self.indices[entries], kind="stable")]
-        lengths = np.bincount(self.indices[entries], minlength=self.source_shape[0] * self.source_shape[1])
+        from counterlight.maps.products import transpose  # Numba takes half a second: not before it is used
+
+        own = self if kept is None else self.where(np.repeat(kept, np.diff(self.indptr)))
+        columns = self.source_shape[0] * self.source_shape[1]
+        indptr, indices, codes = transpose(own.indptr, own.indices, own.codes, columns)
+        return SmallMap(indptr, indices, codes, self.source_shape, self.output_shape, colours, scale=self.scale)
+
+    def where(self, keep: NDArray[np.bool_]) -> "SmallMap":
+        """Those entries only, (entries,)."""
+        if keep.all():
+            return self
+        kept_before = np.concatenate([[0], np.cumsum(keep)])
+        return replace(self, indptr=kept_before[self.indptr], indices=self.indices[keep], codes=self.codes[keep])
+
+    def of_rows(self, first: int, last: int) -> "SmallMap":
+        """Some rows one after the other, as a picture of one line."""
+        start, end = int(self.indptr[first]), int(self.indptr[last])
         return SmallMap(
-            np.concatenate([[0], np.cumsum(lengths)]),
-            rows[order].astype(np.int32),
-            self.codes[order],
+            self.indptr[first : last + 1] - start,
+            self.indices[start:end],
+            self.codes[start:end],
+            (1, last - first),
             self.source_shape,
-            self.output_shape,
-            colours,
-            scale=self.scale,
+            None if self.colours is None else self.colours[first:last],
+            None if self.trust is None else self.trust[first:last],
+            self.scale,
         )
 
     def unpacked(self) -> SparseRows:
@@ -142,7 +156,19 @@ def _code_bits(codes: NDArray[np.int32]) -> IntArray:
 
 
 def in_words(small: SmallMap) -> Words:
-    """Each row as a run of words, its first distance from source pixel 0; a trust between 0 and 1 comes first."""
+    """Each row as a run of words, its first distance from source pixel 0; a trust between 0 and 1 comes first.
+
+    Some rows at a time: what is found on the way takes ten times the words.
+    """
+    words, starts = [], [np.zeros(1, np.int64)]
+    for first, last in bands(small.indptr):
+        band = _in_words(small.of_rows(first, last))
+        words.append(band.words)
+        starts.append(band.starts[1:] + starts[-1][-1])
+    return Words(np.concatenate([np.zeros(0, np.uint32), *words]), np.concatenate(starts))
+
+
+def _in_words(small: SmallMap) -> Words:
     count, run = small.indptr.size - 1, small.rows
     before = np.concatenate([[0], small.indices[:-1]])[: small.count].astype(np.int64)
     before[small.indptr[:-1][np.diff(small.indptr) > 0]] = 0

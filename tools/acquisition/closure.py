@@ -1,6 +1,5 @@
 """The captures of a level add up to the floodlit room. Summed while a scheme reads them: each is decoded once."""
 
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,7 +30,9 @@ class SummedCaptures:
         capture = self._captures[index]
         if index in self._missing:
             self._missing.remove(index)
-            self._total = capture.astype(np.float64) if self._total is None else np.add(self._total, capture, out=self._total)
+            self._total = (
+                capture.astype(np.float64) if self._total is None else np.add(self._total, capture, out=self._total)
+            )
         return capture
 
     def above_black(self, room: Reference) -> FloatArray:

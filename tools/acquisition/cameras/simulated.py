@@ -150,7 +150,7 @@ class SimulatedEye:
         """Code values of light, 1 being full scale; stored so that the top code fills the container."""
         sensor = self._settings.sensor
         stored = _container(sensor.bits)
-        return stored.take(capture(light, sensor, self._settings.response, self._rng))
+        return np.asarray(stored.take(capture(light, sensor, self._settings.response, self._rng)))
 
 
 @cache

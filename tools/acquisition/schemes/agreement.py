@@ -67,7 +67,7 @@ def agree(root: BlockLight, variance: FloatArray, readings: Sequence[Reading]) -
             better = Estimate(each.light[lit], each.variance[lit]).averaged(quarters[-1].summed())
             each.light[lit], each.variance[lit] = better.light, better.variance
         quarters.append(each)
-    light = Estimate(root.light, variance).averaged(quarters[-1].summed()).light
+    light = Estimate(root.light.astype(np.float64, copy=False), variance).averaged(quarters[-1].summed()).light
     parents = BlockLight(root.grid, root.camera, root.block, np.maximum(light, 0))
     parts: list[BlockLight] = []
     for reading, each in zip(readings, reversed(quarters), strict=True):
@@ -97,7 +97,9 @@ def keep_measurable(
     quarters leave of it, shared by its other quarters according to their size.
     """
     finer = BlockGrid(parents.grid.projector, parents.grid.side // 2)
-    each = (_kept(parents.select(part), finer, quarters[part], lit[part], rest[part]) for part in parts_of(lit.shape[0]))
+    each = (
+        _kept(parents.select(part), finer, quarters[part], lit[part], rest[part]) for part in parts_of(lit.shape[0])
+    )
     measured, dim = (joined(parts) for parts in zip(*each, strict=True))
     return measured, [parents.select(np.asarray(~lit.any(axis=1))), dim]
 

@@ -14,7 +14,13 @@ from counterlight.errors import InputError
 from counterlight.pipeline.colour import LUMINANCE
 from counterlight.tools.acquisition.direct_mapping import direct_mapping, direct_transport
 from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Reference, Scheme
-from counterlight.tools.acquisition.schemes.blocks import BlockGrid, BlockLight, as_transport, fit_to_composition, joined
+from counterlight.tools.acquisition.schemes.blocks import (
+    BlockGrid,
+    BlockLight,
+    as_transport,
+    fit_to_composition,
+    joined,
+)
 from counterlight.tools.acquisition.schemes.hierarchical import DEFAULT, Threshold
 from counterlight.tools.acquisition.schemes.stripes import Stripe, locate, stripes
 

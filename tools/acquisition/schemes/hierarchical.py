@@ -18,7 +18,16 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.errors import InputError
-from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Noise, Pattern, Reference, Scheme
+from counterlight.tools.acquisition.plan import (
+    Captures,
+    LazyPatterns,
+    Level,
+    Measured,
+    Noise,
+    Pattern,
+    Reference,
+    Scheme,
+)
 from counterlight.tools.acquisition.schemes.agreement import Reading, agree, keep_measurable, parts_of
 from counterlight.tools.acquisition.schemes.blocks import (
     NO_CHILD,

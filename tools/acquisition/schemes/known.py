@@ -60,7 +60,13 @@ class KnownLight:
         return self._rows.apply(np.repeat(self._shares(pattern)[:, None], 3, axis=1))
 
     def read(
-        self, pattern: Pattern, capture: NDArray[np.floating], black: FloatArray, noise: Noise, least: Noise, to: Quarter
+        self,
+        pattern: Pattern,
+        capture: NDArray[np.floating],
+        black: FloatArray,
+        noise: Noise,
+        least: Noise,
+        to: Quarter,
     ) -> None:
         """What a capture of a pattern shows above black and above what is known.
 
@@ -104,9 +110,9 @@ def _counts(pattern: Pattern) -> Iterator[NDArray[np.integer]]:
 
 
 def _read(
-    indptr: NDArray[np.int64],
-    indices: NDArray[np.int32],
-    weights: NDArray[np.float32],
+    indptr: NDArray[np.integer],
+    indices: NDArray[np.integer],
+    weights: NDArray[np.floating],
     share: FloatArray,
     capture: NDArray[np.floating],
     black: FloatArray,

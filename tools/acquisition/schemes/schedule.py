@@ -17,7 +17,7 @@ RECOLOURINGS = 8  # rounds of iterated greedy; on simulated rooms later ones rem
 CHUNK_PAIRS = 1 << 25  # pairs of blocks formed at a time
 
 
-def conflict_graph(camera: IntArray, block: IntArray, blocks: int) -> Csr:
+def conflict_graph(camera: NDArray[np.integer], block: NDArray[np.integer], blocks: int) -> Csr:
     """Adjacency (blocks, blocks) of blocks that share a camera pixel, without the diagonal.
 
     camera, block : (entries,), camera pixel `camera[i]` sees block `block[i]`.
@@ -73,9 +73,7 @@ def _first_fit(graph: Csr, order: IntArray) -> IntArray:
 
 
 @kept()
-def _fit_first(
-    indptr: NDArray[np.integer], indices: NDArray[np.integer], order: IntArray, colours: IntArray
-) -> None:
+def _fit_first(indptr: NDArray[np.integer], indices: NDArray[np.integer], order: IntArray, colours: IntArray) -> None:
     taken_by = np.full(order.size + 1, UNCOLOURED, np.int64)  # of each colour the last node that must not have it
     for node in order:
         for k in range(indptr[node], indptr[node + 1]):

@@ -10,7 +10,6 @@ numbers nearest to their quantiles by cumulants (Cornish and Fisher 1938),
 """
 
 import math
-
 from functools import lru_cache
 
 import numba
