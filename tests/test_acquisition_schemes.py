@@ -136,7 +136,8 @@ def test_blocks_and_their_quarters_agree_as_least_squares_would_have_them(rng: n
     readings = []
     for coarse, of in ((levels[0], slice(1, 5)), (levels[1], slice(5, 21))):
         lit = np.ones((coarse.count, 4), bool)
-        readings.append(Reading(seen[of][coarse.children], variance[of][coarse.children], lit, lit[:, 0]))
+        measured = (each[of][coarse.children].astype(float) for each in (seen, variance))
+        readings.append(Reading(*measured, lit, lit[:, 0]))
     root = BlockLight(levels[0], np.zeros(1, int), np.zeros(1, int), seen[:1].astype(float))
     parts = agree(root, variance[:1].astype(float), readings)
     finest = parts[-1]

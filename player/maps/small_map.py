@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.maps.row_map import SparseRows, bands
+from counterlight.maps.row_map import SparseRows
 
 JUMP, THREE, TRUST, ALL = 0, 3, 5, 7  # and 1, 2, 4 of red, green, blue alone
 OTHERS = -1  # green and blue of THREE
@@ -146,59 +146,16 @@ def _shifts(values: NDArray[np.number]) -> IntArray:
     return np.clip(bits.astype(np.int64) - FRACTION_BITS - 1, 0, MOST_SHIFT)
 
 
-def _code_bits(codes: NDArray[np.int32]) -> IntArray:
-    """The 16 bits of each code."""
-    shifts, size = _shifts(codes), np.abs(codes.astype(np.int64))
-    number = size >> shifts
-    exponent = np.where(number >> FRACTION_BITS, shifts + 1, 0)
-    fraction = number & (1 << FRACTION_BITS) - 1
-    return np.asarray((codes < 0).astype(np.int64) << 15 | exponent << FRACTION_BITS | fraction)
-
-
 def in_words(small: SmallMap) -> Words:
-    """Each row as a run of words, its first distance from source pixel 0; a trust between 0 and 1 comes first.
+    """Each row as a run of words, its first distance from source pixel 0; a trust between 0 and 1 comes first."""
+    from counterlight.maps.word_runs import run_lengths, write_runs  # Numba takes half a second: not before it is used
 
-    Some rows at a time: what is found on the way takes ten times the words.
-    """
-    words, starts = [], [np.zeros(1, np.int64)]
-    for first, last in bands(small.indptr):
-        band = _in_words(small.of_rows(first, last))
-        words.append(band.words)
-        starts.append(band.starts[1:] + starts[-1][-1])
-    return Words(np.concatenate([np.zeros(0, np.uint32), *words]), np.concatenate(starts))
-
-
-def _in_words(small: SmallMap) -> Words:
-    count, run = small.indptr.size - 1, small.rows
-    before = np.concatenate([[0], small.indices[:-1]])[: small.count].astype(np.int64)
-    before[small.indptr[:-1][np.diff(small.indptr) > 0]] = 0
-    distance = small.indices - before
-    red, green, blue = _code_bits(small.codes).T
-    kind = _kinds(small.codes)
-    jumps, wide = distance > FARTHEST_STEP, kind == THREE
-    doubted = np.zeros(count, bool)
-    if small.trust is not None:
-        doubted = (small.trust > 0) & (small.trust < FULL_TRUST)
-    taken = 1 + jumps.astype(np.int64) + wide
-    ends = np.cumsum(taken) + np.cumsum(doubted)[run]
-    words = np.zeros(int(taken.sum() + doubted.sum()), np.uint32)
-    at = ends - 1 - wide
-    code = np.where(np.isin(kind, (2, 4)), np.where(kind == 2, green, blue), red)
-    words[at] = kind | np.where(jumps, 0, distance) << 3 | code << 16
-    words[at[jumps] - 1] = JUMP | distance[jumps] << 3
-    words[ends[wide] - 1] = green[wide] | blue[wide] << 16
-    per_run = np.bincount(run, taken, count).astype(np.int64) + doubted
-    offsets = np.concatenate([[0], np.cumsum(per_run)])
-    if doubted.any():
-        words[offsets[:-1][doubted]] = TRUST | small.trust[doubted].astype(np.int64) << 16  # type: ignore[index]
-    return Words(words, offsets)
-
-
-def _kinds(codes: NDArray[np.int32]) -> IntArray:
-    """ALL where the three codes are one, 1, 2 or 4 where only one is not 0, else THREE."""
-    lit = (codes != 0) @ np.array([1, 2, 4])
-    alike = (codes[:, 0] == codes[:, 1]) & (codes[:, 1] == codes[:, 2])
-    return np.where(alike, ALL, np.where(np.isin(lit, (1, 2, 4)), lit, THREE)).astype(np.int64)
+    trust = np.zeros(small.indptr.size - 1, np.int16) if small.trust is None else small.trust
+    said = (trust > 0) & (trust < FULL_TRUST)
+    starts = np.concatenate([[0], np.cumsum(run_lengths(small.indptr, small.indices, small.codes, said))])
+    words = np.empty(starts[-1], np.uint32)
+    write_runs(small.indptr, small.indices, small.codes, trust, said, starts, words)
+    return Words(words, starts)
 
 
 def unpacked_words(made: Words) -> tuple[IntArray, NDArray[np.int32], NDArray[np.int32], NDArray[np.int16]]:
@@ -237,7 +194,7 @@ def parsed(words: Uint32) -> tuple[NDArray[np.int8], IntArray]:
 
 
 def _number(bits: IntArray) -> IntArray:
-    """The reverse of `_code_bits`."""
+    """Codes of their 16 bits."""
     exponent, fraction = bits >> FRACTION_BITS & 7, bits & (1 << FRACTION_BITS) - 1
     size = np.where(exponent == 0, fraction, (fraction | 1 << FRACTION_BITS) << np.maximum(exponent - 1, 0))
     return np.asarray(np.where(bits >> 15 & 1, -size, size))

@@ -8,6 +8,7 @@ variance; downwards what a block ends with above the sum of its quarters is shar
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +28,14 @@ class Reading:
     variance : likewise.  lit : (entries, 4), measurable.  rest : (entries,), what the lit quarters leave is measurable.
     """
 
-    light: NDArray[np.float32]
-    variance: NDArray[np.float32]
+    light: NDArray[np.floating]
+    variance: NDArray[np.floating]
     lit: BoolArray
     rest: BoolArray
+
+    def quarters(self, part: slice) -> "Estimate":
+        """Of some entries, (entries, 4, 3)."""
+        return Estimate(*(each[part].astype(np.float64) for each in (self.light, self.variance)))
 
 
 @dataclass(frozen=True)
@@ -55,30 +60,43 @@ def agree(root: BlockLight, variance: FloatArray, readings: Sequence[Reading]) -
     """The estimate of all light, kept where `keep_measurable` keeps it.
 
     root : blocks of level 0 as measured; the lit quarters of each level, in order, are the parents of the next.
-    variance : of root, (entries, 3).
+    variance : of root, (entries, 3).  readings : their arrays are taken for what is found on the way.
     """
     if not readings:
         return [root]
-    quarters: list[Estimate] = []
-    for reading in reversed(readings):
-        each = Estimate(reading.light.astype(np.float64), reading.variance.astype(np.float64))
-        if quarters:
-            lit = reading.lit
-            better = Estimate(each.light[lit], each.variance[lit]).averaged(quarters[-1].summed())
-            each.light[lit], each.variance[lit] = better.light, better.variance
-        quarters.append(each)
-    light = Estimate(root.light.astype(np.float64, copy=False), variance).averaged(quarters[-1].summed()).light
-    parents = BlockLight(root.grid, root.camera, root.block, np.maximum(light, 0))
+    for coarse, fine in reversed(list(pairwise(readings))):
+        _average_with_quarters(coarse, fine)
+    light = Estimate(root.light.astype(np.float64, copy=False), variance)
+    light = light.averaged(readings[0].quarters(slice(None)).summed())
+    parents = BlockLight(root.grid, root.camera, root.block, np.maximum(light.light, 0))
     parts: list[BlockLight] = []
-    for reading, each in zip(readings, reversed(quarters), strict=True):
-        shared = (reading.lit | reading.rest[:, None])[..., None]
-        weight = each.variance * shared
-        weight /= np.maximum(weight.sum(axis=1, keepdims=True), TINY)
-        missing = parents.light - np.sum(each.light * shared, axis=1)
-        light = np.maximum(each.light + weight * missing[:, None], 0)
-        parents, settled = keep_measurable(parents, light, reading.lit, reading.rest)
+    for reading in readings:
+        _share_what_is_missing(parents, reading)
+        parents, settled = keep_measurable(parents, reading.light, reading.lit, reading.rest)
         parts += settled
     return [*parts, parents]
+
+
+def _average_with_quarters(coarse: Reading, fine: Reading) -> None:
+    """Upwards: what was measured of lit quarters, with the sums of their own quarters."""
+    done = 0
+    for part in parts_of(len(coarse.lit)):
+        lit = coarse.lit[part]
+        own, these = coarse.quarters(part), slice(done, done + int(lit.sum()))
+        better = Estimate(own.light[lit], own.variance[lit]).averaged(fine.quarters(these).summed())
+        coarse.light[part][lit], coarse.variance[part][lit] = better.light, better.variance
+        done = these.stop
+
+
+def _share_what_is_missing(parents: BlockLight, reading: Reading) -> None:
+    """Downwards: what a parent ends with above the sum of its quarters goes to these, by their variance."""
+    for part in parts_of(len(reading.lit)):
+        shared = (reading.lit[part] | reading.rest[part, None])[..., None]
+        quarters = reading.quarters(part)
+        weight = quarters.variance * shared
+        weight /= np.maximum(weight.sum(axis=1, keepdims=True), TINY)
+        missing = parents.light[part] - np.sum(quarters.light * shared, axis=1)
+        reading.light[part] = np.maximum(quarters.light + weight * missing[:, None], 0)
 
 
 def parts_of(count: int) -> Iterator[slice]:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight import memory
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.plan import (
@@ -40,6 +41,8 @@ from counterlight.tools.acquisition.schemes.known import KnownLight, Quarter
 from counterlight.tools.acquisition.schemes.schedule import colour_graph, conflict_graph
 
 QUARTERS = 4
+BYTES_A_PARENT = 4 * (24 + 1 + 20) + 9  # its quarters' light, variance and mark, and what may become of them; its order
+FEWER = "give a higher --threshold, or make do with --pictures 48"
 
 
 @dataclass(frozen=True)
@@ -134,6 +137,7 @@ class HierarchicalScheme:
         colour_of = np.zeros(parents.grid.count, np.int64)
         for colour, blocks in enumerate(schedule.blocks):
             colour_of[blocks] = colour
+        memory.check(BYTES_A_PARENT * parents.camera.size, f"reading {parents.camera.size} connections", FEWER)
         order = np.argsort(colour_of[parents.block], kind="stable")
         ends = np.searchsorted(colour_of[parents.block], np.arange(len(schedule.blocks) + 1), sorter=order)
         exists = parents.grid.children != NO_CHILD
