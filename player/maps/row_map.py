@@ -274,11 +274,11 @@ def _places(packed: RowMap) -> Iterator[tuple[slice, NDArray[np.int64], NDArray[
         yield slice(int(indptr[first]), int(indptr[last])), starts, texels
 
 
-def bands(indptr: NDArray[np.integer], entries: int = BLOCK) -> Iterator[tuple[int, int]]:
-    """First row and the one after the last of some rows at a time, of about so many entries; a longer one is alone."""
+def bands(indptr: NDArray[np.integer]) -> Iterator[tuple[int, int]]:
+    """First row and the one after the last of some rows at a time, of BLOCK entries at most; a longer one is alone."""
     first = 0
     while first < indptr.size - 1:
-        last = max(first + 1, int(np.searchsorted(indptr, indptr[first] + entries, side="right")) - 1)
+        last = max(first + 1, int(np.searchsorted(indptr, indptr[first] + BLOCK, side="right")) - 1)
         yield first, last
         first = last
 

@@ -32,7 +32,7 @@ from counterlight.tools.transport.transport import Transport
 
 SIZE, TOP, BAND, SAMPLED = (1080, 1920), 152, 8, 32
 WINDOWS = (100, 200), (460, 880), (800, 1500)  # of a film of that size: their upper left corners
-LIMITS = choice.LIMITS[3:11]
+LIMITS = choice.LIMITS[7:11]
 OTHER_POINTS = 7 * SIZE[0] * SIZE[1]  # added to a pixel's number, from which its points of the lens follow
 
 
