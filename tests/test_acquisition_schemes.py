@@ -159,7 +159,7 @@ def test_connections_that_memory_cannot_hold_are_refused_with_what_helps(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("counterlight.memory.available_bytes", lambda: 1000.0)
-    refused = r"reading \d+ connections needs about .* give a higher --threshold, or make do with --pictures 48"
+    refused = r"reading \d+ connections needs about .* give a higher --threshold, or let the camera give smaller"
     with pytest.raises(InputError, match=refused):
         run(room_of(sharp_wall(rng)), HierarchicalScheme())
 

@@ -15,10 +15,10 @@ from counterlight.maps.small_map import (
     LARGEST_CODE,
     coded,
     colours_of,
-    in_words,
     unpacked_words,
 )
 from counterlight.maps.word_map import WordMap
+from counterlight.maps.word_runs import in_words
 from counterlight.tools.inverse.words import words_of
 from counterlight.tools.inverse.words_fit import Fit, fit
 from tests.refined_rooms import physical_room

@@ -146,20 +146,8 @@ def _shifts(values: NDArray[np.number]) -> IntArray:
     return np.clip(bits.astype(np.int64) - FRACTION_BITS - 1, 0, MOST_SHIFT)
 
 
-def in_words(small: SmallMap) -> Words:
-    """Each row as a run of words, its first distance from source pixel 0; a trust between 0 and 1 comes first."""
-    from counterlight.maps.word_runs import run_lengths, write_runs  # Numba takes half a second: not before it is used
-
-    trust = np.zeros(small.indptr.size - 1, np.int16) if small.trust is None else small.trust
-    said = (trust > 0) & (trust < FULL_TRUST)
-    starts = np.concatenate([[0], np.cumsum(run_lengths(small.indptr, small.indices, small.codes, said))])
-    words = np.empty(starts[-1], np.uint32)
-    write_runs(small.indptr, small.indices, small.codes, trust, said, starts, words)
-    return Words(words, starts)
-
-
 def unpacked_words(made: Words) -> tuple[IntArray, NDArray[np.int32], NDArray[np.int32], NDArray[np.int16]]:
-    """indptr, indices, codes and trust of every run, as SmallMap has them; the reverse of `in_words`."""
+    """indptr, indices, codes and trust of every run, as SmallMap has them; the reverse of word_runs.in_words."""
     kinds, step = parsed(made.words)
     entry = np.flatnonzero((kinds != OTHERS) & (kinds != JUMP) & (kinds != TRUST))
     passed = np.concatenate([[0], np.cumsum(step)])

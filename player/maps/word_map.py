@@ -27,7 +27,6 @@ from counterlight.maps.small_map import (
     SmallMap,
     Uint32,
     Words,
-    in_words,
     parsed,
     unpacked_words,
 )
@@ -47,6 +46,8 @@ class WordMap:
 
     @classmethod
     def of(cls, small: SmallMap) -> "WordMap":
+        from counterlight.maps.word_runs import in_words  # Numba takes half a second: not before it is used
+
         made, (height, width) = in_words(small), small.output_shape
         rows = np.full((height + 1, width, 1 if small.colours is None else 2), made.starts[-1], np.uint32)
         rows[..., 0].flat[: made.starts.size] = made.starts

@@ -4,9 +4,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.maps.products import kept
-from counterlight.maps.small_map import ALL, FARTHEST_STEP, FRACTION_BITS, JUMP, MOST_SHIFT, THREE, TRUST
+from counterlight.maps.small_map import (
+    ALL,
+    FARTHEST_STEP,
+    FRACTION_BITS,
+    FULL_TRUST,
+    JUMP,
+    MOST_SHIFT,
+    THREE,
+    TRUST,
+    IntArray,
+    SmallMap,
+    Words,
+)
 
-IntArray = NDArray[np.int64]
+
+def in_words(small: SmallMap) -> Words:
+    """Each row as a run of words, its first distance from source pixel 0; a trust between 0 and 1 comes first."""
+    trust = np.zeros(small.indptr.size - 1, np.int16) if small.trust is None else small.trust
+    said = (trust > 0) & (trust < FULL_TRUST)
+    starts = np.concatenate([[0], np.cumsum(_run_lengths(small.indptr, small.indices, small.codes, said))])
+    words = np.empty(starts[-1], np.uint32)
+    _write_runs(small.indptr, small.indices, small.codes, trust, said, starts, words)
+    return Words(words, starts)
 
 
 @kept()
@@ -29,7 +49,7 @@ def _bits(code: int) -> int:
 
 
 @kept()
-def run_lengths(
+def _run_lengths(
     indptr: IntArray, indices: NDArray[np.int32], codes: NDArray[np.int32], said: NDArray[np.bool_]
 ) -> IntArray:
     """Words of each row, (rows,).  said : (rows,), whether its trust takes one."""
@@ -43,7 +63,7 @@ def run_lengths(
 
 
 @kept()
-def write_runs(
+def _write_runs(
     indptr: IntArray,
     indices: NDArray[np.int32],
     codes: NDArray[np.int32],
@@ -54,7 +74,7 @@ def write_runs(
 ) -> None:
     """Fills words, row r's from starts[r] on.  trust : (rows,), read where it is `said`."""
     for row in range(said.size):
-        at, before = starts[row], 0
+        at, before = starts[row], np.int64(0)
         if said[row]:
             words[at] = TRUST | np.int64(trust[row]) << 16
             at += 1

@@ -157,7 +157,7 @@ class SimulatedEye:
 def _container(bits: int) -> Shot:
     """Each code as it is stored."""
     kind, codes = np.uint8 if bits <= 8 else np.uint16, np.arange(1 << bits)
-    return np.rint(codes * (np.iinfo(kind).max / codes[-1])).astype(kind)
+    return np.asarray(np.rint(codes * (np.iinfo(kind).max / codes[-1])), kind)
 
 
 class SimulatedCamera(LiveCamera):

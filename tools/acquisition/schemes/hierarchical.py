@@ -42,7 +42,7 @@ from counterlight.tools.acquisition.schemes.schedule import colour_graph, confli
 
 QUARTERS = 4
 BYTES_A_PARENT = 4 * (24 + 1 + 20) + 9  # its quarters' light, variance and mark, and what may become of them; its order
-FEWER = "give a higher --threshold, or make do with --pictures 48"
+FEWER = "give a higher --threshold, or let the camera give smaller pictures"
 
 
 @dataclass(frozen=True)
