@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from scipy import sparse
 
+from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.cameras.live import LiveCamera
@@ -19,7 +20,7 @@ from counterlight.tools.acquisition.cameras.simulated import (
     SimulatedEye,
     SimulatedRoom,
 )
-from counterlight.tools.acquisition.plan import REPEATS, measure_noise
+from counterlight.tools.acquisition.plan import REPEATS, Noise, measure_noise
 from counterlight.tools.acquisition.ramps import light_level
 from counterlight.tools.acquisition.schemes import blocks
 from counterlight.tools.acquisition.schemes.agreement import Reading, agree, keep_measurable
@@ -34,6 +35,7 @@ from counterlight.tools.acquisition.schemes.blocks import (
 )
 from counterlight.tools.acquisition.schemes.codes import code_length, s_inverse, s_matrix
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
+from counterlight.tools.acquisition.schemes.known import KnownLight, Quarter
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.acquisition.schemes.schedule import colour_graph, conflict_graph
 from counterlight.tools.acquisition.schemes.stripes import locate, stripes
@@ -104,7 +106,62 @@ def test_blocks_divide_into_their_children() -> None:
         for block, children in enumerate(coarse.children):
             parent[children[children != NO_CHILD]] = block
         np.testing.assert_array_equal(parent[fine.labels], coarse.labels)
-        np.testing.assert_array_equal(coarse.lit_share(coarse.paint(np.array([1 % coarse.count]))).sum(), 1)
+        np.testing.assert_array_equal(coarse.paint(np.array([1 % coarse.count])), coarse.labels == 1 % coarse.count)
+        np.testing.assert_array_equal(coarse.area, np.bincount(coarse.labels.ravel()))
+
+
+def known_parts(rng: np.random.Generator, cameras: int) -> list[BlockLight]:
+    """Light of blocks of several sizes, the camera pixels ascending, some of them twice."""
+    parts = []
+    for grid in grids(PROJECTOR)[1:5]:
+        camera, block = np.sort(rng.integers(0, cameras, 60)), rng.integers(0, grid.count, 60)
+        parts.append(BlockLight(grid, camera, block, rng.uniform(size=(60, 3)).astype(np.float32)))
+    return parts
+
+
+def test_what_is_known_adds_to_a_capture_as_much_as_its_blocks_are_lit(rng: np.random.Generator) -> None:
+    known, parts, pattern = KnownLight(40, PROJECTOR), known_parts(rng, 40), rng.random(PROJECTOR) < 0.3
+    expected = np.zeros((40, 3))
+    for part in parts:
+        known.add(part)
+        lit = np.array([pattern[part.grid.labels == block].mean() for block in part.block])
+        np.add.at(expected, part.camera, part.light * lit[:, None])
+    np.testing.assert_allclose(known.seen(pattern), expected, rtol=1e-12)  # float64 sums of some terms
+
+
+@pytest.mark.parametrize("repeated", [1, 1000])
+def test_a_capture_is_read_above_black_and_what_is_known(repeated: int, rng: np.random.Generator) -> None:
+    """Of few entries and, repeated, of so many that all cores read them."""
+    known, pattern = KnownLight(40, PROJECTOR), rng.random(PROJECTOR) < 0.3
+    for part in known_parts(rng, 40):
+        known.add(part)
+    black, capture = rng.uniform(0, 0.1, (5, 8, 3)), rng.uniform(0, 2, (5, 8, 3)).astype(np.float32)
+    noise, least = Noise(np.full(3, 0.1), np.full(3, 0.01)), Noise(np.full(3, 0.4), np.full(3, 0.16))
+    camera, entries = (
+        np.tile(rng.integers(0, 40, 25), repeated),
+        np.flatnonzero(np.tile(np.arange(25) % 3 > 0, repeated)),
+    )
+    light, variance, lit = np.zeros((camera.size, 3), np.float32), np.zeros((camera.size, 3), np.float32), camera < 0
+    known.read(pattern, capture, black, noise, least, Quarter(camera, entries, light, variance, lit))
+    background = known.seen(pattern)
+    expected = ((capture - black).reshape(-1, 3) - background)[camera[entries]]
+    np.testing.assert_allclose(light[entries], expected, atol=1e-6)  # float32 of numbers up to 2
+    whole = np.maximum(expected, 0) + background[camera[entries]]
+    np.testing.assert_allclose(variance[entries], noise.sigma(whole) ** 2, rtol=1e-6)
+    np.testing.assert_array_equal(lit[entries], np.any(expected >= least.sigma(background[camera[entries]]), axis=1))
+    assert 0 < lit.sum() < entries.size
+    others = np.setdiff1d(np.arange(camera.size), entries)
+    assert not light[others].any()
+    assert not lit[others].any()
+
+
+def test_connections_that_memory_cannot_hold_are_refused_with_what_helps(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("counterlight.memory.available_bytes", lambda: 1000.0)
+    refused = r"reading \d+ connections needs about .* give a higher --threshold, or let the camera give smaller"
+    with pytest.raises(InputError, match=refused):
+        run(room_of(sharp_wall(rng)), HierarchicalScheme())
 
 
 @settings(max_examples=50, deadline=None)
@@ -135,7 +192,8 @@ def test_blocks_and_their_quarters_agree_as_least_squares_would_have_them(rng: n
     readings = []
     for coarse, of in ((levels[0], slice(1, 5)), (levels[1], slice(5, 21))):
         lit = np.ones((coarse.count, 4), bool)
-        readings.append(Reading(seen[of][coarse.children], variance[of][coarse.children], lit, lit[:, 0]))
+        measured = (each[of][coarse.children].astype(float) for each in (seen, variance))
+        readings.append(Reading(*measured, lit, lit[:, 0]))
     root = BlockLight(levels[0], np.zeros(1, int), np.zeros(1, int), seen[:1].astype(float))
     parts = agree(root, variance[:1].astype(float), readings)
     finest = parts[-1]

@@ -7,8 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import stats
 
 from counterlight.response import Response
+from counterlight.tools.simulation.devices import Sensor
+from counterlight.tools.simulation.effects import capture_noise
 from counterlight.tools.simulation.effects.blooming import halo_factors
 from counterlight.tools.simulation.effects.capture_noise import capture, deviation
 from counterlight.tools.simulation.effects.vignetting import transmission
@@ -207,6 +210,30 @@ def test_noise_has_the_variance_of_its_electrons(tmp_path: Path, rng: np.random.
     assert capture(50 * radiance, camera.sensor, camera.response, rng).min() == 4095  # saturated
     expected = deviation(camera, np.array([0.4, 2.0]))  # the brightest is 2, near enough to the percentile
     assert expected[0] / 2 == pytest.approx(codes.std(), rel=0.02)
+
+
+@pytest.mark.parametrize("mean", [16, 17.3, 40, 1000, 19999])
+@pytest.mark.parametrize("cores", [0, 1])
+def test_photons_of_normal_numbers_are_poissons(mean: float, cores: int) -> None:
+    """Of a million normal numbers at equal steps of probability: no draw is left to chance."""
+    steps = 1_000_000
+    normal = stats.norm.ppf((np.arange(steps) + 0.5) / steps).astype(np.float32)
+    electrons = np.full(steps, float(mean))
+    capture_noise._MANY_ELECTRONS[cores](electrons, normal)
+    found = np.bincount(electrons.astype(int)) / steps
+    expected = stats.poisson.pmf(np.arange(found.size), mean)
+    np.testing.assert_allclose(found, expected, atol=6e-4 * expected.max() + 3 / steps)  # 5e-4 at 16, steps at its ends
+    assert electrons.var() == pytest.approx(mean, rel=1e-3)
+
+
+def test_few_photons_are_counted_and_many_are_not_moved(rng: np.random.Generator) -> None:
+    """Pictures that are partly dark: each value has its own mean and variance."""
+    light = np.repeat([0, 3, 15.9, 16, 400], 60_000).reshape(5, -1, 3) / 1e4
+    noisy = 1e4 * capture_noise._noisy(light, Sensor(1e4, 0, 16), rng).reshape(5, -1)
+    np.testing.assert_allclose(noisy, np.rint(noisy), atol=1e-9)  # whole electrons, but for the division
+    for drawn, mean in zip(noisy, (0, 3, 15.9, 16, 400), strict=True):
+        assert drawn.mean() == pytest.approx(mean, abs=5 * np.sqrt(mean / drawn.size))
+        assert drawn.var() == pytest.approx(mean, rel=0.03)  # five standard deviations of 60 000 draws
 
 
 def test_a_capture_goes_through_the_response(tmp_path: Path, rng: np.random.Generator) -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from counterlight.maps import row_map
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import SparseRows, pack, unpack
 from counterlight.maps.sliced_map import GROUP, NO_PIXEL
@@ -14,10 +15,10 @@ from counterlight.maps.small_map import (
     LARGEST_CODE,
     coded,
     colours_of,
-    in_words,
     unpacked_words,
 )
 from counterlight.maps.word_map import WordMap
+from counterlight.maps.word_runs import in_words
 from counterlight.tools.inverse.words import words_of
 from counterlight.tools.inverse.words_fit import Fit, fit
 from tests.refined_rooms import physical_room
@@ -170,6 +171,20 @@ def test_a_room_s_light_is_certified(rng: np.random.Generator, far: bool) -> Non
         drive = (rng.uniform(size=(room.calibration.projector.pixels, 3)) < rng.uniform()).astype(float)
         change = np.abs(observed(long, drive) - observed(room.maps, drive)).max()
         assert 0 < 255 * change / room.maps.white <= 0.5 * words.used
+
+
+@pytest.mark.parametrize("far", [False, True])
+def test_rows_at_a_time_leave_no_trace(rng: np.random.Generator, far: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    maps = physical_room(rng, far=far).room.maps
+    whole = words_of(maps, 0.5)
+    monkeypatch.setattr(row_map, "BLOCK", 100)
+    banded = words_of(maps, 0.5)
+    assert whole is not None
+    assert banded is not None
+    assert banded.used == whole.used
+    for name, each in whole.maps.items():
+        np.testing.assert_array_equal(banded.maps[name].words, each.words)
+        np.testing.assert_array_equal(banded.maps[name].rows, each.rows)
 
 
 def observed(maps: RoomMaps, drive: np.ndarray) -> np.ndarray:

@@ -136,6 +136,21 @@ def below_each_other(bands: Sequence[SparseRows]) -> SparseRows:
     return SparseRows(np.concatenate([[0], np.cumsum(lengths)]), indices, weights, bands[0].columns)
 
 
+def beside_each_other(left: SparseRows, right: SparseRows) -> SparseRows:
+    """The columns of both: a row's entries in `left`, then those in `right`."""
+    indptr, pair = left.indptr + right.indptr, (left, right)
+    before = right.indptr[:-1], left.indptr[1:]
+    places = [
+        np.repeat(first, rows.lengths) + np.arange(rows.indices.size) for first, rows in zip(before, pair, strict=True)
+    ]
+    indices = np.empty(indptr[-1], np.int32)
+    weights = np.empty((indptr[-1], 3), np.result_type(left.weights, right.weights))
+    for place, rows, first in zip(places, pair, (0, left.columns), strict=True):
+        indices[place] = rows.indices + first
+        weights[place] = rows.weights
+    return SparseRows(indptr, indices, weights, left.columns + right.columns)
+
+
 @dataclass(frozen=True)
 class RowMap:
     """A packed sparse matrix.
@@ -234,7 +249,16 @@ def _at(packed: RowMap, indptr: NDArray[np.int64], texels: NDArray[np.int64]) ->
 
 def rows_of(packed: RowMap, part: tuple[slice, slice]) -> SparseRows:
     """The rows of a part of the output's picture."""
-    x, y, lengths = packed.lookup[part].reshape(-1, 3).astype(np.int64).T
+    return _looked_up(packed, packed.lookup[part].reshape(-1, 3))
+
+
+def rows_between(packed: RowMap, first: int, last: int) -> SparseRows:
+    """The rows of some pixels of the output, one after the other; `last` is the one behind."""
+    return _looked_up(packed, packed.lookup.reshape(-1, 3)[first:last])
+
+
+def _looked_up(packed: RowMap, lookup: UintArray) -> SparseRows:
+    x, y, lengths = lookup.astype(np.int64).T
     indptr, first = np.concatenate([[0], np.cumsum(lengths)]), y * packed.entries.shape[1] + x
     return _at(packed, indptr, np.repeat(first - indptr[:-1], lengths) + np.arange(indptr[-1]))
 
@@ -242,13 +266,20 @@ def rows_of(packed: RowMap, part: tuple[slice, slice]) -> SparseRows:
 def _places(packed: RowMap) -> Iterator[tuple[slice, NDArray[np.int64], NDArray[np.int64]]]:
     """Some rows at a time: which of all entries are theirs, where each row begins among these, and their texels."""
     indptr, width = _indptr(packed), packed.entries.shape[1]
-    lookup, first = packed.lookup.reshape(-1, 3), 0
-    while first < len(lookup):
-        last = max(first + 1, int(np.searchsorted(indptr, indptr[first] + BLOCK, side="right")) - 1)
+    lookup = packed.lookup.reshape(-1, 3)
+    for first, last in bands(indptr):
         x, y, lengths = lookup[first:last].astype(np.int64).T
         starts = indptr[first : last + 1] - indptr[first]
         texels = np.repeat(y * width + x - starts[:-1], lengths) + np.arange(starts[-1])
         yield slice(int(indptr[first]), int(indptr[last])), starts, texels
+
+
+def bands(indptr: NDArray[np.integer]) -> Iterator[tuple[int, int]]:
+    """First row and the one after the last of some rows at a time, of BLOCK entries at most; a longer one is alone."""
+    first = 0
+    while first < indptr.size - 1:
+        last = max(first + 1, int(np.searchsorted(indptr, indptr[first] + BLOCK, side="right")) - 1)
+        yield first, last
         first = last
 
 

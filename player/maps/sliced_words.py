@@ -11,7 +11,7 @@ import numpy as np
 
 from counterlight.maps.row_map import UintArray
 from counterlight.maps.sliced_map import GROUP, NO_PIXEL, IntArray, cut, lanes_for, row_order
-from counterlight.maps.small_map import FULL_TRUST, SmallMap, Words, in_words
+from counterlight.maps.small_map import FULL_TRUST, SmallMap, Words
 from counterlight.maps.word_map import WordMap
 
 
@@ -35,6 +35,8 @@ def lanes_of_words(small: WordMap) -> int:
 
 def word_parts(small: WordMap, lanes: int, most_words: int) -> Iterator[WordPart]:
     """The map in pieces of at most `most_words`, filling included; one workgroup is always whole."""
+    from counterlight.maps.word_runs import in_words  # Numba takes half a second: not before it is used
+
     runs = small.runs
     order = row_order(np.diff(runs.starts), small.output_shape)
     pixels = np.concatenate([order, np.full(-order.size % (GROUP // lanes), -1)])

@@ -12,7 +12,7 @@ whose code is red and whose next word is green | blue << 16; TRUST, whose 16 bit
 shaders/small_words.glsl reads them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,18 +76,32 @@ class SmallMap:
 
     def transposed(self, kept: NDArray[np.bool_] | None, colours: Uint32 | None) -> "SmallMap":
         """The codes' transpose, of those rows alone that are `kept`.  colours : of its own rows."""
-        rows = self.rows
-        entries = np.arange(rows.size) if kept is None else np.flatnonzero(kept[rows])
-        order = entries[np.argsort(self.indices[entries], kind="stable")]
-        lengths = np.bincount(self.indices[entries], minlength=self.source_shape[0] * self.source_shape[1])
+        from counterlight.maps.products import transpose  # Numba takes half a second: not before it is used
+
+        own = self if kept is None else self.where(np.repeat(kept, np.diff(self.indptr)))
+        columns = self.source_shape[0] * self.source_shape[1]
+        indptr, indices, codes = transpose(own.indptr, own.indices, own.codes, columns)
+        return SmallMap(indptr, indices, codes, self.source_shape, self.output_shape, colours, scale=self.scale)
+
+    def where(self, keep: NDArray[np.bool_]) -> "SmallMap":
+        """Those entries only, (entries,)."""
+        if keep.all():
+            return self
+        kept_before = np.concatenate([[0], np.cumsum(keep)])
+        return replace(self, indptr=kept_before[self.indptr], indices=self.indices[keep], codes=self.codes[keep])
+
+    def of_rows(self, first: int, last: int) -> "SmallMap":
+        """Some rows one after the other, as a picture of one line."""
+        start, end = int(self.indptr[first]), int(self.indptr[last])
         return SmallMap(
-            np.concatenate([[0], np.cumsum(lengths)]),
-            rows[order].astype(np.int32),
-            self.codes[order],
+            self.indptr[first : last + 1] - start,
+            self.indices[start:end],
+            self.codes[start:end],
+            (1, last - first),
             self.source_shape,
-            self.output_shape,
-            colours,
-            scale=self.scale,
+            None if self.colours is None else self.colours[first:last],
+            None if self.trust is None else self.trust[first:last],
+            self.scale,
         )
 
     def unpacked(self) -> SparseRows:
@@ -132,51 +146,8 @@ def _shifts(values: NDArray[np.number]) -> IntArray:
     return np.clip(bits.astype(np.int64) - FRACTION_BITS - 1, 0, MOST_SHIFT)
 
 
-def _code_bits(codes: NDArray[np.int32]) -> IntArray:
-    """The 16 bits of each code."""
-    shifts, size = _shifts(codes), np.abs(codes.astype(np.int64))
-    number = size >> shifts
-    exponent = np.where(number >> FRACTION_BITS, shifts + 1, 0)
-    fraction = number & (1 << FRACTION_BITS) - 1
-    return np.asarray((codes < 0).astype(np.int64) << 15 | exponent << FRACTION_BITS | fraction)
-
-
-def in_words(small: SmallMap) -> Words:
-    """Each row as a run of words, its first distance from source pixel 0; a trust between 0 and 1 comes first."""
-    count, run = small.indptr.size - 1, small.rows
-    before = np.concatenate([[0], small.indices[:-1]])[: small.count].astype(np.int64)
-    before[small.indptr[:-1][np.diff(small.indptr) > 0]] = 0
-    distance = small.indices - before
-    red, green, blue = _code_bits(small.codes).T
-    kind = _kinds(small.codes)
-    jumps, wide = distance > FARTHEST_STEP, kind == THREE
-    doubted = np.zeros(count, bool)
-    if small.trust is not None:
-        doubted = (small.trust > 0) & (small.trust < FULL_TRUST)
-    taken = 1 + jumps.astype(np.int64) + wide
-    ends = np.cumsum(taken) + np.cumsum(doubted)[run]
-    words = np.zeros(int(taken.sum() + doubted.sum()), np.uint32)
-    at = ends - 1 - wide
-    code = np.where(np.isin(kind, (2, 4)), np.where(kind == 2, green, blue), red)
-    words[at] = kind | np.where(jumps, 0, distance) << 3 | code << 16
-    words[at[jumps] - 1] = JUMP | distance[jumps] << 3
-    words[ends[wide] - 1] = green[wide] | blue[wide] << 16
-    per_run = np.bincount(run, taken, count).astype(np.int64) + doubted
-    offsets = np.concatenate([[0], np.cumsum(per_run)])
-    if doubted.any():
-        words[offsets[:-1][doubted]] = TRUST | small.trust[doubted].astype(np.int64) << 16  # type: ignore[index]
-    return Words(words, offsets)
-
-
-def _kinds(codes: NDArray[np.int32]) -> IntArray:
-    """ALL where the three codes are one, 1, 2 or 4 where only one is not 0, else THREE."""
-    lit = (codes != 0) @ np.array([1, 2, 4])
-    alike = (codes[:, 0] == codes[:, 1]) & (codes[:, 1] == codes[:, 2])
-    return np.where(alike, ALL, np.where(np.isin(lit, (1, 2, 4)), lit, THREE)).astype(np.int64)
-
-
 def unpacked_words(made: Words) -> tuple[IntArray, NDArray[np.int32], NDArray[np.int32], NDArray[np.int16]]:
-    """indptr, indices, codes and trust of every run, as SmallMap has them; the reverse of `in_words`."""
+    """indptr, indices, codes and trust of every run, as SmallMap has them; the reverse of word_runs.in_words."""
     kinds, step = parsed(made.words)
     entry = np.flatnonzero((kinds != OTHERS) & (kinds != JUMP) & (kinds != TRUST))
     passed = np.concatenate([[0], np.cumsum(step)])
@@ -211,7 +182,7 @@ def parsed(words: Uint32) -> tuple[NDArray[np.int8], IntArray]:
 
 
 def _number(bits: IntArray) -> IntArray:
-    """The reverse of `_code_bits`."""
+    """Codes of their 16 bits."""
     exponent, fraction = bits >> FRACTION_BITS & 7, bits & (1 << FRACTION_BITS) - 1
     size = np.where(exponent == 0, fraction, (fraction | 1 << FRACTION_BITS) << np.maximum(exponent - 1, 0))
     return np.asarray(np.where(bits >> 15 & 1, -size, size))

@@ -17,7 +17,7 @@ import numpy as np
 from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.files.tables import Table
-from counterlight.maps.row_map import MAX_TEXTURE_WIDTH, OpenFile, read_texture, size_of
+from counterlight.maps.row_map import MAX_TEXTURE_WIDTH, OpenFile, bands, read_texture, size_of
 from counterlight.maps.shelves import MOST_TEXELS
 from counterlight.maps.small_map import (
     OTHERS,
@@ -27,13 +27,11 @@ from counterlight.maps.small_map import (
     SmallMap,
     Uint32,
     Words,
-    in_words,
     parsed,
     unpacked_words,
 )
 
 ROWS, WORDS = "rows.exr", "words.exr"
-BLOCK = 1 << 22  # words that are looked at at a time
 MOST_WORDS = 1 << 27  # 512 MiB, as a texture of entries
 
 
@@ -48,6 +46,8 @@ class WordMap:
 
     @classmethod
     def of(cls, small: SmallMap) -> "WordMap":
+        from counterlight.maps.word_runs import in_words  # Numba takes half a second: not before it is used
+
         made, (height, width) = in_words(small), small.output_shape
         rows = np.full((height + 1, width, 1 if small.colours is None else 2), made.starts[-1], np.uint32)
         rows[..., 0].flat[: made.starts.size] = made.starts
@@ -123,9 +123,8 @@ def _channels(coloured: bool) -> tuple[str, ...]:
 
 def _sound(made: Words, pixels: int) -> bool:
     """Whether every row ends in a whole entry within the source's pixels; some rows at a time."""
-    first, starts = 0, made.starts
-    while first < starts.size - 1:
-        last = max(first + 1, int(np.searchsorted(starts, starts[first] + BLOCK, side="right")) - 1)
+    starts = made.starts
+    for first, last in bands(starts):
         own: IntArray = starts[first : last + 1] - starts[first]
         kinds, step = parsed(made.words[starts[first] : starts[last]])
         passed = np.concatenate([[0], np.cumsum(step)])
@@ -134,7 +133,6 @@ def _sound(made: Words, pixels: int) -> bool:
             return False
         if (np.diff(passed[own]) >= pixels).any():
             return False
-        first = last
     return True
 
 

@@ -25,6 +25,7 @@ ROWS: dict[str, Callable[[], Iterable[object]]] = {
     "default": sizes.default_build,
     "hdr": hdr.radiance_maps,
     "schedule": acquisition.schedule,
+    "picture": acquisition.picture,
     "acquisition": acquisition.whole,
 }
 

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from counterlight.tools.acquisition.plan import Noise
 from counterlight.tools.acquisition.schemes.blocks import BlockGrid, BlockLight, as_transport
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
+from counterlight.tools.acquisition.schemes.known import KnownLight, Quarter
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.acquisition.schemes.schedule import colour_graph, conflict_graph
 from tests.acquired_rooms import room_of, run, sharp_wall
@@ -53,6 +55,29 @@ def seen_blocks(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     pairs = np.unique(np.repeat(pixels, WINDOW**2) * (BLOCKS[0] * BLOCKS[1]) + block.ravel())
     camera, block = np.divmod(pairs, BLOCKS[0] * BLOCKS[1])
     return camera, block
+
+
+def picture() -> Iterator[object]:
+    """Reading one picture of 1920x1080: a sixteenth of the blocks of 8 pixels lit, a quarter of the camera pixels see
+    one of them, and twelve blocks of other sizes are known of each."""
+    rng, raster = np.random.default_rng(1), (1080, 1920)
+    pixels, grid = raster[0] * raster[1], BlockGrid(raster, 8)
+    known, camera = KnownLight(pixels, raster), np.arange(pixels, dtype=np.int32)
+    for side in (16, 32, 64, 128):
+        coarse = BlockGrid(raster, side)
+        blocks = rng.integers(0, coarse.count, 3 * pixels).astype(np.int32)
+        known.add(BlockLight(coarse, np.repeat(camera, 3), blocks, rng.random((3 * pixels, 3), np.float32)))
+    lit, entries = rng.choice(grid.count, grid.count // 16, replace=False), np.flatnonzero(rng.random(pixels) < 0.25)
+    capture, black = rng.random((*raster, 3), np.float32), rng.random((*raster, 3))
+    light, variance = (np.zeros((pixels, 3), np.float32) for _ in range(2))
+    to = Quarter(camera, entries, light, variance, np.zeros(pixels, np.bool_))
+    noise = Noise(np.full(3, 0.1), np.full(3, 0.01))
+    for name in ("first, with compiling", "second", "third"):
+        yield stage(
+            f"{name}: painted, and {entries.size} connections read off the capture",
+            {},
+            lambda: known.read(grid.paint(lit), capture, black, noise, noise, to),
+        )
 
 
 def whole() -> Iterator[object]:

@@ -219,7 +219,7 @@ ROWS = (
         "scene | method | shader",
         ("shader", "numpy", "OpenCV", "OpenCV / shader"),
     ),
-    table("docs/size.md", "python -m tests.studies.blurring", 3, "limit | near | blurred"),
+    table("docs/size.md", "python -m tests.studies.blurring", 5, "limit | near | blurred"),
     *(explained(scene, CORNER, minutes) for scene, minutes in FULL_SIZE.items()),
     explained("glass", "--camera 320x240 --projector 192x144", 3, "2"),
     explained("skull", "--camera 240x320 --projector 192x192", 2, "2"),

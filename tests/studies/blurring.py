@@ -1,24 +1,39 @@
 """What blocks of pixels cost films, in `two_planes` at 1920x1080 where blur is widest: python -m tests.studies.blurring
 
-Some lines of the far card are simulated whole, and their square of widest blur is put into blocks by one limit after
-the other: entries a camera pixel, and dB lost by the pictures that judge `--tolerance` and by windows of a film at its
-size. Two minutes of processor time.
+The square of widest blur on the far card is simulated whole, twice, the lens sampled at other points each time. T is
+put into blocks by one limit after the other: entries a camera pixel, and dB that the pictures that judge `--tolerance`
+lose, and windows of a film at its size. Beside them stands what T loses by its own sampling: what drives by another T
+of the same room lose; and the other judges T and its blocks, neither of which knows of its samples. Five minutes of
+processor time.
 """
 
-from counterlight.arrays import FloatArray
-from counterlight.maps.row_map import SparseRows
+from itertools import islice
+from unittest.mock import patch
+
+import numpy as np
+
+from counterlight.arrays import FloatArray, IntArray
+from counterlight.maps.row_map import SparseRows, below_each_other
 from counterlight.tools.blurring import choice
 from counterlight.tools.blurring.pruning import in_cells
 from counterlight.tools.inverse.pictures import soft_picture, typical_pictures
 from counterlight.tools.shipped import parse_scene
+from counterlight.tools.simulation import camera_side
+from counterlight.tools.simulation.effects_on import EffectsOn
+from counterlight.tools.simulation.lens import LensPoints
 from counterlight.tools.simulation.needs import needs_of
-from counterlight.tools.simulation.scene import load_scene
+from counterlight.tools.simulation.paths import Rays
+from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import _Simulation
 from counterlight.tools.study.pictures import find_pictures
+from counterlight.tools.transport.blurred import Pyramid
+from counterlight.tools.transport.objective import Objective
+from counterlight.tools.transport.transport import Transport
 
-SIZE, LINES, BAND = (1080, 1920), range(152, 280), 8
+SIZE, TOP, BAND, SAMPLED = (1080, 1920), 152, 8, 32
 WINDOWS = (100, 200), (460, 880), (800, 1500)  # of a film of that size: their upper left corners
-LIMITS = choice.LIMITS[3:11]
+LIMITS = choice.LIMITS[7:11]
+OTHER_POINTS = 7 * SIZE[0] * SIZE[1]  # added to a pixel's number, from which its points of the lens follow
 
 
 def pictures(side: tuple[int, int]) -> dict[str, FloatArray]:
@@ -29,27 +44,86 @@ def pictures(side: tuple[int, int]) -> dict[str, FloatArray]:
     return judging | {f"film {top},{left}": film[top : top + side[0], left : left + side[1]] for top, left in WINDOWS}
 
 
-def bands() -> list[SparseRows]:
+def rows_of(lines: range, columns: range, sampling: int) -> SparseRows:
+    """T of some camera pixels.  sampling : which points of the lens."""
     scene = load_scene(parse_scene("two_planes")).resized(SIZE, SIZE)
     simulation = _Simulation(scene, needs_of(scene))
     simulation.prepare()
-    return [simulation.band(range(top, top + BAND)).near for top in range(LINES.start, LINES.stop, BAND)]
+    all_rays, all_points = camera_side.primary_rays, LensPoints.of
+
+    def some_rays(scene: Scene, rows: range, effects: EffectsOn) -> Rays:
+        rays = all_rays(scene, rows, effects)
+        column = rays.pixel % SIZE[1]
+        return rays.at((column >= columns.start) & (column < columns.stop))
+
+    def points(lens: LensPoints, pixels: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
+        return all_points(lens, pixels + sampling * OTHER_POINTS, count)
+
+    with patch.object(camera_side, "primary_rays", some_rays), patch.object(LensPoints, "of", points):
+        parts = []
+        for top in range(lines.start, lines.stop, BAND):
+            band = range(top, min(top + BAND, lines.stop))
+            own = np.arange(len(band))[:, None] * SIZE[1] + np.array(columns)
+            parts.append(simulation.band(band).near.at(own.ravel()))
+        return below_each_other(parts)
+
+
+def widest() -> range:
+    """The columns of the square where blur is widest, by some of its lines."""
+    lines = [rows_of(range(y, y + 1), range(SIZE[1]), 0).lengths for y in range(TOP, TOP + choice.SIDE, SAMPLED)]
+    sums = np.concatenate([[0], np.cumsum(np.sum(lines, axis=0))])
+    left = int((sums[choice.SIDE :] - sums[: -choice.SIDE]).argmax())
+    return range(left, left + choice.SIDE)
+
+
+class Judges:
+    """One room's T twice, sampled at different points of the lens: what pictures lose of either's best."""
+
+    def __init__(self, square: choice._Square, other: SparseRows) -> None:
+        self._square, self._T = square, [square._T, square._objective(Transport(other))]
+        self._best = [self._errors(T)[number] for number, T in enumerate(self._T)]
+
+    def losses(self, made: Transport) -> list[list[float]]:
+        """dB of each picture by drives by another T: judged by the first, and by the second."""
+        found = self._errors(self._square._objective(made))
+        return [
+            [10 * float(np.log10(error / least)) for error, least in zip(*pair, strict=True)]
+            for pair in zip(found, self._best, strict=True)
+        ]
+
+    def _errors(self, by: Objective) -> list[list[float]]:
+        """By both, of the drives by a T."""
+        grey = np.full((self._square._columns.size, 3), 0.5)
+        drives = [next(islice(by.steps(grey, b), choice.STEPS, None)) for b in self._square._asked]
+        return [[self._error(T, *pair) for pair in zip(drives, self._square._asked, strict=True)] for T in self._T]
+
+    def _error(self, T: Objective, drive: FloatArray, b: FloatArray) -> float:
+        wrong = (T.T.apply(drive) - b)[self._square._inner] / self._square._white
+        return float(np.mean(wrong**2)) + choice.DARKEST
+
+
+def row(name: str, near: float, blurred: float, losses: list[float]) -> str:
+    return f"| {name} | {near:.1f} | {blurred:.1f} | {' | '.join(f'{loss:.2f}' for loss in losses)} |"
 
 
 def main() -> None:
     shown = pictures((choice.SIDE, choice.SIDE))
     choice.NAMES = tuple(shown)
     choice.judging_pictures = lambda side: list(pictures(side).values())
-    square = choice._Square.of(bands(), SIZE[1], SIZE)
-    count = square._rows.shape[0]
+    lines, columns = range(TOP, TOP + choice.SIDE), widest()
+    T, other = (rows_of(lines, columns, sampling) for sampling in range(2))
+    square = choice._Square(T, SIZE, choice._about(T.indices, SIZE), (choice.SIDE, choice.SIDE))
+    judges, count = Judges(square, other), T.shape[0]
     print(f"| limit | near | blurred | {' | '.join(shown)} |\n{'|---' * (3 + len(shown))}|")
+    away = [row("T", T.indices.size / count, 0, judges.losses(Transport(T))[1])]
+    print(row("another T", other.indices.size / count, 0, judges.losses(Transport(other))[0]), flush=True)
     for limit in map(float, LIMITS):
-        near, scatter = in_cells(square._rows, SIZE, limit)
-        lost = " | ".join(f"{each:.2f}" for each in square.losses(limit))
-        print(
-            f"| {limit:.4f} | {near.indices.size / count:.1f} | {scatter.indices.size / count:.1f} | {lost} |",
-            flush=True,
-        )
+        near, scatter = in_cells(T, SIZE, limit)
+        sizes = near.indices.size / count, scatter.indices.size / count
+        by_itself, by_other = judges.losses(Transport(near, blurred=Pyramid(SIZE).light(scatter)))
+        print(row(f"{limit:.4f}", *sizes, by_itself), flush=True)
+        away.append(row(f"{limit:.4f}", *sizes, by_other))
+    print("\njudged by another T:\n", *away, sep="\n")
 
 
 if __name__ == "__main__":

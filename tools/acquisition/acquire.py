@@ -29,10 +29,10 @@ from counterlight.response import Response
 from counterlight.tools.acquisition.averaging import Aim, Averaged, Averaging, error_by_noise, random_pixels
 from counterlight.tools.acquisition.cameras.camera import Camera, Shot
 from counterlight.tools.acquisition.check import Check, check_coloured, check_colours, check_pattern, check_white
+from counterlight.tools.acquisition.closure import SummedCaptures, check_closure
 from counterlight.tools.acquisition.movement import refuse_moved
 from counterlight.tools.acquisition.plan import (
     REPEATS,
-    Captures,
     LazyPatterns,
     Level,
     MakeScheme,
@@ -45,9 +45,6 @@ from counterlight.tools.acquisition.plan import (
 from counterlight.tools.acquisition.ramps import ProjectorLight, light_level, measure_light
 
 MOST_SATURATED = 0.02  # of the camera's pixels
-CLEARLY_LIT = 10  # times the noise of all captures together
-MOST_UNCLOSED = 0.02  # of the clearly lit camera pixels may miss so much of a floodlight, of blocks and of codes:
-UNCLOSED, UNCLOSED_CODE = 0.5, 0.35  # a code's pattern lights about half of everything
 LEAST_LIT, LEAST_RISE = 0.001, 10  # of the camera's pixels rise by so many times the noise
 EXPLAINED = 0.5  # of the coloured check's unexplained error may be left if a white segment is what does not add up
 DEFAULT_AIM = Aim()
@@ -180,14 +177,18 @@ def _run(scheme: Scheme, part: "_Part", room: Reference, averaging: Averaging | 
     """Give a scheme the captures that it asks for."""
     level = next(scheme)
     while True:
-        captures = part.capture(level, averaging)
-        if level.cover:
-            _check_closure(level, captures, room)
+        captures = SummedCaptures(part.capture(level, averaging))
         try:
-            level = scheme.send(captures)
+            following = scheme.send(captures)
         except StopIteration as ended:
+            check_closure(level, captures, room)
             measured: Measured = ended.value
             return measured
+        except InputError:
+            check_closure(level, captures, room)  # what a wrong capture leads to says less than that it is wrong
+            raise
+        check_closure(level, captures, room)
+        level = following
 
 
 class _StoredCaptures(Sequence[NDArray[np.float32]]):
@@ -376,25 +377,3 @@ def rises(room: Reference) -> bool:
 
 def _clearly_lit(room: Reference) -> BoolArray:
     return np.asarray(np.any((room.light > 0) & (room.light >= LEAST_RISE * room.noise.dark), axis=1))
-
-
-def _check_closure(level: Level, captures: Captures, room: Reference) -> None:
-    """The captures of a level add up to the floodlit room; InputError if they do not.
-
-    Where they do not, some capture shows another pattern, is black, or was taken with another exposure.
-    """
-    total = sum((room.above_black(captures[i]) for i in range(len(captures))), np.zeros_like(room.light))
-    # The error of the black picture is in each of them, so that noise grows with their number, not with its root.
-    lit = np.any(room.light > CLEARLY_LIT * room.noise.dark * len(captures), axis=1) & ~room.saturated.ravel()
-    if not lit.any():
-        return
-    rooms = total[lit].sum(axis=1) / room.light[lit].sum(axis=1)
-    expected = np.median(rooms)  # about level.cover: a lamp drifts a little
-    most = UNCLOSED if level.cover == 1 else UNCLOSED_CODE
-    off = (np.abs(rooms - expected) > most) | (abs(expected - level.cover) > UNCLOSED * level.cover)
-    if off.mean() > MOST_UNCLOSED:
-        raise InputError(
-            f"{level.name}: its captures do not add up to the floodlit room in {100 * off.mean():.0f} % of the lit "
-            "camera pixels; one of them shows another pattern or is black, or light or exposure changed: remove the "
-            "captures of this level and run again"
-        )

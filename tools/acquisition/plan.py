@@ -33,7 +33,7 @@ class Noise:
     dark: FloatArray
     gain: FloatArray
 
-    def sigma(self, light: FloatArray) -> FloatArray:
+    def sigma(self, light: NDArray[np.floating]) -> FloatArray:
         """Standard deviation of one capture of `light` (…, 3) above black."""
         return np.asarray(np.sqrt(self.dark**2 + self.gain * np.maximum(light, 0)))
 

@@ -2,7 +2,8 @@
 
 Measured on the square of the camera's picture where rows are longest: the player's steps, by T as it is and by T in
 cells, towards the best drives for three pictures, all judged by T as it is. The soft one decides: blur shows little of
-the others, whatever T is taken for, while a film comes close to what was asked, and loses up to four times as much.
+the others, whatever T is taken for, while a film comes close to what was asked, and loses up to four times as much:
+most of it what another sampling of the same room loses, too (docs/size.md).
 """
 
 from collections.abc import Sequence

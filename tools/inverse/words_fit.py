@@ -35,20 +35,25 @@ class Fit:
     change: FloatArray
 
 
-def fit(rows: SparseRows, reach: FloatArray, allowed: FloatArray) -> Fit:
+def scale_of(largest: float) -> float:
+    """Of codes for weights up to `largest`: colours have shares of 1/FULL and more."""
+    return float(2.0 ** np.ceil(np.log2(FULL * largest / LARGEST_CODE))) if largest > 0 else 1.0
+
+
+def fit(rows: SparseRows, reach: FloatArray, allowed: FloatArray, scale: float | None = None) -> Fit:
     """Colours and codes of a matrix.
 
     reach : (columns, 3), the most that the source holds.  allowed : (rows, 3), how far a product may be off; where
-    codes of 16 bits cannot keep it, `change` is larger.
+    codes of 16 bits cannot keep it, `change` is larger.  scale : as `scale_of` has it, of more rows than these.
     """
-    largest = max(float(rows.weights.max(initial=0.0)), -float(rows.weights.min(initial=0.0)))
-    scale = 2.0 ** np.ceil(np.log2(FULL * largest / LARGEST_CODE)) if largest > 0 else 1.0  # shares are 1/FULL and more
+    if scale is None:
+        scale = scale_of(max(float(rows.weights.max(initial=0.0)), -float(rows.weights.min(initial=0.0))))
     colours, codes = np.empty(rows.shape[0], np.uint32), np.empty((rows.indices.size, 3), np.int32)
-    change = np.zeros((rows.shape[0], 3))
-    weights, limits = np.asarray(rows.weights / scale, np.float64), np.asarray(allowed / scale, np.float64)
+    change, limits = np.zeros((rows.shape[0], 3)), np.asarray(allowed / scale, np.float64)
     indptr, indices = rows.indptr.astype(np.int64), rows.indices.astype(np.int32)
-    _FIT_ROWS[indices.size >= LARGE](indptr, indices, weights, reach.astype(np.float64), limits, colours, codes, change)
-    return Fit(float(scale), colours, codes, change * scale)
+    reach = np.asarray(reach, np.float64)
+    _FIT_ROWS[indices.size >= LARGE](indptr, indices, rows.weights, scale, reach, limits, colours, codes, change)
+    return Fit(scale, colours, codes, change * scale)
 
 
 @kept()
@@ -178,24 +183,25 @@ def _as_many_as_needed(
 def _fit_rows(
     indptr: IntArray,
     indices: NDArray[np.int32],
-    weights: FloatArray,
+    weights: NDArray[np.floating],
+    scale: float,
     reach: FloatArray,
     allowed: FloatArray,
     colours: NDArray[np.uint32],
     codes: NDArray[np.int32],
     change: FloatArray,
 ) -> None:
-    """Fills colours, codes and change; weights, allowed and change over the scale."""
+    """Fills colours, codes and change; allowed and change over the scale."""
     for row in numba.prange(indptr.size - 1):
         own = slice(indptr[row], indptr[row + 1])
-        at = reach[indices[own]]
-        colours[row] = _colour_bits(_sums(weights[own] * at), weights[own])
-        _one_code_each(weights[own], _colour(colours[row]), codes[own])
-        change[row] = _change(weights[own], at, _colour(colours[row]), codes[own])
+        at, light = reach[indices[own]], weights[own].astype(np.float64) / scale
+        colours[row] = _colour_bits(_sums(light * at), light)
+        _one_code_each(light, _colour(colours[row]), codes[own])
+        change[row] = _change(light, at, _colour(colours[row]), codes[own])
         if (change[row] > allowed[row]).any():
-            colours[row] = _colour_bits(_levelled(_median_colour(weights[own], at), weights[own]), weights[own])
-            _as_many_as_needed(weights[own], at, _colour(colours[row]), allowed[row], codes[own])
-            change[row] = _change(weights[own], at, _colour(colours[row]), codes[own])
+            colours[row] = _colour_bits(_levelled(_median_colour(light, at), light), light)
+            _as_many_as_needed(light, at, _colour(colours[row]), allowed[row], codes[own])
+            change[row] = _change(light, at, _colour(colours[row]), codes[own])
 
 
 _FIT_ROWS = compiled(_fit_rows)

@@ -7,16 +7,19 @@ where that is less. Of that S may take NEAR where there is far light, and U, M a
     Û M̂ D̂ − U M D = (Û − U) M D + Û (M̂ − M) D + Û M̂ (D̂ − D).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
+from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray
 from counterlight.maps.room_maps import FarMaps, RefinementMaps, RoomMaps
-from counterlight.maps.row_map import SparseRows, unpack
+from counterlight.maps.row_map import RowMap, SparseRows, bands, beside_each_other, in_blocks, rows_between, unpack
 from counterlight.maps.small_map import FARTHEST_JUMP, FULL_TRUST, SmallMap
-from counterlight.tools.inverse.words_fit import Fit, fit
+from counterlight.tools.inverse.words_fit import Fit, fit, scale_of
 
 CODES = 255
 MOST_CODES = 0.5  # of white in the camera's picture; less where the map was built with a smaller --max-error
@@ -41,12 +44,11 @@ def words_of_light(maps: RoomMaps, max_error: float) -> SmallLight | None:
     """
     if maps.refinement is None or max_error <= 0 or max(_sizes(maps)) > FARTHEST_JUMP:
         return None
-    near = ascending(unpack(maps.transport))
     far = None if maps.far is None else _Far.of(maps.far)
-    full = near.sums() + (0.0 if far is None else far.light)
-    allowed = min(max_error, MOST_CODES) / CODES * np.clip(full, DARKEST * maps.white, maps.white)
+    seen = _Seen.of(maps, far)
+    allowed = min(max_error, MOST_CODES) / CODES * np.clip(seen.full, DARKEST * maps.white, maps.white)
     trust = np.rint(FULL_TRUST * np.where(_heard(maps.refinement), maps.refinement.weights.ravel(), 0)).astype(np.int16)
-    found, change = _maps(maps, near, far, USED * allowed, trust)
+    found, change = _maps(maps, seen, far, USED * allowed, trust)
     return SmallLight(found, float((change / allowed).max(initial=0.0)))
 
 
@@ -54,7 +56,8 @@ def _heard(refinement: RefinementMaps) -> NDArray[np.bool_]:
     """The camera pixels that TᵀW reads, (camera pixels,)."""
     heard = np.zeros(refinement.weights.size, bool)
     for packed in (refinement.dual, *([refinement.far_dual.gather] if refinement.far_dual else [])):
-        heard[unpack(packed).indices] = True
+        for _, rows in in_blocks(packed):
+            heard[rows.indices] = True
     return heard
 
 
@@ -64,22 +67,62 @@ def _sizes(maps: RoomMaps) -> list[int]:
 
 @dataclass(frozen=True)
 class _Far:
-    """D, M without the cells that no drive reaches, U; D 1 and M D 1, (cells, 3), and U M D 1, (camera pixels, 3)."""
+    """D, and M without the cells that no drive reaches; D 1 and M D 1, (cells, 3)."""
 
     gather: SparseRows
     mix: SparseRows
-    scatter: SparseRows
     gathered: FloatArray
     mixed: FloatArray
-    light: FloatArray
 
     @classmethod
     def of(cls, maps: FarMaps) -> "_Far":
-        gather, mix, scatter = (ascending(unpack(part)) for part in (maps.gather, maps.mix, maps.scatter))
+        gather, mix = (ascending(unpack(part)) for part in (maps.gather, maps.mix))
         gathered = magnitude(gather).sums()
         mix = mix.where(np.asarray((gathered > 0).any(axis=1))[mix.indices])
-        mixed = magnitude(mix).apply(gathered)
-        return cls(gather, mix, scatter, gathered, mixed, magnitude(scatter).apply(mixed))
+        return cls(gather, mix, gathered, magnitude(mix).apply(gathered))
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """S, and U if there is any, some rows at a time; and what all of them see.
+
+    maps : S and U.  reach : the most that either's source holds, (columns of both, 3).
+    bands : first row and the one after the last.  full, light : T 1 and U M D 1, (camera pixels, 3).
+    """
+
+    maps: tuple[RowMap, ...]
+    reach: FloatArray
+    bands: tuple[tuple[int, int], ...]
+    full: FloatArray
+    light: FloatArray
+
+    @classmethod
+    def of(cls, room: RoomMaps, far: _Far | None) -> "_Seen":
+        maps, ones = [room.transport], np.ones((prod(room.transport.source_shape), 3))
+        reach = [ones]
+        if far is not None and room.far is not None:
+            maps.append(room.far.scatter)
+            reach.append(far.mixed)
+        lengths = np.sum([packed.lookup[..., 2].ravel() for packed in maps], axis=0, dtype=np.int64)
+        some = tuple(bands(np.concatenate([[0], np.cumsum(lengths)])))
+        full, light = (np.zeros((lengths.size, 3)) for _ in range(2))
+        seen = cls(tuple(maps), np.concatenate(reach), some, full, light)
+        for first, last in some:
+            near, *scattered = seen.rows(first, last)
+            for U in scattered:
+                light[first:last] = magnitude(U).apply(reach[1])
+            full[first:last] = near.sums() + light[first:last]
+        return seen
+
+    def rows(self, first: int, last: int) -> list[SparseRows]:
+        """Of S, and of U if there is any."""
+        return [ascending(rows_between(packed, first, last)) for packed in self.maps]
+
+    @property
+    def scale(self) -> float:
+        """Of the codes of both."""
+        weights = [packed.entries[..., :3] for packed in self.maps]
+        return scale_of(max(max(float(each.max()), -float(each.min())) for each in weights))
 
 
 def magnitude(rows: SparseRows) -> SparseRows:
@@ -87,36 +130,52 @@ def magnitude(rows: SparseRows) -> SparseRows:
 
 
 def _maps(
-    maps: RoomMaps, near: SparseRows, far: _Far | None, allowed: FloatArray, trust: NDArray[np.int16]
+    maps: RoomMaps, seen: _Seen, far: _Far | None, allowed: FloatArray, trust: NDArray[np.int16]
 ) -> tuple[dict[str, SmallMap], FloatArray]:
     """Every map of T and Tᵀ, and the change of each camera pixel, (camera pixels, 3)."""
-    camera, projector = maps.transport.output_shape, maps.transport.source_shape
+    projector = maps.transport.source_shape
     if far is None or maps.far is None:
-        alone = fit(near, np.ones((near.columns, 3)), allowed)
-        seen = small_map((camera, projector), near, alone, trust=trust)
-        return {"transport": seen, "dual": seen.transposed(trust > 0, None)}, alone.change
+        (transport,), change = _seen_light(seen, allowed, trust)
+        return {"transport": transport, "dual": transport.transposed(trust > 0, None)}, change
     share = (1 - NEAR) / 3
-    joint, is_far = _side_by_side(near, far.scatter)
-    both = fit(joint, np.concatenate([np.ones((near.columns, 3)), far.mixed]), (NEAR + share) * allowed)
-    slack = share * float((allowed / np.maximum(far.light, allowed)).min())
+    (transport, scatter), change = _seen_light(seen, (NEAR + share) * allowed, trust)
+    slack = share * float((allowed / np.maximum(seen.light, allowed)).min())
     mixes = fit(far.mix, far.gathered, np.maximum(slack * far.mixed, LEAST))
     gathers = fit(far.gather, np.ones((far.gather.columns, 3)), np.maximum(slack * far.gathered, LEAST))
     cells, mixed = maps.far.gather.output_shape, maps.far.mix.output_shape
-    seen = small_map((camera, projector), near, both, ~is_far, trust)
-    scatter = small_map((camera, mixed), far.scatter, both, is_far, trust)
     mix, gather = small_map((mixed, cells), far.mix, mixes), small_map((cells, projector), far.gather, gathers)
     behind = mixes.change + magnitude(mix.unpacked()).apply(gathers.change)
+    for first, last in seen.bands:
+        change[first:last] += magnitude(scatter.of_rows(first, last).unpacked()).apply(behind)
     found = {
-        "transport": seen,
+        "transport": transport,
         "far_scatter": scatter,
         "far_mix": mix,
         "far_gather": gather,
-        "dual": seen.transposed(trust > 0, None),
+        "dual": transport.transposed(trust > 0, None),
         "dual_gather": scatter.transposed(trust > 0, mix.colours),
         "dual_mix": mix.transposed(None, gather.colours),
         "dual_scatter": gather.transposed(None, None),
     }
-    return found, both.change + magnitude(scatter.unpacked()).apply(behind)
+    return found, change
+
+
+def _seen_light(seen: _Seen, allowed: FloatArray, trust: NDArray[np.int16]) -> tuple[list[SmallMap], FloatArray]:
+    """S, and U if there is any, of one picture of colours; their change, (camera pixels, 3)."""
+    found: list[list[SmallMap]] = [[] for _ in seen.maps]
+    change, scale = np.zeros_like(allowed), seen.scale
+    for first, last in seen.bands:
+        rows = seen.rows(first, last)
+        joint = reduce(beside_each_other, rows)
+        both = fit(joint, seen.reach, allowed[first:last], scale)
+        change[first:last] = both.change
+        ends = np.cumsum([each.columns for each in rows])
+        whose = np.searchsorted(ends, joint.indices, side="right")
+        for number, (packed, each) in enumerate(zip(seen.maps, rows, strict=True)):
+            shapes = (1, last - first), packed.source_shape
+            found[number].append(small_map(shapes, each, both, whose == number))
+    pairs = zip(found, seen.maps, strict=True)
+    return [_below(parts, packed.output_shape, packed.source_shape, trust) for parts, packed in pairs], change
 
 
 def small_map(
@@ -132,28 +191,28 @@ def small_map(
     return without_nothing(SmallMap(indptr, indices, codes, *shapes, found.colours, trust, found.scale))
 
 
-def _side_by_side(left: SparseRows, right: SparseRows) -> tuple[SparseRows, NDArray[np.bool_]]:
-    """The columns of both in one matrix, and which entries are the right one's."""
-    order = np.argsort(np.concatenate([left.rows, right.rows]), kind="stable")
-    joint = SparseRows(
-        left.indptr + right.indptr,
-        np.concatenate([left.indices, right.indices + left.columns])[order],
-        np.concatenate([left.weights, right.weights])[order],
-        left.columns + right.columns,
-    )
-    return joint, order >= left.indices.size
-
-
 def ascending(rows: SparseRows) -> SparseRows:
     """The entries of each row in the order of their columns, as words need them."""
-    order = np.lexsort((rows.indices, rows.rows))
-    if (np.diff(order) == 1).all():
+    rises = np.diff(rows.indices, prepend=-1) > 0
+    rises[rows.indptr[:-1][rows.lengths > 0]] = True
+    if rises.all():
         return rows
+    order = np.lexsort((rows.indices, rows.rows))
     return replace(rows, indices=rows.indices[order], weights=rows.weights[order])
 
 
 def without_nothing(small: SmallMap) -> SmallMap:
     """Entries whose three codes are 0 left out."""
-    keep = small.codes.any(axis=1)
-    kept_before = np.concatenate([[0], np.cumsum(keep)])
-    return replace(small, indptr=kept_before[small.indptr], indices=small.indices[keep], codes=small.codes[keep])
+    return small.where(np.asarray(small.codes.any(axis=1)))
+
+
+def _below(
+    parts: Sequence[SmallMap], output: tuple[int, int], source: tuple[int, int], trust: NDArray[np.int16]
+) -> SmallMap:
+    """Rows one part after the other.  trust : of all."""
+    lengths = np.concatenate([np.diff(part.indptr) for part in parts])
+    indices, codes, colours = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("indices", "codes", "colours")
+    )
+    indptr = np.concatenate([[0], np.cumsum(lengths)])
+    return SmallMap(indptr, indices, codes, output, source, colours, trust, parts[0].scale)

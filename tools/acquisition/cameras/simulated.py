@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Protocol
 
@@ -167,9 +167,14 @@ class SimulatedEye:
         sensor, mosaic = self._settings.sensor, self._room.mosaic
         developed = None if mosaic is None else partial(interpolated, mosaic)
         codes = capture(light, sensor, self._settings.response, self._rng, developed)
-        top = (1 << sensor.bits) - 1
-        container = np.uint8 if sensor.bits <= 8 else np.uint16
-        return np.asarray(np.rint(codes * (np.iinfo(container).max / top)), container)
+        return np.asarray(_container(sensor.bits).take(codes))
+
+
+@cache
+def _container(bits: int) -> Shot:
+    """Each code as it is stored."""
+    kind, codes = np.uint8 if bits <= 8 else np.uint16, np.arange(1 << bits)
+    return np.asarray(np.rint(codes * (np.iinfo(kind).max / codes[-1])), kind)
 
 
 class SimulatedCamera(LiveCamera):

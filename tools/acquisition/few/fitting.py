@@ -5,15 +5,17 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray, IntArray
+from counterlight.maps.row_map import SparseRows
 from counterlight.tools.acquisition.few.far import Far, likeliest
 from counterlight.tools.acquisition.few.near import Windows, near_light
 from counterlight.tools.acquisition.few.order import PRIMARIES, RAMPS
 from counterlight.tools.acquisition.few.places import Spots, averaged
 from counterlight.tools.acquisition.few.seen import Seen, Table, some
 from counterlight.tools.acquisition.few.settling import even_misfits, settled
-from counterlight.tools.transport.transport import Csr, Transport
+from counterlight.tools.transport.transport import Transport
 
 MOST_SAMPLED, MOST_OF_FAR = 20000, 6000  # camera pixels by which what is smooth is found, and far light
 FAR_SHARES = np.linspace(0, 0.6, 25)
@@ -30,7 +32,7 @@ class Fit:
     seen: Seen
     table: Table
     windows: Windows
-    kernel: FloatArray
+    kernel: NDArray[np.float32]
     far: Far
     primaries: FloatArray
 
@@ -42,15 +44,18 @@ class Fit:
     @cached_property
     def transport(self) -> Transport:
         seen, windows, far = self.seen, self.windows, self.far
-        shape = len(seen.light), seen.order.projector[0] * seen.order.projector[1]
         near = np.maximum(np.einsum("nkl,nl->nk", self.primaries, 1 - far.total), 0)
-        row, place = np.nonzero(self.kernel)
-        pixel, column = windows.pixel[row], windows.columns[row, place]
-        weights = (self.kernel[row, place, None] * near[pixel]).astype(np.float32)
-        S = [Csr((weights[:, i], (pixel, column)), shape=shape) for i in range(3)]
-        if not far.total.any():
-            return Transport.from_matrices(S)
-        return Transport.from_matrices(S, far.far_light(self.primaries * seen.lit[:, None, None]))
+        lengths = np.zeros(len(seen.light), np.int64)
+        parts = [(np.zeros(0, np.int32), np.zeros((0, 3), np.float32))]
+        for part in some(windows.pixel, windows.size):
+            here, shares = windows.of(part), self.kernel[part]
+            lengths[here.pixel] = np.count_nonzero(shares, axis=1)
+            weights = (shares[..., None] * near[here.pixel, None]).astype(np.float32)
+            parts.append((here.columns[shares != 0].astype(np.int32), weights[shares != 0]))
+        columns, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
+        indptr = np.concatenate([[0], np.cumsum(lengths)])
+        S = SparseRows(indptr, columns, weights, seen.order.projector[0] * seen.order.projector[1])
+        return Transport(S, far.far_light(self.primaries * seen.lit[:, None, None]) if far.total.any() else None)
 
 
 def fitted(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> Fit:
@@ -105,7 +110,7 @@ def _far(seen: Seen, table: Table, windows: Windows, far: Far, even: FloatArray,
     nodes, unknown = far.nodes, 3 * far.cells.count
     J, h, mean = (np.zeros((nodes.count, count)) for count in (unknown * unknown, unknown, 4))
     chosen = sampled(windows, MOST_OF_FAR)
-    for part in some(chosen, 6 * len(pictures) * (windows.columns.shape[1] + unknown)):
+    for part in some(chosen, 6 * len(pictures) * (windows.size + unknown)):
         here = windows.of(chosen[part])
         around = nodes.textured(np.ones(len(even)))[here.pixel].T
         info, told = _information(seen, table, here, far, pictures)
@@ -137,7 +142,7 @@ def _information(
 
 
 def _shares(
-    seen: Seen, table: Table, windows: Windows, kernel: FloatArray, far: Far, pictures: Sequence[int]
+    seen: Seen, table: Table, windows: Windows, kernel: NDArray[np.floating], far: Far, pictures: Sequence[int]
 ) -> FloatArray:
     """s of each primary of each picture, (n, pictures, 3)."""
     near = seen.shares(table, kernel, windows.columns, pictures)
@@ -146,7 +151,7 @@ def _shares(
 
 
 def _brightness(
-    seen: Seen, table: Table, windows: Windows, kernel: FloatArray, far: Far, pictures: Sequence[int]
+    seen: Seen, table: Table, windows: Windows, kernel: NDArray[np.floating], far: Far, pictures: Sequence[int]
 ) -> FloatArray:
     """F by least squares from all pictures, (camera pixels, channel, primary); without a place as captured."""
     direct = [*PRIMARIES, *seen.order.whites(seen.count)]

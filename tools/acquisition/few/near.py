@@ -56,6 +56,11 @@ class Windows:
     def of(self, chosen: IntArray | slice) -> "Windows":
         return Windows(self.pixel[chosen], self.place[chosen], self.width[chosen], self.projector, self.reach)
 
+    @property
+    def size(self) -> int:
+        """Projector pixels of a window."""
+        return (2 * self.reach + 1) ** 2
+
     @cached_property
     def _lines(self) -> tuple[IntArray, IntArray]:
         """Rows and columns of projector pixels, (n, side) each."""
@@ -122,16 +127,20 @@ class Windows:
         return np.concatenate([A * self.spread[:, None], np.einsum("new,nfw->nef", A, self.freedom)], axis=2)
 
 
-def near_light(seen: Seen, table: Table, windows: Windows, far: Far, pictures: Sequence[int]) -> tuple[FloatArray, Far]:
+def near_light(
+    seen: Seen, table: Table, windows: Windows, far: Far, pictures: Sequence[int]
+) -> tuple[NDArray[np.float32], Far]:
     """t, (n, window), most likely after those pictures, and far light with what each camera pixel has of it."""
-    if not pictures:
-        return _cleaned(windows.start), _elsewhere(far, windows)
-    kernel, own = np.empty_like(windows.start), far.own.copy()
-    for part in some(windows.pixel, 6 * len(pictures) * windows.start.shape[1]):
+    kernel, own = np.empty((len(windows.pixel), windows.size), np.float32), far.own.copy()
+    for part in some(windows.pixel, 6 * max(len(pictures), 1) * windows.size):
         here = windows.of(part)
-        kernel[part], more = _bent(seen, table, here, far, pictures)
+        if not pictures:
+            kernel[part] = _cleaned(here.start)
+            continue
+        bent, more = _bent(seen, table, here, far, pictures)
+        kernel[part] = _cleaned(bent)
         own[here.pixel] *= np.clip(1 + more, 0, MOST_FAR / np.maximum(far.total[here.pixel].max(axis=1), 1e-3))[:, None]
-    return _cleaned(kernel), _elsewhere(replace(far, own=own), windows)
+    return kernel, _elsewhere(replace(far, own=own), windows)
 
 
 def _bent(

@@ -191,8 +191,10 @@ def _median(values: FloatArray, known: BoolArray, shape: Sequence[int], side: in
     """Of the known pixels around each; others take the nearest known one's."""
     if not known.any():
         return values
-    nearest = ndimage.distance_transform_edt(~known.reshape(shape), return_distances=False, return_indices=True)
-    filled = values.reshape(shape)[tuple(nearest)]
+    filled = values.reshape(shape)
+    if not known.all():
+        nearest = ndimage.distance_transform_edt(~known.reshape(shape), return_distances=False, return_indices=True)
+        filled = filled[tuple(nearest)]
     return np.asarray(ndimage.median_filter(filled, side, mode="nearest")).ravel()
 
 

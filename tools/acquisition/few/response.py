@@ -83,7 +83,7 @@ def by_ramps(seen: Seen, table: Table, windows: Windows, far: Far) -> tuple[Floa
     """
     levels, chosen = len(CODES), sampled(windows)
     squares, sums = np.zeros((3 * levels, 3 * levels)), np.zeros(3 * levels)
-    for part in some(chosen, windows.start.shape[1] * 3 * levels):
+    for part in some(chosen, windows.size * 3 * levels):
         design, target, sigma = _equations(seen, windows.of(chosen[part]), far)
         weighted = design / sigma[..., None]
         squares += np.einsum("neu,nev->uv", weighted, weighted)

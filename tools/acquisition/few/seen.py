@@ -100,7 +100,9 @@ class Seen:
             seen += mixture[:, None, :, primary, None] * light[:, :, None]
         return seen.reshape(len(columns), -1, columns.shape[1])
 
-    def shares(self, table: Table, kernel: FloatArray, columns: IntArray, pictures: Sequence[int]) -> FloatArray:
+    def shares(
+        self, table: Table, kernel: NDArray[np.floating], columns: IntArray, pictures: Sequence[int]
+    ) -> FloatArray:
         """Σ_j t_j p_jl of each primary, (n, pictures, 3); kernel : t, (n, window)."""
         codes = self._codes_at(columns, pictures)
         return np.stack([np.einsum("pnw,nw->np", table[:, i][codes[..., i]], kernel) for i in range(3)], axis=2)

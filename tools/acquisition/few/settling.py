@@ -39,7 +39,7 @@ def even_misfits(seen: Seen, table: Table, windows: Windows, pictures: Sequence[
     """
     misfits = np.zeros(len(seen.light))
     one = np.array([table[seen.codes[picture], np.arange(3)].mean(axis=0) for picture in pictures])
-    for part in some(windows.pixel, 4 * len(pictures) * windows.columns.shape[1]):
+    for part in some(windows.pixel, 4 * len(pictures) * windows.size):
         here = windows.of(part)
         A = seen.drive(table, seen.mixture[here.pixel], here.columns, pictures)
         target, sigma = seen.targets(here.pixel, pictures)

@@ -6,16 +6,18 @@ Benveniste 1994, Multiscale recursive estimation): upwards each block's two valu
 variance; downwards what a block ends with above the sum of its quarters is shared among them by their variance.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import BoolArray, FloatArray
-from counterlight.tools.acquisition.schemes.blocks import NO_CHILD, BlockGrid, BlockLight
+from counterlight.tools.acquisition.schemes.blocks import NO_CHILD, BlockGrid, BlockLight, joined
 
 TINY = np.finfo(float).tiny
+SOME = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -26,10 +28,14 @@ class Reading:
     variance : likewise.  lit : (entries, 4), measurable.  rest : (entries,), what the lit quarters leave is measurable.
     """
 
-    light: NDArray[np.float32]
-    variance: NDArray[np.float32]
+    light: NDArray[np.floating]
+    variance: NDArray[np.floating]
     lit: BoolArray
     rest: BoolArray
+
+    def quarters(self, part: slice) -> "Estimate":
+        """Of some entries, (entries, 4, 3)."""
+        return Estimate(*(each[part].astype(np.float64) for each in (self.light, self.variance)))
 
 
 @dataclass(frozen=True)
@@ -54,45 +60,73 @@ def agree(root: BlockLight, variance: FloatArray, readings: Sequence[Reading]) -
     """The estimate of all light, kept where `keep_measurable` keeps it.
 
     root : blocks of level 0 as measured; the lit quarters of each level, in order, are the parents of the next.
-    variance : of root, (entries, 3).
+    variance : of root, (entries, 3).  readings : their arrays are taken for what is found on the way.
     """
     if not readings:
         return [root]
-    quarters: list[Estimate] = []
-    for reading in reversed(readings):
-        each = Estimate(reading.light.astype(np.float64), reading.variance.astype(np.float64))
-        if quarters:
-            lit = reading.lit
-            better = Estimate(each.light[lit], each.variance[lit]).averaged(quarters[-1].summed())
-            each.light[lit], each.variance[lit] = better.light, better.variance
-        quarters.append(each)
-    light = Estimate(root.light, variance).averaged(quarters[-1].summed()).light
-    parents = BlockLight(root.grid, root.camera, root.block, np.maximum(light, 0))
+    for coarse, fine in reversed(list(pairwise(readings))):
+        _average_with_quarters(coarse, fine)
+    light = Estimate(root.light.astype(np.float64, copy=False), variance)
+    light = light.averaged(readings[0].quarters(slice(None)).summed())
+    parents = BlockLight(root.grid, root.camera, root.block, np.maximum(light.light, 0))
     parts: list[BlockLight] = []
-    for reading, each in zip(readings, reversed(quarters), strict=True):
-        shared = (reading.lit | reading.rest[:, None])[..., None]
-        weight = each.variance * shared
-        weight /= np.maximum(weight.sum(axis=1, keepdims=True), TINY)
-        missing = parents.light - np.sum(each.light * shared, axis=1)
-        light = np.maximum(each.light + weight * missing[:, None], 0)
-        parents, settled = keep_measurable(parents, light, reading.lit, reading.rest)
+    for reading in readings:
+        _share_what_is_missing(parents, reading)
+        parents, settled = keep_measurable(parents, reading.light, reading.lit, reading.rest)
         parts += settled
     return [*parts, parents]
 
 
+def _average_with_quarters(coarse: Reading, fine: Reading) -> None:
+    """Upwards: what was measured of lit quarters, with the sums of their own quarters."""
+    done = 0
+    for part in parts_of(len(coarse.lit)):
+        lit = coarse.lit[part]
+        own, these = coarse.quarters(part), slice(done, done + int(lit.sum()))
+        better = Estimate(own.light[lit], own.variance[lit]).averaged(fine.quarters(these).summed())
+        coarse.light[part][lit], coarse.variance[part][lit] = better.light, better.variance
+        done = these.stop
+
+
+def _share_what_is_missing(parents: BlockLight, reading: Reading) -> None:
+    """Downwards: what a parent ends with above the sum of its quarters goes to these, by their variance."""
+    for part in parts_of(len(reading.lit)):
+        shared = (reading.lit[part] | reading.rest[part, None])[..., None]
+        quarters = reading.quarters(part)
+        weight = quarters.variance * shared
+        weight /= np.maximum(weight.sum(axis=1, keepdims=True), TINY)
+        missing = parents.light[part] - np.sum(quarters.light * shared, axis=1)
+        reading.light[part] = np.maximum(quarters.light + weight * missing[:, None], 0)
+
+
+def parts_of(count: int) -> Iterator[slice]:
+    """Entries some at a time, none once: what is made of all of them together would not fit into memory."""
+    return (slice(first, min(first + SOME, count)) for first in range(0, max(count, 1), SOME))
+
+
 def keep_measurable(
-    parents: BlockLight, quarters: FloatArray, lit: BoolArray, rest: BoolArray
+    parents: BlockLight, quarters: NDArray[np.floating], lit: BoolArray, rest: BoolArray
 ) -> tuple[BlockLight, list[BlockLight]]:
     """Energy is kept once, at the last level at which it was measurable.
 
-    quarters : (entries, 4, 3) ≥ 0, light of each parent's quarters.  lit : (entries, 4), measurable, existing.
-    rest : (entries,), what the lit quarters leave is measurable.
+    quarters : (entries, 4, 3), light of each parent's quarters; what is below 0 counts as 0.
+    lit : (entries, 4), measurable, existing.  rest : (entries,), what the lit quarters leave is measurable.
     Returns the lit quarters, and the rest: of a parent without lit quarters its own light; otherwise what its lit
     quarters leave of it, shared by its other quarters according to their size.
     """
     finer = BlockGrid(parents.grid.projector, parents.grid.side // 2)
-    children = parents.grid.children[parents.block]
-    whole = parents.select(np.asarray(~lit.any(axis=1)))
+    each = (
+        _kept(parents.select(part), finer, quarters[part], lit[part], rest[part]) for part in parts_of(lit.shape[0])
+    )
+    measured, dim = (joined(parts) for parts in zip(*each, strict=True))
+    return measured, [parents.select(np.asarray(~lit.any(axis=1))), dim]
+
+
+def _kept(
+    parents: BlockLight, finer: BlockGrid, quarters: NDArray[np.floating], lit: BoolArray, rest: BoolArray
+) -> tuple[BlockLight, BlockLight]:
+    """The lit quarters, and the others' light of parents that have any lit one."""
+    children, quarters = parents.grid.children[parents.block], np.maximum(quarters, 0)
     entry, quarter = np.nonzero(lit)
     measured = BlockLight(finer, parents.camera[entry], children[entry, quarter], quarters[entry, quarter])
     left = np.maximum(parents.light - np.sum(quarters * lit[..., None], axis=1), 0)
@@ -100,5 +134,5 @@ def keep_measurable(
     area = np.where(dim, finer.area[children], 0)
     share = area / np.maximum(area.sum(axis=1, keepdims=True), 1)
     entry, quarter = np.nonzero(dim)
-    light = left[entry] * share[entry, quarter][:, None]
-    return measured, [whole, BlockLight(finer, parents.camera[entry], children[entry, quarter], light)]
+    light = (left[entry] * share[entry, quarter][:, None]).astype(quarters.dtype, copy=False)
+    return measured, BlockLight(finer, parents.camera[entry], children[entry, quarter], light)

@@ -14,7 +14,13 @@ from counterlight.errors import InputError
 from counterlight.pipeline.colour import LUMINANCE
 from counterlight.tools.acquisition.direct_mapping import direct_mapping, direct_transport
 from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Reference, Scheme
-from counterlight.tools.acquisition.schemes.blocks import BlockGrid, BlockLight, as_transport, fit_to_composition
+from counterlight.tools.acquisition.schemes.blocks import (
+    BlockGrid,
+    BlockLight,
+    as_transport,
+    fit_to_composition,
+    joined,
+)
 from counterlight.tools.acquisition.schemes.hierarchical import DEFAULT, Threshold
 from counterlight.tools.acquisition.schemes.stripes import Stripe, locate, stripes
 
@@ -74,7 +80,7 @@ class FixedBlocksScheme:
             light = room.above_black(captures[i])
             lit = np.flatnonzero(inside & np.any(light >= self.threshold.of(room), axis=1))
             parts.append(BlockLight(pixels, lit, (y * projector[1] + x)[lit], np.maximum(light[lit], 0)))
-        part = _joined(pixels, parts)
+        part = joined(parts)
         return Measured(as_transport(fit_to_composition([part], room.light), len(room.light)))
 
 
@@ -117,11 +123,4 @@ def _columns(room: Reference, captures: Captures, grid: BlockGrid, threshold: Th
         light = room.above_black(captures[block])
         camera = np.flatnonzero(np.any(light >= tau, axis=1))
         parts.append(BlockLight(grid, camera, np.full(camera.size, block), np.maximum(light[camera], 0)))
-    return _joined(grid, parts)
-
-
-def _joined(grid: BlockGrid, parts: Sequence[BlockLight]) -> BlockLight:
-    camera, block, light = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("camera", "block", "light")
-    )
-    return BlockLight(grid, camera, block, light)
+    return joined(parts)

@@ -7,6 +7,7 @@ Blocks at the right and lower edge are cut off by it, and squares wholly outside
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from scipy import sparse
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.acquisition.plan import Pattern
 from counterlight.tools.transport.transport import Csr, FarLight, Transport
+
+Indices: TypeAlias = NDArray[np.int32] | IntArray
 
 NO_CHILD = -1
 MOST_FAR_CELLS = 1500  # FarLight mixes cells by a dense matrix
@@ -50,26 +53,25 @@ class BlockGrid:
     @cached_property
     def area(self) -> IntArray:
         """Projector pixels in each block."""
-        return np.bincount(self.labels.ravel(), minlength=self.count)
+        sizes = [np.minimum(self.side, extent - np.arange(0, extent, self.side)) for extent in self.projector]
+        return np.multiply.outer(*sizes).ravel()
 
     @cached_property
-    def children(self) -> IntArray:
+    def children(self) -> NDArray[np.int32]:
         """The four blocks of half the side in each: (blocks, 4), NO_CHILD where the projector ends before."""
         finer = BlockGrid(self.projector, self.side // 2)
         row, column = np.divmod(np.arange(self.count)[:, None], self.columns)
         row, column = 2 * row + np.array([0, 0, 1, 1]), 2 * column + np.array([0, 1, 0, 1])
         inside = (row < finer.rows) & (column < finer.columns)
-        return np.where(inside, row * finer.columns + column, NO_CHILD)
+        return np.where(inside, row * finer.columns + column, NO_CHILD).astype(np.int32)
 
     def paint(self, lit: IntArray) -> Pattern:
         """The picture in which some blocks are lit."""
-        on = np.zeros(self.count, np.bool_)
-        on[lit] = True
-        return np.asarray(on[self.labels])
-
-    def lit_share(self, pattern: Pattern) -> FloatArray:
-        """What part of each block a pattern lights: (blocks,)."""
-        return np.bincount(self.labels.ravel(), pattern.ravel(), self.count) / self.area
+        on = np.zeros((self.rows, self.columns), np.bool_)
+        on.ravel()[lit] = True
+        height, width = self.projector
+        across = np.repeat(on, self.side, axis=1)[:, :width]
+        return np.ascontiguousarray(np.repeat(across, self.side, axis=0)[:height])
 
 
 def grids(projector: tuple[int, int]) -> list[BlockGrid]:
@@ -86,11 +88,11 @@ class BlockLight:
     """
 
     grid: BlockGrid
-    camera: IntArray
-    block: IntArray
-    light: FloatArray
+    camera: Indices
+    block: Indices
+    light: NDArray[np.floating]
 
-    def select(self, which: NDArray[np.bool_] | IntArray) -> "BlockLight":
+    def select(self, which: NDArray[np.bool_] | IntArray | slice) -> "BlockLight":
         return BlockLight(self.grid, self.camera[which], self.block[which], self.light[which])
 
     def matrices(self, camera_pixels: int) -> tuple[Csr, ...]:
@@ -99,26 +101,12 @@ class BlockLight:
         return tuple(sparse.csr_array((self.light[:, i], (self.camera, self.block)), shape=shape) for i in range(3))
 
 
-class KnownLight:
-    """Light that is settled, of blocks of any size, so that it can be told from what is still being measured."""
-
-    def __init__(self, camera_pixels: int) -> None:
-        self._camera_pixels = camera_pixels
-        self.parts: list[BlockLight] = []
-        self._matrices: list[tuple[Csr, ...]] = []
-
-    def add(self, part: BlockLight) -> None:
-        if part.camera.size:
-            self.parts.append(part)
-            self._matrices.append(part.matrices(self._camera_pixels))
-
-    def seen(self, pattern: Pattern) -> FloatArray:
-        """What it adds to the capture of a pattern: (camera pixels, 3)."""
-        total = np.zeros((self._camera_pixels, 3))
-        for part, matrices in zip(self.parts, self._matrices, strict=True):
-            share = part.grid.lit_share(pattern)
-            total += np.stack([T @ share for T in matrices], axis=1)
-        return total
+def joined(parts: Sequence[BlockLight]) -> BlockLight:
+    """Light of blocks of one grid, one part after the other."""
+    camera, block, light = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("camera", "block", "light")
+    )
+    return BlockLight(parts[0].grid, camera, block, light)
 
 
 def sum_by_camera(parts: Sequence[BlockLight], camera_pixels: int) -> FloatArray:
@@ -152,15 +140,14 @@ def as_transport(parts: Sequence[BlockLight], camera_pixels: int) -> Transport:
     fine = [part for part in parts if part.grid.side < least]
     coarse = [part for part in parts if part.grid.side >= least]
     cells = BlockGrid(projector, least)
-    spots = [part.camera * cells.count + _ancestor(part, cells) for part in fine if part.grid.side == 1]
+    spots = [_places(part, cells) for part in fine if part.grid.side == 1]
     beside = np.unique(np.concatenate([*spots, np.zeros(0, np.int64)]))
     near: list[BlockLight] = []
     for part in fine:
-        ancestor = _ancestor(part, cells)
-        close = np.isin(part.camera * cells.count + ancestor, beside)
+        close = np.isin(_places(part, cells), beside)
         near.append(part.select(close))
         away = part.select(~close)
-        coarse.append(BlockLight(cells, away.camera, ancestor[~close], away.light))
+        coarse.append(BlockLight(cells, away.camera, _ancestor(away, cells), away.light))
     coarse = [part for part in coarse if part.camera.size]
     far = _far_light(coarse, camera_pixels) if coarse else None
     return Transport.from_matrices(_spread(near, camera_pixels, projector), far)
@@ -178,6 +165,11 @@ def _ancestor(part: BlockLight, cells: BlockGrid) -> IntArray:
     row, column = np.divmod(part.block, part.grid.columns)
     scale = cells.side // part.grid.side
     return np.asarray(row // scale * cells.columns + column // scale)
+
+
+def _places(part: BlockLight, cells: BlockGrid) -> IntArray:
+    """A number for each camera pixel and cell."""
+    return part.camera * np.int64(cells.count) + _ancestor(part, cells)
 
 
 def _spread(parts: Sequence[BlockLight], camera_pixels: int, projector: tuple[int, int]) -> tuple[Csr, ...]:

@@ -14,22 +14,35 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from counterlight.arrays import FloatArray, IntArray
+from counterlight import memory
+from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.errors import InputError
-from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Pattern, Reference, Scheme
-from counterlight.tools.acquisition.schemes.agreement import Reading, agree, keep_measurable
+from counterlight.tools.acquisition.plan import (
+    Captures,
+    LazyPatterns,
+    Level,
+    Measured,
+    Noise,
+    Pattern,
+    Reference,
+    Scheme,
+)
+from counterlight.tools.acquisition.schemes.agreement import Reading, agree, keep_measurable, parts_of
 from counterlight.tools.acquisition.schemes.blocks import (
     NO_CHILD,
     BlockGrid,
     BlockLight,
-    KnownLight,
     as_transport,
     grids,
 )
+from counterlight.tools.acquisition.schemes.known import KnownLight, Quarter
 from counterlight.tools.acquisition.schemes.schedule import colour_graph, conflict_graph
 
 QUARTERS = 4
+BYTES_A_PARENT = 4 * (24 + 1 + 20) + 9  # its quarters' light, variance and mark, and what may become of them; its order
+FEWER = "give a higher --threshold, or let the camera give smaller pictures"
 
 
 @dataclass(frozen=True)
@@ -48,11 +61,15 @@ class Threshold:
         if self.absolute is not None and not 0 < self.absolute < float("inf"):
             raise InputError(f"--threshold {self.absolute:g}: expected a radiance above 0")
 
-    def of(self, room: Reference, background: FloatArray | float = 0.0) -> FloatArray:
-        """τ of a capture in which known light shines: `background` (…, 3) -> (…, 3)."""
+    def noise(self, room: Reference) -> Noise:
+        """τ as the standard deviation of a noise."""
         if self.absolute is not None:
-            return np.full(3, self.absolute)
-        return self.sigmas * room.noise.sigma(np.asarray(background, np.float64))
+            return Noise(np.full(3, self.absolute), np.zeros(3))
+        return Noise(self.sigmas * room.noise.dark, self.sigmas**2 * room.noise.gain)
+
+    def of(self, room: Reference, background: NDArray[np.floating] | float = 0.0) -> FloatArray:
+        """τ of a capture in which known light shines: `background` (…, 3) -> (…, 3)."""
+        return self.noise(room).sigma(np.asarray(background, np.float64))
 
 
 DEFAULT = Threshold()
@@ -83,7 +100,7 @@ class HierarchicalScheme:
 
     def __call__(self, room: Reference, projector: tuple[int, int]) -> Scheme:
         levels = grids(projector)
-        known = KnownLight(len(room.light))
+        known = KnownLight(len(room.light), projector)
         root = active = floodlit_block(room, levels[0], self.threshold)
         before = room
         notes, readings = [], []
@@ -95,7 +112,7 @@ class HierarchicalScheme:
             now = room.averaged(captures.repeats)
             reading = self._read(now, before, active, schedule, captures, known)
             before = now
-            active, settled = keep_measurable(active, np.maximum(reading.light, 0), reading.lit, reading.rest)
+            active, settled = keep_measurable(active, reading.light, reading.lit, reading.rest)
             for part in settled:
                 known.add(part)
             readings.append(reading)
@@ -120,30 +137,41 @@ class HierarchicalScheme:
         colour_of = np.zeros(parents.grid.count, np.int64)
         for colour, blocks in enumerate(schedule.blocks):
             colour_of[blocks] = colour
+        memory.check(BYTES_A_PARENT * parents.camera.size, f"reading {parents.camera.size} connections", FEWER)
         order = np.argsort(colour_of[parents.block], kind="stable")
-        ends = np.searchsorted(colour_of[parents.block][order], np.arange(len(schedule.blocks) + 1))
-        exists = parents.grid.children[parents.block] != NO_CHILD
-        quarters = np.zeros((parents.camera.size, QUARTERS, 3), np.float32)
-        variance = np.zeros((parents.camera.size, QUARTERS, 3), np.float32)
-        lit = np.zeros((parents.camera.size, QUARTERS), np.bool_)
+        ends = np.searchsorted(colour_of[parents.block], np.arange(len(schedule.blocks) + 1), sorter=order)
+        exists = parents.grid.children != NO_CHILD
+        shape = parents.camera.size, QUARTERS
+        quarters, variance = (np.zeros((*shape, 3), np.float32) for _ in range(2))
+        lit, least = np.zeros(shape, np.bool_), self.threshold.noise(room)
         for index, (colour, quarter) in enumerate(zip(schedule.colour, schedule.quarter, strict=True)):
             entries = order[ends[colour] : ends[colour + 1]]
-            entries = entries[exists[entries, quarter]]
-            camera = parents.camera[entries]
-            background = known.seen(schedule.paint(index))
-            light = (room.above_black(captures[index]) - background)[camera]
-            quarters[entries, quarter] = light
-            variance[entries, quarter] = room.noise.sigma(np.maximum(light, 0) + background[camera]) ** 2
-            lit[entries, quarter] = np.any(light >= self.threshold.of(room, background[camera]), axis=1)
-        # A parent and the sum of its quarters both have noise.
-        tau = np.hypot(*(self.threshold.of(each, parents.light) for each in (before, room)))
-        rest = parents.light - np.sum(np.maximum(quarters, 0) * lit[..., None], axis=1)
-        return Reading(quarters, variance, lit, np.any(rest >= tau, axis=1))
+            entries = entries[exists[parents.block[entries], quarter]]
+            to = Quarter(parents.camera, entries, quarters[:, quarter], variance[:, quarter], lit[:, quarter])
+            known.read(schedule.paint(index), captures[index], room.black, room.noise, least, to)
+        return Reading(quarters, variance, lit, self._rest(room, before, parents, quarters, lit))
+
+    def _rest(
+        self,
+        room: Reference,
+        before: Reference,
+        parents: BlockLight,
+        quarters: NDArray[np.float32],
+        lit: BoolArray,
+    ) -> BoolArray:
+        """Whether what the lit quarters leave of each parent is measurable: a parent and their sum both have noise."""
+        found = np.zeros(parents.camera.size, np.bool_)
+        for part in parts_of(found.size):
+            light = parents.light[part]
+            tau = np.hypot(*(self.threshold.of(each, light) for each in (before, room)))
+            rest = light - np.sum(np.maximum(quarters[part], 0) * lit[part, :, None], axis=1)
+            found[part] = np.any(rest >= tau, axis=1)
+        return found
 
 
 def floodlit_block(room: Reference, grid: BlockGrid, threshold: Threshold) -> BlockLight:
     """Level 0: the camera pixels that the floodlight raises by τ."""
-    camera = np.flatnonzero(np.any(room.light >= threshold.of(room), axis=1))
+    camera = np.flatnonzero(np.any(room.light >= threshold.of(room), axis=1)).astype(np.int32)
     return BlockLight(grid, camera, np.zeros_like(camera), np.maximum(room.light[camera], 0))
 
 

@@ -24,11 +24,11 @@ from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, M
 from counterlight.tools.acquisition.schemes.blocks import (
     BlockGrid,
     BlockLight,
-    KnownLight,
     as_transport,
     fit_to_composition,
 )
 from counterlight.tools.acquisition.schemes.codes import code_length, s_inverse, s_matrix
+from counterlight.tools.acquisition.schemes.known import KnownLight
 from counterlight.tools.acquisition.schemes.stripes import Stripe, locate, stripes
 
 STRIPE_CELL = 2  # projector pixels: half of the least tile, so that cell and place in the tile agree on one window
@@ -152,7 +152,7 @@ class CodedBlocks:
 
     def decode(self, room: Reference, captures: Captures, near: BlockLight) -> BlockLight:
         """Light of each block in each camera pixel, the near light subtracted."""
-        known = KnownLight(len(room.light))
+        known = KnownLight(len(room.light), self.grid.projector)
         known.add(near)
         patterns = self.patterns
         total = _solve(room, captures, self.code, self.grid.count, lambda i: known.seen(patterns[i]))

@@ -1,0 +1,141 @@
+"""Light that is settled, of blocks of any size, and what a capture shows beside it: compiled, a picture's work."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from counterlight.arrays import BoolArray, FloatArray
+from counterlight.maps.products import compiled
+from counterlight.maps.row_map import SparseRows, beside_each_other
+from counterlight.tools.acquisition.plan import Noise, Pattern
+from counterlight.tools.acquisition.schemes.blocks import BlockLight, grids
+
+MANY = 1 << 14  # entries that are worth all cores
+
+
+@dataclass(frozen=True)
+class Quarter:
+    """One quarter of some blocks, as a picture lights it, and where what is read of it goes.
+
+    entries : which of `camera` see it.  light, variance : (parents, 3), float32.  lit : (parents,), measurable.
+    """
+
+    camera: NDArray[np.integer]
+    entries: NDArray[np.integer]
+    light: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    lit: BoolArray
+
+
+class KnownLight:
+    """Light that is settled, so that it can be told from what is still being measured.
+
+    Columns are the blocks of all sizes, the largest first.
+    """
+
+    def __init__(self, camera_pixels: int, projector: tuple[int, int]) -> None:
+        self._grids = grids(projector)
+        ends = np.cumsum([grid.count for grid in self._grids])
+        self._starts = {grid.side: int(end) - grid.count for grid, end in zip(self._grids, ends, strict=True)}
+        self._finest = self._grids[0].side
+        none = np.zeros(camera_pixels + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 3), np.float32)
+        self._rows = SparseRows(*none, int(ends[-1]))
+
+    def add(self, part: BlockLight) -> None:
+        """Light whose camera pixels ascend."""
+        if not part.camera.size:
+            return
+        counts = np.bincount(part.camera, minlength=self._rows.shape[0])
+        indices = (part.block + self._starts[part.grid.side]).astype(np.int32)
+        light = part.light.astype(np.float32, copy=False)
+        rows = SparseRows(np.concatenate([[0], np.cumsum(counts)]), indices, light, self._rows.columns)
+        self._rows = beside_each_other(replace(self._rows, columns=0), rows)  # the same columns
+        self._finest = min(self._finest, part.grid.side)
+
+    def seen(self, pattern: Pattern) -> FloatArray:
+        """What it adds to the capture of a pattern: (camera pixels, 3)."""
+        return self._rows.apply(np.repeat(self._shares(pattern)[:, None], 3, axis=1))
+
+    def read(
+        self,
+        pattern: Pattern,
+        capture: NDArray[np.floating],
+        black: FloatArray,
+        noise: Noise,
+        least: Noise,
+        to: Quarter,
+    ) -> None:
+        """What a capture of a pattern shows above black and above what is known.
+
+        capture, black : (camera height, camera width, 3).  noise : of a capture.  least : τ as a noise.
+        """
+        rows, limits = self._rows, np.stack([noise.dark**2, noise.gain, least.dark**2, least.gain])
+        _READ[to.entries.size >= MANY](
+            rows.indptr,
+            rows.indices,
+            rows.weights,
+            self._shares(pattern),
+            capture.reshape(-1, 3),
+            black.reshape(-1, 3),
+            limits,
+            to.camera,
+            to.entries,
+            to.light,
+            to.variance,
+            to.lit,
+        )
+
+    def _shares(self, pattern: Pattern) -> FloatArray:
+        """What part of each block a pattern lights, (columns,); 0 for blocks smaller than any that is known."""
+        shares, counts = np.zeros(self._rows.columns), _counts(pattern)
+        for grid in reversed(self._grids):
+            count = next(counts)
+            if grid.side >= self._finest:
+                start = self._starts[grid.side]
+                np.divide(count.ravel(), grid.area, out=shares[start : start + grid.count])
+        return shares
+
+
+def _counts(pattern: Pattern) -> Iterator[NDArray[np.integer]]:
+    """Lit pixels of each block of 1, 2, 4 … pixels a side, (rows, columns)."""
+    counts: NDArray[np.integer] = pattern.view(np.uint8)
+    while True:
+        yield counts
+        padded = np.pad(counts, [(0, size % 2) for size in counts.shape])
+        pairs = padded[0::2] + padded[1::2]
+        counts = (pairs[:, 0::2] + pairs[:, 1::2]).astype(np.int32, copy=False)
+
+
+def _read(
+    indptr: NDArray[np.integer],
+    indices: NDArray[np.integer],
+    weights: NDArray[np.floating],
+    share: FloatArray,
+    capture: NDArray[np.floating],
+    black: FloatArray,
+    limits: FloatArray,
+    camera: NDArray[np.integer],
+    entries: NDArray[np.integer],
+    light: NDArray[np.float32],
+    variance: NDArray[np.float32],
+    lit: BoolArray,
+) -> None:
+    """limits : (4, 3), dark² and gain of the noise, and of τ."""
+    for n in numba.prange(entries.size):
+        entry = entries[n]
+        pixel, bright = camera[entry], False
+        for c in range(3):
+            background = 0.0
+            for k in range(indptr[pixel], indptr[pixel + 1]):
+                background += weights[k, c] * share[indices[k]]
+            found = capture[pixel, c] - black[pixel, c] - background
+            light[entry, c] = found
+            variance[entry, c] = limits[0, c] + limits[1, c] * (max(found, 0.0) + background)
+            bright = bright or found >= np.sqrt(limits[2, c] + limits[3, c] * background)
+        lit[entry] = bright
+
+
+_READ = compiled(_read)
