@@ -1,7 +1,7 @@
 """What pictures lose, in decibels of the camera's picture, if they are compensated by a factored T instead of by T.
 
-Three pictures ask for what far light spoils most: a photograph, a view whose right half alone is lit, and spots on
-black. With p' the best drive by the factored T' and p the best by T, the loss is E(p') − E(p) in decibels, E the mean
+Four pictures ask for what far light spoils most: a photograph, a view whose right half alone is lit, spots on black, and
+a soft picture, which can be shown so well that the least wrong light is seen. With p' the best drive by the factored T' and p the best by T, the loss is E(p') − E(p) in decibels, E the mean
 square of T p − b relative to white over the camera pixels that count. To first order it is at most what the light
 T p' − T' p' that is wrong adds to E; `Pictures.losses` says that of many candidates at once, `measured` what it is.
 """
@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.pipeline.refinement import OVER_RELAXATION, momentum
 from counterlight.tools.factoring import passes
-from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.inverse.pictures import soft_picture, typical_pictures
 from counterlight.tools.transport.transport import Shape, Transport
 
-NAMES = ("photograph", "half", "spots")
+NAMES = ("photograph", "half", "spots", "soft")
 SPOTS = 6  # along the longer side
 STEPS, MORE = 80, 40
 DARKEST = 1e-6  # E that counts as none: 60 dB below white, half a code value of eight bits
@@ -100,11 +100,11 @@ def each_picture(apply: Callable[[FloatArray], FloatArray], light: FloatArray) -
     return np.stack([apply(np.ascontiguousarray(light[..., i])) for i in range(light.shape[2])], axis=-1)
 
 
-def _drawn(shape: Shape) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _drawn(shape: Shape) -> tuple[FloatArray, ...]:
     """Grey pictures (height, width), 0..1, in the order of NAMES."""
     half = np.zeros(shape)
     half[:, shape[1] // 2 :] = 1
     apart = max(shape) / SPOTS
     y, x = ((np.arange(side) + 0.5) % apart - apart / 2 for side in shape)
     spots = np.where(np.hypot(y[:, None], x) < max(apart / 8, 1), 1.0, 0.0)
-    return typical_pictures(shape)[0], half, spots
+    return typical_pictures(shape)[0], half, spots, soft_picture(shape)
