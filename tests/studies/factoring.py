@@ -81,7 +81,8 @@ def main() -> None:
         f"{PATHS} paths a pixel": traced(whole, rng),
     }
     print(
-        "| corner | camera, projector | entries | near | far | CPU s | below the optimum, dB: photograph, half, spots, soft |"
+        "| corner | camera, projector | entries | near | far | CPU s "
+        "| below the optimum, dB: photograph, half, spots, soft |"
     )
     print("|---|---|---|---|---|---|---|")
     factored(radiosity_corner(0.2), np.zeros((24, 32, 3)))  # compiles

@@ -1,9 +1,10 @@
 """What pictures lose, in decibels of the camera's picture, if they are compensated by a factored T instead of by T.
 
-Four pictures ask for what far light spoils most: a photograph, a view whose right half alone is lit, spots on black, and
-a soft picture, which can be shown so well that the least wrong light is seen. With p' the best drive by the factored T' and p the best by T, the loss is E(p') − E(p) in decibels, E the mean
-square of T p − b relative to white over the camera pixels that count. To first order it is at most what the light
-T p' − T' p' that is wrong adds to E; `Pictures.losses` says that of many candidates at once, `measured` what it is.
+Four pictures ask for what far light spoils most: a photograph, a view whose right half alone is lit, spots on black,
+and a soft picture, which can be shown so well that the least wrong light is seen. With p' the best drive by the
+factored T' and p the best by T, the loss is E(p') − E(p) in decibels, E the mean square of T p − b relative to
+white over the camera pixels that count. To first order it is at most what the light T p' − T' p' that is wrong adds to
+E; `Pictures.losses` says that of many candidates at once, `measured` what it is.
 """
 
 from collections.abc import Callable

@@ -131,7 +131,7 @@ class SimulatedEye:
 
     timed = False
 
-    def __init__(self, room: SimulatedRoom, settings: CameraSettings, screen: VisibleScreen, unit: float) -> None:
+    def __init__(self, room: SimulatedRoom, settings: CameraSettings, screen: VisibleScreen, unit: float = 1.0) -> None:
         self._room, self._settings, self._screen, self._unit = room, settings, screen, unit
         self._pictures = deque([screen.look()], settings.lag + 1)
         self._rng, self._time = np.random.default_rng(settings.seed), 1.0
