@@ -53,8 +53,11 @@ class _DistortedProjector(_Distorted, Projector):
 
 def distorted(scene: Scene) -> Scene:
     """The scene with lenses that bend; InputError for one that does not fill its own picture."""
-    camera = _DistortedCamera(**_described(scene.camera))
-    projector = _DistortedProjector(**_described(scene.projector))
+    camera, projector = scene.camera, scene.projector
+    if any(camera.distortion):
+        camera = _DistortedCamera(**_described(camera))
+    if any(projector.distortion):
+        projector = _DistortedProjector(**_described(projector))
     for name, device in (("camera", camera), ("projector", projector)):
         _check(device, f"{scene.name}: [{name}], distortion")
     return replace(scene, camera=camera, projector=projector)
