@@ -30,7 +30,7 @@ LIMITS = np.array([1.0, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096])
 MARGINS = (2.0, 1.0, 0.5, 0.25, 0.12)  # of the tolerance, what may be estimated: more than what is lost, as a rule
 MOST_READ = 1 << 13  # pixels that lie between a node and its neighbours: half of a texture's row (maps/row_map.py)
 MOST_NODES = 1500  # they are mixed by a dense matrix
-BYTES_A_ROW, BYTES_A_SUM = 500, 96  # of either side: four pictures' light and textures; a thread's sums of four
+BYTES_A_ROW, BYTES_A_SUM = 600, 120  # of either side: five pictures' light and textures; a thread's sums of five
 BYTES_AN_ENTRY = 20  # half of T's entries again with what is explained, and two marks for each
 
 
