@@ -142,7 +142,15 @@ def test_a_capture_is_read_above_black_and_what_is_known(repeated: int, rng: np.
         np.flatnonzero(np.tile(np.arange(25) % 3 > 0, repeated)),
     )
     light, variance, lit = np.zeros((camera.size, 3), np.float32), np.zeros((camera.size, 3), np.float32), camera < 0
-    known.read(pattern, capture, black, noise, least, Quarter(camera, entries, light, variance, lit))
+    shares = known.shares(BlockGrid(PROJECTOR, 1), np.flatnonzero(pattern))
+    known.read(
+        shares,
+        capture.reshape(-1, 3),
+        black.reshape(-1, 3),
+        noise,
+        least,
+        Quarter(camera, entries, light, variance, lit),
+    )
     background = known.seen(pattern)
     expected = ((capture - black).reshape(-1, 3) - background)[camera[entries]]
     np.testing.assert_allclose(light[entries], expected, atol=1e-6)  # float32 of numbers up to 2

@@ -46,11 +46,12 @@ def _main(argv: Sequence[str] | None) -> None:
     from counterlight.tools.acquisition.acquired_room import Plan, acquire_room
     from counterlight.tools.acquisition.few.acquire import check_asked
     from counterlight.tools.acquisition.rig import open_rig
+    from counterlight.tools.acquisition.schemes.blocks import is_wide
     from counterlight.tools.acquisition.store import Wanted
     from counterlight.tools.report.acquired import write_acquisition_report
 
     output: Path = options.output
-    captures = options.captures or output.with_name(f"{output.name}.captures")
+    captures = options.captures = options.captures or output.with_name(f"{output.name}.captures")
     report_folder = options.report or output.with_name(f"{output.name}.report")
     make_scheme = None if options.pictures else _scheme(options)
     aim = _aim(options)
@@ -68,6 +69,8 @@ def _main(argv: Sequence[str] | None) -> None:
         findings = [] if options.no_preflight or wanted.reuse else _checked(camera)
         monitors = tuple(options.monitor) if len(projectors) > 1 else ()
         pictures = options.pictures or 0
+        if options.scheme == "hierarchical" and any(map(is_wide, projectors)):
+            decides["even"] = "whole"  # older versions cut all blocks, and asked for other pictures
         plan = Plan(
             options.scheme, make_scheme, projectors, decides, response, options.tolerance, monitors, pictures, aim
         )
@@ -141,7 +144,7 @@ def _scheme(options: argparse.Namespace) -> "MakeScheme":
 
     match options.scheme:
         case "hierarchical":
-            return HierarchicalScheme(_threshold(options))
+            return HierarchicalScheme(_threshold(options), options.captures.parent)
         case "multiplexed":
             return MultiplexedScheme(options.tile)
         case "pixels":

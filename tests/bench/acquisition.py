@@ -68,15 +68,15 @@ def picture() -> Iterator[object]:
         blocks = rng.integers(0, coarse.count, 3 * pixels).astype(np.int32)
         known.add(BlockLight(coarse, np.repeat(camera, 3), blocks, rng.random((3 * pixels, 3), np.float32)))
     lit, entries = rng.choice(grid.count, grid.count // 16, replace=False), np.flatnonzero(rng.random(pixels) < 0.25)
-    capture, black = rng.random((*raster, 3), np.float32), rng.random((*raster, 3))
+    capture, black = rng.random((pixels, 3), np.float32), rng.random((pixels, 3))
     light, variance = (np.zeros((pixels, 3), np.float32) for _ in range(2))
     to = Quarter(camera, entries, light, variance, np.zeros(pixels, np.bool_))
     noise = Noise(np.full(3, 0.1), np.full(3, 0.01))
     for name in ("first, with compiling", "second", "third"):
         yield stage(
-            f"{name}: painted, and {entries.size} connections read off the capture",
+            f"{name}: {entries.size} connections read off the capture",
             {},
-            lambda: known.read(grid.paint(lit), capture, black, noise, noise, to),
+            lambda: known.read(known.shares(grid, lit), capture, black, noise, noise, to),
         )
 
 

@@ -21,7 +21,7 @@ from typing import Protocol, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.arrays import BoolArray
+from counterlight.arrays import BoolArray, FloatArray
 from counterlight.command import LOG_INTERVAL_S, progress_bar
 from counterlight.errors import InputError
 from counterlight.raster import Region, Shape, side_by_side
@@ -40,6 +40,7 @@ from counterlight.tools.acquisition.plan import (
     Picture,
     Reference,
     Scheme,
+    mean_of,
     measure_noise,
 )
 from counterlight.tools.acquisition.ramps import ProjectorLight, light_level, measure_light
@@ -341,15 +342,16 @@ class _Part:
 def _reference(
     camera: Camera, store: Store, captures: Sequence[NDArray[np.float32]], part: _Part, parts: int
 ) -> Reference:
-    black, white = (
-        [np.asarray(captures[index], np.float64) for index in range(first, len(captures), parts + 1)]
-        for first in (0, part.number)
-    )
+    black, white = (LazyPatterns(REPEATS, partial(_every, captures, first, parts + 1)) for first in (0, part.number))
     saturated = camera.exposures.saturated(store.shots(part.number)) | camera.exposures.saturated(store.shots(0))
     noise = measure_noise(black, white)
-    room = Reference(np.mean(black, axis=0), np.mean(white, axis=0), noise, saturated, REPEATS)
+    room = Reference(mean_of(black), mean_of(white), noise, saturated, REPEATS)
     refuse_unusable(room, part.name)
     return room
+
+
+def _every(captures: Sequence[NDArray[np.float32]], first: int, apart: int, index: int) -> FloatArray:
+    return captures[first + index * apart].astype(np.float64)
 
 
 def refuse_unusable(room: Reference, name: str = "") -> None:

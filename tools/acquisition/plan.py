@@ -18,7 +18,7 @@ from counterlight.tools.transport.transport import Transport
 Pattern: TypeAlias = NDArray[np.bool_]  # (projector height, projector width), lit or dark: no response can bend it
 Codes: TypeAlias = NDArray[np.uint8]  # (projector height, projector width, 3), code values as the projector gets them
 Picture: TypeAlias = Pattern | Codes  # what a level shows
-Painted = TypeVar("Painted", bound=Picture, covariant=True)
+Painted = TypeVar("Painted", covariant=True)
 REPEATS = 16  # of black, floodlight and primaries; against 4, smooth pictures on a wall gain 5 dB for 24 pictures
 MAD_TO_SIGMA = 1.4826  # of a normal distribution
 
@@ -116,7 +116,7 @@ MakeScheme: TypeAlias = Callable[[Reference, tuple[int, int]], Scheme]  # the pr
 
 
 class LazyPatterns(Sequence[Painted]):
-    """Patterns that are painted when they are shown: a whole level of them would not fit into memory."""
+    """Pictures that are made when they are asked for: a whole level of them would not fit into memory."""
 
     def __init__(self, count: int, paint: Callable[[int], Painted]) -> None:
         self._count, self._paint = count, paint
@@ -152,19 +152,30 @@ def measure_noise(black: Sequence[FloatArray], floodlight: Sequence[FloatArray])
     The difference of two equal captures has twice the variance. The dark level is a median, so that a flickering
     corner does not count; it is at least what rounding to the camera's own steps adds, 1/√12 of a step.
     """
-    dark_changes, bright_changes = (_changes(pictures) for pictures in (black, floodlight))
-    steps = np.array([_least_step(floodlight[0][..., i]) for i in range(3)])
-    robust = MAD_TO_SIGMA * np.median(np.abs(dark_changes), axis=0)
-    dark = np.maximum(np.maximum(robust, np.std(dark_changes, axis=0) / 2), steps / np.sqrt(12))
-    light = np.maximum(np.mean(floodlight, axis=0) - np.mean(black, axis=0), 0).mean(axis=(0, 1))
-    excess = np.mean(bright_changes**2 - dark**2, axis=0)
+    first = floodlight[0]
+    steps = np.array([_least_step(first[..., i]) for i in range(3)])
+    spread = np.array([[MAD_TO_SIGMA * np.median(np.abs(each)), np.std(each) / 2] for each in _changes(black)])
+    dark = np.maximum(spread.max(axis=1), steps / np.sqrt(12))
+    light = np.maximum(mean_of(floodlight) - mean_of(black), 0).mean(axis=(0, 1))
+    excess = np.array([np.mean(each**2 - level**2) for each, level in zip(_changes(floodlight), dark, strict=True)])
     return Noise(dark, np.maximum(excess, 0) / np.maximum(light, np.finfo(float).tiny))
 
 
+def mean_of(pictures: Sequence[FloatArray]) -> FloatArray:
+    """With one of them in memory at a time."""
+    total = pictures[0]
+    for number in range(1, len(pictures)):
+        total = total + pictures[number]
+    return np.asarray(total / len(pictures))
+
+
 def _changes(pictures: Sequence[FloatArray]) -> FloatArray:
-    """Differences of successive captures / √2, which have the variance of one: (pixels of all, 3)."""
-    pairs = zip(pictures[0::2], pictures[1::2], strict=True)
-    return np.asarray(np.concatenate([(b - a).reshape(-1, 3) for a, b in pairs]) / np.sqrt(2))
+    """Differences of successive captures / √2, which have the variance of one: (3, pixels of all)."""
+    pairs = len(pictures) // 2
+    changes = np.empty((3, pairs, pictures[0][..., 0].size))
+    for pair in range(pairs):
+        changes[:, pair] = (pictures[2 * pair + 1] - pictures[2 * pair]).reshape(-1, 3).T / np.sqrt(2)
+    return changes.reshape(3, -1)
 
 
 def _least_step(values: FloatArray) -> float:

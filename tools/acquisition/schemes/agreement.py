@@ -99,9 +99,9 @@ def _share_what_is_missing(parents: BlockLight, reading: Reading) -> None:
         reading.light[part] = np.maximum(quarters.light + weight * missing[:, None], 0)
 
 
-def parts_of(count: int) -> Iterator[slice]:
+def parts_of(count: int, some: int = SOME) -> Iterator[slice]:
     """Entries some at a time, none once: what is made of all of them together would not fit into memory."""
-    return (slice(first, min(first + SOME, count)) for first in range(0, max(count, 1), SOME))
+    return (slice(first, min(first + some, count)) for first in range(0, max(count, 1), some))
 
 
 def keep_measurable(

@@ -5,7 +5,7 @@ Blocks at the right and lower edge are cut off by it, and squares wholly outside
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
 
@@ -14,14 +14,16 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from counterlight.arrays import FloatArray, IntArray
+from counterlight.maps.row_map import SparseRows, below_each_other
 from counterlight.tools.acquisition.plan import Pattern
-from counterlight.tools.transport.transport import Csr, FarLight, Transport
+from counterlight.tools.transport.transport import Csr, FarLight, Transport, stacked
 
 Indices: TypeAlias = NDArray[np.int32] | IntArray
 
 NO_CHILD = -1
 MOST_FAR_CELLS = 1500  # FarLight mixes cells by a dense matrix
 LEAST_FAR_SIDE = 4  # projector pixels
+WIDE, WIDE_SPREAD = 1 << 18, 4  # projector pixels; their side
 MOST_READ = 1 << 13  # camera pixels that one cell of far light is seen by; a texture's row holds twice as many
 
 
@@ -64,6 +66,12 @@ class BlockGrid:
         row, column = 2 * row + np.array([0, 0, 1, 1]), 2 * column + np.array([0, 1, 0, 1])
         inside = (row < finer.rows) & (column < finer.columns)
         return np.where(inside, row * finer.columns + column, NO_CHILD).astype(np.int32)
+
+    @property
+    def quarter_areas(self) -> IntArray:
+        """Projector pixels in each block's quarters, 0 where there is none: (blocks, 4)."""
+        area = BlockGrid(self.projector, self.side // 2).area
+        return np.where(self.children != NO_CHILD, area[self.children], 0)
 
     def paint(self, lit: IntArray) -> Pattern:
         """The picture in which some blocks are lit."""
@@ -129,28 +137,64 @@ def fit_to_composition(parts: Sequence[BlockLight], composition: FloatArray) -> 
 
 
 def as_transport(parts: Sequence[BlockLight], camera_pixels: int) -> Transport:
-    """T of a projector's pixels: light measured finely as near light, light known for blocks only as far light.
+    """T of a projector's pixels: light measured finely as near light, light known for blocks only as far light."""
+    transport = together([Seen.of(parts, camera_pixels)], parts[0].grid.projector)
+    return transport if transport.far is None else replace(transport, far=readable(transport.far))
 
-    There are at most 1500 such blocks, so smaller ones than some side have none of their own. Where the camera pixel
-    sees single pixels of the same cell, such a block is the rim of a spot and becomes near light, spread over its
-    pixels; elsewhere it is far light that happened to be measurable, and goes to its cell.
+
+@dataclass(frozen=True)
+class Seen:
+    """What some camera pixels see.
+
+    near : of projector pixels.  far : of `_senders`' blocks, the finest first.
     """
-    projector = parts[0].grid.projector
-    least = _least_cell(projector)
-    fine = [part for part in parts if part.grid.side < least]
-    coarse = [part for part in parts if part.grid.side >= least]
-    cells = BlockGrid(projector, least)
-    spots = [_places(part, cells) for part in fine if part.grid.side == 1]
-    beside = np.unique(np.concatenate([*spots, np.zeros(0, np.int64)]))
-    near: list[BlockLight] = []
-    for part in fine:
-        close = np.isin(_places(part, cells), beside)
-        near.append(part.select(close))
-        away = part.select(~close)
-        coarse.append(BlockLight(cells, away.camera, _ancestor(away, cells), away.light))
-    coarse = [part for part in coarse if part.camera.size]
-    far = _far_light(coarse, camera_pixels) if coarse else None
-    return Transport.from_matrices(_spread(near, camera_pixels, projector), far)
+
+    near: SparseRows
+    far: SparseRows
+
+    @classmethod
+    def of(cls, parts: Sequence[BlockLight], camera_pixels: int) -> "Seen":
+        """There are at most 1500 blocks of far light, so smaller ones than some side have none of their own.
+
+        Where the camera pixel sees single pixels of the same cell, such a block is the rim of a spot and becomes near
+        light, spread over its pixels, unless these are many; elsewhere it is far light that happened to be measurable,
+        and goes to its cell.
+        """
+        projector = parts[0].grid.projector
+        senders = _senders(projector)
+        cells = senders[0]
+        fine = [part for part in parts if part.grid.side < cells.side]
+        coarse = [part for part in parts if part.grid.side >= cells.side]
+        spots = [_places(part, cells) for part in fine if part.grid.side == 1]
+        beside = np.unique(np.concatenate([*spots, np.zeros(0, np.int64)]))
+        near: list[BlockLight] = []
+        for part in fine:
+            if part.grid.side > _most_spread(projector):
+                close = np.zeros(part.camera.size, np.bool_)
+            else:
+                close = np.isin(_places(part, cells), beside)
+            near.append(part.select(close))
+            away = part.select(~close)
+            coarse.append(BlockLight(cells, away.camera, _ancestor(away, cells), away.light))
+        return cls(stacked(_spread(near, camera_pixels, projector)), _sent(coarse, camera_pixels, senders))
+
+
+def together(bands: Sequence[Seen], projector: tuple[int, int]) -> Transport:
+    """T of camera pixels, band after band."""
+    far = below_each_other([band.far for band in bands])
+    return Transport(
+        below_each_other([band.near for band in bands]), _far_light(far, projector) if far.indices.size else None
+    )
+
+
+def _most_spread(projector: tuple[int, int]) -> int:
+    """The side of the largest blocks that are spread over their pixels; of a wide raster, few entries for each."""
+    return WIDE_SPREAD if is_wide(projector) else max(projector)
+
+
+def is_wide(projector: tuple[int, int]) -> bool:
+    """A raster of which a camera's pixels would see too many small blocks, were each of them followed."""
+    return projector[0] * projector[1] > WIDE
 
 
 def _least_cell(projector: tuple[int, int]) -> int:
@@ -181,29 +225,65 @@ def _spread(parts: Sequence[BlockLight], camera_pixels: int, projector: tuple[in
     return tuple(T.astype(np.float32) for T in near)
 
 
-def _far_light(parts: Sequence[BlockLight], camera_pixels: int) -> FarLight:
+def _senders(projector: tuple[int, int]) -> list[BlockGrid]:
+    """The blocks that far light may come from, the smallest first."""
+    least = _least_cell(projector)
+    return [grid for grid in reversed(grids(projector)) if grid.side >= least]
+
+
+def _sent(parts: Sequence[BlockLight], camera_pixels: int, senders: Sequence[BlockGrid]) -> SparseRows:
+    """Light of the senders' blocks: (camera pixels, blocks of all)."""
+    ends = np.cumsum([grid.count for grid in senders])
+    first = {grid.side: int(end) - grid.count for grid, end in zip(senders, ends, strict=True)}
+    shape = camera_pixels, int(ends[-1])
+    if not parts:
+        return SparseRows(np.zeros(camera_pixels + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 3)), shape[1])
+    camera, light = (np.concatenate([getattr(part, name) for part in parts]) for name in ("camera", "light"))
+    block = np.concatenate([part.block + first[part.grid.side] for part in parts])
+    return stacked([sparse.csr_array((light[:, i], (camera, block)), shape=shape) for i in range(3)])
+
+
+def _far_light(sent: SparseRows, projector: tuple[int, int]) -> FarLight:
     """U M D: D averages the drive over the finest blocks, M makes of them the blocks that send, U is what each sends.
 
-    Cells are the finest blocks first, which only gather, and then the senders, which only scatter. A block that more
-    than 8192 camera pixels see becomes several senders, so that no row of Uᵀ is too long for a texture.
+    Cells are the finest blocks first, which only gather, and then the senders, which only scatter.
     """
-    finest = min((part.grid for part in parts), key=lambda grid: grid.side)
-    sizes = sorted({part.grid for part in parts}, key=lambda grid: grid.side)
-    first = dict(zip(sizes, np.cumsum([0, *(grid.count for grid in sizes)]), strict=False))
-    shares = sparse.csr_array(sparse.vstack([_cell_shares(grid, finest) for grid in sizes]))
-    camera, light = (np.concatenate([getattr(part, name) for part in parts]) for name in ("camera", "light"))
-    block = np.concatenate([part.block + first[part.grid] for part in parts])
-    order = np.lexsort((camera, block))
-    camera, block, light = camera[order], block[order], light[order]
-    rank = np.arange(block.size) - np.searchsorted(block, block)
-    senders, sender = np.unique(np.stack([block, rank // MOST_READ]), axis=1, return_inverse=True)
-    gathering, cells = finest.count, finest.count + senders.shape[1]
+    senders = _senders(projector)
+    used = np.flatnonzero(np.bincount(sent.indices, minlength=sent.columns))
+    ends = np.cumsum([grid.count for grid in senders])
+    finest = senders[int(np.searchsorted(ends, used[0], side="right"))]
+    shares = sparse.csr_array(sparse.vstack([_cell_shares(grid, finest) for grid in senders]))
+    gathering, cells = finest.count, finest.count + used.size
     mix = np.zeros((cells, cells))
-    mix[gathering:, :gathering] = shares[senders[0]].toarray()
-    D = sparse.csr_array(sparse.vstack([_averages(finest), sparse.csr_array((senders.shape[1], finest.labels.size))]))
-    places = camera, gathering + sender.ravel()
-    U = tuple(sparse.csr_array((light[:, i], places), shape=(camera_pixels, cells)) for i in range(3))
-    return FarLight.from_matrices([D] * 3, np.stack([mix] * 3), U)
+    mix[gathering:, :gathering] = shares[used].toarray()
+    D = sparse.csr_array(sparse.vstack([_averages(finest), sparse.csr_array((used.size, finest.labels.size))]))
+    place = np.zeros(sent.columns, np.int32)
+    place[used] = np.arange(gathering, cells)
+    U = replace(sent, indices=place[sent.indices], columns=cells)
+    return FarLight(stacked([D] * 3), np.stack([mix] * 3), U)
+
+
+def readable(far: FarLight) -> FarLight:
+    """A cell that more than 8192 camera pixels see becomes several, so that no row of Uᵀ is too long for a texture."""
+    U = far.scatter
+    order = np.argsort(U.indices, kind="stable")
+    block = U.indices[order]
+    rank = np.empty(block.size, np.int64)
+    rank[order] = np.arange(block.size) - np.searchsorted(block, block)
+    parts = np.maximum(-(-np.bincount(U.indices, minlength=U.columns) // MOST_READ), 1)
+    cells = int(parts.sum())
+    if cells == U.columns:
+        return far
+    of = np.repeat(np.arange(U.columns), parts)  # each new cell's old one
+    place = np.concatenate([[0], np.cumsum(parts)])[U.indices] + rank // MOST_READ
+    mix = np.zeros((3, cells, cells))
+    first = np.flatnonzero(np.diff(of, prepend=-1))  # what gathers is not split: all that it gives, its first cell has
+    mix[:, :, first] = far.mix[:, of]
+    D = far.gather
+    lengths = np.zeros(cells, np.int64)
+    lengths[first] = D.lengths
+    gather = replace(D, indptr=np.concatenate([[0], np.cumsum(lengths)]))
+    return FarLight(gather, mix, replace(U, indices=place.astype(np.int32), columns=cells))
 
 
 def _cell_shares(grid: BlockGrid, cells: BlockGrid) -> Csr:

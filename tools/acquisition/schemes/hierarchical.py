@@ -11,10 +11,15 @@ spread over its area, so that 1/s² would do for blocks that are cut; but a lowe
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
+from operator import add
+from pathlib import Path
+from tempfile import gettempdir
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from counterlight import memory
 from counterlight.arrays import BoolArray, FloatArray, IntArray
@@ -29,18 +34,22 @@ from counterlight.tools.acquisition.plan import (
     Reference,
     Scheme,
 )
-from counterlight.tools.acquisition.schemes.agreement import Reading, agree, keep_measurable, parts_of
+from counterlight.tools.acquisition.schemes.agreement import Reading, agree, parts_of
+from counterlight.tools.acquisition.schemes.bands import PIXELS, Band, at_once
 from counterlight.tools.acquisition.schemes.blocks import (
     NO_CHILD,
     BlockGrid,
     BlockLight,
-    as_transport,
+    Seen,
     grids,
+    is_wide,
+    together,
 )
-from counterlight.tools.acquisition.schemes.known import KnownLight, Quarter
+from counterlight.tools.acquisition.schemes.known import Quarter
 from counterlight.tools.acquisition.schemes.schedule import colour_graph, conflict_graph
 
 QUARTERS = 4
+FAINT, UNEVEN = 0.03, 0.001  # of the floodlight: a block that gives less is not cut for what its quarters differ by
 BYTES_A_PARENT = 4 * (24 + 1 + 20) + 9  # its quarters' light, variance and mark, and what may become of them; its order
 FEWER = "give a higher --threshold, or let the camera give smaller pictures"
 
@@ -88,8 +97,21 @@ class Quarters:
     quarter: IntArray
 
     def paint(self, index: int) -> Pattern:
+        finer, lit = self.lit(index)
+        return finer.paint(lit)
+
+    def lit(self, index: int) -> tuple[BlockGrid, IntArray]:
+        """What a pattern lights, blocks of half the side."""
         children = self.grid.children[self.blocks[self.colour[index]], self.quarter[index]]
-        return BlockGrid(self.grid.projector, self.grid.side // 2).paint(children[children != NO_CHILD])
+        return BlockGrid(self.grid.projector, self.grid.side // 2), children[children != NO_CHILD]
+
+    @cached_property
+    def colour_of(self) -> NDArray[np.int32]:
+        """Of each of the grid's blocks, 0 for those that nobody sees."""
+        colours = np.zeros(self.grid.count, np.int32)
+        for colour, blocks in enumerate(self.blocks):
+            colours[blocks] = colour
+        return colours
 
 
 @dataclass(frozen=True)
@@ -97,59 +119,84 @@ class HierarchicalScheme:
     """The plain scheme; call it with a room and a projector's (height, width)."""
 
     threshold: Threshold = DEFAULT
+    scratch: Path | None = None
 
     def __call__(self, room: Reference, projector: tuple[int, int]) -> Scheme:
         levels = grids(projector)
-        known = KnownLight(len(room.light), projector)
-        root = active = floodlit_block(room, levels[0], self.threshold)
+        bands = self._bands(room, levels[0])
         before = room
-        notes, readings = [], []
+        notes = []
         for depth, grid in enumerate(levels[1:], 1):
-            schedule = schedule_quarters(active)
+            schedule = schedule_quarters([band.active for band in bands])
             name = f"blocks of {grid.side} px"
             patterns = LazyPatterns(len(schedule.colour), schedule.paint)
             captures = yield Level(name, patterns, len(levels) - 1 - depth, cover=1, share=grid.side**-0.5)
             now = room.averaged(captures.repeats)
-            reading = self._read(now, before, active, schedule, captures, known)
+            self._read(now, before, bands, schedule, captures)
             before = now
-            active, settled = keep_measurable(active, reading.light, reading.lit, reading.rest)
-            for part in settled:
-                known.add(part)
-            readings.append(reading)
-            notes.append(f"{name}: {len(patterns)} pictures, {active.camera.size} connections measured")
+            found = sum(band.active.camera.size for band in bands)
+            notes.append(f"{name}: {len(patterns)} pictures, {found} connections measured")
+        seen = [self._solved(room, bands.pop(0)) for _ in range(len(bands))]  # each goes as it is solved
+        return Measured(together(seen, projector), tuple(notes))
+
+    def _bands(self, room: Reference, grid: BlockGrid) -> list[Band]:
+        light, tau = room.light, self.threshold.of(room)
+        parts = list(parts_of(len(light), PIXELS))
+        scratch = self.scratch or Path(gettempdir())
+        return [
+            Band(part, floodlit_block(light[part], grid, tau), scratch if len(parts) > 1 else None) for part in parts
+        ]
+
+    def _solved(self, room: Reference, band: Band) -> Seen:
+        root = band.root
         variance = (room.noise.sigma(root.light) ** 2 + room.noise.dark**2) / room.repeats
-        parts = agree(root, variance, readings)
-        return Measured(as_transport(parts, len(room.light)), tuple(notes))
+        parts = agree(root, variance, band.readings.taken())
+        return Seen.of([replace(part, light=part.light.astype(np.float32)) for part in parts], band.count)
 
     def _read(
-        self,
-        room: Reference,
-        before: Reference,
-        parents: BlockLight,
-        schedule: Quarters,
-        captures: Captures,
-        known: KnownLight,
-    ) -> Reading:
-        """Read the quarters' light off the captures, and what of it is measurable.
+        self, room: Reference, before: Reference, bands: Sequence[Band], schedule: Quarters, captures: Captures
+    ) -> None:
+        """Read the quarters' light off the captures, and settle what of it is not measurable.
 
         room, before : of these captures, and of those that the parents were read off.
         """
-        colour_of = np.zeros(parents.grid.count, np.int64)
-        for colour, blocks in enumerate(schedule.blocks):
-            colour_of[blocks] = colour
-        memory.check(BYTES_A_PARENT * parents.camera.size, f"reading {parents.camera.size} connections", FEWER)
-        order = np.argsort(colour_of[parents.block], kind="stable")
-        ends = np.searchsorted(colour_of[parents.block], np.arange(len(schedule.blocks) + 1), sorter=order)
-        exists = parents.grid.children != NO_CHILD
-        shape = parents.camera.size, QUARTERS
-        quarters, variance = (np.zeros((*shape, 3), np.float32) for _ in range(2))
-        lit, least = np.zeros(shape, np.bool_), self.threshold.noise(room)
+        for some in at_once(bands):
+            self._settle(room, before, some, schedule, captures)
+
+    def _settle(
+        self, room: Reference, before: Reference, bands: Sequence[Band], schedule: Quarters, captures: Captures
+    ) -> None:
+        for band, found in zip(bands, self._found(room, bands, schedule, captures), strict=True):
+            if is_wide(schedule.grid.projector):
+                found.lit &= ~self._even(room.light[band.pixels], band.active, found)[:, None]
+            rest = self._rest(room, before, band.active, found.quarters, found.lit)
+            band.settle(Reading(found.quarters, found.variance, found.lit, rest))
+
+    def _found(self, room: Reference, bands: Sequence[Band], schedule: Quarters, captures: Captures) -> "list[_Found]":
+        found = [_Found.of(band, schedule) for band in bands]
+        least, black = self.threshold.noise(room), room.black.reshape(-1, 3)
         for index, (colour, quarter) in enumerate(zip(schedule.colour, schedule.quarter, strict=True)):
-            entries = order[ends[colour] : ends[colour + 1]]
-            entries = entries[exists[parents.block[entries], quarter]]
-            to = Quarter(parents.camera, entries, quarters[:, quarter], variance[:, quarter], lit[:, quarter])
-            known.read(schedule.paint(index), captures[index], room.black, room.noise, least, to)
-        return Reading(quarters, variance, lit, self._rest(room, before, parents, quarters, lit))
+            capture = captures[index].reshape(-1, 3)
+            shares = bands[0].known.shares(*schedule.lit(index))
+            for band, each in zip(bands, found, strict=True):
+                to = each.of_colour(colour, quarter)
+                band.known.read(shares, capture[band.pixels], black[band.pixels], room.noise, least, to)
+        return found
+
+    def _even(self, flood: FloatArray, parents: BlockLight, found: "_Found") -> BoolArray:
+        """Whether a parent is faint and its quarters do not tell that any part of it gives more than another.
+
+        Smooth far light is that, and most of what a camera pixel sees.  flood : T·1, (camera pixels, 3).
+        """
+        even, area = np.zeros(parents.camera.size, np.bool_), parents.grid.quarter_areas
+        shares = area / area.sum(axis=1, keepdims=True)
+        for part in parts_of(even.size):
+            light, share = found.quarters[part].astype(np.float64), shares[parents.block[part]]
+            whole, white = light.sum(axis=1), np.maximum(flood[parents.camera[part]], 0)
+            off = np.abs(light - share[..., None] * whole[:, None])
+            tau = np.maximum(self.threshold.sigmas * np.sqrt(found.variance[part]), UNEVEN * white[:, None])
+            even[part] = np.all(whole <= FAINT * white, axis=1) & np.all(off <= tau, axis=(1, 2))
+        return even
 
     def _rest(
         self,
@@ -169,18 +216,55 @@ class HierarchicalScheme:
         return found
 
 
-def floodlit_block(room: Reference, grid: BlockGrid, threshold: Threshold) -> BlockLight:
-    """Level 0: the camera pixels that the floodlight raises by τ."""
-    camera = np.flatnonzero(np.any(room.light >= threshold.of(room), axis=1)).astype(np.int32)
-    return BlockLight(grid, camera, np.zeros_like(camera), np.maximum(room.light[camera], 0))
+class _Found:
+    """What a level's captures tell of a band's parents.
+
+    quarters, variance : (entries, 4, 3).  lit : (entries, 4), measurable.
+    """
+
+    def __init__(self, parents: BlockLight, order: IntArray, ends: IntArray) -> None:
+        self._parents, self._order, self._ends = parents, order, ends
+        self._exists = parents.grid.children != NO_CHILD
+        shape = parents.camera.size, QUARTERS
+        self.quarters, self.variance = (np.zeros((*shape, 3), np.float32) for _ in range(2))
+        self.lit = np.zeros(shape, np.bool_)
+
+    @classmethod
+    def of(cls, band: Band, schedule: Quarters) -> "_Found":
+        parents = band.active
+        memory.check(BYTES_A_PARENT * parents.camera.size, f"reading {parents.camera.size} connections", FEWER)
+        colours = schedule.colour_of[parents.block]
+        order = np.argsort(colours, kind="stable")
+        return cls(parents, order, np.searchsorted(colours, np.arange(len(schedule.blocks) + 1), sorter=order))
+
+    def of_colour(self, colour: int, quarter: int) -> Quarter:
+        """One quarter of the blocks of a colour."""
+        entries = self._order[self._ends[colour] : self._ends[colour + 1]]
+        entries = entries[self._exists[self._parents.block[entries], quarter]]
+        return Quarter(
+            self._parents.camera, entries, self.quarters[:, quarter], self.variance[:, quarter], self.lit[:, quarter]
+        )
 
 
-def schedule_quarters(parents: BlockLight) -> Quarters:
-    """Colour the conflict graph of the blocks that are seen, and show the quarters of each colour in turn."""
-    used, local = np.unique(parents.block, return_inverse=True)
-    colours = colour_graph(conflict_graph(parents.camera, local, used.size))
+def floodlit_block(light: FloatArray, grid: BlockGrid, tau: FloatArray) -> BlockLight:
+    """Level 0: the camera pixels that the floodlight raises by τ; light : (camera pixels, 3)."""
+    camera = np.flatnonzero(np.any(light >= tau, axis=1)).astype(np.int32)
+    return BlockLight(grid, camera, np.zeros_like(camera), np.maximum(light[camera], 0))
+
+
+def schedule_quarters(parents: Sequence[BlockLight]) -> Quarters:
+    """Colour the conflict graph of the blocks that are seen, and show the quarters of each colour in turn.
+
+    parents : of each band.
+    """
+    grid = parents[0].grid
+    used = np.flatnonzero(sum(np.bincount(band.block, minlength=grid.count) for band in parents))
+    place = np.zeros(grid.count, np.int32)
+    place[used] = np.arange(used.size)
+    graph = reduce(add, (conflict_graph(band.camera, place[band.block], used.size) for band in parents))
+    colours = colour_graph(sparse.csr_array(graph))
     blocks = [used[colours == colour] for colour in range(colours.max(initial=-1) + 1)]
-    exists = parents.grid.children != NO_CHILD
+    exists = grid.children != NO_CHILD
     shown = np.array([exists[members].any(axis=0) for members in blocks]).reshape(-1, QUARTERS)
     colour, quarter = np.nonzero(shown)
-    return Quarters(parents.grid, blocks, colour, quarter)
+    return Quarters(grid, blocks, colour, quarter)

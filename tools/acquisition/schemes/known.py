@@ -1,17 +1,16 @@
 """Light that is settled, of blocks of any size, and what a capture shows beside it: compiled, a picture's work."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.arrays import BoolArray, FloatArray
+from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.maps.products import compiled
 from counterlight.maps.row_map import SparseRows, beside_each_other
 from counterlight.tools.acquisition.plan import Noise, Pattern
-from counterlight.tools.acquisition.schemes.blocks import BlockLight, grids
+from counterlight.tools.acquisition.schemes.blocks import BlockGrid, BlockLight, grids
 
 MANY = 1 << 14  # entries that are worth all cores
 
@@ -40,7 +39,6 @@ class KnownLight:
         self._grids = grids(projector)
         ends = np.cumsum([grid.count for grid in self._grids])
         self._starts = {grid.side: int(end) - grid.count for grid, end in zip(self._grids, ends, strict=True)}
-        self._finest = self._grids[0].side
         none = np.zeros(camera_pixels + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 3), np.float32)
         self._rows = SparseRows(*none, int(ends[-1]))
 
@@ -53,15 +51,15 @@ class KnownLight:
         light = part.light.astype(np.float32, copy=False)
         rows = SparseRows(np.concatenate([[0], np.cumsum(counts)]), indices, light, self._rows.columns)
         self._rows = beside_each_other(replace(self._rows, columns=0), rows)  # the same columns
-        self._finest = min(self._finest, part.grid.side)
 
     def seen(self, pattern: Pattern) -> FloatArray:
         """What it adds to the capture of a pattern: (camera pixels, 3)."""
-        return self._rows.apply(np.repeat(self._shares(pattern)[:, None], 3, axis=1))
+        shares = self.shares(self._grids[-1], np.flatnonzero(pattern))
+        return self._rows.apply(np.repeat(shares[:, None], 3, axis=1))
 
     def read(
         self,
-        pattern: Pattern,
+        shares: FloatArray,
         capture: NDArray[np.floating],
         black: FloatArray,
         noise: Noise,
@@ -70,16 +68,17 @@ class KnownLight:
     ) -> None:
         """What a capture of a pattern shows above black and above what is known.
 
-        capture, black : (camera height, camera width, 3).  noise : of a capture.  least : τ as a noise.
+        shares : of the pattern's blocks.  capture, black : (camera pixels, 3).  noise : of a capture.
+        least : τ as a noise.
         """
         rows, limits = self._rows, np.stack([noise.dark**2, noise.gain, least.dark**2, least.gain])
         _READ[to.entries.size >= MANY](
             rows.indptr,
             rows.indices,
             rows.weights,
-            self._shares(pattern),
-            capture.reshape(-1, 3),
-            black.reshape(-1, 3),
+            shares,
+            capture,
+            black,
             limits,
             to.camera,
             to.entries,
@@ -88,25 +87,19 @@ class KnownLight:
             to.lit,
         )
 
-    def _shares(self, pattern: Pattern) -> FloatArray:
-        """What part of each block a pattern lights, (columns,); 0 for blocks smaller than any that is known."""
-        shares, counts = np.zeros(self._rows.columns), _counts(pattern)
-        for grid in reversed(self._grids):
-            count = next(counts)
-            if grid.side >= self._finest:
-                start = self._starts[grid.side]
-                np.divide(count.ravel(), grid.area, out=shares[start : start + grid.count])
+    def shares(self, grid: BlockGrid, lit: IntArray) -> FloatArray:
+        """What part of each block some lit blocks of a grid are, (columns,); 0 for blocks smaller than those."""
+        shares = np.zeros(self._rows.columns)
+        on = np.zeros(grid.count, np.int64)
+        on[lit] = grid.area[lit]
+        counts: IntArray = on.reshape(grid.rows, grid.columns)
+        for each in reversed(self._grids[: self._grids.index(grid) + 1]):
+            start = self._starts[each.side]
+            np.divide(counts.ravel(), each.area, out=shares[start : start + each.count])
+            padded = np.pad(counts, [(0, size % 2) for size in counts.shape])
+            pairs = padded[0::2] + padded[1::2]
+            counts = pairs[:, 0::2] + pairs[:, 1::2]
         return shares
-
-
-def _counts(pattern: Pattern) -> Iterator[NDArray[np.integer]]:
-    """Lit pixels of each block of 1, 2, 4 … pixels a side, (rows, columns)."""
-    counts: NDArray[np.integer] = pattern.view(np.uint8)
-    while True:
-        yield counts
-        padded = np.pad(counts, [(0, size % 2) for size in counts.shape])
-        pairs = padded[0::2] + padded[1::2]
-        counts = (pairs[:, 0::2] + pairs[:, 1::2]).astype(np.int32, copy=False)
 
 
 def _read(
@@ -127,10 +120,15 @@ def _read(
     for n in numba.prange(entries.size):
         entry = entries[n]
         pixel, bright = camera[entry], False
+        red = green = blue = 0.0  # each block's share is looked up once for all channels
+        for k in range(indptr[pixel], indptr[pixel + 1]):
+            part = share[indices[k]]
+            if part != 0:
+                red += weights[k, 0] * part
+                green += weights[k, 1] * part
+                blue += weights[k, 2] * part
         for c in range(3):
-            background = 0.0
-            for k in range(indptr[pixel], indptr[pixel + 1]):
-                background += weights[k, c] * share[indices[k]]
+            background = red if c == 0 else green if c == 1 else blue
             found = capture[pixel, c] - black[pixel, c] - background
             light[entry, c] = found
             variance[entry, c] = limits[0, c] + limits[1, c] * (max(found, 0.0) + background)

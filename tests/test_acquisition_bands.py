@@ -1,0 +1,120 @@
+"""Acquisition of large pictures: in bands of camera pixels, and without following smooth far light."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from counterlight import memory
+from counterlight.tools.acquisition.acquire import Acquisition
+from counterlight.tools.acquisition.schemes import bands, blocks, hierarchical
+from counterlight.tools.acquisition.schemes.agreement import Reading
+from counterlight.tools.acquisition.schemes.bands import Readings
+from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
+from counterlight.tools.transport.transport import channel
+from tests.acquired_rooms import QUIET, SHAPE, error, mirror, room_of, run, sharp_wall, with_far_light
+
+BAND, TOGETHER = 100, 700  # camera pixels, connections
+
+
+@pytest.fixture
+def in_bands(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hierarchical, "PIXELS", BAND)
+    monkeypatch.setattr(bands, "CONNECTIONS", TOGETHER)
+
+
+def arrays(done: Acquisition) -> list[np.ndarray]:
+    transport = done.measured.transport
+    assert transport.far is not None
+    return [
+        *(getattr(rows, name) for rows in (transport.near, transport.far.scatter) for name in ("indptr", "indices")),
+        transport.near.weights,
+        transport.far.scatter.weights,
+        transport.far.mix,
+    ]
+
+
+def test_bands_of_camera_pixels_give_what_all_of_them_do(
+    rng: np.random.Generator, request: pytest.FixtureRequest
+) -> None:
+    room = room_of(with_far_light(mirror(rng), 0.3))
+    whole = run(room, HierarchicalScheme())
+    request.getfixturevalue("in_bands")
+    banded = run(room, HierarchicalScheme())
+    assert (banded.pictures, banded.measured.notes) == (whole.pictures, whole.measured.notes)
+    for one, other in zip(arrays(banded), arrays(whole), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.usefixtures("in_bands")
+def test_memory_asked_for_is_that_of_some_connections(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked, check, of_band = [], memory.check, 9 * BAND
+
+    def noted(needed: float, what: str, remedy: str) -> None:
+        asked.append(needed)
+        check(needed, what, remedy)
+
+    monkeypatch.setattr(memory, "check", noted)
+    done = run(room_of(sharp_wall(rng)), HierarchicalScheme())
+    connections = max(int(note.split()[-3]) for note in done.measured.notes if "connections" in note)
+    assert connections > 3 * of_band  # all at once would have asked for so many
+    assert max(asked) <= hierarchical.BYTES_A_PARENT * of_band
+
+
+def test_readings_on_disk_are_those_in_memory(rng: np.random.Generator, tmp_path: Path) -> None:
+    levels = [
+        Reading(
+            rng.random((n, 4, 3)).astype(np.float32), rng.random((n, 4, 3)), rng.random((n, 4)) < 0.5, np.ones(n, bool)
+        )
+        for n in (5, 0, 3)
+    ]
+    kept, stored = Readings(None), Readings(tmp_path)
+    for level in levels:
+        kept.add(level)
+        stored.add(level)
+    assert not list(tmp_path.iterdir())  # nothing that a killed run would leave
+    for one, other in zip(kept.taken(), stored.taken(), strict=True):
+        for field in fields(Reading):
+            np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
+
+
+def test_of_a_wide_raster_smooth_far_light_is_not_followed(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A quarter of the light comes evenly from everywhere: as good a T from far fewer pictures."""
+    truth = with_far_light(sharp_wall(rng), 0.25)
+    scheme = HierarchicalScheme(Threshold(absolute=5e-4))
+    followed = run(room_of(truth), scheme, QUIET)
+    monkeypatch.setattr(blocks, "WIDE", 0)
+    left = run(room_of(truth), scheme, QUIET)
+    assert left.pictures < 0.7 * followed.pictures
+    assert error(left.measured.transport, truth) < error(followed.measured.transport, truth) + 0.01
+
+
+def test_of_a_wide_raster_a_faint_second_place_is_still_found(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mirror's spot differs from quarter to quarter."""
+    truth = mirror(rng)
+    monkeypatch.setattr(blocks, "WIDE", 0)
+    found = run(room_of(truth), HierarchicalScheme())
+    assert error(found.measured.transport, truth) < 0.05
+
+
+def test_large_blocks_beside_a_spot_are_not_spread_over_the_pixels_of_a_wide_raster(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    raster = (256, 320)
+    spot, wide = (
+        blocks.BlockLight(blocks.BlockGrid(raster, side), np.array([7]), np.array([0]), np.ones((1, 3)))
+        for side in (1, 8)
+    )
+    rim = blocks.BlockLight(blocks.BlockGrid(raster, 2), np.array([7]), np.array([1]), np.ones((1, 3)))
+    for limit, entries in ((blocks.WIDE, 64), (0, 1 + 4)):
+        monkeypatch.setattr(blocks, "WIDE", limit)
+        transport = blocks.as_transport([spot, rim, wide], SHAPE[0])
+        assert channel(transport.near, 0).nnz == entries, limit
+        np.testing.assert_allclose(transport.composition()[7], 3.0, rtol=1e-6)  # float32
