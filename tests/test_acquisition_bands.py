@@ -1,6 +1,6 @@
 """Acquisition of large pictures: in bands of camera pixels, and without following smooth far light."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from counterlight.tools.acquisition.schemes import bands, blocks, hierarchical
 from counterlight.tools.acquisition.schemes.agreement import Reading
 from counterlight.tools.acquisition.schemes.bands import Readings
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
+from counterlight.tools.acquisition.schemes.smooth import smoothed
 from counterlight.tools.transport.transport import channel
 from tests.acquired_rooms import QUIET, SHAPE, error, mirror, room_of, run, sharp_wall, with_far_light
 
@@ -118,3 +119,18 @@ def test_large_blocks_beside_a_spot_are_not_spread_over_the_pixels_of_a_wide_ras
         transport = blocks.as_transport([spot, rim, wide], SHAPE[0])
         assert channel(transport.near, 0).nnz == entries, limit
         np.testing.assert_allclose(transport.composition()[7], 3.0, rtol=1e-6)  # float32
+
+
+def test_far_light_between_nodes_gives_the_same_pictures(rng: np.random.Generator) -> None:
+    camera, projector, grid = (36, 52), (42, 60), blocks.BlockGrid((42, 60), 16)
+    row, column = np.mgrid[: camera[0], : camera[1]].reshape(2, -1)
+    light = np.repeat((1 + row / camera[0] + column / camera[1])[:, None], grid.count, axis=1)
+    pixel, block = np.nonzero(np.ones(light.shape, bool))
+    part = blocks.BlockLight(grid, pixel, block, np.repeat(light.reshape(-1, 1), 3, axis=1))
+    whole = blocks.as_transport([part], row.size)
+    transport, told = smoothed(replace(whole, camera=camera, projector=projector))
+    assert "became" in told, told
+    np.testing.assert_allclose(transport.composition(), whole.composition(), rtol=1e-6)  # float32
+    drive = np.repeat(rng.random((whole.shape[1], 1)), 3, axis=1)
+    lost = transport.apply(drive) - whole.apply(drive)
+    assert np.sqrt(np.mean(lost**2) / np.mean(whole.composition() ** 2)) < 0.01  # what `smoothed` allows, and noise

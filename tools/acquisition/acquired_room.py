@@ -25,7 +25,6 @@ from counterlight.tools.acquisition.few.acquire import acquire_pictures
 from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.ramps import ProjectorLight
 from counterlight.tools.acquisition.room_options import ASSUMED
-from counterlight.tools.acquisition.schemes.blocks import readable
 from counterlight.tools.acquisition.store import CaptureStore, Wanted, open_store
 from counterlight.tools.acquisition.summary import AcquisitionReport, Black, LightOutside, ProjectorReport
 from counterlight.tools.choices import TOLERANCE
@@ -122,8 +121,6 @@ def _part(done: Acquisition, projector: Shape, camera: Camera, plan: Plan, name:
     cameras = views_of(camera)
     made_small = factored if cameras else compacted  # blocks are of one camera
     transport, factoring = made_small(whole, ambient, plan.tolerance)
-    if transport.far is not None and factoring.reason:
-        transport = replace(transport, far=readable(transport.far))
     mask = _lit(transport, ambient, projector, done.room.rise_noise, cameras) & ~done.room.saturated
     if not mask.any():
         raise InputError(

@@ -138,8 +138,12 @@ def fit_to_composition(parts: Sequence[BlockLight], composition: FloatArray) -> 
 
 def as_transport(parts: Sequence[BlockLight], camera_pixels: int) -> Transport:
     """T of a projector's pixels: light measured finely as near light, light known for blocks only as far light."""
-    transport = together([Seen.of(parts, camera_pixels)], parts[0].grid.projector)
-    return transport if transport.far is None else replace(transport, far=readable(transport.far))
+    return with_readable_far(together([Seen.of(parts, camera_pixels)], parts[0].grid.projector))
+
+
+def with_readable_far(transport: Transport) -> Transport:
+    """No row of Uᵀ is too long for a texture."""
+    return transport if transport.far is None else replace(transport, far=_readable(transport.far))
 
 
 @dataclass(frozen=True)
@@ -235,12 +239,18 @@ def _sent(parts: Sequence[BlockLight], camera_pixels: int, senders: Sequence[Blo
     """Light of the senders' blocks: (camera pixels, blocks of all)."""
     ends = np.cumsum([grid.count for grid in senders])
     first = {grid.side: int(end) - grid.count for grid, end in zip(senders, ends, strict=True)}
-    shape = camera_pixels, int(ends[-1])
+    columns = int(ends[-1])
     if not parts:
-        return SparseRows(np.zeros(camera_pixels + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 3)), shape[1])
+        return SparseRows(np.zeros(camera_pixels + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 3)), columns)
     camera, light = (np.concatenate([getattr(part, name) for part in parts]) for name in ("camera", "light"))
-    block = np.concatenate([part.block + first[part.grid.side] for part in parts])
-    return stacked([sparse.csr_array((light[:, i], (camera, block)), shape=shape) for i in range(3)])
+    place = camera * np.int64(columns) + np.concatenate([part.block + first[part.grid.side] for part in parts])
+    order = np.argsort(place, kind="stable")
+    place = place[order]
+    once = np.flatnonzero(np.diff(place, prepend=-1))
+    lengths = np.bincount(camera[order][once], minlength=camera_pixels)
+    weights = np.add.reduceat(light[order], once, axis=0) if once.size else light
+    indptr = np.concatenate([[0], np.cumsum(lengths)])
+    return SparseRows(indptr, (place[once] % columns).astype(np.int32), weights, columns)
 
 
 def _far_light(sent: SparseRows, projector: tuple[int, int]) -> FarLight:
@@ -263,7 +273,7 @@ def _far_light(sent: SparseRows, projector: tuple[int, int]) -> FarLight:
     return FarLight(stacked([D] * 3), np.stack([mix] * 3), U)
 
 
-def readable(far: FarLight) -> FarLight:
+def _readable(far: FarLight) -> FarLight:
     """A cell that more than 8192 camera pixels see becomes several, so that no row of Uᵀ is too long for a texture."""
     U = far.scatter
     order = np.argsort(U.indices, kind="stable")

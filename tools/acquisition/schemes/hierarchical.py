@@ -44,9 +44,11 @@ from counterlight.tools.acquisition.schemes.blocks import (
     grids,
     is_wide,
     together,
+    with_readable_far,
 )
 from counterlight.tools.acquisition.schemes.known import Quarter
 from counterlight.tools.acquisition.schemes.schedule import colour_graph, conflict_graph
+from counterlight.tools.acquisition.schemes.smooth import smoothed
 
 QUARTERS = 4
 FAINT, UNEVEN = 0.03, 0.001  # of the floodlight: a block that gives less is not cut for what its quarters differ by
@@ -137,7 +139,13 @@ class HierarchicalScheme:
             found = sum(band.active.camera.size for band in bands)
             notes.append(f"{name}: {len(patterns)} pictures, {found} connections measured")
         seen = [self._solved(room, bands.pop(0)) for _ in range(len(bands))]  # each goes as it is solved
-        return Measured(together(seen, projector), tuple(notes))
+        transport = together(seen, projector)
+        del seen  # as large as T
+        if is_wide(projector):
+            height, width, _ = room.black.shape
+            transport, note = smoothed(replace(transport, camera=(height, width), projector=projector))
+            return Measured(transport, (*notes, note))
+        return Measured(with_readable_far(transport), tuple(notes))
 
     def _bands(self, room: Reference, grid: BlockGrid) -> list[Band]:
         light, tau = room.light, self.threshold.of(room)

@@ -1,0 +1,81 @@
+"""Far light that was measured in blocks, as smooth functions: what few numbers say as well as one for each block.
+
+A camera's pixel sees dozens of blocks by far light, each with its noise. Between the nodes of two grids the same light
+is linear (tools/factoring/model.py), with four numbers a pixel, and neighbours' noise is averaged.
+"""
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from counterlight.arrays import FloatArray
+from counterlight.maps.row_map import SparseRows
+from counterlight.tools.acquisition.schemes.agreement import parts_of
+from counterlight.tools.acquisition.schemes.blocks import with_readable_far
+from counterlight.tools.factoring.model import PEAK, Rows, fitted
+from counterlight.tools.factoring.near import split
+from counterlight.tools.inverse.pictures import soft_picture
+from counterlight.tools.transport.transport import FarLight, Shape, Transport
+
+NODES = 768, 432  # of the camera and of the projector; so many more that
+MOST_PIXELS = 1 << 11  # of either side are a node's, and it lies between fewer than half of a texture's row
+MOST_NODES = 1500  # they are mixed by a dense matrix
+MOST_LOST = 0.005  # of white, RMS, of pictures' light: 46 dB
+
+
+def smoothed(transport: Transport) -> tuple[Transport, str]:
+    """T with its far light between nodes, if pictures are the same, and what became of it.
+
+    transport : with its pictures' sizes.
+    """
+    blocks, projector = transport.far, transport.projector
+    assert projector is not None
+    rows, columns = transport.shape
+    least = max(rows, columns) // MOST_PIXELS
+    if blocks is None or least > MOST_NODES:
+        told = "far light: none" if blocks is None else "far light: left in blocks, of too many pixels"
+        return with_readable_far(transport), told
+    nothing = SparseRows(np.zeros(rows + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 3), np.float32), columns)
+    alone = _Blocks(replace(transport, near=nothing), np.zeros(0, np.bool_))
+    camera, over = (max(nodes, least) for nodes in NODES)
+    far = split(alone, fitted(alone, (camera, over), PEAK)).far
+    assert far is not None
+    lost = _lost(transport, blocks, far, projector)
+    sizes = blocks.scatter.indices.size, far.scatter.indices.size + far.gather.indices.size
+    told = f"pictures by them differ by {100 * lost:.2g} % of white"
+    if lost > MOST_LOST:
+        said = f"far light: left in {sizes[0]} numbers of blocks; of {sizes[1]} between nodes, {told}"
+        return with_readable_far(transport), said
+    said = f"far light: {sizes[0]} numbers of blocks became {sizes[1]} between nodes; {told}"
+    return replace(transport, far=far), said
+
+
+class _Blocks(Rows):
+    """Far light alone; what each projector pixel gives of it is summed without a transposed U, as large as U itself."""
+
+    @cached_property
+    def known(self) -> tuple[FloatArray, FloatArray]:
+        far, columns = self.transport.far, self.transport.shape[1]
+        assert far is not None
+        U, sent = far.scatter, np.zeros((far.cells, 3))
+        for part in parts_of(U.indices.size):
+            for i in range(3):
+                sent[:, i] += np.bincount(U.indices[part], U.weights[part, i], far.cells)
+        mixed = np.stack([far.mix[i].T @ sent[:, i] for i in range(3)], axis=1)
+        return far.apply(np.ones((columns, 3))), far.gather.apply_transpose(mixed)
+
+
+def _lost(transport: Transport, blocks: FarLight, far: FarLight, projector: Shape) -> float:
+    """The largest RMS difference that pictures of far light make, of the floodlit room's."""
+    white = float(np.sqrt(np.mean(transport.composition() ** 2)))
+    return max(
+        float(np.sqrt(np.mean((blocks.apply(drive) - far.apply(drive)) ** 2))) / white for drive in _drives(projector)
+    )
+
+
+def _drives(projector: Shape) -> list[FloatArray]:
+    """A half and a soft picture, (projector pixels, 3)."""
+    half = np.zeros(projector)
+    half[:, projector[1] // 2 :] = 1
+    return [np.repeat(picture.reshape(-1, 1), 3, axis=1) for picture in (half, soft_picture(projector))]
