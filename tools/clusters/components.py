@@ -43,9 +43,9 @@ def find_clusters(pattern: Csr) -> Clusters:
     links = np.ones(pattern.nnz), pattern.indices.astype(np.int64) + rows, indptr
     _, labels = csgraph.connected_components(sparse.csr_array(links, shape=(nodes, nodes)), directed=False)
     lit = np.concatenate([np.diff(pattern.indptr) > 0, np.bincount(pattern.indices, minlength=columns) > 0])
-    kept, renumbered = np.unique(labels[lit], return_inverse=True)
-    label: NDArray[np.int64] = np.full(nodes, -1, np.int64)
-    label[lit] = renumbered
+    kept = np.bincount(labels[lit], minlength=int(labels.max(initial=-1)) + 1) > 0
+    label = np.where(lit, (np.cumsum(kept) - 1)[labels], -1).astype(np.int64, copy=False)
     camera, projector = label[:rows], label[rows:]
-    sizes = [np.bincount(part[part >= 0], minlength=kept.size).astype(np.int64) for part in (camera, projector)]
+    count = np.count_nonzero(kept)
+    sizes = [np.bincount(part[part >= 0], minlength=count).astype(np.int64) for part in (camera, projector)]
     return Clusters(camera, projector, sizes[0], sizes[1])

@@ -1,6 +1,8 @@
 """T⁺ of a whole room: clusters found, λ chosen, each part inverted, truncated and joined (thesis 4.2.1, 5.1)."""
 
+import os
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -348,7 +350,8 @@ class _Work:
 
 def _largest_singular_values(matrices: tuple[Csr, ...]) -> FloatArray:
     """σ₁ of each channel; InputError if one is 0."""
-    sigmas = np.array([largest_singular_value(T) for T in matrices])
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        sigmas = np.array(list(pool.map(largest_singular_value, matrices)))
     for name, sigma in zip(CHANNELS, sigmas, strict=True):
         if sigma == 0:
             raise InputError(f"transport_{name}: no entry inside the mask; check the channel's file and mask.png")
