@@ -122,10 +122,10 @@ def _too_much_and_too_little(
 @kept()
 def _beyond(change: FloatArray, allowed: FloatArray) -> bool:
     """Whether any of what is too much or too little, (2, 3), is more than is allowed, (3,)."""
+    beyond = False
     for k in range(3):
-        if change[0, k] > allowed[k] or change[1, k] > allowed[k]:
-            return True
-    return False
+        beyond |= change[0, k] > allowed[k] or change[1, k] > allowed[k]
+    return beyond
 
 
 @kept()
@@ -211,7 +211,7 @@ def _fit_row(
         for k in range(3):
             light[i, k], at[i, k] = np.float64(weights[i, k]) / scale, reach[indices[i], k]
             total[k] += light[i, k] * at[i, k]
-    bits = _colour_bits(total, light)
+    bits: int = _colour_bits(total, light)
     colour = _colour(np.uint32(bits))
     _one_code_each(light, colour, codes)
     found = _too_much_and_too_little(light, at, colour, codes)
