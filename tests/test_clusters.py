@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.sparse import csgraph
 
 from counterlight.errors import InputError
 from counterlight.pipeline.colour import LUMINANCE
@@ -339,3 +340,19 @@ def test_a_transport_that_is_no_light_is_refused(value: float) -> None:
         cut((good, bad, good), (2, 3), (4, 5), Parameters(1, 0.5))
     with pytest.raises(InputError, match="transport: 6x20 entries, expected 6 camera pixels x 24 projector"):
         cut_to((good,) * 3, (2, 3), (4, 6), 5)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_components_are_those_that_scipy_finds(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rows, columns = (int(n) for n in rng.integers(1, 60, 2))
+    pattern = sparse.random_array((rows, columns), density=rng.random() / 10, format="csr", rng=rng)
+    found = find_clusters(sparse.csr_array(pattern))
+    both = sparse.block_array([[None, pattern], [pattern.T, None]])
+    theirs = csgraph.connected_components(both, directed=False)[1]
+    lit = np.concatenate([np.diff(pattern.indptr) > 0, np.diff(pattern.tocsc().indptr) > 0])
+    labels = np.concatenate([found.camera, found.projector])
+    assert np.array_equal(labels >= 0, lit)
+    assert np.array_equal(labels[lit], np.unique(theirs[lit], return_inverse=True)[1])
+    sizes = np.bincount(found.projector[found.projector >= 0], minlength=found.count)
+    assert np.array_equal(found.projector_sizes, sizes)

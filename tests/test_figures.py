@@ -3,13 +3,14 @@
 import re
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import moderngl
 import pytest
 
 from counterlight.gl.context import in_software
 from tests.bench.frames import clock_of
-from tests.figures.__main__ import CommandFailedError, told
+from tests.figures.__main__ import CommandFailedError, told, written_by
 from tests.figures.cells import agree, columns, differences, last_digit, like, markdown, pattern, renamed, without
 from tests.figures.rows import ROWS, SOLVED, Figures
 from tests.figures.unchecked import UNCHECKED
@@ -217,3 +218,11 @@ def test_what_commands_print_and_write_is_compared_with_the_page(capsys: pytest.
     other = Figures("README.md", commands, 1, pattern(name="# (Counterlight)"), pattern(name="(1.)"), ("f",))
     assert [each.found for each in told(other)] == ["12"]
     assert "stale: name: the page says Counterlight, found 12" in capsys.readouterr().out
+
+
+def test_words_of_a_first_run_do_not_cut_a_table_in_two(tmp_path: Path) -> None:
+    (tmp_path / "study.py").write_text(
+        "print('| room | dB |\\n|---|---|\\ncompiling for this processor, once: 2 passes left\\n| wall | 1 |')"
+    )
+    printed = written_by((f"python {tmp_path / 'study.py'}",), ())
+    assert markdown("room | dB")(printed) == {"1: wall, room": "wall", "1: wall, dB": "1"}

@@ -9,6 +9,7 @@ from counterlight.tools.transport import overlap as overlaps
 from counterlight.tools.transport.objective import ObjectiveOptions, objective_of
 from counterlight.tools.transport.overlap import overlap
 from counterlight.tools.transport.transport import Transport
+from counterlight.tools.transport.trust import camera_pixels
 from tests.blurred_rooms import CAMERA, PROJECTOR, calibrated, discs, in_blocks, rows_of, written_out
 
 IN_FOCUS, WIDE = 0.6, 6.0
@@ -78,10 +79,24 @@ def test_ties_are_as_strong_as_what_the_camera_would_see_of_a_drift(rng: np.rand
         assert objective.prior is not None
         light = written_out(objective.T)
         squares = np.einsum("cij,i->jc", light**2, objective.weights).reshape(*PROJECTOR, 3)
-        known = np.minimum(objective.seen, 1).reshape(PROJECTOR)
+        made = camera_pixels(objective.T, objective.weights > 0)
+        known = np.minimum(np.minimum(objective.seen, made), 1).reshape(PROJECTOR)
         for ties, axis in ((objective.prior.right, 1), (objective.prior.down, 0)):
             here, beside = (np.take(squares, range(k, PROJECTOR[axis] - 1 + k), axis) for k in (0, 1))
             both = np.minimum(*(np.take(known, range(k, PROJECTOR[axis] - 1 + k), axis) for k in (0, 1)))
             apart = 1 - both * cosines(objective.T, objective.weights, axis)
             expected = 0.25 * np.sqrt(here * beside) * apart[..., None]
             np.testing.assert_allclose(inner(ties, axis), expected, rtol=1e-4, atol=1e-6)  # T is float32
+
+
+def test_neighbours_that_share_a_coarse_camera_pixel_are_still_tied() -> None:
+    """Each camera pixel is the mean of four projector pixels: κ is 1 within it, whatever a finer camera would see."""
+    camera, projector = (8, 9), (16, 18)
+    y, x = np.mgrid[: projector[0], : projector[1]].reshape(2, -1)
+    T = np.zeros((3, camera[0] * camera[1], projector[0] * projector[1]))
+    T[:, (y // 2) * camera[1] + x // 2, np.arange(y.size)] = 0.25
+    near = Transport(rows_of(T), None, camera, projector)
+    objective = objective_of(near, calibrated(near), ObjectiveOptions(drift=0.5))
+    assert objective.prior is not None
+    within = objective.prior.right[:, ::2]
+    np.testing.assert_allclose(within, 0.25 * 0.25**2 * (1 - 0.25), rtol=1e-5)  # v = 0.25: a quarter of κ is believed

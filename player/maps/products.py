@@ -80,11 +80,14 @@ def transpose(
     starts = np.zeros(columns + 1, np.int64)
     for at in indices:
         starts[at + 1] += 1
-    starts = np.cumsum(starts)
+    for at in range(columns):
+        starts[at + 1] += starts[at]
     place, rows, values = starts[:-1].copy(), np.empty(indices.size, np.int32), np.empty_like(weights)
     for row in range(indptr.size - 1):
         for k in range(indptr[row], indptr[row + 1]):
             to = place[indices[k]]
-            rows[to], values[to] = row, weights[k]
+            rows[to] = row
+            for channel in range(3):
+                values[to, channel] = weights[k, channel]
             place[indices[k]] += 1
     return starts, rows, values

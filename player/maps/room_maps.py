@@ -13,12 +13,12 @@ mixing : how the camera's colours mix the primaries; all of these maps are of th
 words : T and Tᵀ in words of 4 bytes, for a GPU, where these are certified, beside their entries of 16 (word_map.py).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,10 +38,14 @@ from counterlight.maps.row_map import RowMap
 from counterlight.maps.word_map import RoomWords, WordMap
 from counterlight.writing.replacing import replacing_folder
 
+T = TypeVar("T")
+R = TypeVar("R")
+Shapes: TypeAlias = tuple[tuple[int, int], tuple[int, int]]  # of output and source
+
 FORMAT = 2  # 1 knew no weights and no prior
 UNUSABLE = "give more --regularize, or look for what is extreme in the calibration"
 FOLDER, MANIFEST, STEP_SIZE = "correction", "manifest.toml", "step_size.exr"
-READERS = 2  # of maps at a time
+AT_A_TIME = 2  # maps that are read or written
 WEIGHTS, SEEN = "weights.exr", "seen.exr"
 WORDS = "words"
 IN_ENTRIES = {".", "direct", "undo_gather", "undo_mix"}  # maps that are never in words
@@ -201,7 +205,7 @@ def write_maps(maps: RoomMaps, stored: StoredCalibration, stage: Path) -> None:
         folder = stored.folder / FOLDER
         _check_positive(maps.refinement.step_size, f"{folder / STEP_SIZE}", UNUSABLE)
         maps.refinement.prior.check(lambda name: f"{folder / prior.file_of(name)}", UNUSABLE)
-    sizes = {name: row_map.write(packed, stage / name) for name, packed in maps.named().items()}
+    sizes = _each(maps.named(), lambda name, packed: row_map.write(packed, stage / name))
     if maps.refinement is not None:
         exr.write_plain(stage / STEP_SIZE, exr.rgb(maps.refinement.step_size))
         maps.refinement.prior.write(stage)
@@ -224,7 +228,7 @@ def write_maps(maps: RoomMaps, stored: StoredCalibration, stage: Path) -> None:
 def _write_words(words: RoomWords | None, folder: Path) -> dict[str, Any]:
     if words is None:
         return {}
-    sizes = {name: word_map.write(made, folder / name) for name, made in words.maps.items()}
+    sizes = _each(words.maps, lambda name, made: word_map.write(made, folder / name))
     return {WORDS: {"used": words.used, "maps": sizes}}
 
 
@@ -257,9 +261,7 @@ def _read_maps(stored: StoredCalibration, refinement: bool, words: bool) -> Room
     white = manifest.number("white", None, *RADIANCE)
     files = DescribedFiles(folder, manifest.table("files").values, fix)
     sizes = _sizes(manifest, stored, refinement=refinement)
-    with ThreadPoolExecutor(READERS) as readers:  # hashing and copying leave Python's lock to others
-        read = readers.map(lambda name: row_map.read(folder / name, sizes[name], files.opened), sizes)
-        maps = dict(zip(sizes, read, strict=True))
+    maps = _each(sizes, lambda name, size: row_map.read(folder / name, size, files.opened))
     far = undo = further = None
     if "far_mix" in maps:
         far = FarMaps(maps["far_gather"], maps["far_mix"], maps["far_scatter"])
@@ -293,15 +295,20 @@ def _read_words(manifest: Table, maps: RoomMaps, files: DescribedFiles) -> RoomW
     table, shapes = manifest.table(WORDS), _shapes_of_words(maps.named())
     listed = table.table("maps")
 
-    def read(name: str) -> WordMap:
-        return word_map.read(files.folder / WORDS / name, listed.table(name), shapes[name], files.opened)
+    def read(name: str, ends: Shapes) -> WordMap:
+        return word_map.read(files.folder / WORDS / name, listed.table(name), ends, files.opened)
 
-    names = sorted(shapes.keys() - IN_ENTRIES)
-    with ThreadPoolExecutor(READERS) as readers:
-        return RoomWords(dict(zip(names, readers.map(read, names), strict=True)), table.number("used", None, 0, 1))
+    wanted = {name: shapes[name] for name in sorted(shapes.keys() - IN_ENTRIES)}
+    return RoomWords(_each(wanted, read), table.number("used", None, 0, 1))
 
 
-def _shapes_of_words(maps: Mapping[str, RowMap]) -> dict[str, tuple[tuple[int, int], tuple[int, int]]]:
+def _each(given: Mapping[str, T], job: Callable[[str, T], R]) -> dict[str, R]:
+    """What a job makes of each, some at a time: hashing, copying and files leave Python's lock to others."""
+    with ThreadPoolExecutor(AT_A_TIME) as threads:
+        return dict(zip(given, threads.map(job, given.keys(), given.values()), strict=True))
+
+
+def _shapes_of_words(maps: Mapping[str, RowMap]) -> dict[str, Shapes]:
     """Of output and source: those of the maps, but the far light's dual is its transpose, part for part."""
     shapes = {name: (each.output_shape, each.source_shape) for name, each in maps.items()}
     for name, of in (("dual_gather", "far_scatter"), ("dual_mix", "far_mix"), ("dual_scatter", "far_gather")):

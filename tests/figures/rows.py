@@ -141,6 +141,50 @@ def _in_millions(cells: Cells) -> Cells:
     return cells | {"entries": f"{float(cells['entries']) / 1e6:.1f}"} if "entries" in cells else cells
 
 
+def own_room() -> Figures:
+    """What docs/accuracy.md says in prose of a room of one's own."""
+    numbers = r"([\d.]+)"
+    return Figures(
+        "docs/accuracy.md",
+        (
+            "counterlight simulate corner --camera 64x40 --projector 56x40 -o room",
+            "counterlight study room --pictures photograph text gradient",
+        ),
+        5,
+        _in_one_line(
+            best=rf"the best is {numbers} dB \(photograph\), {numbers} \(text\), {numbers} \(gradient\)",
+            direct=rf"direct mapping is {numbers} below",
+            step=rf"one step from T⁺ is within {numbers}",
+            ms=rf"one step from T⁺ is within [\d.]+, {numbers} ms a frame",
+            multiplexed=rf"{numbers} pictures of `multiplexed` are within 1 dB",
+            hierarchical=rf"{numbers} of `hierarchical` within 0.1",
+            projector=rf"a projector of half the pixels a side costs {numbers}",
+            camera=rf"a camera of half {numbers}",
+            drift=rf"half a projector pixel of drift costs {numbers}",
+            film=rf"dB after (\d+) steps \({numbers}\), frames each from the start after (\d+) \({numbers}\)",
+            film_of_map=rf"no help \({numbers} dB; {numbers} from the start\)",
+        ),
+        _in_one_line(
+            best=rf"can show is {numbers} dB \(photograph\), {numbers} dB \(text\), {numbers} dB \(gradient\)",
+            direct=rf"direct mapping is {numbers} dB below",
+            step=rf"refined from T⁺, steps 1, [\d.]+ ms a frame, {numbers} dB",
+            ms=rf"refined from T⁺, steps 1, {numbers} ms a frame",
+            multiplexed=rf"Multiplexed, {numbers} exposures, is within 1 dB",
+            hierarchical=rf"hierarchical, τ = 4 σ, {numbers} exposures, is within 0.1 dB",
+            projector=rf"A projector of half the pixels a side costs {numbers}",
+            camera=rf"a camera of half the pixels a side costs {numbers}",
+            drift=rf"moved by half a projector pixel costs {numbers}",
+            film=rf"direct mapping, film after (\d+) steps \({numbers} dB\) and stills after (\d+) steps \({numbers}",
+            film_of_map=rf"from T⁺, film after 1 step \({numbers} dB\) and stills after 1 step \({numbers} dB\)",
+        ),
+        times=lambda name: name == "ms",
+    )
+
+
+def _in_one_line(**patterns: str) -> Reader:
+    return lambda text: pattern(**patterns)(" ".join(text.split()))
+
+
 FULL_SIZE = {"wall": 1, "corner": 1, "statuette": 1, "two_planes": 2, "folded_cards": 4}  # minutes
 RIG = "room | fault | optimum, dB | captured, dB | below, dB"
 AT_FIRST = f"{RIG} | below at first, dB | whole footprints, dB"
@@ -240,6 +284,7 @@ ROWS = (
     table("docs/acquisition.md", "python -m tests.studies.noise", 30, "room | electrons"),
     table("docs/table_6_1.md", "python -m tests.studies.brickstone", 10, "wall | picture"),
     table("docs/table_6_1.md", "python -m tests.studies.table_6_1", 60, "scene | captured"),
+    own_room(),
     table(
         "docs/accuracy.md",
         "counterlight study -o study",

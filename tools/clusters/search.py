@@ -102,7 +102,7 @@ def _cut(graph: Connections, radius: float, strongest: IntArray, tau_1: float) -
 def _neighbourhoods(graph: Connections, projector_shape: tuple[int, int]) -> Iterator[tuple[int, IntArray]]:
     """Growing radii and the strongest connection of each block, until a camera pixel's block is all that it sees."""
     order = by_strength(graph)
-    camera_pixels = np.unique(graph.camera).size
+    camera_pixels = np.count_nonzero(np.bincount(graph.camera))
     previous = 0
     for radius in _radii(projector_shape):
         strongest = strongest_of_block(graph, order, projector_shape, radius)

@@ -6,6 +6,9 @@ milliseconds, so only the products with T and Tᵀ cost anything, and those are 
 orthogonalised again: as in LSQR, lost orthogonality delays convergence and does not spoil it.
 """
 
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,6 +111,12 @@ def largest_singular_value(T: Csr) -> float:
     """σ₁, to 1 % or better, from 20 steps that start at T·1: T ≥ 0, so no leading singular vector can be missed."""
     start = np.asarray(T @ np.ones(T.shape[1]), np.float64)
     return bidiagonalise(Products(T), start, np.empty(0), SIGMA_STEPS, 0.0).largest_singular_value()
+
+
+def largest_singular_values(matrices: Sequence[Csr]) -> FloatArray:
+    """σ₁ of each, side by side."""
+    with ThreadPoolExecutor(os.cpu_count()) as threads:  # products and norms leave Python's lock to others
+        return np.array(list(threads.map(largest_singular_value, matrices)))
 
 
 def _normalised(vector: FloatArray) -> tuple[FloatArray, float]:

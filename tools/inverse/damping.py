@@ -39,6 +39,7 @@ def choose_damping(
     judge: Csr | None = None,
     floor: float = 0.0,
     pictures: Sequence[FloatArray] | None = None,
+    largest: float | None = None,
 ) -> DampingChoice:
     """Try every candidate on some pictures and keep the best; of large pictures, on a few squares.
 
@@ -46,12 +47,13 @@ def choose_damping(
     judge : the transport that says what the camera sees, if T is a decomposed one.  mask : (camera height, width).
     white : the radiance of a white picture, (camera height, width) where T's rows are weighted.
     floor : the noise of T as a fraction of σ₁; no candidate is below it.  pictures : None for the typical ones.
+    largest : T's σ₁, if it is known.
     """
     inside = mask.ravel()
     tried = typical_pictures(mask.shape) if pictures is None else pictures
     targets = [np.where(inside, (white * picture).ravel(), 0.0) for picture in tried]
     candidates = sorted({max(candidate, floor) for candidate in CANDIDATES})
-    lambdas = largest_singular_value(T) * np.array(candidates)
+    lambdas = (largest_singular_value(T) if largest is None else largest) * np.array(candidates)
     if is_large(T):
         squares = squares_of(mask, (T if judge is None else judge).nnz)
         columns = squares.columns(T if judge is None else judge)

@@ -19,7 +19,7 @@ from counterlight.tools.clusters.decomposition import Decomposition, Parameters,
 from counterlight.tools.clusters.finite import refuse_not_finite
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.inverse import memory
-from counterlight.tools.inverse.bidiagonal import largest_singular_value
+from counterlight.tools.inverse.bidiagonal import largest_singular_values
 from counterlight.tools.inverse.clustered import clustered_jobs
 from counterlight.tools.inverse.damping import DampingChoice, choose_damping, is_large
 from counterlight.tools.inverse.direct import direct_mapping
@@ -297,9 +297,10 @@ class _Work:
             return objection
         memory.check_whole(clusters, ~method.windowed)
         matrices = channels(near)
-        sigmas = _largest_singular_values(matrices)
-        choice = self._choose_damping(matrices, sigmas, light)
-        lambdas = choice.damping * sigmas
+        *sigmas, largest = largest_singular_values((*matrices, light))
+        _check_lit(sigmas)
+        choice = self._choose_damping(matrices, sigmas, light, largest)
+        lambdas = choice.damping * np.array(sigmas)
         drawn = self.prior is not None and choice.damping > 0
         priors = prior_matrices(self.prior, clusters.projector) if drawn and self.prior is not None else None
         truncation = Truncation(self.reach, self.options.max_error / 255)
@@ -334,8 +335,10 @@ class _Work:
             halos=np.array([piece.halo for piece in pieces if piece.halo], np.int64),
         )
 
-    def _choose_damping(self, matrices: tuple[Csr, ...], sigmas: FloatArray, light: Csr) -> DampingChoice:
-        """λ / σ₁ as asked for, or chosen, not below the noise of any channel."""
+    def _choose_damping(
+        self, matrices: tuple[Csr, ...], sigmas: Sequence[float], light: Csr, largest: float
+    ) -> DampingChoice:
+        """λ / σ₁ as asked for, or chosen, not below the noise of any channel.  sigmas, largest : σ₁ of each."""
         if self.options.damping is not None:
             return DampingChoice(self.options.damping, {})
         if not is_large(light):
@@ -343,16 +346,14 @@ class _Work:
         noise = [noise_of_matrix(T, self.options.noise) for T in matrices]
         floor = max(float(n / sigma) for n, sigma in zip(noise, sigmas, strict=True))
         white = self.white * self.roots.reshape(self.mask.shape)
-        return choose_damping(light, white, self.mask, self.whole, floor, self.pictures)
+        return choose_damping(light, white, self.mask, self.whole, floor, self.pictures, largest)
 
 
-def _largest_singular_values(matrices: tuple[Csr, ...]) -> FloatArray:
-    """σ₁ of each channel; InputError if one is 0."""
-    sigmas = np.array([largest_singular_value(T) for T in matrices])
+def _check_lit(sigmas: Sequence[float]) -> None:
+    """InputError if a channel's σ₁ is 0."""
     for name, sigma in zip(CHANNELS, sigmas, strict=True):
         if sigma == 0:
             raise InputError(f"transport_{name}: no entry inside the mask; check the channel's file and mask.png")
-    return sigmas
 
 
 def _check_max_cluster(options: InverseOptions, projector_pixels: int) -> None:

@@ -57,15 +57,6 @@ def fit(rows: SparseRows, reach: FloatArray, allowed: FloatArray, scale: float |
 
 
 @kept()
-def _sums(values: FloatArray) -> FloatArray:
-    sums = np.zeros(3)
-    for i in range(len(values)):
-        for k in range(3):
-            sums[k] += values[i, k]
-    return sums
-
-
-@kept()
 def _coded(value: float) -> int:
     """The nearest code, as `small_map.coded`."""
     value = min(max(value, -LARGEST_CODE), LARGEST_CODE)
@@ -88,7 +79,10 @@ def _colour(bits: np.uint32) -> FloatArray:
 @kept()
 def _colour_bits(colour: FloatArray, weights: FloatArray) -> int:
     """A colour in 32 bits, so scaled that no code is beyond LARGEST_CODE."""
-    largest = int(np.argmax(colour))
+    largest = 0
+    for k in (1, 2):
+        if colour[k] > colour[largest]:
+            largest = k
     bits = largest << 30
     for after, shift in ((1, 12), (2, 0)):
         share = colour[(largest + after) % 3] / colour[largest] if colour[largest] > 0 else 1.0
@@ -106,15 +100,9 @@ def _one_code_each(weights: FloatArray, colour: FloatArray, codes: NDArray[np.in
     """The median of the three channels' codes, for all of them."""
     for i in range(len(weights)):
         a, b, c = weights[i, 0] / colour[0], weights[i, 1] / colour[1], weights[i, 2] / colour[2]
-        codes[i, :] = _coded(max(min(a, b), min(max(a, b), c)))
-
-
-@kept()
-def _change(weights: FloatArray, reach: FloatArray, colour: FloatArray, codes: NDArray[np.int32]) -> FloatArray:
-    """(3,): of what is too much and what is too little, the larger: a source may hold either alone."""
-    above, below = _too_much_and_too_little(weights, reach, colour, codes)
-    larger: FloatArray = np.maximum(above, below)
-    return larger
+        code = _coded(max(min(a, b), min(max(a, b), c)))
+        for k in range(3):
+            codes[i, k] = code
 
 
 @kept()
@@ -132,16 +120,36 @@ def _too_much_and_too_little(
 
 
 @kept()
+def _beyond(change: FloatArray, allowed: FloatArray) -> bool:
+    """Whether any of what is too much or too little, (2, 3), is more than is allowed, (3,)."""
+    beyond = False
+    for k in range(3):
+        beyond |= change[0, k] > allowed[k] or change[1, k] > allowed[k]
+    return beyond
+
+
+@kept()
 def _median_colour(weights: FloatArray, reach: FloatArray) -> FloatArray:
     """Of each channel's share of an entry, the median by the entries' light."""
-    own = np.abs(weights).sum(axis=1)
-    heavy, colour = (np.abs(weights) * reach).sum(axis=1), np.zeros(3)
+    count = len(weights)
+    own, heavy, shares, colour = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(3)
+    for i in range(count):
+        for k in range(3):
+            own[i] += abs(weights[i, k])
+            heavy[i] += abs(weights[i, k]) * reach[i, k]
     for k in range(3):
-        shares = np.where(own > 0, weights[:, k] / np.maximum(own, 1e-300), 0.0)
+        for i in range(count):
+            shares[i] = weights[i, k] / max(own[i], 1e-300) if own[i] > 0 else 0.0
         order = np.argsort(shares)
-        passed = np.cumsum(heavy[order])
-        middle = np.searchsorted(passed, 0.5 * passed[-1] * (1 - 1e-9))
-        colour[k] = max(shares[order[middle]], 0.0)
+        total = 0.0
+        for i in order:
+            total += heavy[i]
+        passed, middle = 0.0, 0
+        for i in order:
+            passed, middle = passed + heavy[i], i
+            if passed >= 0.5 * total * (1 - 1e-9):
+                break
+        colour[k] = max(shares[middle], 0.0)
     return colour
 
 
@@ -150,10 +158,14 @@ def _levelled(colour: FloatArray, weights: FloatArray) -> FloatArray:
     """Channels raised where codes would be much larger than another's: they share one scale."""
     largest, finest = np.zeros(3), np.inf
     for k in range(3):
-        largest[k] = np.abs(weights[:, k]).max()
+        for i in range(len(weights)):
+            largest[k] = max(largest[k], abs(weights[i, k]))
         if largest[k] > 0 and colour[k] > 0:
             finest = min(finest, largest[k] / colour[k])
-    return np.maximum(colour, largest / (LEVEL * finest)) if np.isfinite(finest) else largest
+    if finest < np.inf:
+        for k in range(3):
+            largest[k] = max(colour[k], largest[k] / (LEVEL * finest))
+    return largest
 
 
 @kept()
@@ -161,23 +173,56 @@ def _as_many_as_needed(
     weights: FloatArray, reach: FloatArray, colour: FloatArray, allowed: FloatArray, codes: NDArray[np.int32]
 ) -> None:
     """Three codes for the entries that change the result most, one for as many others as the change allows."""
-    one, three = np.empty_like(codes), np.empty_like(codes)
+    one = np.empty_like(codes)
     _one_code_each(weights, colour, one)
     worst = np.zeros(len(weights))
     for i in range(len(weights)):
         for k in range(3):
-            three[i, k] = _coded(weights[i, k] / colour[k])
+            codes[i, k] = _coded(weights[i, k] / colour[k])
             worst[i] = max(worst[i], abs(one[i, k] * colour[k] - weights[i, k]) * reach[i, k] / allowed[k])
-    codes[:] = three
-    above, below = _too_much_and_too_little(weights, reach, colour, three)
+    change = _too_much_and_too_little(weights, reach, colour, codes)
     for i in np.argsort(worst):
         for k in range(3):
-            before, after = three[i, k] * colour[k] - weights[i, k], one[i, k] * colour[k] - weights[i, k]
-            above[k] += (max(after, 0.0) - max(before, 0.0)) * reach[i, k]
-            below[k] -= (min(after, 0.0) - min(before, 0.0)) * reach[i, k]
-        if (above > allowed).any() or (below > allowed).any():
+            before, after = codes[i, k] * colour[k] - weights[i, k], one[i, k] * colour[k] - weights[i, k]
+            change[0, k] += (max(after, 0.0) - max(before, 0.0)) * reach[i, k]
+            change[1, k] -= (min(after, 0.0) - min(before, 0.0)) * reach[i, k]
+        if _beyond(change, allowed):
             break
-        codes[i] = one[i]
+        for k in range(3):
+            codes[i, k] = one[i, k]
+
+
+@kept()
+def _fit_row(
+    indices: NDArray[np.int32],
+    weights: NDArray[np.floating],
+    scale: float,
+    reach: FloatArray,
+    allowed: FloatArray,
+    codes: NDArray[np.int32],
+    change: FloatArray,
+) -> int:
+    """Fills the codes and the change of one row; its colour.  allowed, change : over the scale.
+
+    Loops, not arrays' sums and slices: those take Numba half a minute to compile.
+    """
+    light, at, total = np.empty((indices.size, 3)), np.empty((indices.size, 3)), np.zeros(3)
+    for i in range(indices.size):
+        for k in range(3):
+            light[i, k], at[i, k] = np.float64(weights[i, k]) / scale, reach[indices[i], k]
+            total[k] += light[i, k] * at[i, k]
+    bits: int = _colour_bits(total, light)
+    colour = _colour(np.uint32(bits))
+    _one_code_each(light, colour, codes)
+    found = _too_much_and_too_little(light, at, colour, codes)
+    if _beyond(found, allowed):
+        bits = _colour_bits(_levelled(_median_colour(light, at), light), light)
+        colour = _colour(np.uint32(bits))
+        _as_many_as_needed(light, at, colour, allowed, codes)
+        found = _too_much_and_too_little(light, at, colour, codes)
+    for k in range(3):
+        change[k] = max(found[0, k], found[1, k])  # a source may hold either alone
+    return bits
 
 
 def _fit_rows(
@@ -194,14 +239,7 @@ def _fit_rows(
     """Fills colours, codes and change; allowed and change over the scale."""
     for row in numba.prange(indptr.size - 1):
         own = slice(indptr[row], indptr[row + 1])
-        at, light = reach[indices[own]], weights[own].astype(np.float64) / scale
-        colours[row] = _colour_bits(_sums(light * at), light)
-        _one_code_each(light, _colour(colours[row]), codes[own])
-        change[row] = _change(light, at, _colour(colours[row]), codes[own])
-        if (change[row] > allowed[row]).any():
-            colours[row] = _colour_bits(_levelled(_median_colour(light, at), light), light)
-            _as_many_as_needed(light, at, _colour(colours[row]), allowed[row], codes[own])
-            change[row] = _change(light, at, _colour(colours[row]), codes[own])
+        colours[row] = _fit_row(indices[own], weights[own], scale, reach, allowed[row], codes[own], change[row])
 
 
 _FIT_ROWS = compiled(_fit_rows)

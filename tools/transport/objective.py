@@ -29,7 +29,7 @@ from counterlight.tools.transport.gloss import glossy
 from counterlight.tools.transport.overlap import overlap
 from counterlight.tools.transport.shares import shares
 from counterlight.tools.transport.transport import Transport
-from counterlight.tools.transport.trust import seen, trust
+from counterlight.tools.transport.trust import beside_most, camera_pixels, trust
 
 FAINTEST = 1e-12  # of the largest: a projector pixel whose d is below lights nothing, and its step would overflow
 FINEST = 1e-6  # of ½ Σ w b²: an error 60 dB below the target needs no finer certificate
@@ -178,9 +178,9 @@ def objective_of(
     projector, regions = calibration.projector.shape, calibration.regions
     weights = _trust(transport, calibration) * shares(transport.near, calibration)
     T = transport.inside(weights > 0)
-    shown = seen(T, weights > 0)
-    unaided = Objective(T, weights, None, shown, mixing=mixing)
-    prior = _prior(unaided, projector, regions, options)
+    made = camera_pixels(T, weights > 0)
+    unaided = Objective(T, weights, None, beside_most(made), mixing=mixing)
+    prior = _prior(unaided, made, projector, regions, options)
     return replace(unaided, prior=_off_highlights(unaided, prior, calibration) if options.avoid_highlights else prior)
 
 
@@ -208,6 +208,7 @@ def _trust(T: Transport, calibration: Calibration) -> FloatArray:
 
 def _prior(
     objective: Objective,
+    made: FloatArray,
     projector: tuple[int, int],
     regions: Sequence[Region],
     options: ObjectiveOptions,
@@ -218,7 +219,7 @@ def _prior(
     stiff = np.zeros_like(hold) if black else np.minimum(hold, STIFFNESS * hold.max(axis=0))
     ties = [each.reshape(*projector, 3) for each in (options.drift * np.sqrt(diagonal), stiff)]
     owner = owners(projector, regions)
-    apart = _apart(objective, projector)
+    apart = _apart(objective, made, projector)
     right, down = (_ties(ties[0], ties[1], each, owner, axis) for each, axis in zip(apart, (1, 0), strict=True))
     damping = hold if black else np.zeros_like(hold)
     return Prior(damping.reshape(*projector, 3).astype(np.float32), right, down)
@@ -252,9 +253,12 @@ def _hold(d: FloatArray, shown: FloatArray) -> FloatArray:
     return np.where(shown[:, None] > 0, np.minimum(np.minimum(share**FALL, STRONGEST) * d, typical), typical)
 
 
-def _apart(objective: Objective, projector: tuple[int, int]) -> Iterator[FloatArray]:
-    """1 − κ of pixels and their neighbours on the right, and below; 1 where too little is seen to know κ."""
-    known = np.minimum(objective.seen, 1).reshape(projector)
+def _apart(objective: Objective, made: FloatArray, projector: tuple[int, int]) -> Iterator[FloatArray]:
+    """1 − κ of pixels and their neighbours on the right, and below; 1 where too little is seen to know κ.
+
+    Where `made`, the camera pixels of each projector pixel, is below 1, neighbours look alike for want of pixels.
+    """
+    known = np.minimum(np.minimum(objective.seen, made), 1).reshape(projector)
     for alike, axis in zip(overlap(objective.T, objective.weights, projector), (1, 0), strict=True):
         yield 1 - np.minimum(known, np.roll(known, -1, axis)) * alike
 

@@ -125,8 +125,16 @@ def _around(largest: FloatArray, untouched: NDArray[np.bool_], camera: tuple[int
 def seen(T: Transport, trusted: NDArray[np.bool_]) -> FloatArray:
     """How much of a projector pixel trusted camera pixels see, 1 where as much as of most: (projector pixels,).
 
-    A camera pixel is seen to be made of projector pixels by its light's shares, whatever its paint: a projector pixel
-    that makes up as many camera pixels as most do has 1. trusted : (camera pixels,).
+    trusted : (camera pixels,).
+    """
+    return beside_most(camera_pixels(T, trusted))
+
+
+def camera_pixels(T: Transport, trusted: NDArray[np.bool_]) -> FloatArray:
+    """How many trusted camera pixels each projector pixel makes up, v_j = Σ_i T_ij / (T·1)_i: (projector pixels,).
+
+    A camera pixel is seen to be made of projector pixels by its light's shares, whatever its paint. trusted : (camera
+    pixels,).
     """
     total = _light(T)
     total[~trusted] = 0
@@ -134,6 +142,11 @@ def seen(T: Transport, trusted: NDArray[np.bool_]) -> FloatArray:
     if T.blurred is not None:
         cells, gather = _made(T.blurred.scatter, total), T.blurred.gather
         made += np.bincount(gather.indices, cells[gather.rows] * gather.weights[:, 0], gather.columns)
+    return made
+
+
+def beside_most(made: FloatArray) -> FloatArray:
+    """Shares of what most have, which is 1."""
     most = made[made > FEW * made.max(initial=0.0)]
     return np.asarray(made / np.median(most) if most.size else made)
 
