@@ -16,7 +16,7 @@ from counterlight.errors import InputError
 from counterlight.media.video import Frame, MediaReader
 from tests.ffmpeg_frames import Planes, ffmpeg_frame
 
-SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+SHARED = (Path(__file__).parents[2] / "shared" / "data").resolve()  # as errors name it
 TIMEOUT_S = 60.0  # patience only: nothing here is expected to take it
 RATE = 25
 # The order of the bits in time: 0.04 s a frame is not a binary fraction, and containers round to their time base.
