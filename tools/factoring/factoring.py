@@ -83,7 +83,7 @@ def factored(
         return transport, replace(left, reason="its blurred light is in factors")
     if _least_numbers(transport) > WORTH * _entries(transport):
         return transport, replace(left, reason="it is sparse")
-    if max(transport.shape) > MOST_NODES * MOST_READ // 4:
+    if has_too_many_pixels(transport):
         return transport, replace(left, reason=f"more than {MOST_NODES * MOST_READ // 4} pixels are too many nodes")
     _check_memory(transport)
     rows = Rows.of(transport)
@@ -173,7 +173,7 @@ class _Search:
     def _candidates(self) -> list[_Candidate]:
         """Of grids from coarse to fine, while a finer one can be cheaper; the drives are those of the first model."""
         errors, found, cheapest = None, list[_Candidate](), self._most
-        for cells in _grids(self._rows.transport):
+        for cells in grids_over(self._rows.transport):
             model = fitted(self._rows, cells, PEAK)
             far = factor_numbers(model.far_light())
             if far >= cheapest:
@@ -211,8 +211,13 @@ class _Search:
         return kept, squares[..., 1:]
 
 
-def _grids(transport: Transport) -> list[tuple[int, int]]:
-    """Numbers of nodes, fine enough for every map's rows."""
+def has_too_many_pixels(transport: Transport) -> bool:
+    """For nodes between which no more than MOST_READ pixels lie."""
+    return max(transport.shape) > MOST_NODES * MOST_READ // 4
+
+
+def grids_over(transport: Transport) -> list[tuple[int, int]]:
+    """Numbers of nodes of the camera and of the projector, fine enough for every map's rows; the finest last."""
     least = max(transport.shape) // (MOST_READ // 4)
     return sorted({(max(camera, least), max(projector, least)) for camera, projector in GRIDS})
 

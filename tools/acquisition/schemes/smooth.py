@@ -13,14 +13,12 @@ from counterlight.arrays import FloatArray
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.acquisition.schemes.agreement import parts_of
 from counterlight.tools.acquisition.schemes.blocks import with_readable_far
+from counterlight.tools.factoring.factoring import grids_over, has_too_many_pixels
 from counterlight.tools.factoring.model import PEAK, Rows, fitted
 from counterlight.tools.factoring.near import split
 from counterlight.tools.inverse.pictures import soft_picture
 from counterlight.tools.transport.transport import FarLight, Shape, Transport
 
-NODES = 768, 432  # of the camera and of the projector; so many more that
-MOST_PIXELS = 1 << 11  # of either side are a node's, and it lies between fewer than half of a texture's row
-MOST_NODES = 1500  # they are mixed by a dense matrix
 MOST_LOST = 0.005  # of white, RMS, of pictures' light: 46 dB
 
 
@@ -32,14 +30,12 @@ def smoothed(transport: Transport) -> tuple[Transport, str]:
     blocks, projector = transport.far, transport.projector
     assert projector is not None
     rows, columns = transport.shape
-    least = max(rows, columns) // MOST_PIXELS
-    if blocks is None or least > MOST_NODES:
+    if blocks is None or has_too_many_pixels(transport):
         told = "far light: none" if blocks is None else "far light: left in blocks, of too many pixels"
         return with_readable_far(transport), told
     nothing = SparseRows(np.zeros(rows + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 3), np.float32), columns)
     alone = _Blocks(replace(transport, near=nothing), np.zeros(0, np.bool_))
-    camera, over = (max(nodes, least) for nodes in NODES)
-    far = split(alone, fitted(alone, (camera, over), PEAK)).far
+    far = split(alone, fitted(alone, grids_over(transport)[-1], PEAK)).far
     assert far is not None
     lost = _lost(transport, blocks, far, projector)
     sizes = blocks.scatter.indices.size, far.scatter.indices.size + far.gather.indices.size
