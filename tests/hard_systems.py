@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 import counterlight as cl
 from counterlight.pipeline.content import reachable_white
-from counterlight.tools.inverse.damping import largest_singular_value
+from counterlight.tools.inverse.bidiagonal import largest_singular_value
 from counterlight.tools.inverse.far_light import undo_far_light
 from counterlight.tools.inverse.near_light import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.pictures import typical_pictures

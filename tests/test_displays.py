@@ -12,13 +12,13 @@ from counterlight import calibration
 from counterlight.calibration import Calibration, Device
 from counterlight.errors import InputError
 from counterlight.files import exr
+from counterlight.pipeline.content import psnr
 from counterlight.raster import Region, side_by_side
 from counterlight.response import Response
 from counterlight.show.asked import monitors_of, room_of
 from counterlight.show.options import read_options
 from counterlight.show.room_in_use import RoomInUse
 from counterlight.tools.inverse.near_light import InverseOptions, invert_near_light
-from counterlight.tools.solve.quality import psnr
 from counterlight.tools.transport.joining import join_transports
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport, channel, channels

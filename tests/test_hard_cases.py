@@ -10,8 +10,8 @@ from scipy.sparse.linalg import lsmr
 
 from counterlight.errors import InputError
 from counterlight.tools.clusters.finite import NonFiniteError
+from counterlight.tools.inverse.bidiagonal import largest_singular_value
 from counterlight.tools.inverse.clustered import damped_inverse
-from counterlight.tools.inverse.damping import largest_singular_value
 from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.solve.box import TOLERANCE
 from counterlight.tools.transport.transport import channels

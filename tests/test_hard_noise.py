@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear, nnls
 
-from counterlight.tools.inverse.damping import largest_singular_value
+from counterlight.tools.inverse.bidiagonal import largest_singular_value
 from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.transport.transport import channels
 from tests import hard_systems as hard

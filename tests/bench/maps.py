@@ -6,7 +6,7 @@ The wall of rooms.py: camera 640x480, projector 512x512, 25 entries a column, th
 import resource
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +43,7 @@ def map_decomposed() -> Iterator[object]:
     ours = seconds(lambda: list(run_jobs(jobs, "inverting")))
     blocks = ClusterBlocks(clusters, everything)
     with threadpool_limits(limits=1):  # numpy's own threads would make small ones slower
-        baseline = seconds(lambda: [_pinv_loop(blocks, T) for T in channels(cut.near)])
+        baseline = seconds(lambda: _pinv_loop(blocks, channels(cut.near)))
     yield Timed(
         f"  of that, {clusters.count} clusters inverted and truncated", ours, "numpy.linalg.pinv, looped,", baseline
     )
@@ -78,11 +78,11 @@ def _written(folder: Path) -> Path:
     return folder
 
 
-def _pinv_loop(blocks: ClusterBlocks, T: Csr) -> None:
-    entries = blocks.entries(T)
-    for batch in blocks.batches(BATCH_VALUES):
-        for block in blocks.dense(entries, batch):
-            np.linalg.pinv(block)
+def _pinv_loop(blocks: ClusterBlocks, T: Sequence[Csr]) -> None:
+    for entries in map(blocks.entries, T):
+        for batch in blocks.batches(BATCH_VALUES):
+            for block in blocks.dense(entries, batch):
+                np.linalg.pinv(block)
 
 
 def _window(columns: Csr, windows: Windows, corner: tuple[int, int]) -> np.ndarray:

@@ -218,8 +218,8 @@ def study(place: StudyRoom, size: str, known: Collection[str]) -> Iterator[Row]:
     """The truth and every scheme whose name is not `known`."""
     room = place.room
     if TRUTH not in known:
-        best = [place.compensated(room.transport, room.ambient, detail) for detail in DETAILS]
-        yield Row(room.name, size, TRUTH, 0, 0, 0.0, 0.0, *best, 0.0)
+        fine, smooth = (place.compensated(room.transport, room.ambient, detail) for detail in DETAILS)
+        yield Row(room.name, size, TRUTH, 0, 0, 0.0, 0.0, fine, smooth, 0.0)
     for name, shots, make_scheme in schemes(room.projector):
         if name in known:
             continue
@@ -228,9 +228,9 @@ def study(place: StudyRoom, size: str, known: Collection[str]) -> Iterator[Row]:
         done: Acquisition = acquire(eye, MemoryStore(eye.exposures), make_scheme, room.projectors)[0]
         seconds = time.perf_counter() - start
         transport = done.measured.transport
-        found = [place.compensated(transport, done.room.black, detail) for detail in DETAILS]
-        error = relative_error(transport, room.transport)
-        yield Row(room.name, size, name, done.pictures, shots * done.pictures, seconds, error, *found, done.check.error)
+        fine, smooth = (place.compensated(transport, done.room.black, detail) for detail in DETAILS)
+        error, told = relative_error(transport, room.transport), done.check.error
+        yield Row(room.name, size, name, done.pictures, shots * done.pictures, seconds, error, fine, smooth, told)
 
 
 def read_rows() -> list[Row]:
@@ -252,6 +252,7 @@ def write_rows(rows: Sequence[Row]) -> None:
 def draw(rows: Sequence[Row]) -> None:
     """Exposures against the error of T, both logarithmic, a panel a room; the smallest size of each."""
     from matplotlib import pyplot
+    from matplotlib.lines import Line2D
 
     names = list(dict.fromkeys(row.room for row in rows))
     kinds = [kind for kind in dict.fromkeys(row.scheme for row in rows) if kind != TRUTH]
@@ -268,7 +269,7 @@ def draw(rows: Sequence[Row]) -> None:
         panel.grid(alpha=0.3)
     figure.supxlabel("exposures")
     figure.supylabel("error of T, %")
-    marks = [pyplot.Line2D([], [], marker="o", ls="", color=f"C{i}", label=kind) for i, kind in enumerate(kinds)]
+    marks = [Line2D([], [], marker="o", ls="", color=f"C{i}", label=kind) for i, kind in enumerate(kinds)]
     figure.legend(handles=marks, loc="lower center", ncols=3, bbox_to_anchor=(0.5, 0.03))
     figure.tight_layout(rect=(0, 0.08, 1, 1))
     figure.savefig(PLOT, dpi=90)

@@ -16,6 +16,7 @@ import numpy as np
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration
 from counterlight.media.frames import radiance_frame
+from counterlight.pipeline.content import psnr
 from counterlight.pipeline.fitting import on_cameras
 from counterlight.pipeline.room import Room
 from counterlight.response import Response
@@ -26,7 +27,6 @@ from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.solve.box import Box
-from counterlight.tools.solve.quality import psnr
 from counterlight.tools.study.pictures import BUILT_IN
 from counterlight.tools.transport.joining_cameras import CameraOptions, joined_cameras
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
@@ -149,8 +149,8 @@ def main() -> None:
             ("2, exposures matched", other, False),
             ("2, exposures left", other, True),
         ):
-            pair = zip(views[0], second, strict=True)
-            shared = joined_cameras(*pair, "joint", CameraOptions(keep_exposures=keep))
+            seen, transports = zip(views[0], second, strict=True)
+            shared = joined_cameras(seen, transports, "joint", CameraOptions(keep_exposures=keep))
             rooms[f"{projectors}, {said}"] = shared.calibration, shared.transport
         for name, room in rooms.items():
             found = Judged(room, audience, sides)

@@ -160,7 +160,7 @@ def changes(pictures: list[FloatArray], mask: NDArray[np.bool_], white: float) -
 
 def costs(renderer: GlRenderer) -> None:
     """Milliseconds of a frame, fastest of REPEATS in turns: of processor time where OpenGL is llvmpipe."""
-    clock = clock_of(renderer._device._context)
+    clock = clock_of(moderngl.get_context())
     processor = "processor " if clock is time.process_time else ""
     settings = {
         "neutral": Adjustments(),

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
+import moderngl
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -104,7 +105,8 @@ def _built(
     projector: tuple[int, int],
     mask: NDArray[np.bool_],
 ) -> StudyRoom:
-    devices = Device(*projector, Response("srgb")), Device(*ambient.shape[:2], Response("linear"))
+    height, width, _ = ambient.shape
+    devices = Device(*projector, Response("srgb")), Device(height, width, Response("linear"))
     with writing(folder, Calibration(folder.name, "study", devices[:1], devices[1], ambient, mask)) as stage:
         write_transport(transport, stage)
     stored = calibration.read(folder)
@@ -155,7 +157,7 @@ class Cost:
 
 def costs(made: dict[str, GlRenderer]) -> dict[str, Cost]:
     """Fastest of REPEATS runs, taken in turns."""
-    clock = clock_of(next(iter(made.values()))._device._context)
+    clock = clock_of(moderngl.get_context())
     fastest = {(start, steps): np.inf for start in made for steps in (1, MANY)}
     for _ in range(REPEATS):
         for start, steps in fastest:
@@ -282,8 +284,8 @@ def plain_step(
 ) -> tuple[FloatArray, FloatArray]:
     """The player's step without ties, of (projector pixels, 3)."""
     line = (1, len(y))
-    pictures = (each.reshape(*line, 3) for each in (descent, y, p, size))
-    done = refinement_step(*pictures, Prior.none(line), momentum, over)
+    descent, y, p, size = (each.reshape(*line, 3) for each in (descent, y, p, size))
+    done = refinement_step(descent, y, p, size, Prior.none(line), momentum, over)
     return np.asarray(done[0]).reshape(-1, 3), np.asarray(done[1]).reshape(-1, 3)
 
 

@@ -17,12 +17,11 @@ import numpy as np
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration
 from counterlight.files.png import write_png
-from counterlight.pipeline.content import reachable_white
+from counterlight.pipeline.content import psnr, reachable_white
 from counterlight.response import Response
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.solve.box import Box
-from counterlight.tools.solve.quality import psnr
 from counterlight.tools.study.pictures import BUILT_IN
 from counterlight.tools.transport.objective import ObjectiveOptions, objective_of
 from counterlight.tools.transport.transport import Transport

@@ -20,6 +20,7 @@ from counterlight.calibration import Calibration
 from counterlight.files.png import write_png
 from counterlight.media.video import Frame
 from counterlight.pipeline.adjustments import Adjustments
+from counterlight.pipeline.content import psnr as decibels
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.fitting import on_cameras
 from counterlight.pipeline.room import Room
@@ -36,7 +37,6 @@ from counterlight.tools.simulation.room import simulated_calibration
 from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.solve.box import Box
-from counterlight.tools.solve.quality import psnr as decibels
 from counterlight.tools.study.pictures import BUILT_IN
 from counterlight.tools.transport.joining_cameras import CameraOptions
 from counterlight.tools.transport.joining_views import on_shared_screen
@@ -207,8 +207,10 @@ def _onto_screen(room: Calibration) -> tuple[Csr, FloatArray]:
 
 def own_screen(line: Line, views: Sequence[int]) -> list[tuple[Calibration, Transport]]:
     """The views as `join --at` places them, by T alone; the screen is the first one's view, as the truth's is."""
-    rooms = [(replace(line.at(view).room, screen=None), line.at(view).transport) for view in views]
-    joined, _ = on_shared_screen(*zip(*rooms, strict=True), "set", CameraOptions(keep_exposures=True))
+    rooms, transports = zip(
+        *((replace(line.at(view).room, screen=None), line.at(view).transport) for view in views), strict=True
+    )
+    joined, _ = on_shared_screen(rooms, transports, "set", CameraOptions(keep_exposures=True))
     screens = [room.screen for room, _ in joined if room.screen is not None]
     low = 0.5 - screens[0].positions[0, 0]
     return [
