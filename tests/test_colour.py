@@ -14,6 +14,7 @@ from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.maps.mixing import TIERS, Mixing, invertible, mixed
 from counterlight.pipeline.content import psnr
+from counterlight.tools.colour import neutral as neutral_colour
 from counterlight.tools.colour.neutral import neutral_mixing
 from counterlight.tools.colour.shared import colour_matrices
 from counterlight.tools.colour.tiers import Tier, tier_of
@@ -120,6 +121,18 @@ def test_the_neutral_mixing_is_found_beside_paint_of_any_colour_and_gain(rng: np
         primaries = np.diag(gains) @ CROSSTALK
         expected = primaries * np.linalg.solve(primaries, np.ones(3))  # white is what the camera calls white
         np.testing.assert_allclose(found, expected, atol=1e-2)  # paint of up to ± 30 % within a primary
+
+
+def test_of_a_large_camera_some_pixels_tell_the_neutral_mixing(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    room = coloured_room(rng, camera=(40, 60))
+    F, mask = np.array(room.calibration.primaries), room.calibration.mask
+    whole = neutral_mixing(F, mask)
+    every_fifth = mask.ravel().cumsum() % 5 == 1
+    F.reshape(3, -1, 3)[:, ~every_fifth & mask.ravel()] = np.nan  # NaN in one of them would be NaN in the end
+    monkeypatch.setattr(neutral_colour, "MOST_ASKED", mask.sum() // 5)
+    np.testing.assert_allclose(neutral_mixing(F, mask), whole, atol=1e-3)
 
 
 def damaged(room: ColouredRoom, kind: str) -> Calibration:

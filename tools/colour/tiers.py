@@ -97,8 +97,8 @@ def tier_of(calibration: Calibration, transport: Transport, colour: str = "auto"
         return _global(calibration, transport, neutral, said)
     if not found.share:
         said += "; no camera pixel's floodlights add up to what the patterns found, so that all are taken for neutral"
-    mixing = Mixing(neutral, found.B)
-    return Tier(calibration, mixed_channels(transport, found.inverse @ mixing.to_screen), mixing, said)
+    mixing = Mixing(neutral, found.B.reshape(*calibration.camera.shape, 3, 3).astype(np.float32))
+    return Tier(calibration, mixed_channels(transport, np.linalg.inv(found.B) @ mixing.to_screen), mixing, said)
 
 
 def _neutral(calibration: Calibration) -> tuple[FloatArray, str]:
@@ -118,15 +118,14 @@ def _global(calibration: Calibration, transport: Transport, neutral: FloatArray,
 
 @dataclass(frozen=True)
 class _Mixings:
-    """B of every camera pixel and its inverse, A.
+    """B of every camera pixel.
 
     residual : what the global tier leaves, root mean square of the sines between B's columns and their axes.
     share : of the pixels that count, how many have a mixing of their own.
-    B : (camera height, camera width, 3, 3) float32.  inverse : (camera pixels, 3, 3).
+    B : (camera pixels, 3, 3).
     """
 
-    B: NDArray[np.float32]
-    inverse: FloatArray
+    B: FloatArray
     residual: float
     share: float
 
@@ -145,10 +144,7 @@ def _mixing_of_pixels(calibration: Calibration, composition: FloatArray, neutral
     counted = calibration.mask.ravel() & known
     sines = 1 - np.einsum("ill->il", B[counted]) ** 2
     residual = float(np.sqrt(np.mean(np.maximum(sines, 0)))) if counted.any() else 0.0
-    pixel = B.reshape(*calibration.camera.shape, 3, 3).astype(np.float32)
-    return _Mixings(
-        pixel, np.asarray(np.linalg.inv(B), np.float64), residual, float(np.mean(known[calibration.mask.ravel()]))
-    )
+    return _Mixings(B, residual, float(np.mean(known[calibration.mask.ravel()])))
 
 
 def _scaled_floodlights(primaries: NDArray[np.float32], composition: FloatArray) -> tuple[FloatArray, BoolArray]:
