@@ -13,7 +13,7 @@ from scipy.sparse import csgraph
 
 from counterlight.errors import InputError
 from counterlight.pipeline.colour import LUMINANCE
-from counterlight.tools.clusters.components import find_clusters
+from counterlight.tools.clusters.components import find_clusters, largest_cluster
 from counterlight.tools.clusters.decomposition import Decomposition, Parameters, decompose
 from counterlight.tools.clusters.search import decompose_to
 from counterlight.tools.simulation.simulate import simulate
@@ -356,3 +356,8 @@ def test_components_are_those_that_scipy_finds(seed: int) -> None:
     assert np.array_equal(labels[lit], np.unique(theirs[lit], return_inverse=True)[1])
     sizes = np.bincount(found.projector[found.projector >= 0], minlength=found.count)
     assert np.array_equal(found.projector_sizes, sizes)
+    links = pattern.tocoo()
+    keep = rng.random(links.nnz) < 0.7
+    kept = sparse.csr_array((np.ones(keep.sum()), (links.row[keep], links.col[keep])), shape=pattern.shape)
+    largest = largest_cluster(links.row.astype(np.int64), links.col.astype(np.int64), keep, rows, columns)
+    assert largest == find_clusters(kept).projector_sizes.max(initial=0)

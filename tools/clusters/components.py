@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.arrays import IntArray
+from counterlight.arrays import BoolArray, IntArray
 from counterlight.maps.products import kept
 from counterlight.tools.transport.transport import Csr
 
@@ -47,17 +47,33 @@ def find_clusters(pattern: Csr) -> Clusters:
 
 
 @kept(nogil=True)
+def largest_cluster(camera: IntArray, projector: IntArray, keep: BoolArray, rows: int, columns: int) -> int:
+    """The most projector pixels that the kept ones of some connections hold together; a search asks some twenty times.
+
+    camera, projector, keep : (connections,).  rows, columns : camera and projector pixels.
+    """
+    parent, sizes = np.arange(rows + columns), np.zeros(rows, np.int64)
+    for k in range(keep.size):
+        if keep[k]:
+            _join(parent, camera[k], rows + projector[k])
+    for column in range(columns):
+        root = _root(parent, rows + column)
+        if root < rows:  # a camera pixel: of a projector pixel alone, itself
+            sizes[root] += 1
+    return sizes.max() if rows else 0
+
+
+@kept(nogil=True)
 def _labels(indptr: IntArray, indices: IntArray, columns: int) -> tuple[IntArray, int]:
     """Of camera and then projector pixels, and how many there are, by disjoint sets, each rooted in its first pixel.
 
-    A search for a cut asks some twenty times; scipy's, of float64 links both ways, takes several times as long.
+    Scipy's, of float64 links both ways, takes several times as long.
     """
     rows = indptr.size - 1
     parent = np.arange(rows + columns)
     for row in range(rows):
         for k in range(indptr[row], indptr[row + 1]):
-            first, second = _root(parent, row), _root(parent, rows + indices[k])
-            parent[max(first, second)] = min(first, second)
+            _join(parent, row, rows + indices[k])
     label, count = np.full(rows + columns, -1), 0
     for pixel in range(rows + columns):
         root = _root(parent, pixel)
@@ -67,6 +83,12 @@ def _labels(indptr: IntArray, indices: IntArray, columns: int) -> tuple[IntArray
             label[pixel] = count
             count += 1
     return label, count
+
+
+@kept(nogil=True)
+def _join(parent: IntArray, pixel: int, other: int) -> None:
+    first, second = _root(parent, pixel), _root(parent, other)
+    parent[max(first, second)] = min(first, second)
 
 
 @kept(nogil=True)

@@ -26,6 +26,11 @@ class Connections:
     luminance: FloatArray
     shape: tuple[int, int]
 
+    @property
+    def ends(self) -> IntArray:
+        """Where each camera pixel's connections end, (camera pixels,)."""
+        return np.cumsum(np.bincount(self.camera, minlength=self.shape[0]))
+
     def pattern(self, keep: BoolArray) -> Csr:
         """The kept connections as a matrix of ones."""
         projector = self.projector[keep]

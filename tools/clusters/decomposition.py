@@ -22,10 +22,12 @@ Where the pseudo-code leaves a choice, this is the reading taken:
 import math
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
-from counterlight.arrays import BoolArray, IntArray
+from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.errors import InputError
+from counterlight.maps.products import kept
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.clusters.connections import Connections, connections_of
@@ -93,7 +95,16 @@ def decompose(
 
 def by_strength(graph: Connections) -> IntArray:
     """Connections ordered by camera pixel, the strongest first, ties by projector pixel."""
-    return np.lexsort((-graph.luminance, graph.camera))
+    return np.asarray(_by_strength(graph.ends, graph.luminance))
+
+
+@kept(parallel=True)
+def _by_strength(ends: IntArray, luminance: FloatArray) -> IntArray:
+    order = np.arange(luminance.size)
+    for pixel in numba.prange(ends.size):
+        start = ends[pixel - 1] if pixel else 0
+        order[start : ends[pixel]] = start + np.argsort(-luminance[start : ends[pixel]], kind="mergesort")
+    return order
 
 
 def cut(graph: Connections, strongest: IntArray, tau_1: float, tau_2: float) -> tuple[BoolArray, int]:

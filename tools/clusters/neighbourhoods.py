@@ -22,8 +22,7 @@ def strongest_of_block(
     """
     if radius < 1:
         return np.arange(order.size)
-    ends = np.cumsum(np.bincount(graph.camera, minlength=graph.shape[0]))
-    return np.asarray(_strongest(order, ends, graph.projector, *projector_shape, float(radius)))
+    return np.asarray(_strongest(order, graph.ends, graph.projector, *projector_shape, float(radius)))
 
 
 @kept()

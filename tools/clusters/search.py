@@ -10,7 +10,7 @@ import numpy as np
 from counterlight.arrays import BoolArray, IntArray
 from counterlight.errors import InputError
 from counterlight.maps.row_map import SparseRows
-from counterlight.tools.clusters.components import find_clusters
+from counterlight.tools.clusters.components import largest_cluster
 from counterlight.tools.clusters.connections import Connections, connections_of
 from counterlight.tools.clusters.decomposition import (
     Decomposition,
@@ -142,4 +142,4 @@ def _radii(projector_shape: tuple[int, int]) -> Iterator[int]:
 
 
 def _largest(graph: Connections, keep: BoolArray) -> int:
-    return int(find_clusters(graph.pattern(keep)).projector_sizes.max(initial=0))
+    return int(largest_cluster(graph.camera, graph.projector, keep, *graph.shape))
