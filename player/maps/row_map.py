@@ -126,7 +126,10 @@ class SparseRows:
             return self
         each = factors.reshape(self.shape[0], -1)
         kept = self.inside(np.asarray((each > 0).any(axis=1)))
-        return replace(kept, weights=(kept.weights * each[kept.rows]).astype(self.weights.dtype))
+        rows, weights = kept.rows, np.empty_like(kept.weights)
+        for channel, factor in enumerate(np.broadcast_to(each.T, (3, self.shape[0]))):
+            weights[:, channel] = kept.weights[:, channel] * factor[rows]
+        return replace(kept, weights=weights)
 
 
 def below_each_other(bands: Sequence[SparseRows]) -> SparseRows:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from counterlight.arrays import FloatArray
+from counterlight.maps.row_map import SparseRows
 from counterlight.tools.transport.transport import Csr, Shape
 
 
@@ -40,16 +41,20 @@ class Grid:
     def count(self) -> int:
         return self.nodes[0] * self.nodes[1]
 
-    def textured(self, texture: FloatArray, columns: int | None = None) -> Csr:
-        """diag(texture) Φ without zeros; texture : (pixels,).  columns : at least as many as nodes, the rest empty."""
+    def textured(self, texture: FloatArray) -> Csr:
+        """diag(texture) Φ without zeros; texture : (pixels,)."""
         pixels = len(self.corners)
         places = self.corners.ravel(), 4 * np.arange(pixels + 1)
-        matrix = sparse.csr_array(
-            ((self.weights * texture[:, None]).ravel(), *places), shape=(pixels, columns or self.count)
-        )
+        matrix = sparse.csr_array(((self.weights * texture[:, None]).ravel(), *places), shape=(pixels, self.count))
         matrix.sum_duplicates()
         matrix.eliminate_zeros()
         return matrix
+
+    def rows(self, textures: FloatArray, columns: int) -> SparseRows:
+        """The same of three channels; textures : (pixels, 3).  columns : as many as nodes or more, the rest empty."""
+        weights = (self.weights[:, :, None] * textures[:, None]).reshape(-1, 3)
+        places = 4 * np.arange(len(self.corners) + 1)
+        return SparseRows(places, self.corners.ravel(), weights, columns).where((weights != 0).any(axis=1))
 
 
 def _between(pixels: int, nodes: int) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:

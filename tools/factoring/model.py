@@ -57,9 +57,7 @@ class Model:
         cells = max(self.M.shape[:2])  # one number for both sides: those that are missing have no light
         mix = np.zeros((3, cells, cells))
         mix[:, : self.M.shape[0], : self.M.shape[1]] = self.M.transpose(2, 0, 1)
-        U = [self.camera.textured(texture, cells) for texture in self.F.T]
-        D = [Csr(self.projector.textured(texture, cells).T) for texture in self.G.T]
-        return FarLight.from_matrices(D, mix, U)
+        return FarLight(self.projector.rows(self.G, cells).transposed, mix, self.camera.rows(self.F, cells))
 
 
 @dataclass(frozen=True)
@@ -119,10 +117,11 @@ def _projected(rows: Rows, model: Model) -> tuple[FloatArray, FloatArray, FloatA
     mixed, F, G = passes.projected(*entries, rows.apart, rows.relative, model.limit, *model.textures, *model.grids)
     far = rows.transport.far
     if far is not None:
+        camera = model.camera.corners, model.camera.weights, model.camera.count
+        AU = passes.onto_nodes(*passes.operands(far.scatter), far.cells, model.F, *camera)
         for i in range(3):
-            U, D = channel(far.scatter, i), channel(far.gather, i)
-            A, B = model.camera.textured(model.F[:, i]), model.projector.textured(model.G[:, i])
-            mixed[..., i] += (A.T @ U) @ far.mix[i] @ (D @ B).toarray()
+            B = model.projector.textured(model.G[:, i])
+            mixed[..., i] += AU[..., i] @ far.mix[i] @ (channel(far.gather, i) @ B).toarray()
     return mixed, F + rows.known[0], G + rows.known[1]
 
 

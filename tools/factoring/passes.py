@@ -84,6 +84,8 @@ def projected(  # type: ignore[no-untyped-def]
     for b in numba.prange(parts):
         q, gathered, value = np.zeros((M.shape[1], 3)), np.zeros((M.shape[1], 3)), np.zeros(3)
         for k in range(b * rows // parts, (b + 1) * rows // parts):
+            if indptr[k] == indptr[k + 1]:
+                continue
             gathered[:] = 0
             if relative:
                 _seen_nodes(q, k, camera, camera_weights, F, M)
@@ -105,6 +107,21 @@ def projected(  # type: ignore[no-untyped-def]
                         for node in range(M.shape[1]):
                             mixed[b, camera[k, i], node, c] += share * gathered[node, c]
     return mixed.sum(axis=0), seen, sent.sum(axis=0)
+
+
+@kept(parallel=True)
+def onto_nodes(indptr, indices, weights, cells, F, camera, camera_weights, nodes):  # type: ignore[no-untyped-def]
+    """AᵀU of far light that T has already, (camera nodes, cells, 3).  indptr, indices, weights : U's rows, of cells."""
+    rows, parts = indptr.size - 1, PARTS[1]
+    found = np.zeros((parts, nodes, cells, 3))
+    for b in numba.prange(parts):
+        for k in range(b * rows // parts, (b + 1) * rows // parts):
+            for i in range(4):
+                node, share = found[b, camera[k, i]], camera_weights[k, i] * F[k]
+                for e in range(indptr[k], indptr[k + 1]):
+                    for c in range(3):
+                        node[indices[e], c] += share[c] * weights[e, c]
+    return found.sum(axis=0)
 
 
 @kept(parallel=True)

@@ -15,7 +15,7 @@ import numpy as np
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.tools.acquisition.few.seen import Seen, Table
 from counterlight.tools.factoring.grid import Grid
-from counterlight.tools.transport.transport import Csr, FarLight, Shape
+from counterlight.tools.transport.transport import Csr, FarLight, Shape, stacked
 
 CELLS = 48  # of the projector, about
 MOST_READ = 1 << 13  # pixels that one cell reads or lights: half of a texture's row (maps/row_map.py)
@@ -139,8 +139,7 @@ class Far:
         # M of a channel is that of its own primary; how much of it there is, is of all of them.
         far = np.einsum("nkl,nl->nk", light, self.total)
         textures = np.divide(far, self.around, out=np.zeros_like(far), where=self.around > 0)
-        U = [self.nodes.textured(np.maximum(channel, 0), count) for channel in textures.T]
-        return FarLight.from_matrices([D] * 3, mix, U)
+        return FarLight(stacked([D] * 3), mix, self.nodes.rows(np.maximum(textures, 0), count))
 
 
 def likeliest(
