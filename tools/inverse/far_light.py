@@ -8,6 +8,9 @@ so the far light of the *compensated* picture follows from the desired one: gath
 with M', and subtract what U scatters (the Woodbury identity, if S⁺ = S⁻¹). All factors are small.
 """
 
+import os
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 from scipy import sparse
 
@@ -27,17 +30,20 @@ def undo_far_light(far: FarLight, T_pinv: SparseRows) -> FarLight:
     T_pinv : S⁺, (projector pixels, camera pixels).
     Raises InputError where there is no such light, or only beyond float32.
     """
-    gather, mix = [], []
     factors = channels(far.gather), far.mix, channels(far.scatter), channels(T_pinv)
-    for D, M, U, S_pinv in zip(*factors, strict=True):
-        D_inverse = _without_tails(sparse.csr_array(D @ S_pinv.astype(np.float64)))
-        gather.append(D_inverse)
-        loop = M @ (D_inverse @ U).toarray()
-        mix.append(_solved(np.eye(M.shape[0]) + loop, M))
-        largest = max(np.abs(mix[-1]).max(), np.abs(D_inverse.data).max(initial=0.0))
-        if not largest <= LARGEST:
-            raise InputError(f"the far light of a compensated picture is {largest:g} times it; {ADVICE}")
+    with ThreadPoolExecutor(os.cpu_count()) as threads:  # sparse products leave Python's lock to others
+        gather, mix = zip(*threads.map(_undone, *factors), strict=True)
     return FarLight(stacked(gather), np.stack(mix), far.scatter)
+
+
+def _undone(D: Csr, M: FloatArray, U: Csr, S_pinv: Csr) -> tuple[Csr, FloatArray]:
+    """D' and M' of a channel."""
+    D_inverse = _without_tails(sparse.csr_array(D @ S_pinv.astype(np.float64)))
+    mix = _solved(np.eye(M.shape[0]) + M @ (D_inverse @ U).toarray(), M)
+    largest = max(np.abs(mix).max(), np.abs(D_inverse.data).max(initial=0.0))
+    if not largest <= LARGEST:
+        raise InputError(f"the far light of a compensated picture is {largest:g} times it; {ADVICE}")
+    return D_inverse, mix
 
 
 def _solved(loop: FloatArray, M: FloatArray) -> FloatArray:
