@@ -298,6 +298,7 @@ def test_what_one_pass_says_of_all_limits_is_what_each_split_misses(
         kept, squares = passes.missed(
             *passes.operands(rows.near), True, LIMITS, *model.textures, *model.grids, ones, beside, met
         )
+        kept, squares = kept.sum(axis=0), squares.sum(axis=0)
         at = int(np.flatnonzero(limit == LIMITS)[0])
         if met.all():
             assert kept[at] == made.near.indices.size
@@ -310,7 +311,8 @@ def test_what_one_pass_says_of_all_limits_is_what_each_split_misses(
 def test_residuals_and_what_they_send_back(rng: np.random.Generator, corner: Transport) -> None:
     drive, offset = rng.uniform(size=(corner.shape[1], 3, 2)), rng.normal(size=(corner.shape[0], 3, 2))
     counted = rng.random(corner.shape[0]) < 0.7
-    residual, back = passes.residual_and_back(*passes.operands(corner.near), drive, offset, counted)
+    residual, parts = passes.residual_and_back(*passes.operands(corner.near), drive, offset, counted)
+    back = parts.sum(axis=0)
     for u in range(2):
         expected = np.where(counted[:, None], corner.apply(drive[..., u]) + offset[..., u], 0)
         np.testing.assert_allclose(residual[..., u], expected, rtol=1e-12, atol=1e-12)

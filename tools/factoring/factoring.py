@@ -208,7 +208,7 @@ class _Search:
         kept, squares = passes.missed(
             *entries, rows.relative, self._limits, *model.textures, *model.grids, drive, beside, pictures.counted
         )
-        return kept, squares[..., 1:]
+        return kept.sum(axis=0), squares[..., 1:].sum(axis=0)
 
 
 def has_too_many_pixels(transport: Transport) -> bool:

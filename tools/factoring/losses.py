@@ -92,7 +92,8 @@ def _looked_at(T: Transport, pictures: Pictures) -> tuple[FloatArray, FloatArray
     offset, far = -pictures.desired, T.far
     if far is not None:
         offset = offset + each_picture(far.apply, pictures.drive)
-    residual, back = passes.residual_and_back(*passes.operands(T.near), pictures.drive, offset, pictures.counted)
+    residual, parts = passes.residual_and_back(*passes.operands(T.near), pictures.drive, offset, pictures.counted)
+    back = parts.sum(axis=0)
     return residual, back if far is None else back + each_picture(far.apply_transpose, residual)
 
 

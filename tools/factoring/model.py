@@ -114,11 +114,13 @@ def fitted(rows: Rows, cells: tuple[int, int], limit: float) -> Model:
 def _projected(rows: Rows, model: Model) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Aᵀ far B, F and G of the far light as the model tells it from near light."""
     entries = passes.operands(rows.near)
-    mixed, F, G = passes.projected(*entries, rows.apart, rows.relative, model.limit, *model.textures, *model.grids)
+    told = rows.apart, rows.relative, model.limit
+    parts, F, sent = passes.projected(*entries, *told, *model.textures, *model.grids)
+    mixed, G = parts.sum(axis=0), sent.sum(axis=0)
     far = rows.transport.far
     if far is not None:
         camera = model.camera.corners, model.camera.weights, model.camera.count
-        AU = passes.onto_nodes(*passes.operands(far.scatter), far.cells, model.F, *camera)
+        AU = passes.onto_nodes(*passes.operands(far.scatter), far.cells, model.F, *camera).sum(axis=0)
         for i in range(3):
             B = model.projector.textured(model.G[:, i])
             mixed[..., i] += AU[..., i] @ far.mix[i] @ (channel(far.gather, i) @ B).toarray()

@@ -3,6 +3,7 @@
 T's rows are (indptr, indices, weights) of SparseRows, rows many over n columns; the far light's model is the node
 weights of both sides, the textures F (rows, 3) and G (n, 3) and the mix M (camera nodes, projector nodes, 3).
 Sums over rows are made in parts, each by one thread, and added in order: they do not depend on the number of cores.
+Who calls adds them, and what numpy would do to a slice are loops: Numba compiles both in half the time.
 """
 
 import numba
@@ -24,7 +25,9 @@ def _parts(columns):  # type: ignore[no-untyped-def]
 @kept()
 def _seen_nodes(q, k, corners, weights, F, M):  # type: ignore[no-untyped-def]
     """q (projector nodes, 3): what row k of diag(F) Φ M says of each node."""
-    q[:] = 0
+    for node in range(q.shape[0]):
+        for c in range(3):
+            q[node, c] = 0.0
     for i in range(4):
         if weights[k, i] == 0:
             continue
@@ -72,7 +75,7 @@ def concentrated(indptr, indices, weights, labels, shares, peak, crowd):  # type
 def projected(  # type: ignore[no-untyped-def]
     indptr, indices, weights, apart, relative, limit, F, G, M, camera, camera_weights, projector, projector_weights
 ):
-    """Aᵀ far B (camera nodes, projector nodes, 3), far·1 (rows, 3) and 1ᵀfar (n, 3).
+    """Parts of Aᵀ far B (parts, camera nodes, projector nodes, 3), far·1 (rows, 3), and parts of 1ᵀfar (parts, n, 3).
 
     far is T without near entries: those `apart`, and those more than limit · F / n above the model. In their place the
     model stands, if `relative`; else nothing, and `above the model` is above 0.
@@ -86,7 +89,9 @@ def projected(  # type: ignore[no-untyped-def]
         for k in range(b * rows // parts, (b + 1) * rows // parts):
             if indptr[k] == indptr[k + 1]:
                 continue
-            gathered[:] = 0
+            for node in range(M.shape[1]):
+                for c in range(3):
+                    gathered[node, c] = 0.0
             if relative:
                 _seen_nodes(q, k, camera, camera_weights, F, M)
             for e in range(indptr[k], indptr[k + 1]):
@@ -106,22 +111,25 @@ def projected(  # type: ignore[no-untyped-def]
                     if share != 0:
                         for node in range(M.shape[1]):
                             mixed[b, camera[k, i], node, c] += share * gathered[node, c]
-    return mixed.sum(axis=0), seen, sent.sum(axis=0)
+    return mixed, seen, sent
 
 
 @kept(parallel=True)
 def onto_nodes(indptr, indices, weights, cells, F, camera, camera_weights, nodes):  # type: ignore[no-untyped-def]
-    """AᵀU of far light that T has already, (camera nodes, cells, 3).  indptr, indices, weights : U's rows, of cells."""
+    """Parts of AᵀU of far light that T has already, (parts, camera nodes, cells, 3).
+
+    indptr, indices, weights : U's rows, of cells.
+    """
     rows, parts = indptr.size - 1, PARTS[1]
     found = np.zeros((parts, nodes, cells, 3))
     for b in numba.prange(parts):
         for k in range(b * rows // parts, (b + 1) * rows // parts):
             for i in range(4):
-                node, share = found[b, camera[k, i]], camera_weights[k, i] * F[k]
+                node = found[b, camera[k, i]]
                 for e in range(indptr[k], indptr[k + 1]):
                     for c in range(3):
-                        node[indices[e], c] += share[c] * weights[e, c]
-    return found.sum(axis=0)
+                        node[indices[e], c] += camera_weights[k, i] * F[k, c] * weights[e, c]
+    return found
 
 
 @kept(parallel=True)
@@ -146,7 +154,7 @@ def missed(  # type: ignore[no-untyped-def]
 
     limits : (L,) ascending, of (T − model) n / F.  pictures : (n, 3, Q), the first of ones; its light is made exact by
     scaling rows.  beside : (rows, 3, Q), light of T that is not among these entries.  counted : (rows,).
-    Returns (L,) and (L, 3, Q).
+    Returns parts of them, (parts, L) and (parts, L, 3, Q).
     """
     rows, columns, levels, count = indptr.size - 1, G.shape[0], limits.size, pictures.shape[2]
     parts = _parts(columns)
@@ -159,15 +167,19 @@ def missed(  # type: ignore[no-untyped-def]
                     gathered[projector[j, i], c, u] += projector_weights[j, i] * G[j, c] * pictures[j, c, u]
     for b in numba.prange(parts):
         q, rest = np.zeros((M.shape[1], 3)), np.zeros(3)
-        near, light = np.zeros((levels + 1, 3, count)), np.zeros((3, count))
+        near, light, left = np.zeros((levels + 1, 3, count)), np.zeros((3, count)), np.zeros((3, count))
         for k in range(b * rows // parts, (b + 1) * rows // parts):
             _seen_nodes(q, k, camera, camera_weights, F, M)
-            near[:], light[:] = 0, 0
             for c in range(3):
+                for u in range(count):
+                    light[c, u] = 0.0
+                    for level in range(levels + 1):
+                        near[level, c, u] = 0.0
                 for node in range(M.shape[1]):
                     for u in range(count):
                         light[c, u] += q[node, c] * gathered[node, c, u]
-            left = beside[k] - light
+                for u in range(count):
+                    left[c, u] = beside[k, c, u] - light[c, u]
             for e in range(indptr[k], indptr[k + 1]):
                 j, level = indices[e], 0
                 for c in range(3):
@@ -177,7 +189,8 @@ def missed(  # type: ignore[no-untyped-def]
                 for c in range(3):
                     while level < levels and rest[c] * columns > limits[level] * F[k, c]:
                         level += 1
-                kept[b, :level] += 1
+                for before in range(level):
+                    kept[b, before] += 1
                 for c in range(3):
                     for u in range(count):
                         left[c, u] += weights[e, c] * pictures[j, c, u]
@@ -185,13 +198,14 @@ def missed(  # type: ignore[no-untyped-def]
             if not counted[k]:
                 continue
             for level in range(levels, 0, -1):
-                left -= near[level]  # entries beyond the limit below
                 for c in range(3):
+                    for u in range(count):
+                        left[c, u] -= near[level, c, u]  # entries beyond the limit below
                     fits = left[c, 0] > -light[c, 0] / 2 and left[c, 0] < light[c, 0]
                     scale = left[c, 0] / light[c, 0] if fits else 0.0
                     for u in range(count):
                         squares[b, level - 1, c, u] += (left[c, u] - scale * light[c, u]) ** 2
-    return kept.sum(axis=0), squares.sum(axis=0)
+    return kept, squares
 
 
 @kept(parallel=True)
@@ -233,7 +247,7 @@ def explained(  # type: ignore[no-untyped-def]
 
 @kept(parallel=True)
 def residual_and_back(indptr, indices, weights, pictures, offset, counted):  # type: ignore[no-untyped-def]
-    """r = T p + offset, 0 where not counted, and Tᵀ r, of Q pictures at once: (rows, 3, Q) and (n, 3, Q)."""
+    """r = T p + offset, 0 where not counted, (rows, 3, Q), and parts of Tᵀ r, (parts, n, 3, Q), of Q pictures."""
     rows, columns, count = indptr.size - 1, pictures.shape[0], pictures.shape[2]
     parts = _parts(columns)
     residual, back = np.zeros((rows, 3, count)), np.zeros((parts, columns, 3, count))
@@ -242,7 +256,9 @@ def residual_and_back(indptr, indices, weights, pictures, offset, counted):  # t
             if not counted[k]:
                 continue
             r = residual[k]
-            r[:] = offset[k]
+            for c in range(3):
+                for u in range(count):
+                    r[c, u] = offset[k, c, u]
             for e in range(indptr[k], indptr[k + 1]):
                 for c in range(3):
                     for u in range(count):
@@ -251,7 +267,7 @@ def residual_and_back(indptr, indices, weights, pictures, offset, counted):  # t
                 for c in range(3):
                     for u in range(count):
                         back[b, indices[e], c, u] += weights[e, c] * r[c, u]
-    return residual, back.sum(axis=0)
+    return residual, back
 
 
 def operands(rows: SparseRows) -> tuple[NDArray[np.int64], NDArray[np.int32], FloatArray]:

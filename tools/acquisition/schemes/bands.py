@@ -6,17 +6,21 @@ files without a name that go with the process, however that ends.
 
 import tempfile
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from counterlight.tools.acquisition.plan import Captures
 from counterlight.tools.acquisition.schemes.agreement import Reading, keep_measurable
 from counterlight.tools.acquisition.schemes.blocks import BlockLight
 from counterlight.tools.acquisition.schemes.known import KnownLight
 
 PIXELS = 1 << 17  # of a camera in one band
 CONNECTIONS = 1 << 22  # that are read off a picture at a time
+SIDE_BY_SIDE = 2  # bands that are settled or solved at a time: arrays of both are in memory
 
 
 class Band:
@@ -52,6 +56,24 @@ def at_once(bands: Sequence[Band]) -> Iterator[list[Band]]:
         some.append(band)
         count += band.active.camera.size
     yield some
+
+
+def in_turn(captures: Captures) -> Iterator[NDArray[np.floating]]:
+    """One after the other; the next is read from disk and decoded meanwhile."""
+    count = len(captures)
+    with ThreadPoolExecutor(1) as reader:
+        coming = [reader.submit(captures.__getitem__, 0)] if count else []
+        for following in range(1, count + 1):
+            current = coming.pop()
+            if following < count:
+                coming.append(reader.submit(captures.__getitem__, following))
+            yield current.result()
+
+
+def drained(bands: list[Band]) -> Iterator[Band]:
+    """Each of them, given away."""
+    while bands:
+        yield bands.pop(0)
 
 
 class Readings:

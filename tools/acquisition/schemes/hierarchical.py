@@ -11,8 +11,9 @@ spread over its area, so that 1/s² would do for blocks that are cut; but a lowe
 """
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 from operator import add
 from pathlib import Path
 from tempfile import gettempdir
@@ -35,7 +36,7 @@ from counterlight.tools.acquisition.plan import (
     Scheme,
 )
 from counterlight.tools.acquisition.schemes.agreement import Reading, agree, parts_of
-from counterlight.tools.acquisition.schemes.bands import PIXELS, Band, at_once
+from counterlight.tools.acquisition.schemes.bands import PIXELS, SIDE_BY_SIDE, Band, at_once, drained, in_turn
 from counterlight.tools.acquisition.schemes.blocks import (
     NO_CHILD,
     BlockGrid,
@@ -138,7 +139,8 @@ class HierarchicalScheme:
             before = now
             found = sum(band.active.camera.size for band in bands)
             notes.append(f"{name}: {len(patterns)} pictures, {found} connections measured")
-        seen = [self._solved(room, bands.pop(0)) for _ in range(len(bands))]  # each goes as it is solved
+        with ThreadPoolExecutor(SIDE_BY_SIDE) as threads:  # each band goes as it is solved
+            seen = list(threads.map(partial(self._solved, room), drained(bands)))
         transport = together(seen, projector)
         del seen  # as large as T
         if is_wide(projector):
@@ -174,19 +176,28 @@ class HierarchicalScheme:
     def _settle(
         self, room: Reference, before: Reference, bands: Sequence[Band], schedule: Quarters, captures: Captures
     ) -> None:
-        for band, found in zip(bands, self._found(room, bands, schedule, captures), strict=True):
-            if is_wide(schedule.grid.projector):
-                found.lit &= ~self._even(room.light[band.pixels], band.active, found)[:, None]
-            rest = self._rest(room, before, band.active, found.quarters, found.lit)
-            band.settle(Reading(found.quarters, found.variance, found.lit, rest))
+        found = self._found(room, bands, schedule, captures)
 
-    def _found(self, room: Reference, bands: Sequence[Band], schedule: Quarters, captures: Captures) -> "list[_Found]":
-        found = [_Found.of(band, schedule) for band in bands]
+        def settle(band: Band) -> None:
+            of_band = found.pop(band)
+            if is_wide(schedule.grid.projector):
+                of_band.lit &= ~self._even(room.light[band.pixels], band.active, of_band)[:, None]
+            rest = self._rest(room, before, band.active, of_band.quarters, of_band.lit)
+            band.settle(Reading(of_band.quarters, of_band.variance, of_band.lit, rest))
+
+        with ThreadPoolExecutor(SIDE_BY_SIDE) as threads:
+            list(threads.map(settle, bands))
+
+    def _found(
+        self, room: Reference, bands: Sequence[Band], schedule: Quarters, captures: Captures
+    ) -> "dict[Band, _Found]":
+        found = {band: _Found.of(band, schedule) for band in bands}
         least, black = self.threshold.noise(room), room.black.reshape(-1, 3)
-        for index, (colour, quarter) in enumerate(zip(schedule.colour, schedule.quarter, strict=True)):
-            capture = captures[index].reshape(-1, 3)
+        shown = zip(schedule.colour, schedule.quarter, in_turn(captures), strict=True)
+        for index, (colour, quarter, seen) in enumerate(shown):
+            capture = seen.reshape(-1, 3)
             shares = bands[0].known.shares(*schedule.lit(index))
-            for band, each in zip(bands, found, strict=True):
+            for band, each in found.items():
                 to = each.of_colour(colour, quarter)
                 band.known.read(shares, capture[band.pixels], black[band.pixels], room.noise, least, to)
         return found
