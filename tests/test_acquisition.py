@@ -36,6 +36,7 @@ from counterlight.tools.acquisition.cameras.simulated import (
 )
 from counterlight.tools.acquisition.plan import REPEATS, Picture, Reference, measure_noise
 from counterlight.tools.acquisition.ramps import light_level
+from counterlight.tools.acquisition.schemes import blocks
 from counterlight.tools.acquisition.schemes.baselines import GrayCodeScheme
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
@@ -186,6 +187,18 @@ def test_captures_of_other_options_are_not_mixed(
     (tmp_path / "out.captures").mkdir()
     (tmp_path / "out.captures" / "letter.txt").write_text("dear")
     assert "holds no captures of an acquisition" in refusal(capsys, *arguments, "--force")
+
+
+def test_captures_from_before_faint_light_was_left_are_not_mixed(
+    tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A wide raster's blocks are cut by another rule since then, so that other pictures follow."""
+    arguments = ["--camera", f"simulated:{small_room(tmp_path / 'room', rng)}", "--shots", "1", "-o"]
+    assert acquire_transport.main([*arguments, str(tmp_path / "out")]) == 0
+    unfinished(tmp_path / "out.captures")
+    monkeypatch.setattr(blocks, "WIDE", 1)
+    refused = refusal(capsys, *arguments, tmp_path / "out", "--force")
+    assert "captures of another acquisition (even: None there, 'whole' here); name another folder" in refused
 
 
 # A folder as camera.
