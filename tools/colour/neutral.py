@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.arrays import FloatArray
+from counterlight.arrays import FloatArray, IntArray
 from counterlight.maps.mixing import invertible
 from counterlight.pipeline.content import BRIGHT_PERCENTILE
 
@@ -13,6 +13,12 @@ BALANCED_PERCENTILE, BALANCED = 5.0, 0.25  # tint of the most neutral pixels of 
 BRIGHTEST_PERCENTILE = 90.0
 MOST_ASKED = 1 << 19  # camera pixels that tell it as well as more of them
 SLOPE_NOISE = 0.03  # tints that differ by less say nothing of how the mixing goes with them
+
+
+def asked_pixels(mask: NDArray[np.bool_]) -> IntArray:
+    """Those that count, or evenly some of them where they are many."""
+    counted = np.flatnonzero(mask)
+    return np.asarray(counted[:: max(1, -(-counted.size // MOST_ASKED))])
 
 
 def neutral_mixing(primaries: NDArray[np.floating], mask: NDArray[np.bool_]) -> FloatArray:
@@ -27,9 +33,7 @@ def neutral_mixing(primaries: NDArray[np.floating], mask: NDArray[np.bool_]) -> 
     primaries : (3, camera height, camera width, 3), light above ambient.  mask : the camera pixels that count.
     Returns NaN where nothing is lit in every channel, or primaries look alike.
     """
-    seen = np.flatnonzero(mask)
-    seen = seen[:: max(1, -(-seen.size // MOST_ASKED))]
-    F = np.moveaxis(np.asarray(primaries).reshape(3, -1, 3)[:, seen].astype(np.float64), 0, -1)
+    F = np.moveaxis(np.asarray(primaries).reshape(3, -1, 3)[:, asked_pixels(mask)].astype(np.float64), 0, -1)
     white, columns = F.sum(axis=2), F.sum(axis=1)
     bright = np.percentile(white, BRIGHT_PERCENTILE, axis=0) if len(white) else np.zeros(3)
     lit = (bright > 0).all() & (white > DARK * bright).all(axis=1) & (columns > 0).all(axis=1)

@@ -12,13 +12,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.arrays import BoolArray, FloatArray
+from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.maps.mixing import Mixing, invertible
 from counterlight.pipeline.content import reachable_white
 from counterlight.tools.choices import COLOURS
-from counterlight.tools.colour.neutral import neutral_mixing
+from counterlight.tools.colour.neutral import asked_pixels, neutral_mixing
 from counterlight.tools.transport.mixing import mixed_channels
 from counterlight.tools.transport.transport import Transport
 
@@ -91,11 +91,12 @@ def tier_of(calibration: Calibration, transport: Transport, colour: str = "auto"
         raise InputError(f"--colour {colour}: {lack}; measure them with counterlight acquire, or leave the option out")
     if colour == "global":
         return _global(calibration, transport, neutral, AS_ASKED)
-    found = _mixing_of_pixels(calibration, transport.composition(), neutral)
-    said = f"one mixing for the room leaves {100 * found.residual:.2g} % of a primary's light in wrong channels"
-    if colour == "auto" and found.residual <= WORTH:
+    residual = _mixing_of_pixels(calibration, transport, neutral, asked_pixels(calibration.mask)).residual
+    said = f"one mixing for the room leaves {100 * residual:.2g} % of a primary's light in wrong channels"
+    if colour == "auto" and residual <= WORTH:
         return _global(calibration, transport, neutral, said)
-    if not found.share:
+    found = _mixing_of_pixels(calibration, transport, neutral, np.arange(calibration.mask.size))
+    if not found.known[calibration.mask.ravel()].any():
         said += "; no camera pixel's floodlights add up to what the patterns found, so that all are taken for neutral"
     mixing = Mixing(neutral, found.B.reshape(*calibration.camera.shape, 3, 3).astype(np.float32))
     return Tier(calibration, mixed_channels(transport, np.linalg.inv(found.B) @ mixing.to_screen), mixing, said)
@@ -118,41 +119,43 @@ def _global(calibration: Calibration, transport: Transport, neutral: FloatArray,
 
 @dataclass(frozen=True)
 class _Mixings:
-    """B of every camera pixel.
+    """Of some camera pixels.
 
-    residual : what the global tier leaves, root mean square of the sines between B's columns and their axes.
-    share : of the pixels that count, how many have a mixing of their own.
-    B : (camera pixels, 3, 3).
+    B : (pixels, 3, 3).  known : (pixels,), which have one of their own.
     """
 
     B: FloatArray
-    residual: float
-    share: float
+    known: BoolArray
+
+    @property
+    def residual(self) -> float:
+        """What the global tier leaves, root mean square of the sines between B's columns and their axes."""
+        sines = 1 - np.einsum("ill->il", self.B[self.known]) ** 2
+        return float(np.sqrt(np.mean(np.maximum(sines, 0)))) if self.known.any() else 0.0
 
 
-def _mixing_of_pixels(calibration: Calibration, composition: FloatArray, neutral: FloatArray) -> _Mixings:
+def _mixing_of_pixels(
+    calibration: Calibration, transport: Transport, neutral: FloatArray, pixels: IntArray
+) -> _Mixings:
     """Of floodlights that are light and agree with T·1; what does not is taken for a neutral surface."""
     assert calibration.primaries is not None
-    Q = Mixing(neutral).to_screen
-    F, known = _scaled_floodlights(calibration.primaries, composition)
+    Q, composition = Mixing(neutral).to_screen, transport.composition()[pixels]
+    F, known = _scaled_floodlights(calibration.primaries.reshape(3, -1, 3)[:, pixels], composition)
     P = Q @ F
     lengths = np.linalg.norm(P, axis=1)
     known &= (np.einsum("ill->il", P) > 0).all(axis=1) & (lengths > 0).all(axis=1)
     B = np.where(known[:, None, None], P, np.eye(3)) / np.where(known[:, None], lengths, 1)[:, None]
     known &= invertible(B, WORST_MIXED)
     B[~known] = np.eye(3)
-    counted = calibration.mask.ravel() & known
-    sines = 1 - np.einsum("ill->il", B[counted]) ** 2
-    residual = float(np.sqrt(np.mean(np.maximum(sines, 0)))) if counted.any() else 0.0
-    return _Mixings(B, residual, float(np.mean(known[calibration.mask.ravel()])))
+    return _Mixings(B, known)
 
 
 def _scaled_floodlights(primaries: NDArray[np.float32], composition: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """F, (camera pixels, 3, 3), its rows scaled to T·1, and in which pixels the two agree to AGREEMENT.
+    """F, (pixels, 3, 3), its rows scaled to T·1, and in which pixels the two agree to AGREEMENT.
 
     What grey gives was measured by every pattern; F says how the primaries share it.
     """
-    F = np.moveaxis(primaries.astype(np.float64).reshape(3, -1, 3), 0, -1)
+    F = np.moveaxis(primaries.astype(np.float64), 0, -1)
     total = F.sum(axis=-1)
     agrees = (composition > 0) & (total * AGREEMENT > composition) & (total < AGREEMENT * composition)
     known = np.asarray(agrees.all(axis=1))
