@@ -267,6 +267,7 @@ ROWS = (
     *(explained(scene, CORNER, minutes) for scene, minutes in FULL_SIZE.items()),
     explained("glass", "--camera 320x240 --projector 192x144", 3, "2"),
     explained("skull", "--camera 240x320 --projector 192x192", 2, "2"),
+    table("docs/simulation.md", "python -m tests.studies.worth", 9, "scene | camera", ("CPU s whole, with these",)),
     rigged(
         "--fault known crosstalk home wheel drift", 15, f"{RIG} | below at first, dB | whole footprints, dB | blurred"
     ),
