@@ -211,12 +211,11 @@ def stacked(matrices: Sequence[Csr]) -> SparseRows:
     if all(np.array_equal(m.indptr, first.indptr) and np.array_equal(m.indices, first.indices) for m in matrices[1:]):
         weights = np.stack([matrix.data for matrix in matrices], axis=1)
         return SparseRows(first.indptr.astype(np.int64), first.indices.astype(np.int32), _floating(weights), columns)
-    ones = [Csr((np.ones(m.nnz, np.int8), m.indices, m.indptr), shape=m.shape) for m in matrices]
-    union = _canonical(Csr(ones[0] + ones[1] + ones[2]))
+    bits = [Csr((np.full(m.nnz, 1 << i, np.int8), m.indices, m.indptr), shape=m.shape) for i, m in enumerate(matrices)]
+    union = _canonical(Csr(bits[0] + bits[1] + bits[2]))
     weights = np.zeros((union.nnz, 3), np.result_type(*(matrix.dtype for matrix in matrices)))
-    places = _places(union)
     for i, matrix in enumerate(matrices):
-        weights[np.searchsorted(places, _places(matrix)), i] = matrix.data
+        weights[union.data & 1 << i > 0, i] = matrix.data  # in the same order
     return SparseRows(union.indptr.astype(np.int64), union.indices.astype(np.int32), _floating(weights), columns)
 
 
@@ -291,9 +290,3 @@ def _canonical(matrix: Csr) -> Csr:
 
 def _floating(weights: NDArray[np.floating]) -> NDArray[np.floating]:
     return weights.astype(np.result_type(weights.dtype, np.float32), copy=False)
-
-
-def _places(matrix: Csr) -> NDArray[np.int64]:
-    """A number for each entry that grows row by row, column by column."""
-    rows = np.repeat(np.arange(matrix.shape[0], dtype=np.int64), np.diff(matrix.indptr))
-    return rows * matrix.shape[1] + matrix.indices
