@@ -1,9 +1,15 @@
-"""Whether what is to be done fits into memory, asked before it starts: a refusal is kinder than a swapping machine."""
+"""Whether what is to be done fits into memory, asked before it starts: a refusal is kinder than a swapping machine.
 
+And what is freed, given back to the system.
+"""
+
+import ctypes
 import os
 from pathlib import Path
 
 from counterlight.errors import InputError
+
+_LIBC = ctypes.CDLL(None)
 
 
 def available_bytes() -> int:
@@ -23,3 +29,13 @@ def check(needed: float, what: str, remedy: str) -> None:
             f"{what} needs about {needed / 2**30:.1f} GiB of memory, {available / 2**30:.1f} GiB are available; "
             f"{remedy}"
         )
+
+
+def give_back() -> None:
+    """Return freed memory to the system, where its C library can (glibc, 2 ms).
+
+    Compiling shaders leaves holes in the heap that glibc keeps: 60 MiB after 20 reloads of a small room, else 6 MiB.
+    Arrays of up to 32 MiB lie in such heaps, too, one for each thread.
+    """
+    if hasattr(_LIBC, "malloc_trim"):
+        _LIBC.malloc_trim(0)

@@ -143,8 +143,8 @@ ROOMS = {  # of the player, and which others each may know
     "unattended": "command errors",
     "remote": "command errors unattended",
     "gl": "calibration command errors maps media overlay pipeline raster response unattended",
-    "show": "calibration command errors files gl jobs maps media overlay pipeline raster remote unattended viewpoints "
-    "writing",
+    "show": "calibration command errors files gl jobs maps media memory overlay pipeline raster remote unattended "
+    "viewpoints writing",
     "app": "calibration command errors gl jobs media overlay pipeline show unattended writing",
 }
 

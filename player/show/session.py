@@ -13,6 +13,7 @@ from counterlight.errors import InputError, printable
 from counterlight.media.audio import AudioOutput
 from counterlight.media.frames import Frame, PixelFormat
 from counterlight.media.medium import Medium
+from counterlight.memory import give_back
 from counterlight.overlay.osd import Message, Page
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.refinement import Certificate
@@ -23,7 +24,6 @@ from counterlight.show.governor import Governor
 from counterlight.show.hearing import Hearing
 from counterlight.show.lateness import Lateness
 from counterlight.show.media import Media
-from counterlight.show.memory import give_back
 from counterlight.show.placing import Placing
 from counterlight.show.playback import Manner, Playback
 from counterlight.show.playlist import Playlist

@@ -161,7 +161,10 @@ class HierarchicalScheme:
         root = band.root
         variance = (room.noise.sigma(root.light) ** 2 + room.noise.dark**2) / room.repeats
         parts = agree(root, variance, band.readings.taken())
-        return Seen.of([replace(part, light=part.light.astype(np.float32)) for part in parts], band.count)
+        seen = Seen.of([replace(part, light=part.light.astype(np.float32)) for part in parts], band.count)
+        del parts
+        memory.give_back()
+        return seen
 
     def _read(
         self, room: Reference, before: Reference, bands: Sequence[Band], schedule: Quarters, captures: Captures
@@ -172,6 +175,7 @@ class HierarchicalScheme:
         """
         for some in at_once(bands):
             self._settle(room, before, some, schedule, captures)
+            memory.give_back()
 
     def _settle(
         self, room: Reference, before: Reference, bands: Sequence[Band], schedule: Quarters, captures: Captures
