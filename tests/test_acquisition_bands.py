@@ -121,6 +121,16 @@ def test_large_blocks_beside_a_spot_are_not_spread_over_the_pixels_of_a_wide_ras
         np.testing.assert_allclose(transport.composition()[7], 3.0, rtol=1e-6)  # float32
 
 
+def test_far_light_of_few_numbers_is_left_in_its_blocks(rng: np.random.Generator) -> None:
+    camera, projector, grid = (36, 52), (42, 60), blocks.BlockGrid((42, 60), 16)
+    few = blocks.BlockLight(grid, np.arange(5), np.arange(5), rng.random((5, 3)))
+    whole = blocks.as_transport([few], camera[0] * camera[1])
+    transport, told = smoothed(replace(whole, camera=camera, projector=projector))
+    assert told.startswith("far light: left in")
+    assert transport.far is not None
+    np.testing.assert_array_equal(transport.far.scatter.weights, whole.far.scatter.weights)
+
+
 def test_far_light_between_nodes_gives_the_same_pictures(rng: np.random.Generator) -> None:
     camera, projector, grid = (36, 52), (42, 60), blocks.BlockGrid((42, 60), 16)
     row, column = np.mgrid[: camera[0], : camera[1]].reshape(2, -1)

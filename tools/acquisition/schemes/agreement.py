@@ -17,7 +17,7 @@ from counterlight.arrays import BoolArray, FloatArray
 from counterlight.tools.acquisition.schemes.blocks import NO_CHILD, BlockGrid, BlockLight, joined
 
 TINY = np.finfo(float).tiny
-SOME = 1 << 20
+SOME = 1 << 18
 
 
 @dataclass(frozen=True)

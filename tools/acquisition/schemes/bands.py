@@ -18,7 +18,7 @@ from counterlight.tools.acquisition.schemes.agreement import Reading, keep_measu
 from counterlight.tools.acquisition.schemes.blocks import BlockLight
 from counterlight.tools.acquisition.schemes.known import KnownLight
 
-PIXELS = 1 << 17  # of a camera in one band
+PIXELS = 1 << 16  # of a camera in one band
 CONNECTIONS = 1 << 22  # that are read off a picture at a time
 SIDE_BY_SIDE = 2  # bands that are settled or solved at a time: arrays of both are in memory
 

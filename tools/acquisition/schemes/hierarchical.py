@@ -24,6 +24,7 @@ from scipy import sparse
 
 from counterlight import memory
 from counterlight.arrays import BoolArray, FloatArray, IntArray
+from counterlight.command import track
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.plan import (
     Captures,
@@ -140,7 +141,8 @@ class HierarchicalScheme:
             found = sum(band.active.camera.size for band in bands)
             notes.append(f"{name}: {len(patterns)} pictures, {found} connections measured")
         with ThreadPoolExecutor(SIDE_BY_SIDE) as threads:  # each band goes as it is solved
-            seen = list(threads.map(partial(self._solved, room), drained(bands)))
+            count, solved = len(bands), threads.map(partial(self._solved, room), drained(bands))
+            seen = list(track(solved, "solving bands of the camera", count))
         transport = together(seen, projector)
         del seen  # as large as T
         if is_wide(projector):
@@ -198,7 +200,8 @@ class HierarchicalScheme:
         found = {band: _Found.of(band, schedule) for band in bands}
         least, black = self.threshold.noise(room), room.black.reshape(-1, 3)
         shown = zip(schedule.colour, schedule.quarter, in_turn(captures), strict=True)
-        for index, (colour, quarter, seen) in enumerate(shown):
+        told = f"reading {sum(band.active.camera.size for band in bands)} connections off"
+        for index, (colour, quarter, seen) in enumerate(track(shown, told, len(captures))):
             capture = seen.reshape(-1, 3)
             shares = bands[0].known.shares(*schedule.lit(index))
             for band, each in found.items():

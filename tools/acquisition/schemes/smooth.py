@@ -23,7 +23,7 @@ MOST_LOST = 0.005  # of white, RMS, of pictures' light: 46 dB
 
 
 def smoothed(transport: Transport) -> tuple[Transport, str]:
-    """T with its far light between nodes, if pictures are the same, and what became of it.
+    """T with its far light between nodes, if pictures are the same and numbers fewer, and what became of it.
 
     transport : with its pictures' sizes.
     """
@@ -38,9 +38,9 @@ def smoothed(transport: Transport) -> tuple[Transport, str]:
     far = split(alone, fitted(alone, grids_over(transport)[-1], PEAK)).far
     assert far is not None
     lost = _lost(transport, blocks, far, projector)
-    sizes = blocks.scatter.indices.size, far.scatter.indices.size + far.gather.indices.size
+    sizes = [part.scatter.indices.size + part.gather.indices.size for part in (blocks, far)]
     told = f"pictures by them differ by {100 * lost:.2g} % of white"
-    if lost > MOST_LOST:
+    if lost > MOST_LOST or sizes[1] >= sizes[0]:
         said = f"far light: left in {sizes[0]} numbers of blocks; of {sizes[1]} between nodes, {told}"
         return with_readable_far(transport), said
     said = f"far light: {sizes[0]} numbers of blocks became {sizes[1]} between nodes; {told}"
