@@ -9,8 +9,6 @@ from pathlib import Path
 
 from counterlight.errors import InputError
 
-_LIBC = ctypes.CDLL(None)
-
 
 def available_bytes() -> int:
     """Memory that can be had without swapping; what Linux estimates, else all that is installed."""
@@ -37,5 +35,6 @@ def give_back() -> None:
     Compiling shaders leaves holes in the heap that glibc keeps: 60 MiB after 20 reloads of a small room, else 6 MiB.
     Arrays of up to 32 MiB lie in such heaps, too, one for each thread.
     """
-    if hasattr(_LIBC, "malloc_trim"):
-        _LIBC.malloc_trim(0)
+    libc = ctypes.CDLL(None)
+    if hasattr(libc, "malloc_trim"):
+        libc.malloc_trim(0)

@@ -1,9 +1,9 @@
 """Work on all cores."""
 
 import os
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -20,3 +20,9 @@ def run_jobs(jobs: Sequence[Callable[[], T]], label: str) -> Generator[T]:
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
+
+
+def side_by_side(function: Callable[..., T], *each: Iterable[Any]) -> list[T]:
+    """`function` of each, on all cores, for what leaves Python's lock to others; BLAS keeps its threads."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(function, *each))

@@ -1,6 +1,7 @@
 """The weighted bipartite graph of camera and projector pixels that the decomposition cuts (thesis 4.2.2)."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ class Connections:
     luminance: FloatArray
     shape: tuple[int, int]
 
-    @property
+    @cached_property
     def ends(self) -> IntArray:
         """Where each camera pixel's connections end, (camera pixels,)."""
         return np.cumsum(np.bincount(self.camera, minlength=self.shape[0]))

@@ -91,11 +91,12 @@ def tier_of(calibration: Calibration, transport: Transport, colour: str = "auto"
         raise InputError(f"--colour {colour}: {lack}; measure them with counterlight acquire, or leave the option out")
     if colour == "global":
         return _global(calibration, transport, neutral, AS_ASKED)
-    residual = _mixing_of_pixels(calibration, transport, neutral, asked_pixels(calibration.mask)).residual
+    composition = transport.composition()
+    residual = _mixing_of_pixels(calibration, composition, neutral, asked_pixels(calibration.mask)).residual
     said = f"one mixing for the room leaves {100 * residual:.2g} % of a primary's light in wrong channels"
     if colour == "auto" and residual <= WORTH:
         return _global(calibration, transport, neutral, said)
-    found = _mixing_of_pixels(calibration, transport, neutral, np.arange(calibration.mask.size))
+    found = _mixing_of_pixels(calibration, composition, neutral, np.arange(calibration.mask.size))
     if not found.known[calibration.mask.ravel()].any():
         said += "; no camera pixel's floodlights add up to what the patterns found, so that all are taken for neutral"
     mixing = Mixing(neutral, found.B.reshape(*calibration.camera.shape, 3, 3).astype(np.float32))
@@ -135,12 +136,12 @@ class _Mixings:
 
 
 def _mixing_of_pixels(
-    calibration: Calibration, transport: Transport, neutral: FloatArray, pixels: IntArray
+    calibration: Calibration, composition: FloatArray, neutral: FloatArray, pixels: IntArray
 ) -> _Mixings:
     """Of floodlights that are light and agree with T·1; what does not is taken for a neutral surface."""
     assert calibration.primaries is not None
-    Q, composition = Mixing(neutral).to_screen, transport.composition()[pixels]
-    F, known = _scaled_floodlights(calibration.primaries.reshape(3, -1, 3)[:, pixels], composition)
+    Q = Mixing(neutral).to_screen
+    F, known = _scaled_floodlights(calibration.primaries.reshape(3, -1, 3)[:, pixels], composition[pixels])
     P = Q @ F
     lengths = np.linalg.norm(P, axis=1)
     known &= (np.einsum("ill->il", P) > 0).all(axis=1) & (lengths > 0).all(axis=1)

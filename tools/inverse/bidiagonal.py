@@ -6,9 +6,7 @@ milliseconds, so only the products with T and Tᵀ cost anything, and those are 
 orthogonalised again: as in LSQR, lost orthogonality delays convergence and does not spoil it.
 """
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from counterlight.arrays import FloatArray
+from counterlight.tools.jobs import side_by_side
 from counterlight.tools.transport.transport import Csr
 
 CHECK_EVERY = 10
@@ -118,8 +117,7 @@ def largest_singular_value(T: Csr) -> float:
 
 def largest_singular_values(matrices: Sequence[Csr]) -> FloatArray:
     """σ₁ of each, side by side."""
-    with ThreadPoolExecutor(os.cpu_count()) as threads:  # products and norms leave Python's lock to others
-        return np.array(list(threads.map(largest_singular_value, matrices)))
+    return np.array(side_by_side(largest_singular_value, matrices))
 
 
 def _normalised(vector: NDArray[np.floating]) -> tuple[NDArray[np.floating], float]:

@@ -8,15 +8,13 @@ so the far light of the *compensated* picture follows from the desired one: gath
 with M', and subtract what U scatters (the Woodbury identity, if S⁺ = S⁻¹). All factors are small.
 """
 
-import os
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 from scipy import sparse
 
 from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.maps.row_map import SparseRows
+from counterlight.tools.jobs import side_by_side
 from counterlight.tools.transport.transport import Csr, FarLight, channels, stacked
 
 LARGEST = 1e30  # of a factor's entry: times light and summed up, it stays within float32
@@ -31,8 +29,7 @@ def undo_far_light(far: FarLight, T_pinv: SparseRows) -> FarLight:
     Raises InputError where there is no such light, or only beyond float32.
     """
     factors = channels(far.gather), far.mix, channels(far.scatter), channels(T_pinv)
-    with ThreadPoolExecutor(os.cpu_count()) as threads:  # sparse products leave Python's lock to others
-        gather, mix = zip(*threads.map(_undone, *factors), strict=True)
+    gather, mix = zip(*side_by_side(_undone, *factors), strict=True)
     return FarLight(stacked(gather), np.stack(mix), far.scatter)
 
 
