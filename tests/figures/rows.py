@@ -289,7 +289,7 @@ ROWS = (
     table(
         "docs/accuracy.md",
         "counterlight study -o study",
-        240,
+        25,
         "method | dB below the best",
         ("ms a picture", "preparation, s"),
         files=("study/summary.md",),
