@@ -63,6 +63,21 @@ def test_a_lens_is_judged_by_its_picture_not_by_its_circle_of_confusion(tmp_path
     assert worth[0] < 0.05 < worth[2]
 
 
+def test_a_lens_that_bends_is_judged_by_the_pixels_that_it_moves(tmp_path: Path) -> None:
+    """The same lens moves more of them in a larger picture; and one bends so far that ten times as much would fold."""
+    scene = load_scene(scene_file(tmp_path, plane(extra=BRICKS)))
+    slightly, strongly = (
+        replace(scene, camera=replace(scene.camera, distortion=(k1, 0.0, 0.0, 0.0, 0.0))) for k1 in (-0.004, -0.15)
+    )
+    for bent, sizes, pays in (
+        (slightly, ((45, 60), (36, 48)), False),
+        (slightly, ((360, 480), (288, 384)), True),
+        (strongly, ((1080, 1440), (864, 1152)), True),
+    ):
+        sized = bent.resized(*sizes)
+        assert priced(sized, needs_of(sized), 0.1)["distortion"].on == pays
+
+
 def faint_coat(tmp_path: Path) -> Scene:
     """Two cards at a right angle; one has a coat that reflects next to nothing."""
     card = rectangle([-0.5, -0.5, 0.0], [1.0, 0, 0], [0, 1.0, 0], 0.6)

@@ -16,6 +16,7 @@ from counterlight.command import track
 from counterlight.errors import InputError
 from counterlight.pipeline.content import psnr
 from counterlight.tools.colour.tiers import tier_of
+from counterlight.tools.simulation.devices import Device
 from counterlight.tools.simulation.needs import Need
 from counterlight.tools.simulation.room import simulated_calibration
 from counterlight.tools.simulation.scene import Scene
@@ -28,6 +29,7 @@ SMALL, SMALLEST = (48, 64), 24  # (height, width) that the judged camera is fitt
 PICTURES = ("photograph", "text", "film")
 WINDOWS = 2  # of a picture, from its upper left to its lower right
 FEWEST_CELLS, FEWEST_SAMPLES = 400, 4  # of the small room, if the scene has more
+MOST_BENT = 0.25  # of a lens that does not fold: three pixels in the small picture's corner
 GAP, MOST_STEPS = 3e-3, 300  # of the box optimum: 0.013 dB, unless a T that lacks something takes too long
 UNJUDGED = ("direct", "flicker", "capture_noise")  # no picture is without the first; T has nothing of the others
 FREE = ("ambient_light", "black_level", "vignetting", "crosstalk")  # a few numbers a pixel: nothing to save
@@ -68,7 +70,8 @@ def _affordable(judge: "_Judge", costly: Sequence[str], worth: Mapping[str, floa
 def _small(scene: Scene) -> Scene:
     """The scene at a size at which judging takes seconds; what is told in pixels stays as many.
 
-    Circles of confusion, halos, the way of light in a body and between the colours of a prism grow with the pixels.
+    Circles of confusion, halos, the way of light in a body and between the colours of a prism grow with the pixels, and
+    lenses bend the picture by as many.
     """
     camera, projector = scene.camera, scene.projector
     wanted = max(camera.height / SMALL[0], camera.width / SMALL[1])
@@ -80,13 +83,26 @@ def _small(scene: Scene) -> Scene:
         camera=replace(
             small.camera,
             aperture=scale * camera.aperture,
+            distortion=_bent(camera, scale),
             bloom_radius=float(np.arctan(scale * np.tan(camera.bloom_radius))),
         ),
-        projector=replace(small.projector, aperture=scale * projector.aperture),
+        projector=replace(small.projector, aperture=scale * projector.aperture, distortion=_bent(projector, scale)),
         surfaces=tuple(replace(each, material=each.material.enlarged(scale)) for each in scene.surfaces),
         samples=min(scene.samples, FEWEST_SAMPLES),
         cells=min(scene.cells, FEWEST_CELLS),
     )
+
+
+def _bent(device: Device, scale: float) -> tuple[float, ...]:
+    """Coefficients of a lens that bends `scale` times as far, or at least so far that nobody would leave it out.
+
+    In the picture's corner the small lens' slope stays below MOST_BENT, so that no picture folds over.
+    """
+    k1, k2, p1, p2, k3 = np.abs(device.distortion)
+    square = device.tan_half[0] ** 2 + device.tan_half[1] ** 2
+    slope = square * (3 * k1 + square * (5 * k2 + square * 7 * k3)) + 6 * np.sqrt(square) * (p1 + p2)
+    most = max(1.0, min(scale, MOST_BENT / slope)) if slope else 1.0
+    return tuple(most * each for each in device.distortion)
 
 
 class _Judge:
