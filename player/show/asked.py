@@ -50,7 +50,8 @@ def room_of(options: argparse.Namespace) -> Room:
 def governor_of(options: argparse.Namespace, room: Room, usual: int) -> Governor:
     """usual : steps if nobody says how many.  A start that was given stays."""
     offers = room.offers if options.refine_from is None else ()
-    told = {"budget": options.budget, "within": options.within, "start": room.start, "offers": offers}
+    bare = room.maps.correction_in_steps < room.maps.direct_in_steps + 1
+    told = {"budget": options.budget, "within": options.within, "start": room.start, "offers": offers, "bare": bare}
     return Governor(usual, options.refine, **told)
 
 

@@ -21,6 +21,7 @@ class Governor:
     usual : steps that the room needs.  refine : steps, "auto", or None: the usual ones, fewer where frames would come
     too late.  budget : milliseconds that drawing a frame may take.  within : dB below the optimum that are allowed.
     start : where refinement starts.  offers : starts to choose from if there is a budget or a promise.
+    bare : whether the map's picture takes less than one step from elsewhere: a budget may then have no step at all.
 
     step_s : seconds of a step, None until one was timed.  notice : takes a line for the user, once a medium.
     looks : in a row that miss a promise before that is said.
@@ -35,6 +36,7 @@ class Governor:
         within: Limit = "no",
         start: str = "previous",
         offers: Sequence[Offer] = (),
+        bare: bool = True,
     ) -> None:
         self.refine: Steps = usual if refine is None else refine
         self.budget, self.within, self.start = budget, within, start
@@ -42,6 +44,7 @@ class Governor:
         self.notice: Callable[[str], None] = tell
         self.looks = TRIES
         self._usual, self._hurries, self._offers = usual, refine is None, offers
+        self._bare = bare
         self._interval_s: float | None = None
         self._time: StepBudget | None = None
         self._base_s, self._wish, self._failed = 0.0, 0, 0
@@ -107,7 +110,9 @@ class Governor:
 
     @property
     def _least(self) -> int:
-        """T⁺ b is worth showing without a step."""
+        """T⁺ b is worth showing without a step; other starts are not, and a budget without time for one shows T⁺ b."""
+        if self.budget != "no" and self._bare:
+            return 0
         return int(self.start not in ("previous", "map"))
 
     @property
@@ -191,7 +196,7 @@ class Governor:
 REMEDIES = {
     "linear": "play a smaller medium",
     "place": "calibrate with a smaller camera view",
-    "start": "build a smaller correction map (counterlight build --inverse none)",
+    "start": "build a smaller correction map (counterlight build --inverse none), or calibrate with fewer pixels",
     "steps": "build smaller maps (counterlight build --max-error 2)",
     "view": "show the projector's view",
     "encode": "use a projector of fewer pixels, or a faster GPU",
