@@ -20,6 +20,7 @@ from counterlight.tools.hdr.recovery import recover_response
 from counterlight.tools.hdr.sums import CpuSums
 from counterlight.tools.hdr.weights import weight_table
 from tests.brackets import CURVES, codes_of, random_scene
+from tests.studies.recovery import recovered, samples_of
 
 with warnings.catch_warnings(record=True):  # colour, which it imports, says that matplotlib is not there
     warnings.simplefilter("ignore")
@@ -183,15 +184,6 @@ def test_each_channel_is_weighed_by_itself(rng: np.random.Generator) -> None:
     assert errors[1] > 5 * errors[0]
 
 
-def samples_of(
-    rng: np.random.Generator, response: Response, times: list[float], pixels: int, noise: float
-) -> np.ndarray:
-    """(pictures, pixels, 1), 0..1, of a camera with so much noise relative to the light."""
-    light = 10 ** rng.uniform(-3, 0.5, (pixels, 1, 1))
-    shots = [codes_of(light * (1 + rng.normal(0, noise, light.shape)), t, response) for t in times]
-    return np.stack(shots)[:, :, 0] / 255
-
-
 @pytest.mark.parametrize("name", list(CURVES))
 @pytest.mark.parametrize(
     ("method", "stops", "pictures", "tolerance"),
@@ -202,12 +194,7 @@ def samples_of(
 def test_the_response_is_recovered(
     rng: np.random.Generator, method: str, stops: int, pictures: int, tolerance: float, name: str
 ) -> None:
-    times = [2.0 ** (stops * (i - pictures // 2)) for i in range(pictures)]
-    samples = samples_of(rng, CURVES[name], times, 8000, 0.01)
-    found = exposure_table(recover_response(samples, np.array(times), method), 256, 1)[:, 0]
-    truth = exposure_table(CURVES[name], 256, 1)[:, 0]
-    inside = slice(16, 250)
-    ratio = found[inside] / truth[inside]
+    ratio = recovered(rng, name, method, pictures, stops)
     assert np.std(np.log(ratio)) < tolerance / 2
     np.testing.assert_allclose(ratio / ratio[112], 1, atol=tolerance)
 

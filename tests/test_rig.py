@@ -220,6 +220,15 @@ def test_the_table_has_a_row_of_means_for_each_room_and_condition() -> None:
     assert len({len(line) for line in markdown([plain, swept]).splitlines()}) == 1
 
 
+def test_tiers_of_colour_have_rows_of_their_own() -> None:
+    good, calm = Figures(40, 38, 41, 50, 1), Outside(0.01, 0.2)
+    plain = Verdict("wall", "wheel", "coffee", good, good, calm, calm, {}, {})
+    tiers = [replace(plain, colour=colour) for colour in ("global", "pixel")]
+    assert [list(row.values())[:3] for row in rows(tiers)] == [["wall", "wheel", "global"], ["wall", "wheel", "pixel"]]
+    assert "colour" not in rows([plain])[0]
+    assert text_of_csv(tiers).startswith("room,fault,colour,picture,")
+
+
 def test_conditions_share_a_calibration_only_if_they_may() -> None:
     assert FAULTS["drift"].acquisition == FAULTS["known"].acquisition
     assert FAULTS["response"].acquisition != FAULTS["known"].acquisition

@@ -105,6 +105,79 @@ def built(room: str) -> Figures:
     )
 
 
+def built_by_default(room: str, size: str, minutes: float) -> Figures:
+    """A row of docs/size.md's table of builds: what the last line of one says."""
+    row, decibels = rf"\| `{room}` {size} \| ", r"([\d.]+)"
+    return Figures(
+        "docs/size.md",
+        at_size(room, size),
+        minutes,
+        pattern(
+            chosen=rf"{row}([^(|]*) \(",
+            why=rf"{row}[^(|]*\(([^)]*)\)",
+            maps=rf"{row}[^|]*\| (\d+ MiB)",
+            start=rf"{row}(?:[^|]*\|){{2}} {decibels} \|",
+            played=rf"{row}(?:[^|]*\|){{3}} {decibels} \((\d+) from ([^)]*)\)",
+            build=rf"{row}(?:[^|]*\|){{4}} {decibels} \|",
+        ),
+        pattern(
+            chosen=r"\n[\d.]+ s: ([^(\n]*) \(",
+            why=r"\n[\d.]+ s: [^(\n]*\(([^)]*)\)",
+            maps=r" (\d+ MiB) of maps; in",
+            start=rf"in simulation {decibels} dB below the optimum without a step",
+            played=rf", {decibels} after the (\d+) that play makes from ([^;]*);",
+            build=rf"\n{decibels} s: ",
+        ),
+        times=lambda name: name == "build" or (name == "why" and room == "wall"),  # there it is minutes
+    )
+
+
+def at_size(room: str, size: str) -> tuple[str, str]:
+    """Simulated, and built by default."""
+    return f"counterlight simulate {room} --camera {size} --projector {size} -o {room}", f"counterlight build {room}"
+
+
+def in_blocks(size: str, minutes: float) -> Figures:
+    """What docs/size.md says of entries and blocks out of focus."""
+    losses = {"photograph": r"([\d.]+) dB \(photograph\)", "letters": r"([\d.]+) \(letters\)"}
+    return Figures(
+        "docs/size.md",
+        at_size("two_planes", size),
+        minutes,
+        _in_one_line(
+            entries=r"([\d,]+) entries a channel become ([\d,]+) near and ([\d,]+) blurred ones",
+            simulated=rf"--projector {size}`, (\d+) s of processor time",
+            soft=r"\(letters\) and ([\d.]+) \(soft\)",
+            **losses,
+        ),
+        pattern(
+            entries=r"(\d+) entries a channel are (\d+) near and (\d+) blurred ones",
+            simulated=r"together +([\d.]+)",
+            **{name: rf"in dB: .*{name} ([\d.]+)" for name in ("soft", *losses)},
+        ),
+        times=lambda name: name == "simulated",
+    )
+
+
+def led_in() -> Figures:
+    """What docs/size.md says of a film that is divided within its shot."""
+    play = f"counterlight play two_planes {CLIP} --segments 2"
+    stated = {f"after {n}": rf"`--lead-in {n}` in (\d+) of (\d+) (?:codes )?by at most (\d+)" for n in (8, 48)}
+    found = {f"after {n}": rf"(\d+) of (\d+) codes differ there, by at most (\d+)\nfilm{n}" for n in (8, 48)}
+    return Figures(
+        "docs/size.md",
+        (
+            "counterlight simulate two_planes --camera 128x96 --projector 96x72 -o two_planes",
+            "counterlight build two_planes",
+            *(f"{play} --lead-in {n} --output film{n}.mkv" for n in (8, 48)),
+        ),
+        2,
+        _in_one_line(frames=r"one shot of (\d+) frames", **stated),
+        pattern(frames=r"film8.mkv: (\d+) frames", **found),
+        share=0.1,
+    )
+
+
 def explained(scene: str, sizes: str, minutes: float, beginning: str = "1") -> Figures:
     """What a scene's effects cost and give, and all of them together; beginning : the number of the page's table."""
     cells = without(labelled(markdown("scene | effect"), f"{beginning}: {scene} | "), "scene", "effect")
@@ -130,11 +203,16 @@ def explained(scene: str, sizes: str, minutes: float, beginning: str = "1") -> F
     )
 
 
+def at_equal_milliseconds(text: str) -> Cells:
+    """Tables of docs/refinement.md: what `previous` takes, and so the head, is the machine's; so are others' steps."""
+    numbered = re.sub(r"^\| start \| \d+ ms .*", "| start, in equal time | a | b | c | d |", text, flags=re.MULTILINE)
+    return markdown("start, in equal time")(numbered)
+
+
 def rigged(options: str, minutes: float, beginning: str) -> Figures:
-    """A table of docs/rig.md, which has other columns in another order, and what was at first."""
-    stated = without(markdown(beginning), "below at first, dB")
+    """A table of docs/rig.md, which has other columns in another order."""
     command = " ".join(["python -m tests.rig", options])
-    return Figures("docs/rig.md", (command,), minutes, stated, markdown("room | fault | optimum"))
+    return Figures("docs/rig.md", (command,), minutes, markdown(beginning), markdown("room | fault | optimum"))
 
 
 def _in_millions(cells: Cells) -> Cells:
@@ -187,7 +265,6 @@ def _in_one_line(**patterns: str) -> Reader:
 
 FULL_SIZE = {"wall": 1, "corner": 1, "statuette": 1, "two_planes": 2, "folded_cards": 4}  # minutes
 RIG = "room | fault | optimum, dB | captured, dB | below, dB"
-AT_FIRST = f"{RIG} | below at first, dB | whole footprints, dB"
 ALONE = "quiet", "srgb", "believed", "response", "led", "segment", "lamp", "daylight"
 SCHEMES_TRIED = "corner", "folded_cards", "glass", "skull", "statuette", "two_planes", "wall"
 
@@ -228,6 +305,14 @@ ROWS = (
     ),
     table("docs/refinement.md", "python -m tests.studies.refinement", 20, "schedule | 1 step"),
     table("docs/refinement.md", "python -m tests.studies.refinement", 20, " | 1 step"),
+    Figures(
+        "docs/refinement.md",
+        ("python -m tests.studies.refinement",),
+        20,
+        at_equal_milliseconds,
+        at_equal_milliseconds,
+        times=lambda name: ": previous, " not in name,
+    ),
     table("docs/gpu.md", "python -m tests.studies.scaling", 6, "projector | 4 entries", ("entries",)),
     table("docs/viewpoints.md", "python -m tests.studies.viewpoints", 15, "views | nearest view"),
     table("docs/viewpoints.md", "python -m tests.studies.viewpoints", 15, "viewers at once"),
@@ -263,15 +348,28 @@ ROWS = (
         "scene | method | shader",
         ("shader", "numpy", "OpenCV", "OpenCV / shader"),
     ),
+    table("docs/hdr.md", "python -m tests.studies.recovery", 1, "exposures, stops apart | method"),
+    table("docs/displays.md", "python -m tests.studies.two_projectors", 3, " | first | second | both"),
+    led_in(),
+    built_by_default("two_planes", "480x270", 3),
+    built_by_default("two_planes", "960x540", 3),
+    in_blocks("960x540", 3),
+    built_by_default("wall", "1920x1080", 2),
+    built_by_default("corner", "1920x1080", 4),
+    table(
+        "docs/colour.md",
+        "python -m tests.rig --scale 0.5 --room wall corner --fault crosstalk led wheel"
+        " --colour independent global pixel --steps 0",
+        8,
+        "room | fault | colour",
+    ),
     table("docs/size.md", "python -m tests.studies.blurring", 5, "limit | near | blurred"),
     *(explained(scene, CORNER, minutes) for scene, minutes in FULL_SIZE.items()),
     explained("glass", "--camera 320x240 --projector 192x144", 3, "2"),
     explained("skull", "--camera 240x320 --projector 192x192", 2, "2"),
     table("docs/simulation.md", "python -m tests.studies.worth", 9, "scene | camera", ("CPU s whole, with these",)),
-    rigged(
-        "--fault known crosstalk home wheel drift", 15, f"{RIG} | below at first, dB | whole footprints, dB | blurred"
-    ),
-    rigged(f"--room wall --fault {' '.join(ALONE)}", 8, f"{RIG} | below at first, dB | whole footprints, dB | ΔE"),
+    rigged("--fault known crosstalk home wheel drift", 15, f"{RIG} | whole footprints, dB | blurred"),
+    rigged(f"--room wall --fault {' '.join(ALONE)}", 8, f"{RIG} | whole footprints, dB | ΔE"),
     rigged("--quick --fault segment", 2, f"{RIG} | blurred"),
     table("docs/acquisition.md", "python -m tests.studies.pictures_first --fault known", 60, "room | fault"),
     Figures(

@@ -43,7 +43,7 @@ def main() -> None:
             room, group = job
             place = folder / f"{room.name}-{group[0].name}"
             place.mkdir(parents=True)
-            found = list(trial(room, group, place, options.steps, options.pictures))
+            found = list(trial(room, group, place, options.steps, options.pictures, options.colour))
             print(f"{room.name}: {', '.join(each.name for each in group)}", file=sys.stderr, flush=True)
             return found
 
@@ -78,6 +78,7 @@ def _parser() -> argparse.ArgumentParser:
         "--steps", type=lambda text: [int(word) for word in text.split(",")], default=[0, 4, 16, 64], metavar="N,N…",
         help="of refinement to try beside the default (0,4,16,64)",
     )  # fmt: skip
+    parser.add_argument("--colour", nargs="+", default=[""], metavar="TIER", help="for build (default: none)")
     parser.add_argument("--out", type=Path, metavar="FILE.csv", help="every picture's figures")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="sheets of what the audience sees")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="the rooms, patterns and captures (default: removed)")

@@ -58,8 +58,9 @@ def write_response(path: Path, table: list[list[float]]) -> Path:
     return path
 
 
-def build(folder: Path) -> str:
-    return succeed("build", folder / "room")
+def build(folder: Path, colour: str = "") -> str:
+    """colour : for --colour; the default if empty."""
+    return succeed("build", folder / "room", *(("--colour", colour) if colour else ()))
 
 
 def show(folder: Path, picture: Path, *options: str) -> Shown:

@@ -3,6 +3,7 @@
 import csv
 import io
 from collections.abc import Mapping, Sequence
+from operator import attrgetter
 
 import numpy as np
 
@@ -24,15 +25,15 @@ BY_STEPS = {"dB": "psnr_{}", "everywhere": "everywhere_{}", "flare, %": "flare_{
 
 
 def rows(verdicts: Sequence[Verdict]) -> list[dict[str, str]]:
-    """A row for each room and fault: means over its pictures."""
-    keys = dict.fromkeys((verdict.room, verdict.fault) for verdict in verdicts)
-    return [_row([each for each in verdicts if (each.room, each.fault) == key]) for key in keys]
+    """A row for each room, fault and colour that a build was told: means over its pictures."""
+    of = attrgetter("room", "fault", "colour")
+    return [_row([each for each in verdicts if of(each) == key]) for key in dict.fromkeys(map(of, verdicts))]
 
 
 def _row(verdicts: Sequence[Verdict]) -> dict[str, str]:
     every = [_figures(verdict) for verdict in verdicts]
     means = {name: float(np.mean([figures[name] for figures in every if name in figures])) for name in every[0]}
-    row = {"room": verdicts[0].room, "fault": verdicts[0].fault}
+    row = _named(verdicts[0])
     row |= {heading: form.format_map(means) for heading, form in COLUMNS.items()}
     row["after one check, dB"] = f"{means['checked_psnr']:.1f}" if "checked_psnr" in means else ""
     for verdict, figures in zip(verdicts, every, strict=True):
@@ -40,6 +41,10 @@ def _row(verdicts: Sequence[Verdict]) -> dict[str, str]:
             counts = ", ".join(map(str, verdict.by_steps))
             row |= {f"{SWEPT}, {what}, {counts} steps": _series(verdict, figures, what) for what in BY_STEPS}
     return row
+
+
+def _named(verdict: Verdict) -> dict[str, str]:
+    return {"room": verdict.room, "fault": verdict.fault} | ({"colour": verdict.colour} if verdict.colour else {})
 
 
 def _series(verdict: Verdict, figures: Mapping[str, float], what: str) -> str:
@@ -60,7 +65,8 @@ def markdown(verdicts: Sequence[Verdict]) -> str:
 def text_of_csv(verdicts: Sequence[Verdict]) -> str:
     """One line a room, fault and picture; decibels, ΔE2000, and shares of white."""
     fields = [
-        {"room": verdict.room, "fault": verdict.fault, "picture": verdict.picture}
+        _named(verdict)
+        | {"picture": verdict.picture}
         | {name: f"{value:.4f}" for name, value in _figures(verdict).items()}
         for verdict in verdicts
     ]

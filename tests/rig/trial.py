@@ -27,6 +27,7 @@ class Verdict:
     """Of one picture.
 
     checked : as product, after one check of the room, where something has changed since the acquisition.
+    colour : what the build was told to take for the primaries' mixing; empty if nothing.
     product, optimum : of what is shown, 8-bit codes both.  beside, plain_beside : light outside the picture, the
     product's and that of the picture as any player would show it.  by_steps, beside_by_steps : the same
     after so many steps of refinement, of one picture.
@@ -42,6 +43,7 @@ class Verdict:
     by_steps: dict[int, Figures]
     beside_by_steps: dict[int, Outside]
     checked: Figures | None = None
+    colour: str = ""
 
     @property
     def distance(self) -> float:
@@ -50,13 +52,31 @@ class Verdict:
 
 
 def trial(
-    room: Room, faults: Sequence[Fault], folder: Path, steps: Sequence[int], sheets: Path | None
+    room: Room,
+    faults: Sequence[Fault],
+    folder: Path,
+    steps: Sequence[int],
+    sheets: Path | None,
+    colours: Sequence[str] = ("",),
 ) -> Iterator[Verdict]:
-    """Faults that share a calibration, and all pictures; `folder` is filled. sheets : where pictures are drawn."""
-    first = faults[0]
-    rig = Rig(room, first.devices)
-    product.acquire(rig, folder, *given(first, folder))
-    product.build(folder)
+    """Faults that share a calibration, and all pictures; `folder` is filled.
+
+    sheets : where pictures are drawn.  colours : the calibration is built with each of them.
+    """
+    rig = Rig(room, faults[0].devices)
+    product.acquire(rig, folder, *given(faults[0], folder))
+    for colour in colours:
+        product.build(folder, colour)
+        for verdict in _judged(rig, faults, folder, steps, sheets and sheets / colour):
+            yield replace(verdict, colour=colour)
+
+
+def _judged(
+    rig: Rig, faults: Sequence[Fault], folder: Path, steps: Sequence[int], sheets: Path | None
+) -> Iterator[Verdict]:
+    """Of a room as it was built."""
+    if sheets is not None:
+        sheets.mkdir(parents=True, exist_ok=True)
     for fault in faults:
         changed = fault.now != fault.devices
         now = rig.after(fault.now) if changed else rig
@@ -67,7 +87,7 @@ def trial(
             seen = _Seen(judge, picture, folder)
             verdicts.append(seen.verdict(fault.name, steps if picture.name == SWEPT else ()))
             if sheets is not None:
-                seen.draw(sheets / f"{room.name}-{fault.name}-{picture.name}.png")
+                seen.draw(sheets / f"{rig.room.name}-{fault.name}-{picture.name}.png")
         yield from _after_a_check(judge, pictures, verdicts, folder) if changed else verdicts
 
 
