@@ -26,7 +26,7 @@ from counterlight.tools.study.pictures import find_pictures
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 
 SMALL, SMALLEST = (48, 64), 24  # (height, width) that the judged camera is fitted into; a projector's side
-PICTURES = ("photograph", "text", "film")
+PICTURES = ("photograph", "text", "film", "dark-film")
 WINDOWS = 2  # of a picture, from its upper left to its lower right
 FEWEST_CELLS, FEWEST_SAMPLES = 400, 4  # of the small room, if the scene has more
 MOST_BENT = 0.25  # of a lens that does not fold: three pixels in the small picture's corner
