@@ -259,6 +259,21 @@ def own_room() -> Figures:
     )
 
 
+def acquired(sizes: str, rooms: tuple[str, ...], minutes: float) -> Figures:
+    """Rows of docs/acquisition.md's table of schemes.  sizes : of camera and projector, as the table has them."""
+    camera, projector = sizes.split(", ")
+    chosen = " ".join(f"--room {room}" for room in rooms)
+    cells = markdown("room | camera, projector | scheme")
+    return Figures(
+        "docs/acquisition.md",
+        (f"python -m tests.studies.acquisition --again --camera {camera} --projector {projector} {chosen}",),
+        minutes,
+        labelled(cells, f" | {sizes} | "),
+        cells,
+        times=_ending(", s"),
+    )
+
+
 def _in_one_line(**patterns: str) -> Reader:
     return lambda text: pattern(**patterns)(" ".join(text.split()))
 
@@ -266,7 +281,6 @@ def _in_one_line(**patterns: str) -> Reader:
 FULL_SIZE = {"wall": 1, "corner": 1, "statuette": 1, "two_planes": 2, "folded_cards": 4}  # minutes
 RIG = "room | fault | optimum, dB | captured, dB | below, dB"
 ALONE = "quiet", "srgb", "believed", "response", "led", "segment", "lamp", "daylight"
-SCHEMES_TRIED = "corner", "folded_cards", "glass", "skull", "statuette", "two_planes", "wall"
 
 ROWS = (
     table("docs/displays.md", "python -m tests.studies.second_projector", 2, "room: figure | first"),
@@ -372,14 +386,8 @@ ROWS = (
     rigged(f"--room wall --fault {' '.join(ALONE)}", 8, f"{RIG} | whole footprints, dB | ΔE"),
     rigged("--quick --fault segment", 2, f"{RIG} | blurred"),
     table("docs/acquisition.md", "python -m tests.studies.pictures_first --fault known", 60, "room | fault"),
-    Figures(
-        "docs/acquisition.md",
-        (f"python -m tests.studies.acquisition --again --room {' --room '.join(SCHEMES_TRIED)}",),
-        60,
-        labelled(markdown("room | camera, projector | scheme"), " | 96x72, 128x96 | "),
-        markdown("room | camera, projector | scheme"),
-        times=_ending(", s"),
-    ),
+    acquired("96x72, 128x96", ("corner", "folded_cards", "glass", "skull", "statuette", "two_planes", "wall"), 10),
+    acquired("256x192, 320x240", ("corner", "two_planes", "wall"), 15),
     table("docs/acquisition.md", "python -m tests.studies.noise", 30, "room | electrons"),
     table("docs/table_6_1.md", "python -m tests.studies.brickstone", 10, "wall | picture"),
     table("docs/table_6_1.md", "python -m tests.studies.table_6_1", 60, "scene | captured"),
