@@ -15,11 +15,14 @@ from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalSche
 from counterlight.tools.study.pictures import find_pictures
 from counterlight.tools.study.questions import acquiring, coarser, colours, drifting, figures, moving
 from counterlight.tools.study.questions.answers import Answer, cheapest, sentence
-from counterlight.tools.study.questions.asked import Asked
+from counterlight.tools.study.questions.asked import Asked, tried
 from counterlight.tools.study.questions.page import headed
 from counterlight.tools.study.questions.place import MOST_PIXELS, Place, made_coarser, place_of
 from counterlight.tools.study.results import Row
+from counterlight.tools.transport import coarser as coarser_devices
 from counterlight.tools.transport.coarser import Blocks
+from counterlight.tools.transport.joining import joined
+from counterlight.tools.transport.joining_cameras import CameraOptions, joined_cameras
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
 from tests.rooms import write_blurred_room
@@ -43,7 +46,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
 
 
 def test_blocks_take_what_is_left_over_and_keep_light_and_means(rng: np.random.Generator) -> None:
-    blocks = Blocks((7, 5), 3)
+    blocks = Blocks(((7, 5),), 3)
     assert blocks.coarse == (2, 1)
     np.testing.assert_array_equal(np.bincount(blocks.of_pixel), [15, 20])
     picture = rng.random((7, 5, 3))
@@ -52,9 +55,36 @@ def test_blocks_take_what_is_left_over_and_keep_light_and_means(rng: np.random.G
     assert blocks.spread(means.reshape(-1, 3)).shape == (35, 3)
 
 
+def test_each_device_has_blocks_of_its_own(rng: np.random.Generator) -> None:
+    beside, under = (Blocks(((7, 5), (4, 6)), 3, layout) for layout in (coarser_devices.beside, coarser_devices.below))
+    assert (beside.coarse, under.coarse) == ((2, 3), (3, 2))
+    for blocks, second, nowhere in (
+        (beside, np.s_[:4, 5:], np.s_[4:, 5:]),
+        (under, np.s_[7:, :], np.s_[:7, 5:]),
+    ):
+        raster = blocks.layout(blocks.shapes).shape
+        of_pixel = blocks.of_pixel.reshape(raster)
+        assert set(of_pixel[second].ravel()).isdisjoint(of_pixel[:7, :5].ravel())
+        assert set(of_pixel[nowhere].ravel()) == {-1}
+        np.testing.assert_array_equal(np.bincount(of_pixel[second].ravel())[-1], 12)  # four rows of three
+        picture = rng.random((*raster, 3))
+        whole = blocks.spread(blocks.mean(picture).reshape(-1, 3)).reshape(picture.shape)
+        assert np.all(whole[nowhere] == 0)
+        np.testing.assert_allclose(whole[second].mean(axis=(0, 1)), picture[second].mean(axis=(0, 1)), rtol=1e-6)
+
+
+@pytest.mark.parametrize("factor", range(2, 8))
+def test_blocks_are_of_a_mask_if_all_their_pixels_are(factor: int) -> None:
+    blocks, mask = Blocks(((35, 42),), factor), np.ones((35, 42), np.bool_)
+    assert blocks.whole(mask).all()
+    mask[0, 0] = False
+    assert (~blocks.whole(mask)).sum() == 1
+    assert not blocks.whole(mask)[0, 0]
+
+
 def test_coarser_devices_see_means_and_light_all_that_they_stand_for(place: Place, rng: np.random.Generator) -> None:
     small, T = made_coarser(place.calibration, place.transport, 3, 2)
-    seen, shown = Blocks(CAMERA, 3), Blocks(PROJECTOR, 2)
+    seen, shown = Blocks((CAMERA,), 3), Blocks((PROJECTOR,), 2)
     assert (small.camera.shape, small.projector.shape) == (seen.coarse, shown.coarse)
     assert T.far is not None
     drive = rng.random((shown.coarse[0] * shown.coarse[1], 3))
@@ -90,7 +120,7 @@ def test_what_has_not_moved_costs_nothing_and_a_pixel_is_a_pixel(place: Place) -
     assert ready[0.0] > usual[0.0]
     drive = np.zeros((*PROJECTOR, 3))
     drive[4, 5] = 1
-    moved = drifting._moved(drive.reshape(-1, 3), PROJECTOR, np.sqrt(2.0)).reshape(drive.shape)
+    moved = drifting._moved(drive.reshape(-1, 3), place.calibration, np.sqrt(2.0)).reshape(drive.shape)
     np.testing.assert_allclose(moved[5, 6], 1, atol=1e-9)  # √2 on the diagonal is a pixel right and down
 
 
@@ -112,23 +142,71 @@ def test_a_room_without_primaries_is_not_asked_for_colours(place: Place) -> None
 
 def test_more_shots_come_closer_to_the_rooms_own_transport(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     place = blurred_place(tmp_path / "small", (12, 14), (10, 12), 0)
-    ways = acquiring.WAYS[0], acquiring.WAYS[4], acquiring.WAYS[5]
+    named = {way.options: way for way in acquiring.WAYS}
+    ways = [named[options] for options in ("--scheme graycode --shots 1", "--shots 1", "--shots 4")]
     monkeypatch.setattr(acquiring, "WAYS", ways)
     question = acquiring.pictures(place)
     gray, one, more = question.answers
-    assert [answer.more[1] for answer in question.answers] == ["1", "1", "4"]
     assert gray.below > one.below > more.below  # one place a pixel; noise; half of it
     assert more.below < 0.1
     assert (one.cost or 0) < (more.cost or 0)
-    assert "exposures, is within" in question.verdict
+    assert question.verdict.endswith("dB of what the true T gives.")
+
+
+def test_more_pictures_first_come_closer_and_are_an_answer(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(acquiring, "WAYS", [way for way in acquiring.WAYS if way.make is None][:3])
+    question = acquiring.pictures(place)
+    assert [answer.cost for answer in question.answers] == [9, 16, 48]
+    assert {answer.series for answer in question.answers} == {"pictures first"}
+    nine, _, most = (answer.below for answer in question.answers)
+    assert most < 0.2 < nine
+    assert question.verdict == (
+        "9 exposures (pictures first, 9) are within 1 dB; "
+        "16 exposures (pictures first, 16) are within 0.1 dB of what the true T gives."
+    )
+
+
+@pytest.mark.parametrize("factor", [1, 2])
+def test_projectors_are_acquired_one_by_one(tmp_path: Path, factor: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one raster, camera pixels would see two places in it, and codes tell neither."""
+    one, other = (blurred_place(tmp_path / name, (24, 28), (22, 25), 0) for name in ("one", "other"))
+    both = joined([one.calibration, other.calibration], [one.transport, other.transport], ["one", "other"])
+    place = Place(*made_coarser(*both, factor, factor), one.pictures, "independent")
+    assert [each.shape for each in place.calibration.projectors] == [(22 // factor, 25 // factor)] * 2
+    monkeypatch.setattr(acquiring, "WAYS", [acquiring.MULTIPLEXED, acquiring.WAYS[0]])
+    question = acquiring.pictures(place)
+    (multiplexed,) = question.answers
+    assert multiplexed.below < 0.1
+    assert "pictures first, 9: --pictures 9: projectors of" in question.how
+
+
+def test_several_cameras_are_asked_as_one_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    one, other = (blurred_place(tmp_path / f"{width}", (24, width), (22, 25), 0) for width in (28, 30))
+    shared = joined_cameras(
+        [one.calibration, other.calibration], [one.transport, other.transport], "both", CameraOptions()
+    )
+    small = made_coarser(shared.calibration, shared.transport, 2, 1)
+    assert small[0].cameras == ((12, 14), (12, 15))
+    place = Place(shared.calibration, shared.transport, one.pictures, "independent")
+    monkeypatch.setattr(acquiring, "WAYS", [acquiring.MULTIPLEXED])
+    found = tried(place)
+    assert min(found.reached.values()) > 15
+    by_title = {question.title: question for question in found.questions}
+    assert by_title["Pictures of an acquisition"].answers[0].below < 0.1
+    halves = {answer.setting: answer.below for answer in by_title["Pixels of camera and projector"].answers}
+    assert 0 < halves["camera half, projector whole"] < 20
 
 
 def test_each_way_of_acquiring_is_a_command() -> None:
     for way in acquiring.WAYS:
         options = acquire_parser().parse_args(["--camera", "simulated:x", "-o", "room", *way.options.split()])
+        assert options.pictures == (way.pictures or None)
+        if way.make is None:
+            continue
         choose_scheme(options)
         made = way.make()
         assert options.scheme in ("hierarchical", "multiplexed", "graycode")
+        assert options.shots == (None if way.averaged else way.shots)
         if isinstance(made, HierarchicalScheme):
             assert made == HierarchicalScheme(Threshold(float(options.threshold)))
 

@@ -120,11 +120,11 @@ def _try(source: RoomSource, methods: Sequence[Method]) -> RoomFigures:
 
 
 def _ask(source: RoomSource) -> RoomFigures:
-    """What is asked of one's own room, of one camera."""
+    """What is asked of one's own room."""
     with _alone:
         trial = _trial(source)
         room, found = trial.room, trial.of(())
-        if room.given is not None and len(room.calibration.cameras) == 1:
+        if room.given is not None:
             pictures = find_pictures(source.pictures[:ASKED_PICTURES])
             found.tried = tried(place_of(room.calibration, room.given, pictures, source.colour))
         return found

@@ -82,7 +82,9 @@ def _study(options: StudyOptions, stage: Path, workers: Workers | None) -> Itera
     for some in [sources] if workers else [[source] for source in sources]:
         for found in study_rooms(some, options.patience_s, workers or Here()):
             figures.append(found)
-            yield f"{found.name}: {len(found.rows)} figures, {len(found.skipped)} methods not for it"
+            count = len(found.skipped)
+            left_out = f", {count} method{'' if count == 1 else 's'} not for it" if count else ""
+            yield f"{found.name}: {len(found.rows)} figures{left_out}"
             if found.tried is not None:
                 asked.append(answered(found.name, found.tried, found.rows))
                 yield asked[-1].verdict

@@ -133,11 +133,11 @@ def _played(row: Row) -> Spent:
 
 def acquired(room: StudyRoom, picture: Picture) -> Spent:
     """The room acquired by a simulated camera, and what the best drive by its T gives in the room as it is."""
-    done, seconds = processor_seconds(lambda: acquire_again(room.calibration, room.transport, MULTIPLEXED))
-    tier, task = tier_of_acquired(room.calibration, done), Task(room, picture)
+    again, seconds = processor_seconds(lambda: acquire_again(room.calibration, room.transport, MULTIPLEXED))
+    tier, task = tier_of_acquired(room.calibration, again), Task(room, picture)
     box = Box(objective_of(tier.transport, tier.calibration, DEFAULT_AIMS))
     drive = box.solve(tier.asked(task.desired).reshape(-1, len(CHANNELS))).drive
-    return Spent(seconds, task.judge(drive).below_optimum, done.pictures)
+    return Spent(seconds, task.judge(drive).below_optimum, again.pictures)
 
 
 def scenes_of_the_table() -> list[str]:

@@ -1,7 +1,9 @@
 """T by devices of fewer pixels: a camera's are means of its own, a projector's light all that they stand for."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,52 +11,91 @@ from scipy import sparse
 
 from counterlight.arrays import FloatArray
 from counterlight.maps.row_map import SparseRows
+from counterlight.raster import Shapes, side_by_side
+from counterlight.screen import parts_of, raster_of
 from counterlight.tools.transport.transport import Csr, Shape, Transport, channels, stacked
+
+
+class Layout(NamedTuple):
+    """A raster: (height, width), and the rows and columns of each device's picture in it."""
+
+    shape: Shape
+    parts: tuple[tuple[slice, slice], ...]
+
+
+def beside(projectors: Shapes) -> Layout:
+    """Projectors', side by side."""
+    shape, regions = side_by_side(projectors)
+    return Layout(shape, tuple(region.part for region in regions))
+
+
+def below(cameras: Shapes) -> Layout:
+    """Cameras', below each other."""
+    return Layout(raster_of(cameras), parts_of(cameras))
 
 
 @dataclass(frozen=True)
 class Blocks:
     """Square blocks of `factor` pixels a side; the last of a row or column takes what is left over.
 
-    shape : (height, width) of the pixels.
+    shapes : (height, width) of each device.  layout : in the raster of all, each with blocks of its own; what is
+    beside them counts for nothing.
     """
 
-    shape: Shape
+    shapes: Shapes
     factor: int
+    layout: Callable[[Shapes], Layout] = beside
+
+    @property
+    def coarser(self) -> Shapes:
+        """(height, width) of each device, in blocks."""
+        return tuple((max(1, height // self.factor), max(1, width // self.factor)) for height, width in self.shapes)
 
     @property
     def coarse(self) -> Shape:
-        return max(1, self.shape[0] // self.factor), max(1, self.shape[1] // self.factor)
+        """Of the raster."""
+        return self.layout(self.coarser).shape
 
     @cached_property
     def of_pixel(self) -> NDArray[np.int64]:
-        """The block that each pixel is in."""
-        row, column = (
-            np.minimum(np.arange(size) // self.factor, count - 1)
-            for size, count in zip(self.shape, self.coarse, strict=True)
-        )
-        return (row[:, None] * self.coarse[1] + column).ravel()
+        """The block that each pixel of the raster is in, -1 beside the devices."""
+        (shape, parts), (small, places) = self.layout(self.shapes), self.layout(self.coarser)
+        blocks, numbers = np.full(shape, -1), np.arange(small[0] * small[1]).reshape(small)
+        for part, place in zip(parts, places, strict=True):
+            own = numbers[place]
+            rows, columns = (
+                np.minimum(np.arange(size) // self.factor, count - 1)
+                for size, count in zip(blocks[part].shape, own.shape, strict=True)
+            )
+            blocks[part] = own[np.ix_(rows, columns)]
+        return blocks.ravel()
 
     @cached_property
     def sums(self) -> Csr:
         """(blocks, pixels)."""
-        count = self.of_pixel.size
-        shape = self.coarse[0] * self.coarse[1], count
-        return Csr((np.ones(count, np.float32), (self.of_pixel, np.arange(count))), shape=shape)
+        inside = np.flatnonzero(self.of_pixel >= 0)
+        shape = self.coarse[0] * self.coarse[1], self.of_pixel.size
+        return Csr((np.ones(inside.size, np.float32), (self.of_pixel[inside], inside)), shape=shape)
 
     @cached_property
     def means(self) -> Csr:
-        """(blocks, pixels), rows that add up to 1."""
-        return Csr(sparse.diags_array((1 / self.sums.sum(axis=1)).astype(np.float32)) @ self.sums)
+        """(blocks, pixels), rows that add up to 1, or to 0 beside the devices."""
+        pixels = np.maximum(self.sums.sum(axis=1), 1)
+        return Csr(sparse.diags_array((1 / pixels).astype(np.float32)) @ self.sums)
 
     def mean(self, picture: NDArray[np.generic]) -> FloatArray:
         """(height, width, …) in blocks."""
         flat = np.asarray(picture, np.float64).reshape(self.of_pixel.size, -1)
         return np.asarray(self.means @ flat).reshape(*self.coarse, *picture.shape[2:])
 
+    def whole(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(height, width), of a mask -> blocks all of whose pixels are in it."""
+        pixels, inside = self.sums.sum(axis=1), self.sums @ mask.ravel().astype(np.float32)
+        return np.asarray((pixels > 0) & (inside == pixels)).reshape(self.coarse)
+
     def spread(self, blocks: FloatArray) -> FloatArray:
-        """(blocks, …) -> (pixels, …), each pixel what its block is."""
-        return blocks[self.of_pixel]
+        """(blocks, …) -> (pixels, …), each pixel what its block is, 0 beside the devices."""
+        return np.where((self.of_pixel >= 0)[:, None], blocks[self.of_pixel], 0)
 
 
 def coarser(transport: Transport, camera: Blocks, projector: Blocks) -> Transport:

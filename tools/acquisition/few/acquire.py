@@ -28,19 +28,26 @@ COPIES = 3  # of all captures, float32, that are in memory at once
 
 
 def acquire_pictures(
-    camera: Camera, store: Store, count: int, projectors: Sequence[Shape], given: Response | None = None
+    camera: Camera,
+    store: Store,
+    count: int,
+    projectors: Sequence[Shape],
+    given: Response | None = None,
+    *,
+    stoppable: bool = True,
 ) -> list[Acquisition]:
     """Show, capture and fit, for each projector; what is in the store already is not shown again.
 
     count : of all pictures.  projectors : (height, width) of each.  given : their response, where that is not to be the
-    measured one. An interruption ends the showing, as soon as there are enough; then the room is of those that there
-    are.
-    Raises InputError for captures that are saturated or black, and for a moved camera.
+    measured one.  stoppable : an interruption ends the showing, as soon as there are enough; then the room is of those
+    that there are.
+    Raises InputError for too few pictures, captures that are saturated or black, and for a moved camera.
     """
+    check_asked(count, projectors)
     turns, start = Turns(tuple(projectors)), time.monotonic()
     count = turns.in_all(turns.of_each(count))
     before = [number for number in range(count) if store.has(number)]
-    of_each = turns.of_each(_captured(camera, store, turns, count))
+    of_each = turns.of_each(_captured(camera, store, turns, count, stoppable))
     seconds, found = (time.monotonic() - start) / len(projectors), []
     for projector, order in enumerate(turns.orders):
         numbers = turns.numbers(projector, of_each)
@@ -84,7 +91,7 @@ def _note(order: Order, count: int) -> str:
     return f"{count} pictures in all: {order.least} for places and colours, {whites} white, {random} random"
 
 
-def _captured(camera: Camera, store: Store, turns: Turns, count: int) -> int:
+def _captured(camera: Camera, store: Store, turns: Turns, count: int, stoppable: bool) -> int:
     """How many pictures there are in the end."""
     pictures = turns.pictures(count)
     missing = [number for number in range(count) if not store.has(number)]
@@ -103,7 +110,7 @@ def _captured(camera: Camera, store: Store, turns: Turns, count: int) -> int:
         for number in track(there, "pictures"):
             store.save(number, camera.capture(number, pictures[number]))
     except KeyboardInterrupt:
-        if _first_missing(store, count) < turns.least:
+        if not stoppable or _first_missing(store, count) < turns.least:
             raise
     found = _first_missing(store, count)
     if found < count:

@@ -2,8 +2,7 @@
 
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.study.questions.answers import CLOSE_DB, Answer, Question, decibels, sentence
-from counterlight.tools.study.questions.place import Place, made_coarser
-from counterlight.tools.transport.coarser import Blocks
+from counterlight.tools.study.questions.place import Place, blocks_of, made_coarser
 
 FACTORS = {1: "whole", 2: "half", 4: "a quarter"}
 SMALLEST = 8  # pixels a side
@@ -38,7 +37,7 @@ def _tried(place: Place, camera: int, projector: int) -> Answer | None:
     if not small.mask.any():
         return None
     tier = tier_of(small, T, place.colour)
-    seen, shown = Blocks(calibration.camera.shape, camera), Blocks(calibration.projector.shape, projector)
+    seen, shown = blocks_of(calibration, camera, projector)
     desired = [seen.mean(each) for each in place.desired]
     drives = [shown.spread(drive) for drive in place.drives(tier, desired=desired)]
     far = 0 if T.far is None else T.far.gather.indices.size + T.far.scatter.indices.size

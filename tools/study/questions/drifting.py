@@ -4,6 +4,7 @@ import numpy as np
 from scipy import ndimage
 
 from counterlight.arrays import FloatArray
+from counterlight.calibration import Calibration
 from counterlight.tools.study.questions.answers import CLOSE_DB, Answer, Question, decibels
 from counterlight.tools.study.questions.place import Place
 from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions
@@ -29,15 +30,19 @@ def drift(place: Place) -> Question:
 
 
 def _shown(place: Place, drives: list[FloatArray], shift: float, aim: float) -> Answer:
-    moved = [_moved(drive, place.calibration.projector.shape, shift) for drive in drives]
+    moved = [_moved(drive, place.calibration, shift) for drive in drives]
     series = f"--drift {aim:g}"
     return Answer(f"{shift:g} pixels, {series}", shift, max(place.below(moved), 0.0), (), "", series)
 
 
-def _moved(drive: FloatArray, projector: tuple[int, int], shift: float) -> FloatArray:
+def _moved(drive: FloatArray, room: Calibration, shift: float) -> FloatArray:
+    """Each projector's picture by itself."""
     step = shift / np.sqrt(2)
-    picture = drive.reshape(*projector, 3)
-    return np.asarray(ndimage.shift(picture, (step, step, 0), order=1, mode="nearest")).reshape(-1, 3)
+    picture = drive.reshape(*room.projector.shape, 3)
+    moved = np.zeros_like(picture)
+    for region in room.regions:
+        moved[region.part] = ndimage.shift(picture[region.part], (step, step, 0), order=1, mode="nearest")
+    return moved.reshape(-1, 3)
 
 
 def _verdict(answers: list[Answer]) -> str:

@@ -9,10 +9,11 @@ import numpy as np
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration
 from counterlight.pipeline.content import psnr
+from counterlight.pipeline.fitting import on_cameras
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.solve.box import Box
 from counterlight.tools.study.pictures import Picture
-from counterlight.tools.transport.coarser import Blocks, coarser
+from counterlight.tools.transport.coarser import Blocks, below, coarser
 from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions, objective_of
 from counterlight.tools.transport.transport import Transport
 
@@ -40,7 +41,8 @@ class Place:
     @cached_property
     def desired(self) -> list[FloatArray]:
         """(camera height, camera width, 3) each, in screen primaries."""
-        return [self.tier.white * picture.at(self.calibration.camera.shape) for picture in self.pictures]
+        room = self.calibration
+        return [self.tier.white * on_cameras(picture.at(room.placed_on), room) for picture in self.pictures]
 
     @cached_property
     def best(self) -> list[FloatArray]:
@@ -92,14 +94,25 @@ def made_coarser(
     calibration: Calibration, transport: Transport, camera: int, projector: int
 ) -> tuple[Calibration, Transport]:
     """The room by devices whose pixels are so many of its own a side."""
-    seen, shown = Blocks(calibration.camera.shape, camera), Blocks(calibration.projector.shape, projector)
-    primaries = calibration.primaries
+    seen, shown = blocks_of(calibration, camera, projector)
+    primaries, screen = calibration.primaries, calibration.screen
     small = replace(
         calibration,
         camera=replace(calibration.camera, height=seen.coarse[0], width=seen.coarse[1]),
-        projectors=(replace(calibration.projectors[0], height=shown.coarse[0], width=shown.coarse[1]),),
+        projectors=tuple(
+            replace(each, height=height, width=width)
+            for each, (height, width) in zip(calibration.projectors, shown.coarser, strict=True)
+        ),
         ambient=seen.mean(calibration.ambient).astype(np.float32),
-        mask=seen.mean(calibration.mask.astype(np.float64)) == 1,
+        mask=seen.whole(calibration.mask),
         primaries=primaries if primaries is None else np.stack([seen.mean(each) for each in primaries]).astype("f4"),
+        screen=screen
+        and replace(screen, cameras=seen.coarser, positions=seen.mean(screen.positions).astype(np.float32)),
     )
     return small, coarser(transport, seen, shown)
+
+
+def blocks_of(calibration: Calibration, camera: int, projector: int) -> tuple[Blocks, Blocks]:
+    """Of the pixels of all cameras and of all projectors, so many a side."""
+    projectors = tuple(each.shape for each in calibration.projectors)
+    return Blocks(calibration.cameras, camera, below), Blocks(projectors, projector)
