@@ -6,6 +6,7 @@ from contextlib import redirect_stderr
 from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration
@@ -118,7 +119,7 @@ def acquire_again(room: Calibration, truth: Transport, way: Way) -> Again:
     settings = replace(CameraSettings(), exposures=(1.0,) * way.shots)
     camera = SimulatedCamera(first, settings, others=others)
     store = MemoryStore(camera.exposures, averaged=way.averaged)
-    with redirect_stderr(io.StringIO()):  # what is said of it is of this simulation
+    with threadpool_limits(limits=1), redirect_stderr(io.StringIO()):  # as acquire; what is said is of this simulation
         if way.make is None:
             parts = acquire_pictures(camera, store, way.pictures, projectors, stoppable=False)
         else:
