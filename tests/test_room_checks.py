@@ -127,6 +127,15 @@ def test_a_room_that_is_the_same_is_not_read_again_and_a_pause_stays_one() -> No
     assert show.stage.session.stats.notices == []
 
 
+def test_who_lets_a_paused_show_go_on_during_a_check_is_obeyed() -> None:
+    show = Shown(Reader(count=1000), code="print('nothing has changed')")
+    show.stage.press("space")
+    show.come_due()
+    show.stage.press("space")
+    show.go_on()
+    assert not show.paused
+
+
 def test_of_several_media_none_is_interrupted() -> None:
     show = Shown(Reader("a", count=20), Reader("b", count=20))
     show.come_due()

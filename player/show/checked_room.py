@@ -55,7 +55,9 @@ class CheckedRoom:
 
     def _take(self, outcome: Outcome) -> None:
         session, asked = self._session, self._asked
-        session.manner.paused, self._asked = self._paused, False
+        self._asked = False
+        if session.manner.paused:  # else somebody has let it go on meanwhile
+            session.manner.paused = self._paused
         if outcome.code:
             session.notice(f"the room's check: {outcome.said}")
             return
