@@ -12,21 +12,24 @@ import tomllib
 from contextlib import closing
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from counterlight.files.manifest import describe_files
 from counterlight.pipeline.room import Room
-from counterlight.tools.inverse.near_light import InverseOptions
+from counterlight.tools.inverse.near_light import Inverse, InverseOptions, invert_near_light
 from counterlight.tools.inverse.presets import PRESETS
 from counterlight.tools.solve.compensate import CompensateOptions, CompensationTask
 from counterlight.tools.study.frames import graphics, player
-from counterlight.tools.study.measure import SHOWN
+from counterlight.tools.study.measure import SHOWN, Trial
 from counterlight.tools.study.methods import (
+    DEFAULTS,
     DIRECT,
     HALF_ENTRY,
     TRIANGULATED,
+    UNCUT,
     Direct,
     Map,
     Solver,
@@ -37,7 +40,7 @@ from counterlight.tools.study.methods import (
 from counterlight.tools.study.pictures import BUILT_IN, DARK, find_pictures
 from counterlight.tools.study.recommend import CLOSE_DB, FRAME_MS, wishes
 from counterlight.tools.study.results import Mean, Row, everywhere, geometric, label, means, pareto, write_json
-from counterlight.tools.study.rooms import StudyRoom, Task, open_room
+from counterlight.tools.study.rooms import ENTRY_BYTES, StudyRoom, Task, open_room
 from counterlight.tools.study.table_6_1 import HEADER, THESIS_ROWS, OurRow, Spent, acquired, to_markdown
 from tests.programs import fail, succeed
 from tests.rooms import random_room, write_blurred_room
@@ -370,6 +373,31 @@ def test_direct_mapping_asks_for_all_light_of_a_room_with_far_light(tmp_path: Pa
         expected = next(CompensationTask(far.tier, white, radiance=False, options=options).run(task.plain))
         found = method.prepare(far).drive(task).drive
     np.testing.assert_allclose(found, expected.drive.reshape(-1, 3), atol=1e-5)  # maps are float32
+
+
+def test_an_inverse_that_memory_cannot_hold_beside_the_study_is_left_out_and_tried_once(
+    room: StudyRoom, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where building alone could hold it: frames of both backends, and maps of 16 bits, take as much again."""
+    uncut, cut = (Map("T⁺", "", None, options) for options in (DEFAULTS, InverseOptions(max_cluster=20)))
+    needed = [room.build(each.options)[0].maps.correction.count * ENTRY_BYTES for each in (uncut, cut)]
+    assert needed[1] < 0.5 * needed[0]
+    monkeypatch.setattr("counterlight.memory.available_bytes", lambda: 0.75 * needed[0])
+    monkeypatch.setattr("counterlight.tools.inverse.memory.check_whole", lambda *_: None)  # of the work itself
+    attempts: list[InverseOptions] = []
+
+    def inverting(*given: Any) -> Inverse:
+        attempts.append(given[5])
+        return invert_near_light(*given)
+
+    monkeypatch.setattr("counterlight.tools.inverse.build.invert_near_light", inverting)
+    methods = [Map(UNCUT, "max-error", DEFAULTS.max_error), replace(uncut, half=True), cut]
+    found = Trial(room, find_pictures(["gradient"])).of(methods)
+    assert attempts == [DEFAULTS, cut.options]
+    assert [row.command for row in found.rows] == [cut.command]
+    refused, again = found.skipped
+    assert "the correction map, of about" in refused.reason
+    assert found.refuses(np.inf) == refused.reason == again.reason
 
 
 def test_a_figure_that_does_not_exist_is_null(tmp_path: Path) -> None:

@@ -118,9 +118,11 @@ def build_maps(
     *,
     refine: bool = True,
     elsewhere: Elsewhere | None = None,
+    entry_bytes: float = memory.ENTRY_BYTES,
 ) -> BuiltRoom:
     """Every row map of a room in memory; nothing is read or written, but for work elsewhere.
 
+    entry_bytes : of memory that an entry of T⁺ takes, with what will be made of it.
     Raises InputError for what cannot be inverted.
     """
     transport, calibration, white, options = tier.transport, tier.calibration, tier.white, options.settled
@@ -136,7 +138,8 @@ def build_maps(
     else:
         mask = (objective.weights > 0).reshape(camera)
         told = calibration.regions, objective.weights, objective.prior, _step(transport) if refine else 0.0
-        inverse = invert_near_light(transport.near, mask, *common, *told, pictures_of(calibration), elsewhere)
+        more = pictures_of(calibration), elsewhere, entry_bytes
+        inverse = invert_near_light(transport.near, mask, *common, *told, *more)
     if aims.outside == "continue" and inverse.chosen != "thesis":
         inverse = continued(inverse, projector, calibration.regions)
     correction = pack(inverse.T_pinv, projector, camera)

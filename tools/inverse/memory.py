@@ -77,10 +77,11 @@ def normal_entries(T: Csr) -> float:
     return float(int(sampled.nnz) / chosen.size * lit.size)
 
 
-def checked_as_they_come(pieces: Iterable[Piece], row_count: int) -> Iterator[Piece]:
+def checked_as_they_come(pieces: Iterable[Piece], row_count: int, entry_bytes: float) -> Iterator[Piece]:
     """Pass pieces on; as soon as they hold 2 % of the rows, foretell the entries of all, and refuse what cannot fit.
 
     pieces : in an order of which every beginning is spread over them all.  row_count : of all pieces together.
+    entry_bytes : that an entry of T⁺ takes.
     """
     rows, entries, foretold = 0, 0, False
     for piece in pieces:
@@ -88,7 +89,7 @@ def checked_as_they_come(pieces: Iterable[Piece], row_count: int) -> Iterator[Pi
         if not foretold and rows >= FORETELLING_SHARE * row_count:
             foretold, expected = True, entries * row_count / rows
             check(
-                ENTRY_BYTES * expected - entries * 16,
+                entry_bytes * expected - entries * 16,
                 f"the correction map, of about {expected / 1e6:.0f} million entries,",
                 "shorten its rows with a larger --max-error or --regularize, or use --max-cluster",
             )

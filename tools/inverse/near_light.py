@@ -192,6 +192,7 @@ def invert_near_light(
     step: float = 0.0,
     pictures: Sequence[FloatArray] | None = None,
     elsewhere: Elsewhere | None = None,
+    entry_bytes: float = memory.ENTRY_BYTES,
 ) -> Inverse:
     """(TᵀWT + P + λ²I)⁻¹TᵀW of the near light inside the mask; the result's columns outside the mask are empty.
 
@@ -202,6 +203,7 @@ def invert_near_light(
     prior : P; the plain inverse (λ = 0) knows none.  step : entries that a step of refinement reads, if play makes any.
     pictures : by which λ is chosen, (camera height, camera width) each; None for the typical ones.
     elsewhere : who inverts windows; None for this process.
+    entry_bytes : of memory that an entry of T⁺ takes, with what will be made of it.
     """
     weights = mask.ravel().astype(np.float64) if weights is None else weights
     roots = np.sqrt(weights)
@@ -211,7 +213,7 @@ def invert_near_light(
     if whole.nnz == 0:
         raise InputError("no camera pixel inside the mask sees the projector; check the mask and the transport")
     _check_max_cluster(options, near.columns)
-    given = reach * roots[:, None], white, options, regions, roots, prior, step, pictures, elsewhere
+    given = reach * roots[:, None], white, options, regions, roots, prior, step, pictures, elsewhere, entry_bytes
     work = _Work(scaled, whole, mask, projector_shape, *given)
     chosen, reason, found = options.asked, "", None
     if chosen in ("auto", "whole"):
@@ -267,6 +269,7 @@ class _Work:
     step: float
     pictures: Sequence[FloatArray] | None
     elsewhere: Elsewhere | None
+    entry_bytes: float
 
     def cut(self, *, must_pay: bool) -> "Inverse | Objection":
         """T⁺ of T cut into clusters; a reason against it if it has to pay."""
@@ -319,7 +322,7 @@ class _Work:
                 jobs.append(windowed_jobs(*plan, truncation, tolerance))
             else:
                 done = self.elsewhere.pieces(*plan, truncation, tolerance)
-        pieces = _run(list(chain(*jobs)), done, int(clusters.projector_sizes.sum()))
+        pieces = _run(list(chain(*jobs)), done, int(clusters.projector_sizes.sum()), self.entry_bytes)
         joined = join(pieces, near.shape[::-1])
         weights = joined.rows.weights * self.roots[joined.rows.indices, None].astype(np.float32)
         return Inverse(
@@ -379,11 +382,13 @@ def _windowed(
     return channels, plan_windows(channels[1], member, tolerance, regions).windows
 
 
-def _run(jobs: list[Callable[[], Piece]], elsewhere: Iterable[Piece], row_count: int) -> list[Piece]:
+def _run(
+    jobs: list[Callable[[], Piece]], elsewhere: Iterable[Piece], row_count: int, entry_bytes: float
+) -> list[Piece]:
     """Run the jobs in an order of which every beginning is spread over them all, so that memory is foretold early.
 
     elsewhere : pieces that are made there.
     """
     spread = [jobs[i] for i in np.argsort(np.arange(len(jobs)) * GOLDEN_RATIO % 1)]
     with closing(run_jobs(spread, "inverting")) as results:
-        return list(memory.checked_as_they_come(chain(results, elsewhere), row_count))
+        return list(memory.checked_as_they_come(chain(results, elsewhere), row_count, entry_bytes))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray
 from counterlight.command import track
 from counterlight.errors import InputError
-from counterlight.tools.study.methods import OURS, PLAIN, UNCUT, Method, Prepared
+from counterlight.tools.study.methods import DEFAULTS, OURS, PLAIN, UNCUT, Method, Prepared
 from counterlight.tools.study.pictures import Picture
 from counterlight.tools.study.questions.asked import Tried
 from counterlight.tools.study.results import Row, Skipped, label
@@ -17,6 +17,7 @@ from counterlight.tools.study.rooms import StudyRoom, Task
 
 SHOWN_PICTURES = 2
 THESIS_LABEL, OURS_LABEL = (label(method.family, method.knob, method.value) for method in (PLAIN, OURS))
+UNCUT_LABEL = label(UNCUT, "max-error", DEFAULTS.max_error)
 NNLS_LABEL = "NNLS"
 SHOWN = ("uncompensated", "direct", THESIS_LABEL, OURS_LABEL, NNLS_LABEL)
 
@@ -47,7 +48,10 @@ class RoomFigures:
             self.seen.setdefault(picture, {}).update(by_method)
 
     def refuses(self, patience_s: float) -> str:
-        """Why knobs that invert the uncut transport once more are not turned here: it took longer; "" if it did not."""
+        """Why knobs that invert the uncut transport once more are not turned here: it failed, or took longer; or ""."""
+        failed = next((entry.reason for entry in self.skipped if entry.method == UNCUT_LABEL), "")
+        if failed:
+            return failed
         took = max((row.preparation_s for row in self.rows if row.family == UNCUT), default=0.0)
         if took <= patience_s:
             return ""

@@ -36,6 +36,7 @@ from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport, channel, channels
 
 R = TypeVar("R")
+ENTRY_BYTES = 150  # of T⁺, per entry: its maps, both backends, its inverse written out, half weights (146 measured)
 BEYOND = 0.1 / 255  # drive; less than this outside 0..1 is rounding, not clipping
 
 
@@ -114,7 +115,7 @@ class StudyRoom:
         self.inside = self.transport.inside(self.calibration.mask)
         self.objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS, tier.mixing)
         self.lit, self.box = self.inside.lit, Box(self.objective)
-        self._built: tuple[InverseOptions, BuiltRoom, float] | None = None
+        self._built: tuple[InverseOptions, BuiltRoom | InputError, float] | None = None
         self._bench: tuple[object, Bench] | None = None
 
     @property
@@ -129,13 +130,24 @@ class StudyRoom:
         return max(int((each.camera_sizes * each.projector_sizes).max(initial=0)) for each in found)
 
     def build(self, options: InverseOptions) -> tuple[BuiltRoom, float]:
-        """The maps as counterlight build makes them, refinement's apart, and processor seconds; the last is kept."""
+        """The maps as counterlight build makes them, refinement's apart, and processor seconds; the last is kept.
+
+        Raises InputError where that cannot be, without trying the same again.
+        """
         if self._built is None or self._built[0] != options:
             self.close()
             self._built = None
-            built, seconds = processor_seconds(lambda: build_maps(self.tier, options, refine=False))
-            self._built = options, built, seconds
-        return self._built[1:]
+            self._built = options, *processor_seconds(lambda: self._build(options))
+        _, built, seconds = self._built
+        if isinstance(built, InputError):
+            raise built
+        return built, seconds
+
+    def _build(self, options: InverseOptions) -> BuiltRoom | InputError:
+        try:
+            return build_maps(self.tier, options, refine=False, entry_bytes=ENTRY_BYTES)
+        except InputError as error:
+            return error
 
     def bench(self, key: object, maps: Callable[[], RoomMaps], start: str) -> Bench:
         """The player with maps and a start of refinement; the one made last is kept for its key."""
