@@ -21,6 +21,7 @@ from counterlight.response import Response
 from counterlight.tools import build_correction_map
 from counterlight.tools.inverse import memory
 from counterlight.tools.inverse.near_light import InverseOptions, invert_near_light
+from counterlight.tools.inverse.rows import Piece
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport, stacked
 from tests.programs import command, fail, verb
@@ -130,6 +131,26 @@ def test_a_map_that_cannot_fit_is_refused_from_its_first_rows(
     invert_near_light(*arguments, short)
     with pytest.raises(InputError, match=r"correction map, of about 0 million entries, needs .* --max-error"):
         invert_near_light(*arguments, long)
+
+
+def test_small_clusters_beside_large_ones_do_not_make_a_map_look_small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a large room most rows are of a pixel or two and come at once, and most entries are of windows."""
+    whole, windowed, each = 9000, 1000, 500
+
+    def pieces(first: int, count: int, entries: int, halo: int) -> Piece:
+        rows, lengths = np.arange(first, first + count), np.full(count, entries)
+        columns, weights = np.zeros(count * entries, np.int32), np.ones((count * entries, 3), np.float32)
+        return Piece(rows, lengths, columns, weights, np.zeros((count, 3)), np.zeros(count), halo)
+
+    made = [pieces(0, whole, 1, 0), *(pieces(whole + 20 * i, 20, each, 4) for i in range(windowed // 20))]
+    needed = memory.ENTRY_BYTES * (whole + windowed * each)
+    monkeypatch.setattr("counterlight.memory.available_bytes", lambda: needed)
+    assert list(memory.checked_as_they_come(made, whole, windowed, memory.ENTRY_BYTES)) == made
+    monkeypatch.setattr("counterlight.memory.available_bytes", lambda: needed // 2)
+    coming = memory.checked_as_they_come(made, whole, windowed, memory.ENTRY_BYTES)
+    assert next(coming) is made[0]
+    with pytest.raises(InputError, match="about 1 million entries"):
+        next(coming)
 
 
 def test_available_memory_is_that_of_this_machine() -> None:

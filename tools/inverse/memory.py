@@ -24,7 +24,7 @@ NORMAL_BYTES = 3 * 40  # of TᵀT, per entry: three channels, while they are add
 ROOM_BYTES, PIXEL_BYTES = 250, 400  # of a room's maps while they are made, an entry of T, a pixel of both sides
 BLURRED_BYTES = 120  # an entry of B, of which there are neither T⁺ nor words
 IN_ONE_BYTES = 150  # of a T that is made dense and cut, per entry: its rows, its graph and what orders that
-FORETELLING_SHARE = 0.02  # of the rows, after which the entries of all are foretold
+FORETELLING_SHARE = 0.02  # of the rows, after which the entries of all are foretold first: within 15 %
 SAMPLE_COLUMNS = 64
 
 
@@ -77,19 +77,26 @@ def normal_entries(T: Csr) -> float:
     return float(int(sampled.nnz) / chosen.size * lit.size)
 
 
-def checked_as_they_come(pieces: Iterable[Piece], row_count: int, entry_bytes: float) -> Iterator[Piece]:
-    """Pass pieces on; as soon as they hold 2 % of the rows, foretell the entries of all, and refuse what cannot fit.
+def checked_as_they_come(pieces: Iterable[Piece], whole: int, windowed: int, entry_bytes: float) -> Iterator[Piece]:
+    """Pass pieces on; at 2 % of the rows, 4, 8 and so on, foretell the entries of all, and refuse what cannot fit.
 
-    pieces : in an order of which every beginning is spread over them all.  row_count : of all pieces together.
+    Those of whole clusters and those of windows are foretold apart: in large rooms with many clusters of a pixel or
+    two, most rows have a few entries and most entries are of windows.
+
+    pieces : in an order of which every beginning is spread over them all.  whole, windowed : rows of either kind.
     entry_bytes : that an entry of T⁺ takes.
     """
-    rows, entries, foretold = 0, 0, False
+    counts, rows, entries, shares = (whole, windowed), [0, 0], [0, 0], [FORETELLING_SHARE] * 2
     for piece in pieces:
-        rows, entries = rows + piece.rows.size, entries + piece.columns.size
-        if not foretold and rows >= FORETELLING_SHARE * row_count:
-            foretold, expected = True, entries * row_count / rows
+        kind = piece.halo > 0
+        rows[kind], entries[kind] = rows[kind] + piece.rows.size, entries[kind] + piece.columns.size
+        if rows[kind] >= shares[kind] * counts[kind]:
+            shares[kind] = 2 * rows[kind] / counts[kind]
+            expected = sum(
+                found * count / max(seen, 1) for found, count, seen in zip(entries, counts, rows, strict=True)
+            )
             check(
-                entry_bytes * expected - entries * 16,
+                entry_bytes * expected - sum(entries) * 16,
                 f"the correction map, of about {expected / 1e6:.0f} million entries,",
                 "shorten its rows with a larger --max-error or --regularize, or use --max-cluster",
             )

@@ -322,7 +322,9 @@ class _Work:
                 jobs.append(windowed_jobs(*plan, truncation, tolerance))
             else:
                 done = self.elsewhere.pieces(*plan, truncation, tolerance)
-        pieces = _run(list(chain(*jobs)), done, int(clusters.projector_sizes.sum()), self.entry_bytes)
+        sizes = clusters.projector_sizes
+        whole, windowed = int(sizes[~method.windowed].sum()), int(sizes[method.windowed].sum())
+        pieces = _run(list(chain(*jobs)), done, whole, windowed, self.entry_bytes)
         joined = join(pieces, near.shape[::-1])
         weights = joined.rows.weights * self.roots[joined.rows.indices, None].astype(np.float32)
         return Inverse(
@@ -383,12 +385,12 @@ def _windowed(
 
 
 def _run(
-    jobs: list[Callable[[], Piece]], elsewhere: Iterable[Piece], row_count: int, entry_bytes: float
+    jobs: list[Callable[[], Piece]], elsewhere: Iterable[Piece], whole: int, windowed: int, entry_bytes: float
 ) -> list[Piece]:
     """Run the jobs in an order of which every beginning is spread over them all, so that memory is foretold early.
 
-    elsewhere : pieces that are made there.
+    elsewhere : pieces that are made there.  whole, windowed, entry_bytes : see memory.checked_as_they_come.
     """
     spread = [jobs[i] for i in np.argsort(np.arange(len(jobs)) * GOLDEN_RATIO % 1)]
     with closing(run_jobs(spread, "inverting")) as results:
-        return list(memory.checked_as_they_come(chain(results, elsewhere), row_count, entry_bytes))
+        return list(memory.checked_as_they_come(chain(results, elsewhere), whole, windowed, entry_bytes))

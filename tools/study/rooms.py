@@ -36,7 +36,7 @@ from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport, channel, channels
 
 R = TypeVar("R")
-ENTRY_BYTES = 150  # of T⁺, per entry: its maps, both backends, its inverse written out, half weights (146 measured)
+ENTRY_BYTES = 170  # of T⁺, per entry: its maps, both backends, its inverse written out, half weights (146 measured)
 BEYOND = 0.1 / 255  # drive; less than this outside 0..1 is rounding, not clipping
 
 
