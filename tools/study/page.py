@@ -38,8 +38,9 @@ def study_page(
     rooms = list(dict.fromkeys(row.room for row in rows))
     pictures = list(dict.fromkeys(row.picture for row in rows))
     intro = (
-        f"<p>{len(averages)} methods in {len(rooms)} rooms ({escape(', '.join(rooms))}) on {len(pictures)} pictures "
-        f"({escape(', '.join(pictures))}). OpenGL: {escape(facts['opengl'])}; {facts['cores']} cores. "
+        f"<p>{_counted(averages, 'method')} in {_counted(rooms, 'room')} ({escape(', '.join(rooms))}) "
+        f"on {_counted(pictures, 'picture')} ({escape(', '.join(pictures))}). "
+        f"OpenGL: {escape(facts['opengl'])}; {facts['cores']} cores. "
         f"{escape(facts['time_note'])}</p>"
     )
     sections = [
@@ -50,6 +51,10 @@ def study_page(
     ]
     sections += [_thesis(files), _table_6_1(table), _tables(rooms, rows, facts), *_skipped(skipped), _advice(advice)]
     return page("What accuracy costs in time", intro, sections)
+
+
+def _counted(things: Sequence[object], what: str) -> str:
+    return f"{len(things)} {what}{'' if len(things) == 1 else 's'}"
 
 
 def _overview(files: dict[str, str], averages: Sequence[Mean]) -> Section:

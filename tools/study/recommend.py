@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from counterlight.tools.study.results import Mean, visible_db
+from counterlight.tools.study.tables import number
 
 CLOSE_DB = 1.0
 FRAME_MS = 1000 / 60
@@ -46,6 +47,6 @@ def _wish(words: str, found: Mean | None) -> Wish:
         return Wish(words, None, "no method that plays reaches this here")
     why = (
         f"{found.below_optimum_db:.2f} dB below the optimum on average, {found.worst_db:.2f} in the worst room; "
-        f"{_ms(found):.3g} ms a frame, {found.preparation_s:.3g} s of preparation"
+        f"{number(_ms(found))} ms a frame, {number(found.preparation_s)} s of preparation"
     )
     return Wish(words, found, why)

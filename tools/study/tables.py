@@ -5,10 +5,12 @@ from html import escape
 
 
 def number(value: float | int | str | None) -> str:
-    """Three digits, a dash for what does not exist."""
+    """Three digits, or all of thousands; a dash for what does not exist."""
     if value is None:
         return "–"
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
 def html_table(header: Sequence[str], body: Sequence[Sequence[str]]) -> str:

@@ -26,12 +26,8 @@ class Asked:
 
 @dataclass(frozen=True)
 class Tried:
-    """What is answered by trying, without figures of methods.
+    """What is answered by trying, without figures of methods.  size : of the room in which it was tried, in words."""
 
-    reached : PSNR of each picture by its best drive.  size : of the room in which it was tried, in words.
-    """
-
-    reached: dict[str, float]
     questions: tuple[Question, ...]
     size: str
 
@@ -45,20 +41,19 @@ def tried(place: Place) -> Tried:
         drifting.drift(place),
         colours.colours(place),
     ]
-    names = (picture.name for picture in place.pictures)
-    reached = dict(zip(names, place.reached, strict=True))
-    return Tried(reached, tuple(question for question in found if question is not None), place.size)
+    return Tried(tuple(question for question in found if question is not None), place.size)
 
 
 def answered(room: str, found: Tried, rows: Sequence[Row]) -> Asked:
     """Every answer.  rows : the figures of the methods in this room."""
     questions = figures.steps(rows), figures.maps(rows), *found.questions
-    return Asked(room, _overall(found, rows), questions, found.size)
+    return Asked(room, _overall(rows), questions, found.size)
 
 
-def _overall(found: Tried, rows: Sequence[Row]) -> str:
+def _overall(rows: Sequence[Row]) -> str:
+    best = {row.picture: row.psnr_db + row.below_optimum_db for row in rows}
     by_label = {mean.label: mean.below_optimum_db for mean in means(rows)}
-    reached = ", ".join(f"{value:.1f} dB ({name})" for name, value in found.reached.items())
+    reached = ", ".join(f"{value:.1f} dB ({name})" for name, value in best.items())
     worse = [
         f"{words} is {decibels(by_label[name])} below that"
         for name, words in ((PLAIN, "an uncorrected picture"), (DIRECT, "direct mapping"))

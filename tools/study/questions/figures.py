@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 from counterlight.tools.study.questions.answers import CLOSE_DB, NEAR_DB, Answer, Question, cheapest, decibels, sentence
 from counterlight.tools.study.results import Mean, Row, means
+from counterlight.tools.study.tables import number
 
 STEPPED = ("refined from direct", "refined from T⁺, cut", "refined from T⁺")
 MAPPED = ("T⁺, cut", "T⁺", "T⁺ of the thesis", "direct", "T⁺, 16-bit weights")
@@ -16,7 +17,7 @@ def steps(rows: Sequence[Row]) -> Question:
     verdict = "no number of steps that was tried gets within 0.1 dB of the best"
     if found is not None:
         verdict = (
-            f"the fastest within {CLOSE_DB:g} dB of the best: {found.setting}, {found.cost:.3g} ms a frame, "
+            f"the fastest within {CLOSE_DB:g} dB of the best: {found.setting}, {number(found.cost)} ms a frame, "
             f"{decibels(found.below)} below"
         )
     return Question(
@@ -38,8 +39,8 @@ def maps(rows: Sequence[Row]) -> Question:
     verdict = "no map without steps comes within 1 dB of the best: let the player refine"
     if best is not None and found is not None:
         verdict = (
-            f"without steps the smallest map within {NEAR_DB:g} dB is {found.setting}: {found.cost:.3g} MiB, "
-            f"{decibels(found.below)} below; the best, {best.setting}: {best.cost:.3g} MiB, {decibels(best.below)}"
+            f"without steps the smallest map within {NEAR_DB:g} dB is {found.setting}: {number(found.cost)} MiB, "
+            f"{decibels(found.below)} below; the best, {best.setting}: {number(best.cost)} MiB, {decibels(best.below)}"
         )
     return Question(
         "Maps: cuts, truncation, size of entries",

@@ -6,7 +6,7 @@ from html import escape
 from counterlight.tools.report.page import Figure, Section
 from counterlight.tools.study.questions.answers import Question
 from counterlight.tools.study.questions.asked import Asked
-from counterlight.tools.study.tables import html_table
+from counterlight.tools.study.tables import html_table, number
 
 CAPTION = (
     "Each mark is a setting: decibels below the best picture, means of the pictures; lower left is better. 0.1 dB "
@@ -36,18 +36,12 @@ def _table(question: Question) -> str:
     cost = (question.cost,) if question.cost else ()
     header = ("setting", *cost, "dB below the best", *question.header)
     body = [
-        [answer.setting, *([_number(answer.cost)] if cost else []), f"{answer.below:.2f}", *answer.more]
+        [answer.setting, *([number(answer.cost)] if cost else []), f"{answer.below:.2f}", *answer.more]
         for answer in question.answers
     ]
     command = f" <code>{escape(question.command)}</code>" if question.command else ""
     notes = f"<p class='note'>{escape(question.how)}{command}</p>"
     return f"<details><summary>{escape(question.title)}</summary>{html_table(header, body)}{notes}</details>"
-
-
-def _number(value: float | None) -> str:
-    if value is None:
-        return "–"
-    return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"
 
 
 def headed(asked: Sequence[Asked], files: dict[str, str]) -> list[Section]:
