@@ -1,5 +1,6 @@
 """The plots of a study as PNG (matplotlib's Agg, no screen): error against time, map size and every knob."""
 
+import math
 from collections.abc import Callable, Sequence
 from io import BytesIO
 from pathlib import Path
@@ -11,10 +12,12 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator
 from numpy.typing import NDArray
 
 from counterlight.tools.study.recommend import FRAME_MS
 from counterlight.tools.study.results import UNSEEN_DB, Mean, Row, everywhere, means, pareto, visible_db
+from counterlight.tools.study.tables import number
 
 Cost = Callable[[Mean], float | None]
 STYLES = {  # colour, marker
@@ -105,7 +108,7 @@ def _scatter(axes: Axes, points: Sequence[Mean], cost: Cost, *, small: bool = Fa
     for point, place in zip(front, zip(x, y, strict=True), strict=True):
         if point.value is not None and not small:
             axes.annotate(f"{point.value:g}", place, (4, 5), "data", "offset points", fontsize=7)
-    axes.set_xscale("log")
+    cost_axis(axes)
     decibel_axis(axes)
 
 
@@ -117,6 +120,15 @@ def _places(points: Sequence[Mean], cost: Cost) -> tuple[list[float], list[float
     """Where the points with a cost are drawn."""
     priced = [(price, visible_db(point)) for point in points if (price := cost(point)) is not None]
     return [x for x, _ in priced], [y for _, y in priced]
+
+
+def cost_axis(axes: Axes) -> None:
+    """Logarithmic costs, of what is drawn already; numbers are written out."""
+    axes.set_xscale("log")
+    low, high = axes.get_xlim()
+    decades = math.log10(high / low)
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 2 else (1, 3) if decades < 4 else (1,)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: number(float(value))))
 
 
 def decibel_axis(axes: Axes) -> None:
@@ -165,7 +177,7 @@ def _knobs(rows: Sequence[Row]) -> Figure:
             axes.plot(
                 *_places(_by_value(_where_all(members)), _value), color=colour, linewidth=2, marker=marker, label=family
             )
-        axes.set_xscale("log")
+        cost_axis(axes)
         decibel_axis(axes)
         axes.set_title(KNOBS[knob][1], fontsize=10)
         axes.set_xlabel(KNOBS[knob][0])

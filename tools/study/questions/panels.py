@@ -5,7 +5,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
-from counterlight.tools.study.plots import decibel_axis, save
+from counterlight.tools.study.plots import cost_axis, decibel_axis, save
 from counterlight.tools.study.questions.answers import CLOSE_DB, Answer, Question
 from counterlight.tools.study.questions.asked import Asked
 from counterlight.tools.study.results import UNSEEN_DB
@@ -39,7 +39,7 @@ def _panel(axes: Axes, question: Question) -> None:
             axes.annotate(answer.mark, (at[0], at[1]), (4, 4), "data", "offset points", fontsize=7)
     axes.axhline(CLOSE_DB, color="#777777", linewidth=0.8, linestyle=":")
     if priced and 0 not in [answer.cost for answer in question.answers]:
-        axes.set_xscale("log")
+        cost_axis(axes)
     if not priced:
         axes.set_xticks([])
     decibel_axis(axes)
