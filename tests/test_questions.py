@@ -17,7 +17,7 @@ from counterlight.tools.study.questions import acquiring, coarser, colours, drif
 from counterlight.tools.study.questions.answers import Answer, cheapest, sentence
 from counterlight.tools.study.questions.asked import Asked, Tried, answered, tried
 from counterlight.tools.study.questions.page import headed
-from counterlight.tools.study.questions.place import MOST_PIXELS, Place, made_coarser, place_of
+from counterlight.tools.study.questions.place import MOST_PIXELS, Place, coarse, made_coarser
 from counterlight.tools.study.results import Row
 from counterlight.tools.transport import coarser as coarser_devices
 from counterlight.tools.transport.coarser import Blocks
@@ -34,9 +34,7 @@ ROW = Row("a", "p", "f", "", None, "", 0.1, 20.0, 0.9, 1.0, 0.0, 1.0, None, None
 def blurred_place(folder: Path, camera: tuple[int, int], projector: tuple[int, int], cells: int) -> Place:
     write_blurred_room(folder, np.random.default_rng(5), camera, projector, cells)
     stored = calibration.read(folder)
-    found = place_of(stored.calibration, read_transport(stored), find_pictures(["photograph", "text"]), "auto")
-    assert found.factor == 1
-    return found
+    return Place(stored.calibration, read_transport(stored), find_pictures(["photograph", "text"]))
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +98,7 @@ def test_a_large_room_is_asked_as_a_small_one(place: Place) -> None:
     huge = np.zeros((240, 320, 3), np.float32)
     many = replace(room, camera=wide, ambient=huge, mask=np.ones((240, 320), np.bool_), primaries=None)
     dark = Transport.from_matrices((sparse.csr_array((wide.pixels, room.projector.pixels), dtype=np.float32),) * 3)
-    found = place_of(many, dark, place.pictures, "auto")
+    found = coarse(Place(many, dark, place.pictures))
     assert (found.factor, found.calibration.camera.shape, found.transport.camera) == (2, (120, 160), (120, 160))
 
 

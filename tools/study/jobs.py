@@ -23,7 +23,7 @@ from counterlight.tools.study.measure import RoomFigures, Trial
 from counterlight.tools.study.methods import Method, catalogue, uncut_knobs
 from counterlight.tools.study.pictures import BUILT_IN, find_pictures
 from counterlight.tools.study.questions.asked import tried
-from counterlight.tools.study.questions.place import place_of
+from counterlight.tools.study.questions.place import Place
 from counterlight.tools.study.rooms import open_room
 from counterlight.tools.study.table_6_1 import OurRow, measure_at_thesis_size, scenes_of_the_table
 
@@ -126,7 +126,7 @@ def _ask(source: RoomSource) -> RoomFigures:
         room, found = trial.room, trial.of(())
         if room.given is not None:
             pictures = find_pictures(source.pictures[:ASKED_PICTURES])
-            found.tried = tried(place_of(room.calibration, room.given, pictures, source.colour))
+            found.tried = tried(Place(room.calibration, room.given, pictures, source.colour))
         return found
 
 

@@ -22,7 +22,7 @@ from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalSche
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.study.questions.answers import CLOSE_DB, NEAR_DB, Answer, Question, cheapest, decibels
-from counterlight.tools.study.questions.place import MOST_PIXELS, Place, made_coarser
+from counterlight.tools.study.questions.place import MOST_PIXELS, Place, coarse
 from counterlight.tools.transport.joining import join_transports
 from counterlight.tools.transport.transport import Transport
 
@@ -65,7 +65,7 @@ WAYS = (
 
 def pictures(place: Place) -> Question:
     """Each way of acquiring, its T solved and shown in the room as it is."""
-    here = _fit(place)
+    here = replace(coarse(place, MOST_ACQUIRED), colour="independent")
     answers, failed = [], []
     for way in track(WAYS, "acquiring again", len(WAYS)):
         try:
@@ -84,14 +84,6 @@ def pictures(place: Place) -> Question:
         ("pictures", "options"),
         command="counterlight acquire",
     )
-
-
-def _fit(place: Place) -> Place:
-    factor = int(np.ceil(np.sqrt(place.calibration.camera.pixels / MOST_ACQUIRED)))
-    if factor == 1:
-        return replace(place, colour="independent")
-    small = made_coarser(place.calibration, place.transport, factor, factor)
-    return Place(*small, place.pictures, "independent", place.factor * factor)
 
 
 @dataclass(frozen=True)

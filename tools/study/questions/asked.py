@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from counterlight.tools.study.questions import acquiring, coarser, colours, drifting, figures, moving
 from counterlight.tools.study.questions.answers import Question, decibels
-from counterlight.tools.study.questions.place import Place
+from counterlight.tools.study.questions.place import Place, coarse
 from counterlight.tools.study.results import Row, means
 
 PLAIN, DIRECT = "uncompensated", "direct"
@@ -32,13 +32,14 @@ class Tried:
     size: str
 
 
-def tried(place: Place) -> Tried:
-    """Try whatever a question needs to be tried."""
+def tried(own: Place) -> Tried:
+    """Try whatever a question needs to be tried: in the room as it is where pixels count, else in a coarse one."""
+    place = coarse(own)
     found = [
         moving.film(place),
         acquiring.pictures(place),
-        coarser.sizes(place),
-        drifting.drift(place),
+        coarser.sizes(own),
+        drifting.drift(own),
         colours.colours(place),
     ]
     return Tried(tuple(question for question in found if question is not None), place.size)

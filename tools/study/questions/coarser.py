@@ -1,5 +1,8 @@
 """What would a camera or a projector of half or a quarter of the pixels a side give?"""
 
+from itertools import product
+
+from counterlight.command import track
 from counterlight.tools.colour.tiers import tier_of
 from counterlight.tools.study.questions.answers import CLOSE_DB, Answer, Question, decibels, sentence
 from counterlight.tools.study.questions.place import Place, blocks_of, made_coarser
@@ -10,12 +13,9 @@ SMALLEST = 8  # pixels a side
 
 def sizes(place: Place) -> Question:
     """Each pair of sizes: its own T, solved for the picture as it sees it, shown in the room as it is."""
-    answers = [
-        answer
-        for camera in FACTORS
-        for projector in FACTORS
-        if (answer := _tried(place, camera, projector)) is not None
-    ]
+    pairs = list(product(FACTORS, FACTORS))
+    tried = (_tried(place, *pair) for pair in track(pairs, "fewer pixels", len(pairs)))
+    answers = [answer for answer in tried if answer is not None]
     return Question(
         "Pixels of camera and projector",
         "entries of T",

@@ -5,6 +5,7 @@ from scipy import ndimage
 
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration
+from counterlight.command import track
 from counterlight.tools.study.questions.answers import CLOSE_DB, Answer, Question, decibels
 from counterlight.tools.study.questions.place import Place
 from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions
@@ -16,7 +17,7 @@ AIMS = (0.0, DEFAULT_AIMS.drift, 0.5)  # --drift
 def drift(place: Place) -> Question:
     """The best drives for each --drift, shown by a projector whose picture lies a little further right and down."""
     answers = []
-    for aim in AIMS:
+    for aim in track(AIMS, "drift", len(AIMS)):
         drives = place.drives(place.tier, ObjectiveOptions(drift=aim))
         answers += [_shown(place, drives, shift, aim) for shift in SHIFTS]
     return Question(

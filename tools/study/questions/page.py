@@ -17,7 +17,7 @@ CAPTION = (
 def verdict(asked: Asked) -> Section:
     """What to know, a sentence a question."""
     lines = "".join(f"<li><b>{escape(each.title)}.</b> {escape(each.verdict)}</li>" for each in asked.questions)
-    size = f"Steps and maps: the room at its own size. All else: {escape(asked.size)}."
+    size = f"Film, acquisition and colours: {escape(asked.size)}. All else: the room at its own size."
     note = f"<p class='note'>{size} Computed, not shown.</p>"
     return Section(f"{asked.room}: the verdict", [], f"<p>{escape(asked.verdict)}</p><ul>{lines}</ul>{note}")
 

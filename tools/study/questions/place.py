@@ -1,4 +1,4 @@
-"""The room in which questions are tried: coarse enough to answer in minutes, with pictures and their best drives."""
+"""The room in which questions are tried, with pictures and their best drives."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -82,12 +82,13 @@ class Place:
         return float(np.mean(np.array(self.reached) - np.array(self.psnr(drives, seen))))
 
 
-def place_of(calibration: Calibration, transport: Transport, pictures: Sequence[Picture], colour: str) -> Place:
-    """The room, of at most MOST_PIXELS of the camera."""
-    factor = int(np.ceil(np.sqrt(calibration.camera.pixels / MOST_PIXELS)))
+def coarse(place: Place, most: int = MOST_PIXELS) -> Place:
+    """The room, of at most so many pixels of the camera: coarse enough to be asked in minutes what takes long."""
+    factor = int(np.ceil(np.sqrt(place.calibration.camera.pixels / most)))
     if factor == 1:
-        return Place(calibration, transport, pictures, colour)
-    return Place(*made_coarser(calibration, transport, factor, factor), pictures, colour, factor)
+        return place
+    small = made_coarser(place.calibration, place.transport, factor, factor)
+    return Place(*small, place.pictures, place.colour, place.factor * factor)
 
 
 def made_coarser(
