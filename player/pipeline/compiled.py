@@ -1,6 +1,6 @@
 """The passes of a frame compiled for the CPU by Numba: what cpu_renderer.py runs where reference.py says what is meant.
 
-Pictures are (rows, columns, channels) float32, contiguous; each kernel fills `out` and allocates nothing. Rows are
+Pictures are (rows, columns, channels) float32, contiguous; each kernel fills `out` and allocates nothing but a row. Rows are
 shared out among the cores, and every value is computed in one order by one of them, so that the bytes are the same on
 every run and whatever the number of threads. Arithmetic is in float32, as the shaders'; long sums go on in float64.
 """
@@ -64,15 +64,16 @@ def _between(first: Any, second: Any, share: Any) -> Any:
 
 @inlined
 def looked_up(table: Any, share: Any) -> Any:
-    """Of (samples,) over 0..1, linear between them."""
+    """Of (samples,) over 0..1, linear between them; an unsigned index, so that nothing asks whether it counts from the
+    end."""
     at = share * np.float32(table.size - 1)
-    low = min(np.int32(at), np.int32(table.size - 2))
-    return table[low] + (table[low + 1] - table[low]) * (at - np.float32(low))
+    low = np.uint32(min(np.int32(at), np.int32(table.size - 2)))
+    return table[low] + (table[low + np.uint32(1)] - table[low]) * (at - np.float32(low))
 
 
 @kernel(
     *(
-        f"{plane}, {plane}, {plane}, int32[:, ::1], {LINE}, int32[:, ::1], {LINE}, {PLANE}, {LINE}, {LINE}, "
+        f"{plane}, {plane}, {plane}, uint32[:, ::1], {LINE}, uint32[:, ::1], {LINE}, {PLANE}, {LINE}, {LINE}, "
         f"int64, int64, int64, {PLANE}"
         for plane in ("uint8[:, ::1]", "uint16[:, ::1]")
     )
@@ -98,26 +99,29 @@ def decode(
     rows, columns : (2, length), the chroma samples on either side of a pixel, the second's share in down and across.
     out : (pixels, 3) of the upright picture; start, right, below : where the first stored pixel stands there, and how
     many pixels on from one that on its right, and that below it, do.
+    In passes over a row, each of which runs on several pixels at a time.
     """
     height, width = rows.shape[1], columns.shape[1]
     for y in numba.prange(height):
-        upper, lower, t = rows[0, y], rows[1, y], down[y]
+        blues, reds = np.empty(blue.shape[1], np.float32), np.empty(red.shape[1], np.float32)
+        cb, cr, light = np.empty(width, np.float32), np.empty(width, np.float32), np.empty((3, width), np.float32)
+        upper, lower, share = rows[0, y], rows[1, y], down[y]
+        for x in range(blues.size):
+            blues[x] = _between(blue[upper, x], blue[lower, x], share)
+            reds[x] = _between(red[upper, x], red[lower, x], share)
         for x in range(width):
-            first, second, s = columns[0, x], columns[1, x], across[x]
-            cb = _between(
-                _between(blue[upper, first], blue[lower, first], t),
-                _between(blue[upper, second], blue[lower, second], t),
-                s,
-            )
-            cr = _between(
-                _between(red[upper, first], red[lower, first], t),
-                _between(red[upper, second], red[lower, second], t),
-                s,
-            )
-            code, at = np.float32(luma[y, x]), start + y * below + x * right
-            for i in range(3):
-                value = matrix[i, 0] * code + matrix[i, 1] * cb + matrix[i, 2] * cr + lift[i]
-                out[at, i] = looked_up(transfer, within(value, np.float32(0), np.float32(1)))
+            first, second, share = columns[0, x], columns[1, x], across[x]
+            cb[x], cr[x] = _between(blues[first], blues[second], share), _between(reds[first], reds[second], share)
+        for i in range(3):
+            of_luma, of_blue, of_red, more = matrix[i, 0], matrix[i, 1], matrix[i, 2], lift[i]
+            for x in range(width):
+                code = of_luma * np.float32(luma[y, x]) + of_blue * cb[x] + of_red * cr[x] + more
+                light[i, x] = within(code, np.float32(0), np.float32(1))
+            for x in range(width):
+                light[i, x] = looked_up(transfer, light[i, x])
+        for x in range(width):
+            at = start + y * below + x * right
+            out[at, 0], out[at, 1], out[at, 2] = light[0, x], light[1, x], light[2, x]
 
 
 @kernel(f"{PICTURE}, int32[::1], {PLANE}, {PICTURE}")

@@ -185,7 +185,7 @@ def _samples(length: int, count: int, every: int, offset: float) -> tuple[Whole,
     """The chroma samples on either side of each of `length` pixels, (2, length), and the second's share, (length,)."""
     position = np.arange(length) / every + offset
     low = np.floor(position)
-    return np.clip([low, low + 1], 0, count - 1).astype(np.int32), (position - low).astype(np.float32)
+    return np.clip([low, low + 1], 0, count - 1).astype(np.uint32), (position - low).astype(np.float32)
 
 
 class _Encoder(Held):
