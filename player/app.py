@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,7 @@ from counterlight.show.asked import (
 )
 from counterlight.show.beside import checks_of, in_step_of, lamps_of
 from counterlight.show.control import ControlServer, Remote
+from counterlight.show.headless import compile_passes, computes_beside_threads
 from counterlight.show.into_file import render
 from counterlight.show.media import Media
 from counterlight.show.options import read_options
@@ -148,7 +150,7 @@ def play_in_window(
     """
     _check_window(options)
     from counterlight.gl import lost_screen
-    from counterlight.gl.renderer import GlRenderer
+    from counterlight.gl.renderer import WindowRenderer
 
     with ExitStack() as stack:
         window = stack.enter_context(_display(options, room))
@@ -157,7 +159,7 @@ def play_in_window(
         del room  # a reload shall free it
 
         def shown() -> Any:
-            assert isinstance(session.renderer, GlRenderer)
+            assert isinstance(session.renderer, WindowRenderer)
             return session.renderer.encoded_texture
 
         window.attach(shown, lambda: session.rendered_view == "projector")
@@ -174,8 +176,6 @@ def play_in_window(
 
 
 def _check_window(options: argparse.Namespace) -> None:
-    if options.backend == "cpu":
-        raise InputError("--backend cpu has no window; add --output FILE")
     for name, value in (("--segments", options.segments), ("--cluster", options.cluster)):
         if value is not None:
             raise InputError(f"{name} {value}: is for --output; leave it out, or add --output FILE")
@@ -200,6 +200,24 @@ def _display(options: argparse.Namespace, room: Room) -> AbstractContextManager[
     )
 
 
+def _renderer_for(options: argparse.Namespace, window: "Window | Displays") -> "Callable[[Room], Renderer]":
+    """What draws in a window: OpenGL on a GPU, where it is asked for or codes have ten bits, else the processor."""
+    from counterlight.gl.context import in_software
+
+    chosen = options.backend
+    if chosen == "auto":
+        drawn = options.path is not None or window.bits > 8 or not in_software(window.context.info["GL_RENDERER"])
+        chosen = "gl" if drawn or not computes_beside_threads() else "cpu"
+    if chosen == "cpu":
+        compile_passes()
+        from counterlight.gl.computed import ComputedRenderer
+
+        return partial(ComputedRenderer, window.context)
+    from counterlight.gl.renderer import GlRenderer
+
+    return lambda room: GlRenderer(window.context, room, options.path or "auto", window.bits)
+
+
 def _session(
     options: argparse.Namespace,
     room: Room,
@@ -210,16 +228,14 @@ def _session(
     commanded: bool,
 ) -> Session:
     """On the window; the sound's device is on the stack.  commanded : whether a remote may go on with it."""
-    from counterlight.gl.renderer import GlRenderer
-
-    path = options.path or "auto"
+    made = _renderer_for(options, window)
     audio, silence = open_audio(options.volume, mute=options.mute) if options.audio else (None, None)
     if audio is not None:
         stack.callback(audio.close)
 
     def renewed(fresh: Room) -> Renderer:
         """A renderer of the room as it is now; the window takes its shader anew if nothing is damaged."""
-        renderer = GlRenderer(window.context, fresh, path, window.bits)
+        renderer = made(fresh)
         try:
             window.reload()
         except BaseException:
@@ -230,7 +246,7 @@ def _session(
     return Session(
         Playlist(options.media, loop=options.loop and len(options.media) > 1, start=options.playlist_start),
         Media(options.border, options.fps, options.hwdec),
-        GlRenderer(window.context, room, path, window.bits),
+        made(room),
         window,
         RoomInUse(options.calibration, room, lambda: room_of(options), renewed),
         view=options.view,

@@ -20,18 +20,24 @@ from tests.programs import PATIENCE_S, on, running, succeed, verb
 Box = tuple[int, int, int, int]  # left, top, width, height
 
 
+ON_A_GPU = "--path", "fragment"  # as a GPU would draw a window, and files are rendered
+ON_THE_PROCESSOR = "--backend", "cpu"
+
+
 def playing(
-    display: str, *arguments: object, folder: Path | None = None, **environment: str
+    display: str, *arguments: object, folder: Path | None = None, how: tuple[str, str] = ON_A_GPU, **environment: str
 ) -> AbstractContextManager[subprocess.Popen[str]]:
-    """A player in a window, on the path that files are rendered on, so that pixels can be compared one by one."""
-    return running(*verb("play"), "--path", "fragment", *arguments, folder=folder, **on(display), **environment)
+    """A player in a window, drawn as a file would be, so that pixels can be compared one by one."""
+    return running(*verb("play"), *how, *arguments, folder=folder, **on(display), **environment)
 
 
-def expected_picture(room: Path, medium: Path, tmp_path: Path, *options: str) -> np.ndarray:
+def expected_picture(
+    room: Path, medium: Path, tmp_path: Path, *options: str, how: tuple[str, str] = ON_A_GPU
+) -> np.ndarray:
     """The same view rendered headless, RGB, with the steps that a window takes for a still picture, too."""
     if "--refine" not in options:
         options = *options, "--refine", str(read_room(room, None).default_steps)
-    succeed("play", room, medium, "--backend", "gl", "--output", tmp_path / "expected.png", *options)
+    succeed("play", room, medium, *how, "--output", tmp_path / "expected.png", *options)
     return cv2.imread(str(tmp_path / "expected.png"))[..., ::-1].astype(int)
 
 

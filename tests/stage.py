@@ -140,7 +140,7 @@ class Screen:
     def upload(self, frame: Any) -> None:
         self.uploaded.append(frame.index)
 
-    def start_from(self, start: str) -> None:
+    def start_from(self, start: str, bare: str = "map") -> None:
         self.starts.append(start)
 
     def snapshot(self) -> Snapshot:

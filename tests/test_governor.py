@@ -7,6 +7,7 @@ from counterlight.pipeline.shortfall import Shortfall
 from counterlight.show.governor import TRIES, WELL_WITHIN, Governor
 
 FRAME_S = 0.04
+STARTS = {"map": "previous", "direct": "previous-direct"}
 CURVE = Curve((0, 2, 4, 8, 16), (6.0, 1.6, 0.6, 0.2, 0.06))
 
 
@@ -24,7 +25,8 @@ class Machine:
         """below : dB below the optimum by steps, estimated for every frame."""
         for _ in range(frames):
             governor, steps = self.governor, self.governor.steps
-            start_s = self.start_s.get(governor.start.replace("-", "_"), 0.0)
+            start = governor.start if steps else STARTS[governor.bare]
+            start_s = self.start_s.get(start.replace("-", "_"), 0.0)
             stages = {"linear": self.base_s, "start": start_s} | ({"steps": steps * self.step_s} if steps else {})
             self.times.append(sum(stages.values()))
             self.steps.append(steps)
@@ -61,13 +63,27 @@ def test_a_budget_that_cannot_be_met_is_told_once_with_the_longest_stage() -> No
 
 
 def test_a_budget_without_time_for_a_step_shows_the_maps_picture_if_that_is_the_faster_one() -> None:
-    for bare in (True, False):
-        governor = Governor(4, budget=60, start="previous-direct", bare=bare)
+    for quick in (True, False):
+        governor = Governor(4, budget=60, start="previous-direct", quick=quick)
         governor.begin(FRAME_S)
         machine = Machine(governor, 0.025, 0.053)
         machine.draw(200)
-        assert set(machine.steps[2:]) == {int(not bare)}
-        assert len(machine.said) == int(not bare)
+        assert set(machine.steps[2:]) == {int(not quick)}
+        assert len(machine.said) == int(not quick)
+
+
+@pytest.mark.parametrize(("map_in_steps", "bare"), [(0.5, "map"), (5.0, "direct")])
+def test_a_budget_without_time_for_the_maps_picture_either_shows_direct_mapping(map_in_steps: float, bare: str) -> None:
+    offers = Offer("previous", map_in_steps, CURVE), Offer("previous-direct", 0.1, CURVE)
+    governor = Governor(4, budget=16, start="previous-direct", offers=offers, quick=map_in_steps < 1)
+    governor.begin(FRAME_S)
+    machine = Machine(governor, 0.008, 0.006, previous=map_in_steps * 0.006, previous_direct=0.0006)
+    machine.draw(200)
+    assert (governor.bare, set(machine.steps[2:])) == (bare, {0})
+    assert max(machine.times[2:]) <= 0.016
+    assert not machine.said
+    governor.set_budget("no")
+    assert governor.bare == "map"
 
 
 @pytest.mark.parametrize(("budget", "start"), [(16.0, "previous-direct"), (60.0, "previous")])

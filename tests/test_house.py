@@ -27,7 +27,7 @@ COMPILED = tuple(
     f"counterlight.{name}"
     for name in (
         *("maps.products", "maps.word_runs", "pipeline.compiled", "pipeline.cpu_renderer"),
-        *("pipeline.squares", "pipeline.survey"),
+        *("pipeline.squares", "pipeline.survey", "gl.computed"),
     )
 )
 HEAVY = {"scipy", "numba", "moderngl", "glcontext", "glfw"}

@@ -262,7 +262,7 @@ def test_no_map_yet(tmp_path: Path) -> None:
         (["ROOM", "CLIP", "--white", "nan"], "expected auto or a radiance from 1e-12"),
         (["ROOM", "CLIP", "--frames", "0"], "from 1"),
         (["ROOM", "CLIP", "--view", "side"], "invalid choice: 'side'"),
-        (["ROOM", "CLIP", "--backend", "cpu"], "add --output FILE"),
+        (["ROOM", "CLIP", "--backend", "cpu", "--path", "auto"], "--backend cpu has no GPU to take it on"),
         (["ROOM"], "needs a CALIBRATION and MEDIA"),
         (["ROOM", "CLIP", "--start", "99", "--output", "OUT/o.png"], "no frame to render"),
         (["ROOM", "CLIP", "--loop", "--output", "OUT/o.mp4"], "never ends"),

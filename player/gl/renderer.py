@@ -1,5 +1,7 @@
 """The GPU backend: the pipeline of renderer.py over OpenGL 3.3, or 4.3 where it is the faster."""
 
+from abc import abstractmethod
+
 import moderngl
 
 from counterlight.gl.device import GlDevice
@@ -7,17 +9,23 @@ from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 
 
-class GlRenderer(Renderer):
-    """The caller owns the context.
+class WindowRenderer(Renderer):
+    """One whose view a window can show. The caller owns the window's context."""
 
-    bits : of the code values, 8 or 10: those of the window that shows them. `encoded` has 8 in any case.
-    """
+    @property
+    @abstractmethod
+    def encoded_texture(self) -> moderngl.Texture:
+        """The rendered view, row 0 at the top."""
+
+
+class GlRenderer(WindowRenderer):
+    """bits : of the code values, 8 or 10: those of the window that shows them. `encoded` has 8 in any case."""
 
     def __init__(self, context: moderngl.Context, room: Room, path: str = "fragment", bits: int = 8) -> None:
         super().__init__(GlDevice(context, bits), room, path)
 
     @property
     def encoded_texture(self) -> moderngl.Texture:
-        """The rendered view, RGBA8 or RGB10_A2, row 0 at the top."""
+        """RGBA8 or RGB10_A2."""
         texture: moderngl.Texture = self._encoded
         return texture

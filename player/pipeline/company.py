@@ -55,8 +55,9 @@ class Company:
         self._starts: dict[str, Start] = {}
         self._several: _Several | None = None
 
-    def start_from(self, start: str) -> None:
-        """Have refinement start there, one of STARTS."""
+    def start_from(self, start: str, bare: str = "map") -> None:
+        """Have refinement start there, one of STARTS.  bare : "map" or "direct", what is shown without steps."""
+        self._bare = bare if self.refines else "map"
         if self.refines:
             if start not in self._starts:
                 self._starts[start] = self._owner.own(self._make_start(start))
@@ -83,9 +84,9 @@ class Company:
         if self.refines:
             self._start.advance(cut=cut)
 
-    def thesis(self, asked: Sequence[Asked]) -> Iterate:
-        """clamp(T⁺ b), the mean of the eyes'."""
-        return standing(_Guessed(self._guesses, "map", clamp=True)(asked))
+    def guess(self, asked: Sequence[Asked]) -> Iterate:
+        """Without steps: the thesis' clamp(T⁺ b), or direct mapping; the mean of the eyes'."""
+        return standing(_Guessed(self._guesses, self._bare, clamp=True)(asked))
 
     def begin(self, asked: Sequence[Asked]) -> Iterate:
         """Where the frame's steps start."""

@@ -1,8 +1,9 @@
 """The passes of a frame compiled for the CPU by Numba: what cpu_renderer.py runs where reference.py says what is meant.
 
-Pictures are (rows, columns, channels) float32, contiguous; each kernel fills `out` and allocates nothing but a row. Rows are
-shared out among the cores, and every value is computed in one order by one of them, so that the bytes are the same on
-every run and whatever the number of threads. Arithmetic is in float32, as the shaders'; long sums go on in float64.
+Pictures are (rows, columns, channels) float32, contiguous; each kernel fills `out` and allocates nothing but a row.
+Rows are shared out among the cores, and every value is computed in one order by one of them, so that the bytes are the
+same on every run and whatever the number of threads. Arithmetic is in float32, as the shaders'; long sums go on in
+float64.
 """
 
 from collections.abc import Callable, Iterator

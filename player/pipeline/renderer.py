@@ -82,9 +82,12 @@ class Renderer:
     def _small_camera(self) -> SmallPicture:
         return self._owner.own(SmallPicture(self._device, self._room.calibration.camera.shape, self._room.white))
 
-    def start_from(self, start: str) -> None:
-        """Have refinement start there, one of STARTS, from the next render on."""
-        self._company.start_from(start)
+    def start_from(self, start: str, bare: str = "map") -> None:
+        """Have refinement start there, one of STARTS, from the next render on.
+
+        bare : what a render without steps shows: "map", T⁺ b, or "direct", direct mapping.
+        """
+        self._company.start_from(start, bare)
 
     def open(self, pixels: PixelFormat) -> None:
         """Prepare for frames of one format; raises InputError if they do not suit the room."""
@@ -270,7 +273,7 @@ class Renderer:
 
     def _drive(self, asked: list[Asked], steps: int) -> Light:
         refined = self._company.refines and steps > 0
-        last = self._company.begin(asked) if refined else self._company.thesis(asked)
+        last = self._company.begin(asked) if refined else self._company.guess(asked)
         self._laps.end("start")
         if refined:
             last = self._company.refine(last, asked, steps)

@@ -36,6 +36,8 @@ def monitors_of(options: argparse.Namespace) -> list[str]:
 def room_of(options: argparse.Namespace) -> Room:
     """Read from its folder; InputError for what contradicts itself there or among the options."""
     white = None if options.white == "auto" else options.white
+    if options.backend == "cpu" and options.path is not None:
+        raise InputError(f"--path {options.path}: --backend cpu has no GPU to take it on; leave one of them out")
     path = options.path or ("auto" if options.output is None else "fragment")
     words = path in ("auto", "words", "compute-words")
     limited = options.budget != "no" or options.within != "no"
@@ -50,8 +52,8 @@ def room_of(options: argparse.Namespace) -> Room:
 def governor_of(options: argparse.Namespace, room: Room, usual: int) -> Governor:
     """usual : steps if nobody says how many.  A start that was given stays."""
     offers = room.offers if options.refine_from is None else ()
-    bare = room.maps.correction_in_steps < room.maps.direct_in_steps + 1
-    told = {"budget": options.budget, "within": options.within, "start": room.start, "offers": offers, "bare": bare}
+    quick = room.maps.correction_in_steps < room.maps.direct_in_steps + 1
+    told = {"budget": options.budget, "within": options.within, "start": room.start, "offers": offers, "quick": quick}
     return Governor(usual, options.refine, **told)
 
 

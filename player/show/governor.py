@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, TypeAlias
 
 from counterlight.command import tell
-from counterlight.pipeline.refinement import MOST_STEPS, Offer, StepBudget
+from counterlight.pipeline.refinement import MOST_STEPS, SHARE_OF_FRAME, Offer, StepBudget
 from counterlight.pipeline.shortfall import Shortfall
 
 Steps: TypeAlias = int | Literal["auto"]
@@ -21,8 +21,9 @@ class Governor:
     usual : steps that the room needs.  refine : steps, "auto", or None: the usual ones, fewer where frames would come
     too late.  budget : milliseconds that drawing a frame may take.  within : dB below the optimum that are allowed.
     start : where refinement starts.  offers : starts to choose from if there is a budget or a promise.
-    bare : whether the map's picture takes less than one step from elsewhere: a budget may then have no step at all.
+    quick : whether the map's picture takes less than one step from elsewhere: a budget may then have no step at all.
 
+    bare : what a frame without a step shows: "map", or "direct" where the map's picture does not fit into a budget.
     step_s : seconds of a step, None until one was timed.  notice : takes a line for the user, once a medium.
     looks : in a row that miss a promise before that is said.
     """
@@ -36,7 +37,7 @@ class Governor:
         within: Limit = "no",
         start: str = "previous",
         offers: Sequence[Offer] = (),
-        bare: bool = True,
+        quick: bool = True,
     ) -> None:
         self.refine: Steps = usual if refine is None else refine
         self.budget, self.within, self.start = budget, within, start
@@ -44,7 +45,7 @@ class Governor:
         self.notice: Callable[[str], None] = tell
         self.looks = TRIES
         self._usual, self._hurries, self._offers = usual, refine is None, offers
-        self._bare = bare
+        self._quick = quick
         self._interval_s: float | None = None
         self._time: StepBudget | None = None
         self._base_s, self._wish, self._failed = 0.0, 0, 0
@@ -87,8 +88,9 @@ class Governor:
         if steps and "steps" in stage_s:
             self.step_s = stage_s["steps"] / steps
         if stage_s and self.step_s:
-            self._base_s = seconds - steps * self.step_s
-            self._choose(stage_s.get("start", 0.0), self.step_s)
+            self._base_s, start_s = seconds - steps * self.step_s, stage_s.get("start", 0.0)
+            self._choose(start_s, self.step_s)
+            self.bare = self._bare_beside(self._base_s - start_s, self.step_s)
             if self._time is not None:
                 self._time.measured(self._base_s, self.step_s)
         self._check_budget(seconds, steps, stage_s)
@@ -110,8 +112,8 @@ class Governor:
 
     @property
     def _least(self) -> int:
-        """T⁺ b is worth showing without a step; other starts are not, and a budget without time for one shows T⁺ b."""
-        if self.budget != "no" and self._bare:
+        """T⁺ b is worth showing without a step; other starts only where a budget leaves no time for more."""
+        if self.budget != "no" and (self._quick or self.bare == "direct"):
             return 0
         return int(self.start not in ("previous", "map"))
 
@@ -130,6 +132,7 @@ class Governor:
 
     def _begin(self) -> None:
         self._failed, self._misses, self._late, self._said = 0, 0, 0, False
+        self.bare = "map"
         self._chosen = not (self.governs and self._offers)
         self._wish = self._first_wish()
         timed = self.refine == "auto" or (self._hurries and self._usual > 0)
@@ -165,6 +168,14 @@ class Governor:
             return max(offer.curve.at(steps), self.within), began_s + steps * step_s
 
         self.start = min(self._offers, key=rated).start
+
+    def _bare_beside(self, rest_s: float, step_s: float) -> str:
+        """rest_s : of a frame without start and steps."""
+        in_steps = {offer.start: offer.in_steps for offer in self._offers}
+        if self.budget == "no" or "previous-direct" not in in_steps:
+            return "map"
+        fits = rest_s + in_steps.get("previous", 0.0) * step_s <= SHARE_OF_FRAME * self.budget / 1000
+        return "map" if fits else "direct"
 
     def _check_budget(self, seconds: float, steps: int, stage_s: Mapping[str, float]) -> None:
         """Say once that even the fewest steps take too long."""

@@ -100,6 +100,18 @@ def compile_passes() -> None:
             told = time.monotonic()
 
 
+def computes_beside_threads() -> bool:
+    """Whether compiled passes may run while another thread of ours multiplies.
+
+    Not over Numba's own queue of work, which ends the process then; it is taken where neither OpenMP nor TBB is there
+    (apt-get install libgomp1).
+    """
+    import numba
+
+    numba.get_num_threads()  # starts what threading_layer tells
+    return bool(numba.threading_layer() != "workqueue")  # type: ignore[attr-defined]
+
+
 def render_to_file(
     reader: MediaReader,
     renderer: Renderer,
@@ -207,7 +219,7 @@ class _Drawing:
     def _draw_once(self, index: int, stats: Stats) -> None:
         renderer, governor, self._steps = self._renderer, self._governor, self._governor.steps
         start = time.perf_counter()
-        renderer.start_from(governor.start)
+        renderer.start_from(governor.start, governor.bare)
         renderer.render(**self._told, frame=index, steps=self._steps, timed=True)
         renderer.finish()
         seconds = time.perf_counter() - start

@@ -53,8 +53,6 @@ def _check(options: argparse.Namespace) -> None:
         )
     if options.lead_in is not None and options.segments is options.cluster is None:
         raise InputError(f"--lead-in {options.lead_in}: is for segments; add --segments N")
-    if options.backend == "cpu" and options.path is not None:
-        raise InputError(f"--path {options.path}: --backend cpu has no GPU to take it on; leave one of them out")
 
 
 def _check_medium(options: argparse.Namespace, info: MediaInfo) -> None:

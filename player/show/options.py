@@ -233,7 +233,7 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
         "--backend",
         choices=BACKENDS,
         default="auto",
-        help="what renders a file: gl, OpenGL, or cpu, compiled for the processor\n"
+        help="what renders: gl, OpenGL, or cpu, compiled for the processor\n"
         "(default auto: gl where there is a GPU, or --path is given, else cpu)",
     )
     add(
@@ -241,8 +241,8 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
         choices=PATHS,
         help="how the GPU multiplies: fragment or compute shaders (OpenGL 4.3),\n"
         "words or compute-words with T in words of 4 bytes; auto measures at\n"
-        "the start and keeps the fastest (default: auto in a window; fragment\n"
-        "with --output, so that its result repeats)",
+        "the start and keeps the fastest (default: auto in a window with a GPU;\n"
+        "fragment with --output, so that its result repeats)",
     )
     whole = Number(1, 999, whole=True, noun="a number of segments")
     text = "render a film in N segments at a time, each in a process of its own,\nand join them (docs/size.md)"

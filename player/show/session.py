@@ -368,7 +368,7 @@ class Session:
     def _render(self) -> None:
         start, steps = time.perf_counter(), self.steps
         timed = self._settles or self.clock() - self._timed_at >= TIMED_INTERVAL_S
-        self.renderer.start_from(self.governor.start)
+        self.renderer.start_from(self.governor.start, self.governor.bare)
         view, frame = self.view, self.stats.frames
         self.renderer.render(view, compensate=self.compensation, frame=frame, steps=steps, timed=timed)
         self.renderer.finish()

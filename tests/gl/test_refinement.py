@@ -257,6 +257,23 @@ def test_no_step_is_the_thesis_method_bit_for_bit(
     assert results[0] == results[1]
 
 
+def test_without_a_step_direct_mapping_is_shown_where_it_is_asked_for(
+    gl_context: moderngl.Context, rng: np.random.Generator
+) -> None:
+    physical, frame = physical_room(rng), letters(rng)
+    direct = physical.room.maps.refinement.direct
+    corrected = replace(physical.room, maps=replace(physical.room.maps, correction=direct, undo=None))
+    with both(gl_context, physical.room, frame) as asked, both(gl_context, corrected, frame) as meant:
+        for renderer, expected in zip(asked, meant, strict=True):
+            renderer.start_from("previous-direct", "direct")
+            for each in (renderer, expected):
+                each.render("projector", compensate=True, steps=0)
+            np.testing.assert_array_equal(renderer.linear(), expected.linear())
+            renderer.start_from("previous-direct")
+            renderer.render("projector", compensate=True, steps=0)
+            assert np.abs(renderer.linear() - expected.linear()).max() > 1e-3
+
+
 def test_without_the_maps_there_are_no_steps_and_no_certificate(
     gl_context: moderngl.Context, rng: np.random.Generator
 ) -> None:

@@ -9,14 +9,26 @@ from collections.abc import Callable
 from pathlib import Path
 
 import cv2
+import moderngl
 import numpy as np
 import pytest
 
 from counterlight.files import exr
+from counterlight.gl.context import in_software
 from counterlight.pipeline import encoding
 from counterlight.response import Response
 from counterlight.tools.shipped import CLIP
-from tests.desktop import expected_picture, fine_screen, playing, press, screen, window_depths, xrandr
+from tests.desktop import (
+    ON_A_GPU,
+    ON_THE_PROCESSOR,
+    expected_picture,
+    fine_screen,
+    playing,
+    press,
+    screen,
+    window_depths,
+    xrandr,
+)
 from tests.programs import PATIENCE_S, command, descendants, fail, on, succeed, wait_until
 from tests.rooms import write_blurred_room, write_one_to_one_room
 from tests.screens import one_screen
@@ -107,16 +119,17 @@ def test_a_monitor_that_is_not_there_or_of_another_size(two_monitors: str, room:
     assert "1024x768, the calibration is for a projector of 50x37" in line
 
 
-def test_keys_in_a_window(xvfb: str, room: Path, picture: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("how", [ON_A_GPU, ON_THE_PROCESSOR], ids=["gpu", "processor"])
+def test_keys_in_a_window(xvfb: str, room: Path, picture: Path, tmp_path: Path, how: tuple[str, str]) -> None:
     """c, v, b, i, s and q, pressed for real; the window stands at the upper left of a bare X server."""
-    corrected = expected_picture(room, picture, tmp_path)
-    plain = expected_picture(room, picture, tmp_path, "--no-compensation")
+    corrected = expected_picture(room, picture, tmp_path, how=how)
+    plain = expected_picture(room, picture, tmp_path, "--no-compensation", how=how)
     assert np.abs(corrected - plain).max() > 20
 
     def shows(wanted: np.ndarray | int) -> Callable[[], bool]:
         return lambda: bool(np.all(screen(xvfb, WINDOW) == wanted))
 
-    with playing(xvfb, room, picture, folder=tmp_path) as process:
+    with playing(xvfb, room, picture, folder=tmp_path, how=how) as process:
         wait_until(shows(corrected), "the corrected picture", process)
         press(xvfb, "c")
         wait_until(shows(plain), "the plain picture", process)
@@ -135,9 +148,22 @@ def test_keys_in_a_window(xvfb: str, room: Path, picture: Path, tmp_path: Path) 
     np.testing.assert_array_equal(saved, corrected)
 
 
+def test_a_window_without_a_gpu_is_drawn_by_the_processor(
+    xvfb: str, room: Path, picture: Path, tmp_path: Path, gl_context: moderngl.Context
+) -> None:
+    """Unless a path is asked for; a view of another size has a picture of its own."""
+    stats, software = tmp_path / "stats.json", in_software(gl_context.info["GL_RENDERER"])
+    drawn, short = {}, ("--stats", stats, "--image-display-duration", "0.1")
+    for words in ((), ("--view", "camera"), ("--path", "compute"), ("--backend", "gl")):
+        done = command("play", room, picture, *short, *words, **on(xvfb))
+        assert done.returncode == 0, done.stderr
+        drawn[words[1:]] = json.loads(stats.read_text())["gpu_path"]["name"] == "cpu"
+    assert drawn == {(): software, ("camera",): software, ("compute",): False, ("gl",): False}
+
+
 def test_a_clip_plays_to_its_end_in_a_window(xvfb: str, room: Path, tmp_path: Path) -> None:
     stats = tmp_path / "stats.json"
-    done = command("play", room, CLIP, "--stats", stats, "--start", "4", **on(xvfb))
+    done = command("play", room, CLIP, "--path", "auto", "--stats", stats, "--start", "4", **on(xvfb))
     assert done.returncode == 0, done.stderr
     numbers = json.loads(stats.read_text())
     assert numbers["frames"] + numbers["dropped"] == pytest.approx(32, abs=1)  # 5.28 s at 25 per second, from 4 s
