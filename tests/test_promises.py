@@ -46,6 +46,11 @@ def test_a_remote_that_asks_where_a_picture_stands_is_told_when_it_is_known() ->
     assert stage.commands.get("below-optimum") is None
     until(stage, lambda: stage.commands.get("below-optimum") is not None)
     assert stage.commands.get("below-optimum") == pytest.approx(1 / 4)
+    assert stage.commands.get("doubling") == {"steps": 3, "db": pytest.approx(1 / 8), "ms": None}
+    stage.session.governor.took(0.02, 3, {"linear": 0.01, "start": 0.004, "steps": 0.006})
+    assert stage.commands.get("step-ms") == pytest.approx(2)
+    assert stage.commands.get("doubling")["ms"] == pytest.approx(6)
+    assert stage.commands.get("stage-ms").keys() >= {"decode", "gpu", "present"}
     stage.advance(20.0, step=0.1)  # nobody has asked since
     count = stage.screen.snapshots
     stage.advance(5.0, step=0.1)

@@ -42,6 +42,11 @@ class Shortfall:
     spread: float = 0.0
 
     @property
+    def further(self) -> int:
+        """The steps of a doubling."""
+        return max(self.steps, 1)
+
+    @property
     def method(self) -> str:
         """How it was found."""
         if self.solved == self.squares:

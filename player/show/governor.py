@@ -76,6 +76,10 @@ class Governor:
             return self._wish
         return max(min(self._time.steps, self._wish), self._least if self.governs else 0)
 
+    def took_ms(self, steps: int) -> float | None:
+        """What so many steps take, None until one was timed."""
+        return None if self.step_s is None else 1000 * steps * self.step_s
+
     @property
     def governs(self) -> bool:
         """Whether there is a budget or a promise to keep."""

@@ -11,6 +11,7 @@ from counterlight.show.playback import Playback
 from counterlight.show.refining import refining
 from counterlight.show.registry import CommandError, Property, named
 from counterlight.show.session import Session
+from counterlight.show.stats import DRAWING, STAGES
 from counterlight.unattended.lamps import Lamps
 
 TIME = Number(0, 1e9)
@@ -175,6 +176,10 @@ def _told(session: Session, checking: Callable[[], bool], lamps: Lamps | None) -
         "frames": Property("frames shown", lambda: stats.frames),
         "dropped": Property("frames dropped", lambda: stats.dropped),
         "fps": Property("frames a second on the screen", lambda: stats.frames_per_second),
+        "stage-ms": Property(
+            "median milliseconds of each stage of a frame: an object",
+            lambda: {stage: round(stats.median_ms(stage), 3) for stage in (*STAGES, *DRAWING) if stats.has(stage)},
+        ),
         "late-frames": Property(
             "frames by how late they were shown: by less than 1, 2, 4, 8, 16, 32, 64 ms, and by more",
             lambda: list(stats.late_counts),

@@ -40,8 +40,13 @@ def refining(session: Session) -> dict[str, Property]:
         found = appraisal.ask()
         return None if found is None else found.decibels
 
-    def step_ms() -> float | None:
-        return None if governor.step_s is None else 1000 * governor.step_s
+    def doubling() -> dict[str, float | None] | None:
+        found = appraisal.ask()
+        return (
+            None
+            if found is None
+            else {"steps": found.further, "db": found.doubling, "ms": governor.took_ms(found.further)}
+        )
 
     psnr = session.room.psnr
     return {
@@ -49,9 +54,14 @@ def refining(session: Session) -> dict[str, Property]:
         "budget": named("budget", lambda: governor.budget, budget),
         "within": named("within", lambda: governor.within, within),
         "steps": Property("of refinement, a frame, now", lambda: session.steps),
-        "step-ms": Property("milliseconds of a step, null if unknown", step_ms),
+        "step-ms": Property("milliseconds of a step, null if unknown", lambda: governor.took_ms(1)),
         "below-optimum": Property(
             "dB below the best picture, estimated; null until that is known", below_optimum, costly=True
+        ),
+        "doubling": Property(
+            "what as many steps again would bring, dB, and take, ms: an object; null until that is known",
+            doubling,
+            costly=True,
         ),
         "gap": Property(
             "relative gap to the best picture, null if unknown",

@@ -8,10 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from counterlight.pipeline import laps
 from counterlight.writing.replacing import replacing_file
 
 RECENT = 10_000  # frames whose times are kept: minutes of playback, a fixed amount of memory
 MOST_NOTICES, LATEST_NOTICES = 1000, 20
+STAGES = ("decode", "upload", "gpu", "present")
+DRAWING = (*(stage for stage in laps.STAGES if stage != "steps"), "step")  # of "gpu"; a step, not all of them
 FEW = 120  # the frames that the rate is measured over
 LATE_EDGES_MS = (1, 2, 4, 8, 16, 32, 64)
 LATE_LABELS = ("<1 ms", "1-2", "2-4", "4-8", "8-16", "16-32", "32-64", ">64")

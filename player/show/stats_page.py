@@ -4,13 +4,11 @@ from pathlib import Path
 from typing import Any
 
 from counterlight.overlay.osd import Histogram, Page
-from counterlight.pipeline import laps
 from counterlight.pipeline.refinement import Certificate
 from counterlight.show.session import Session
-from counterlight.show.stats import LATE_LABELS
+from counterlight.show.stats import DRAWING, LATE_LABELS, STAGES
 
-STAGES = ("decode", "upload", "gpu", "present")
-DRAWING = [stage for stage in laps.STAGES if stage != "steps"]
+BARE = {"map": "the map's picture", "direct": "direct mapping"}
 
 
 def stats_page(session: Session, message: str) -> Page:
@@ -43,7 +41,7 @@ def stats_page(session: Session, message: str) -> Page:
 def _drawing(session: Session) -> list[str]:
     """The stages of drawing, and what of it is each step."""
     stats = session.stats
-    stages = [f"{stage} {stats.median_ms(stage):.1f} ms" for stage in (*DRAWING, "step") if stats.has(stage)]
+    stages = [f"{stage} {stats.median_ms(stage):.1f} ms" for stage in DRAWING if stats.has(stage)]
     return ["drawing\t" + ", ".join(stages)] if stages else []
 
 
@@ -52,11 +50,12 @@ def _refinement(session: Session, certificate: Certificate | None) -> list[str]:
     governor, found = session.governor, session.appraisal.shortfall
     wanted = {"budget": governor.budget, "within": governor.within}
     limits = "".join(f", {name} {value:g}" for name, value in wanted.items() if value != "no")
-    lines = [f"refinement\t{session.steps} steps from {governor.start}{limits}"]
+    steps = f"{session.steps} steps from {governor.start}" if session.steps else f"no step, {BARE[governor.bare]}"
+    lines = [f"refinement\t{steps}{limits}"]
     if found is not None:
-        further = max(found.steps, 1)
-        cost = "" if governor.step_s is None else f" and takes {1000 * further * governor.step_s:.1f} ms"
-        lines += [f"picture\t{found}", f"{further} steps more\t brings {found.doubling:.2g} dB{cost}"]
+        took_ms = governor.took_ms(found.further)
+        cost = "" if took_ms is None else f" and takes {took_ms:.1f} ms"
+        lines += [f"picture\t{found}", f"{found.further} steps more\t brings {found.doubling:.2g} dB{cost}"]
     return lines if certificate is None else [*lines, f"bound\t{certificate}"]
 
 
