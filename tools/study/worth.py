@@ -3,7 +3,9 @@
 Judged in a small room, on pictures as the best drive (box) shows them. An effect is worth the larger of two errors of a
 T that lacks it: what is lost where its best drive is shown in the room that has the effect, and by how much the
 PSNR that such a T predicts for that drive is off. Both depend on how good a picture can get, and that on how smooth it
-is from pixel to pixel: so the small room shows windows of pictures of the scene's own size.
+is from pixel to pixel: so the small room shows windows of pictures of the scene's own size. A small shadow costs what
+is shown where it falls, and no window shows there what the whole picture does: what an effect changes in the worst
+window counts, against the error of all of them.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -27,7 +29,7 @@ from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 
 SMALL, SMALLEST = (48, 64), 24  # (height, width) that the judged camera is fitted into; a projector's side
 PICTURES = ("photograph", "text", "film", "dark-film")
-WINDOWS = 2  # of a picture, from its upper left to its lower right
+WINDOWS = 2  # of a picture, along and across: a shadow is on a different part of it in each
 FEWEST_CELLS, FEWEST_SAMPLES = 400, 4  # of the small room, if the scene has more
 MOST_BENT = 0.25  # of a lens that does not fold: three pixels in the small picture's corner
 GAP, MOST_STEPS = 3e-3, 300  # of the box optimum: 0.013 dB, unless a T that lacks something takes too long
@@ -114,7 +116,7 @@ class _Judge:
         own, small = ((each.camera.height, each.camera.width) for each in (scene, self._scene))
         white, pictures = self._whole.tier.white, find_pictures(PICTURES)
         self._asked = [[white * each for each in _windows(picture.at(own), small)] for picture in pictures]
-        self._best = [self._psnr(self._whole, self._drives(self._whole, asked), asked) for asked in self._asked]
+        self._best = [self._errors(self._whole, self._drives(self._whole, asked), asked) for asked in self._asked]
 
     def without(self, effects: Collection[str]) -> float:
         """Decibels that a room without some effects is off by, the worst picture's; infinite if it shows nothing."""
@@ -124,28 +126,38 @@ class _Judge:
             return float("inf")
         return max(self._off(lacking, asked, best) for asked, best in zip(self._asked, self._best, strict=True))
 
-    def _off(self, lacking: "_Room", asked: Sequence[FloatArray], best: float) -> float:
+    def _off(self, lacking: "_Room", asked: Sequence[FloatArray], best: FloatArray) -> float:
         drives = self._drives(lacking, asked)
-        return max(best - self._psnr(self._whole, drives, asked), abs(self._psnr(lacking, drives, asked) - best))
+        shown, promised = (self._errors(room, drives, asked) for room in (self._whole, lacking))
+        return max(
+            _lost(best, shown),
+            abs(_lost(best, promised)),
+            *(_lost(best, best + np.abs(each - best).max()) for each in (shown, promised)),
+        )
 
     def _drives(self, room: "_Room", asked: Sequence[FloatArray]) -> list[FloatArray]:
         return [room.drive(each) for each in asked]
 
-    def _psnr(self, room: "_Room", drives: Sequence[FloatArray], asked: Sequence[FloatArray]) -> float:
-        """Of what a room makes of drives, over the camera pixels that count in the whole one."""
+    def _errors(self, room: "_Room", drives: Sequence[FloatArray], asked: Sequence[FloatArray]) -> FloatArray:
+        """Mean squares, (windows,), of what a room makes of drives; of camera pixels that count in the whole one."""
         mask, white = self._whole.tier.calibration.mask, self._whole.tier.white
         errors = [(room.tier.seen(p) - each)[mask] / white for p, each in zip(drives, asked, strict=True)]
-        return psnr(float(np.mean(np.square(errors))))
+        return np.array([np.mean(np.square(each)) for each in errors])
+
+
+def _lost(best: FloatArray, errors: FloatArray) -> float:
+    """Decibels between the mean squares of two sets of windows."""
+    return psnr(float(np.mean(best))) - psnr(float(np.mean(errors)))
 
 
 def _windows(picture: FloatArray, shape: tuple[int, int]) -> list[FloatArray]:
-    """Parts of a picture, of a shape (height, width), along its diagonal; the whole if it is no larger."""
+    """Parts of a picture, of a shape (height, width), spread over it; the whole if it is no larger."""
     count = 1 if picture.shape[:2] == shape else WINDOWS
     tops, lefts = (
         [round(share * (whole - part)) for share in (np.arange(count) + 0.5) / count]
         for whole, part in zip(picture.shape, shape, strict=False)
     )
-    return [picture[top : top + shape[0], left : left + shape[1]] for top, left in zip(tops, lefts, strict=True)]
+    return [picture[top : top + shape[0], left : left + shape[1]] for top in tops for left in lefts]
 
 
 class _Room:
