@@ -28,7 +28,7 @@ from counterlight.show.asked import (
 )
 from counterlight.show.beside import checks_of, in_step_of, lamps_of
 from counterlight.show.control import ControlServer, Remote
-from counterlight.show.headless import compile_passes, computes_beside_threads
+from counterlight.show.headless import compile_passes
 from counterlight.show.into_file import render
 from counterlight.show.media import Media
 from counterlight.show.options import read_options
@@ -207,7 +207,7 @@ def _renderer_for(options: argparse.Namespace, window: "Window | Displays") -> "
     chosen = options.backend
     if chosen == "auto":
         drawn = options.path is not None or window.bits > 8 or not in_software(window.context.info["GL_RENDERER"])
-        chosen = "gl" if drawn or not computes_beside_threads() else "cpu"
+        chosen = "gl" if drawn else "cpu"
     if chosen == "cpu":
         compile_passes()
         from counterlight.gl.computed import ComputedRenderer

@@ -54,7 +54,6 @@ PLAY = (
     Part("python3-venv", partial(imports, "ensurepip"), "the Python environment"),
     Part("libegl1", partial(loads, "libEGL.so.1"), "OpenGL without a screen"),
     Part("libgl1", partial(loads, "libGL.so.1"), "OpenGL and its drivers"),
-    Part("libgomp1", partial(loads, "libgomp.so.1"), "compiled passes of several threads at a time"),
     Part("libxrandr2", partial(loads, "libXrandr.so.2"), "monitors: without it GLFW sees a single one"),
 )
 TEST = (

@@ -3,7 +3,8 @@
 Pictures are (rows, columns, channels) float32, contiguous; each kernel fills `out` and allocates nothing but a row.
 Rows are shared out among the cores, and every value is computed in one order by one of them, so that the bytes are the
 same on every run and whatever the number of threads. Arithmetic is in float32, as the shaders'; long sums go on in
-float64.
+float64. Kernels hold Python's lock: two threads of ours, the show's and one that estimates, never share out loops at a
+time, which would end the process where Numba has but its own queue of work for that.
 """
 
 from collections.abc import Callable, Iterator

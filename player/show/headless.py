@@ -100,18 +100,6 @@ def compile_passes() -> None:
             told = time.monotonic()
 
 
-def computes_beside_threads() -> bool:
-    """Whether compiled passes may run while another thread of ours multiplies.
-
-    Not over Numba's own queue of work, which ends the process then; it is taken where neither OpenMP nor TBB is there
-    (apt-get install libgomp1).
-    """
-    import numba
-
-    numba.get_num_threads()  # starts what threading_layer tells
-    return bool(numba.threading_layer() != "workqueue")  # type: ignore[attr-defined]
-
-
 def render_to_file(
     reader: MediaReader,
     renderer: Renderer,
