@@ -17,7 +17,8 @@ from functools import cache
 from pathlib import Path
 
 from tests.figures.cells import Difference, differences
-from tests.figures.rows import ROWS, Figures
+from tests.figures.row import Figures
+from tests.figures.rows import ROWS
 from tests.figures.unchecked import UNCHECKED
 from tests.programs import ROOT
 

@@ -1,0 +1,261 @@
+"""How near to the best pictures come: the rig, accuracy, refinement, hard cases, Table 6.1."""
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+
+from tests.figures.claims import Table, said, tabled, told
+from tests.figures.printed import at_size
+
+RIG = tabled("docs/rig.md", "room | fault | optimum, dB | captured, dB | below, dB | whole footprints, dB | blurred")
+ALONE = tabled("docs/rig.md", "room | fault | optimum, dB | captured, dB | below, dB | whole footprints, dB | ΔE")
+ACCURACY = tabled("docs/accuracy.md", "method | dB below the best")
+STILLS = tabled("docs/refinement.md", "start | 1 step")
+SCENES = tabled("docs/table_6_1.md", "scene | captured")
+BRICKS = tabled("docs/table_6_1.md", "wall | picture")
+SYSTEMS = tabled("docs/hard_cases.md", "error, % / amplification")
+CUTS = tabled("docs/hard_cases.md", "focus | allowed")
+PLAIN = "plain map, `svd`", "`qr`"
+ROOMS = "wall", "corner", "glass", "defocus"
+BELOW, WORST, MIB = "dB below the best", "worst room", "MiB of maps"
+SHOWN = "astronaut, dB, 0, 4, 16, 64 steps", "astronaut, everywhere, 0, 4, 16, 64 steps"
+DAMPED, MAPPED = (f"{way}, 4 steps: computed; frame; below optimum" for way in ("T⁺ damped", "direct mapping"))
+MULTIPLEXED = "acquired (multiplexed, simulated): pictures; computed; below optimum"
+TRIANGLES, THESIS = "direct, triangulated", "T⁺ of the thesis, max-cluster 200"
+
+
+def captured(t: Table, room: str, fault: str, column: str = "captured, dB") -> float:
+    return t.one(rf": {room} \| {fault}$", column)
+
+
+def by_drift(t: Table) -> tuple[float, float]:
+    """What a pixel of it costs, decibels, in the rooms that lose least and most."""
+    return ends([captured(t, room, "known") - captured(t, room, "drift") for room in ROOMS])
+
+
+def checked(t: Table, room: str) -> tuple[float, float]:
+    """Before a drift, and after it and one check."""
+    return captured(t, room, "known"), captured(t, room, "drift", "after one check, dB")
+
+
+def fallen(t: Table, rows: str, column: str) -> float:
+    """What steps take away from an earlier picture at most."""
+    pairs = combinations([t(rows, column, step) for step in range(4)], 2)
+    return max(before - after for earlier, later in pairs for before, after in zip(earlier, later, strict=True))
+
+
+def near(t: Table, *rows: str, column: str = BELOW) -> list[float]:
+    """Of methods, by the beginnings of their names, each one row."""
+    return [t.one(rf": {row}$", column) for row in rows]
+
+
+def ends(numbers: Sequence[float]) -> tuple[float, float]:
+    return min(numbers), max(numbers)
+
+
+def entries() -> Iterator[tuple[str, str]]:
+    """What the study of refinement says of each room, before its tables."""
+    page = "Optimum {} dB, T⁺ alone {} dB below; entries: T⁺ {}, T {}"
+    names = {"### Wall": "wall", "### Corner": "corner", "### `two_planes`": "two_planes", "### Out of focus": "focus"}
+    for head, name in names.items():
+        yield f"{head} {page}", f"**{name}**, o{page[1:]}"
+
+
+PROSE = (
+    told(
+        "README.md",
+        ("counterlight example --folder example",),
+        2,
+        (
+            "Simulated: {} dB PSNR before ({} if the camera were exposed to match best)",
+            "PSNR {} dB before, ...match...best: {} dB",
+        ),
+        ("match best), {} dB after", "dB before, {} dB after"),
+    ),
+    said(
+        "README.md",
+        RIG,
+        (
+            "defaults end {} to {} dB below the best that any drive could show",
+            lambda t: ends(t("home", "below, dB")),
+        ),
+        ("could show, at {} to {} dB", lambda t: ends(t("home", "captured, dB"))),
+    ),
+    said(
+        "docs/rig.md",
+        RIG,
+        (
+            "measured is {} to {} dB below the best",
+            lambda t: ends(t("home", "below, dB")),
+        ),
+        ("ΔE2000 is at most the optimum's {}.", lambda t: (max(t("home", "ΔE2000 (optimum)")),)),
+        (
+            "With steps PSNR falls by {} dB at most, by {} everywhere",
+            lambda t: [fallen(t, r"\| (?!drift)\w+$", column) for column in SHOWN],
+        ),
+        ("where the room has drifted by {}.", lambda t: (fallen(t, "drift", SHOWN[0]),)),
+        (
+            "one check it is {} dB below before in the corner, {} on the wall, {} behind glass and out of focus",
+            lambda t: [before - after for before, after in (checked(t, room) for room in ("corner", "wall", "glass"))],
+        ),
+        ("dB of `known`'s {}.", lambda t: (captured(t, "wall", "known"),)),
+        ("A pixel costs {} to {} dB", by_drift),
+        ("*Everywhere* falls by {} dB at most", lambda t: (fallen(t, r"\| (?!drift)\w+$", SHOWN[1]),)),
+    ),
+    said(
+        "docs/rig.md",
+        ALONE,
+        (
+            "three times the room's light cost: {} and {} dB of",
+            lambda t: [captured(t, "wall", fault, "after one check, dB") for fault in ("lamp", "daylight")],
+        ),
+        ("for sRGB costs {} dB (`believed`)", lambda t: (captured(t, "wall", "believed", "below, dB"),)),
+        (
+            "a lamp at nine tenths {}; three times the room's light {}.",
+            lambda t: [captured(t, "wall", "quiet") - captured(t, "wall", fault) for fault in ("lamp", "daylight")],
+        ),
+    ),
+    said(
+        "docs/drift.md",
+        RIG,
+        (
+            "A shift of one projector pixel costs [{} to {} dB]",
+            by_drift,
+        ),
+        (
+            "on the wall {} and {} dB, in the corner {} and {}, behind glass {} and {}, out of focus {} and {}.",
+            lambda t: [each for room in ROOMS for each in checked(t, room)],
+        ),
+    ),
+    said(
+        "docs/first-rig.md",
+        RIG,
+        (
+            "a pixel of drift costs {} to {} dB",
+            by_drift,
+        ),
+    ),
+    said(
+        "docs/accuracy.md",
+        ACCURACY,
+        ("**Uncompensated** pictures are {} dB away", lambda t: near(t, "uncompensated")),
+        (
+            "comes within {} dB. Between camera pixels, as thesis 6.1 has it (*triangulated*), {}:",
+            lambda t: near(t, "direct", "direct, triangulated"),
+        ),
+        ("In `corner` both are {} dB away", lambda t: near(t, "direct", column=WORST)),
+        ("plain pseudo-inverse) gets to {} dB", lambda t: near(t, "T⁺ of the thesis, max-cluster 200")),
+        ("dB in five rooms, {} in `corner`", lambda t: near(t, "T⁺ of the thesis, max-cluster 200", column=WORST)),
+        ("with far light apart: {} dB with the same", lambda t: near(t, "T⁺, cut, max-cluster 200")),
+        ("same largest cluster, {} in the worst room", lambda t: near(t, "T⁺, cut, max-cluster 200", column=WORST)),
+        (
+            "four steps bring the picture to {} to {} dB, sixteen to {},",
+            lambda t: near(
+                t, *(f"refined from {way}" for way in ("T⁺, cut, steps 4", "direct, steps 4", "T⁺, steps 16"))
+            ),
+        ),
+    ),
+    said(
+        "docs/size.md",
+        ACCURACY,
+        ("end {} dB below the best with", lambda t: near(t, "refined from direct, steps 4")),
+        ("below the best with {} MiB of maps", lambda t: near(t, "refined from direct, steps 4", column=MIB)),
+        (
+            "the whole `T⁺` without a step {} dB with {}.",
+            lambda t: [t.one(r": T⁺, max-error 0.5$", column) for column in (BELOW, MIB)],
+        ),
+    ),
+    told(
+        "docs/size.md",
+        at_size("wall", "1920x1080"),
+        2,
+        (
+            "(it would take 3 min), {} MiB of maps; in simulation {} dB below the optimum without a step, {} after "
+            "the {} that play makes from direct mapping; next: counterlight play wall",
+            "T⁺ cut into clusters ...{} MiB of maps; in simulation {} dB below the optimum without a step, {} after "
+            "the {} that play makes from direct mapping",
+        ),
+    ),
+    said(
+        "docs/refinement.md",
+        STILLS,
+        (
+            "From the map, eight steps end within {} dB of the optimum and sixteen within {} in every room",
+            lambda t: (max(t(r": map$", "8 steps")), max(t(r": map$", "16 steps"))),
+        ),
+        (
+            "what stays after 64 steps, {} to {} dB",
+            lambda t: ends(t(r": map$", "64 steps")),
+        ),
+    ),
+    said(
+        "docs/mathematics.md",
+        STILLS,
+        (
+            "what stays after [64 steps](refinement.md#figures), {} to {} dB",
+            lambda t: ends(t(r": map$", "64 steps")),
+        ),
+    ),
+    said(
+        "docs/refinement.md",
+        tabled("docs/refinement.md", " | 1 step"),
+        ("the error never falls below {} dB", lambda t: (t.one("near light alone", "64 steps"),)),
+    ),
+    told("docs/refinement.md", STILLS.commands, STILLS.minutes, *entries()),
+    said(
+        "docs/table_6_1.md",
+        SCENES,
+        ("gains {} dB; that of the cards", lambda t: (t.one("skull", MAPPED, 2) - t.one("skull", DAMPED, 2),)),
+        ("times as long, and gains {}.", lambda t: (t.one("diffuse", MAPPED, 2) - t.one("diffuse", DAMPED, 2),)),
+        (
+            "In the glass direct mapping has {} dB less error",
+            lambda t: (-t.one("glass", "direct, triangulated: computed; frame; below optimum", 2),),
+        ),
+        ("in the cards and on wax {} to {} dB short", lambda t: ends(t("skull|David|glass|diffuse", MULTIPLEXED, 2))),
+    ),
+    said(
+        "docs/table_6_1.md",
+        BRICKS,
+        (
+            "cuts the overlap off, is {} to {} dB below the best",
+            lambda t: ends([n for column in ("direct", TRIANGLES, THESIS) for n in t("scatters", column)]),
+        ),
+        (
+            "instead of pixels, gain {} dB on triangulated",
+            lambda t: (t.one("scatters.*photo", TRIANGLES) - t.one("scatters.*photo", THESIS),),
+        ),
+        (
+            "triangles are {} dB better than whole pixels (flat: {} to {}), the thesis' T⁺ {} better than triangles "
+            "(flat: {})",
+            lambda t: (
+                t.one(r"relief \| photo", "direct") - t.one(r"relief \| photo", TRIANGLES),
+                *ends([a - b for a, b in zip(t("flat", "direct"), t("flat", TRIANGLES), strict=True)]),
+                t.one(r"relief \| photo", TRIANGLES) - t.one(r"relief \| photo", THESIS),
+                t.one(r"flat \| photo", TRIANGLES) - t.one(r"flat \| photo", THESIS),
+            ),
+        ),
+        ("undo the scattering to {} to {} dB", lambda t: ends(t("scatters", "refined from T⁺, cut, steps 4"))),
+    ),
+    said(
+        "docs/hard_cases.md",
+        SYSTEMS,
+        (
+            "noise of 1 % becomes an error of {} to {} %",
+            lambda t: ends(
+                [n for column in ("plain map, `svd`", "`qr`") for n in t("wall, condition 1e(4|8|14)", column)]
+            ),
+        ),
+        ("reports nothing and amplifies by {}.", lambda t: (t.one("condition 1e8", "`qr`", 1),)),
+        ("where the map begins with {}, noise", lambda t: (t.one("weights", "map, auto", 1),)),
+        ("noise is amplified at most {} times", lambda t: (max(t(": (?!weights)", "64 steps", 1)),)),
+    ),
+    said(
+        "docs/hard_cases.md",
+        CUTS,
+        (
+            "no cluster of a cut wall is worse conditioned than {},",
+            lambda t: (max(t(r"\| (40|10)$", "worst condition")),),
+        ),
+        ("It ends at {} % whatever the blur", lambda t: (max(t(r"\| (40|10)$", "plain inverse")),)),
+        ("bounds the amplification just as well at {} %", lambda t: (max(t(r"\| any$", "λ = 0.1 σ₁")),)),
+    ),
+)
