@@ -3,7 +3,7 @@
 A sentence is written as the page has it, with {} for each figure; where the lines of the page end does not matter. What
 it says follows from cells of a table: one of them, the least or the most of several, a difference. So it is held twice:
 to the page's own table by tests/test_figures.py, to the last digit and without a command, and by make figures to what
-the table's command prints. Or a command prints the figures in a sentence of its own.
+the table's command prints. Or the command prints the figures in a sentence of its own, or beside the table.
 """
 
 import re
@@ -15,7 +15,7 @@ from tests.figures.cells import NUMBER, Cells, Reader, pattern
 from tests.figures.row import Figures
 from tests.figures.tables import TABLES
 
-FIGURE = r"([-+]?\d+(?:[.,]\d+)*(?:e[-+]?\d+)?)"
+FIGURE = r"[-+]?\d+(?:[.,]\d+)*(?:e[-+]?\d+)?"
 TIME = re.compile(r"\{\} (?:m?s|seconds|minutes)\b")
 
 
@@ -46,6 +46,11 @@ class Table:
         if others:
             raise LookupError(f"several rows of {rows}, column {column}")
         return number
+
+
+def ends(numbers: Sequence[float]) -> tuple[float, float]:
+    """The least and the most."""
+    return min(numbers), max(numbers)
 
 
 Formula: TypeAlias = Callable[[Table], Sequence[float]]
@@ -85,6 +90,16 @@ def said(page: str, of: Figures, *claims: tuple[str, Formula]) -> Said:
     )
 
 
+def counted(page: str, of: Figures, read: Reader, *claims: tuple[str, Formula]) -> Prose:
+    """Sentences that follow from what the commands of a table give beside it, which stands on no page."""
+    words = tuple(each for each, _ in claims)
+
+    def found(text: str) -> Cells:
+        return _follow(Table(read(text)), claims)
+
+    return Prose(page, of.commands, of.minutes, sentences(*words), found, of.files, is_time, words=words)
+
+
 def _follow(table: Table, claims: Sequence[tuple[str, Formula]]) -> Cells:
     cells: Cells = {}
     for words, formula in claims:
@@ -111,8 +126,9 @@ def sentences(*words: str) -> Reader:
 
 
 def sentence(words: str) -> str:
-    """A pattern for words with figures at {}, and with anything at ...."""
-    return FIGURE.join(".*?".join(map(re.escape, part.split("..."))) for part in words.split("{}"))
+    """A pattern for words with figures at {}, others at {_}, and anything at three dots."""
+    marks = {"{}": f"({FIGURE})", "{_}": FIGURE, "...": ".*?"}
+    return "".join(marks.get(part, re.escape(part)) for part in re.split(r"(\{_?\}|\.\.\.)", words))
 
 
 def _line(text: str) -> str:

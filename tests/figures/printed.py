@@ -1,7 +1,9 @@
 """Rows whose commands print their figures otherwise than the page has them."""
 
+import csv
 import re
 
+from counterlight.tools.study.results import label
 from tests.figures.cells import Cells, Reader, columns, labelled, markdown, pattern, renamed, without
 from tests.figures.row import Figures, ending
 
@@ -251,7 +253,7 @@ def acquired(sizes: str, rooms: tuple[str, ...], minutes: float) -> Figures:
         (f"python -m tests.studies.acquisition --again --camera {camera} --projector {projector} {chosen}",),
         minutes,
         labelled(cells, f" | {sizes} | "),
-        cells,
+        labelled(cells, f" | {sizes} | "),
         times=ending(", s"),
         head="room | camera, projector | scheme",
     )
@@ -259,3 +261,18 @@ def acquired(sizes: str, rooms: tuple[str, ...], minutes: float) -> Figures:
 
 def in_one_line(**patterns: str) -> Reader:
     return lambda text: pattern(**patterns)(" ".join(text.split()))
+
+
+def studied(text: str) -> Cells:
+    """A study's results.csv, which stands last: `wall | text | direct, below_optimum_db` and so on."""
+    lines = csv.DictReader(text[text.rfind("room,picture,") :].splitlines())
+    return {
+        f"{line['room']} | {line['picture']} | {_method(line)}, {column}": cell
+        for line in lines
+        for column, cell in line.items()
+        if cell
+    }
+
+
+def _method(line: dict[str, str]) -> str:
+    return label(line["family"], line["knob"], float(line["value"]) if line["value"] else None)

@@ -123,6 +123,6 @@ TABLES = (
         25,
         "method | dB below the best",
         ("ms a picture", "preparation, s"),
-        files=("study/summary.md",),
+        files=("study/summary.md", "study/results.csv"),
     ),
 )

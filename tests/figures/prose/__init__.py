@@ -1,5 +1,5 @@
 """Figures in prose, by what they are of."""
 
-from tests.figures.prose import quality
+from tests.figures.prose import measuring, quality, scenes
 
-PROSE = (*quality.PROSE,)
+PROSE = (*quality.PROSE, *measuring.PROSE, *scenes.PROSE)
