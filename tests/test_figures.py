@@ -59,9 +59,9 @@ def page(row: Figures) -> str:
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
 def test_a_row_points_to_figures_that_its_page_has(row: Figures) -> None:
     stated = row.stated(page(row))
-    assert len(stated) > 2 or isinstance(row, Prose)
+    assert len(stated) > (0 if isinstance(row, Prose) else 2)
     assert any(re.search(r"\d", cell) for cell in stated.values())
-    assert not all(row.times(name) for name in stated) or "scaling" in row.name or isinstance(row, Prose)
+    assert isinstance(row, Prose) or re.search("scaling|bench", row.name) or not all(map(row.times, stated))
 
 
 @pytest.mark.parametrize("row", PROSE, ids=lambda row: row.name)

@@ -263,6 +263,18 @@ def in_one_line(**patterns: str) -> Reader:
     return lambda text: pattern(**patterns)(" ".join(text.split()))
 
 
+def in_a_window() -> Figures:
+    """The table of docs/player.md: milliseconds of a frame, by stages."""
+    stated, found = {}, {}
+    for captures in ("rendered", "real"):
+        for column, stage in enumerate(("decode", "upload", "draw", "present")):
+            name = f"{captures}, {stage}"
+            stated[name] = rf"\n\| {captures}(?: [^|]*)?" + r"\|[^|]*" * column + r"\| ([\d.]+) ms \|"
+            found[name] = rf"{captures} captures, (?:.*\n)*?.*--refine 0 .*\b{stage} ([\d.]+)"
+    command = "python -m tests.bench --only show"
+    return Figures("docs/player.md", (command,), 3, pattern(**stated), pattern(**found), times=lambda name: True)
+
+
 def studied(text: str) -> Cells:
     """A study's results.csv, which stands last: `wall | text | direct, below_optimum_db` and so on."""
     lines = csv.DictReader(text[text.rfind("room,picture,") :].splitlines())

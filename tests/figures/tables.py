@@ -7,6 +7,7 @@ from tests.figures.printed import (
     built,
     built_by_default,
     explained,
+    in_a_window,
     in_blocks,
     led_in,
     one_picture,
@@ -117,6 +118,7 @@ TABLES = (
     table("docs/table_6_1.md", "python -m tests.studies.brickstone", 10, "wall | picture"),
     table("docs/table_6_1.md", "python -m tests.studies.table_6_1", 60, "scene | captured"),
     own_room(),
+    in_a_window(),
     table(
         "docs/accuracy.md",
         "counterlight study -o study",

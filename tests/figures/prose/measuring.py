@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from itertools import starmap
 from operator import sub
 
-from tests.figures.claims import Table, ends, said, tabled
+from tests.figures.claims import Table, ends, said, tabled, told
 
 HEAD = "room | camera, projector | scheme"
 SMALL, LARGE = (tabled("docs/acquisition.md", HEAD, f"--camera {camera}") for camera in ("96x72", "256x192"))
@@ -42,6 +42,26 @@ def short(t: Table, room: str, *counts: int) -> list[float]:
 
 
 PROSE = (
+    told(
+        "docs/acquisition.md",
+        ("python -m tests.bench --only schedule",),
+        1,
+        ("{} connections, {} conflicts. Processor", "{} entries, {} conflicts"),
+        ("conflict graph {} s, 21 colours", "conflict graph: {_} s, processor {} s"),
+        ("s, {} colours in", "{} colours; the largest"),
+        ("colours in {} s,", "colours: {_} s, processor {} s"),
+        ("T as CSR {} s;", "T in CSR: {_} s, processor {} s"),
+        ("; {} GiB in all. No dense", "so far: {} GiB"),
+    ),
+    told(
+        "docs/size.md",
+        ("python -m tests.bench --only picture",),
+        1,
+        (
+            "a camera pixel takes {} s of processor time",
+            "third: ...s, processor {} s",
+        ),
+    ),
     said(
         "docs/acquisition.md",
         SMALL,
