@@ -27,7 +27,7 @@ from tests.figures.claims import Prose, Said, Table, said, sentence, sentences
 from tests.figures.printed import SOLVED, one_picture
 from tests.figures.row import Figures
 from tests.figures.rows import ROWS
-from tests.figures.unchecked import UNCHECKED
+from tests.figures.unchecked import SENTENCES, UNCHECKED
 from tests.programs import ROOT
 
 PAGE = """
@@ -110,6 +110,11 @@ def test_every_table_of_figures_is_checked_or_listed_with_a_reason() -> None:
     assert unlisted == [], "give them a row of tests/figures/rows.py, or a reason in unchecked.py"
     assert checked == [], "a row checks them: take them off unchecked.py"
     assert listed == set(), "no page has these any more: take them off unchecked.py"
+
+
+def test_sentences_that_nothing_checks_are_on_their_pages() -> None:
+    lines = {name: " ".join((ROOT / name).read_text(encoding="utf-8").split()) for name, _, _ in SENTENCES}
+    assert [(name, words) for name, words, _ in SENTENCES if lines[name].count(words) != 1] == []
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)

@@ -110,14 +110,16 @@ def _follow(table: Table, claims: Sequence[tuple[str, Formula]]) -> Cells:
     return cells
 
 
-def told(page: str, commands: tuple[str, ...], minutes: float, *claims: tuple[str, str]) -> Prose:
-    """Sentences of a page, and those in which the commands print the same figures in the same order."""
+def told(
+    page: str, commands: tuple[str, ...], minutes: float, *claims: tuple[str, str], files: tuple[str, ...] = ()
+) -> Prose:
+    """Sentences of a page, and those in which the commands print or write the same figures in the same order."""
     printed = {words: sentence(theirs) for words, theirs in claims}
 
     def found(text: str) -> Cells:
         return pattern(**printed)(_line(text))
 
-    return Prose(page, commands, minutes, sentences(*printed), found, times=is_time, words=tuple(printed))
+    return Prose(page, commands, minutes, sentences(*printed), found, files, is_time, words=tuple(printed))
 
 
 def sentences(*words: str) -> Reader:

@@ -54,6 +54,20 @@ PROSE = (
         ("; {} GiB in all. No dense", "so far: {} GiB"),
     ),
     told(
+        "docs/acquisition.md",
+        (
+            "counterlight simulate corner --camera 160x120 --projector 96x72 -o c",
+            "counterlight acquire --camera simulated:c --shots 1 -o room",
+        ),
+        2,
+        (
+            "{} numbers a channel become {} near entries and {} numbers of far light; a photograph loses {} dB, a view "
+            "of which half is lit {}, a soft picture {}.",
+            "factored: {} entries a channel are {} of near light and {} numbers of far light; pictures lose, in dB: "
+            "photograph {}, half {}, spots {_}, soft {}",
+        ),
+    ),
+    told(
         "docs/size.md",
         ("python -m tests.bench --only picture",),
         1,

@@ -16,6 +16,10 @@ ASKED, BEFORE = "PSNR to what was asked, dB (worst)", "PSNR to the picture befor
 ALL_RANKS, HUNDREDTH, THIRTIETH = "σ above 1e-06 σ₁", "σ above 0.01 σ₁", "σ above 0.03 σ₁"
 SHARES = HUNDREDTH, THIRTIETH
 AWAY, FILMS = "judged by another T:", " {_} | {_} | {_} | {_} | {_} | {} | {} | {} |"
+WAY = (
+    "x {} to {}, y {} to {} and {} more: {} % of the view cannot be compensated because {} % of its light bounced "
+    "off other surfaces (red / green / blue {} / {} / {} %)"
+)
 SMALL = "glass", "skull"
 GREY = "grey off: first camera's part, both's, second's"
 
@@ -134,6 +138,16 @@ PROSE = (
             "placed {} pixels from where they look (median; 95 %: {})...placed {} pixels from where they look (median; "
             "95 %: {})",
         ),
+    ),
+    told(
+        "docs/ways.md",
+        (
+            "counterlight simulate corner --camera 120x68 --projector 96x54 -o corner",
+            "counterlight build corner --inverse none --no-refine --report report",
+        ),
+        1,
+        (WAY, WAY),
+        files=("report/report.json",),
     ),
     said(
         "docs/simulation.md",
