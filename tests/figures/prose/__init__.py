@@ -1,5 +1,5 @@
 """Figures in prose, by what they are of."""
 
-from tests.figures.prose import measuring, quality, scenes
+from tests.figures.prose import measuring, methods, refining, rig, scenes
 
-PROSE = (*quality.PROSE, *measuring.PROSE, *scenes.PROSE)
+PROSE = (*rig.PROSE, *methods.PROSE, *refining.PROSE, *measuring.PROSE, *scenes.PROSE)
