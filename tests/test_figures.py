@@ -10,7 +10,7 @@ import pytest
 
 from counterlight.gl.context import in_software
 from tests.bench.frames import clock_of
-from tests.figures.__main__ import CommandFailedError, told, written_by
+from tests.figures.__main__ import CommandFailedError, checked, told, written_by
 from tests.figures.cells import (
     ROUNDING,
     agree,
@@ -268,6 +268,8 @@ def test_a_command_that_fails_leaves_its_figures_unchecked(capsys: pytest.Captur
     with pytest.raises(CommandFailedError, match="ended with exit code 3"):
         list(told(row))
     assert "stale" not in capsys.readouterr().out
+    assert checked([row, row]) == (0, 1)
+    assert "not checked: its command failed above" in capsys.readouterr().out
 
 
 def test_what_commands_print_and_write_is_compared_with_the_page(capsys: pytest.CaptureFixture[str]) -> None:

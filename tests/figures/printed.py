@@ -263,6 +263,12 @@ def in_one_line(**patterns: str) -> Reader:
     return lambda text: pattern(**patterns)(" ".join(text.split()))
 
 
+def advised(study: Figures) -> Figures:
+    """docs/accuracy.md's table of what to use, whose options the page has in two columns."""
+    stated, found = (labelled(markdown(f"you want | {options}"), ", here") for options in ("build", "options"))
+    return Figures(study.page, study.commands, study.minutes, stated, found, study.files)
+
+
 def in_a_window() -> Figures:
     """The table of docs/player.md: milliseconds of a frame, by stages."""
     stated, found = {}, {}

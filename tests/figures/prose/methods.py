@@ -13,7 +13,7 @@ SYSTEMS = tabled("docs/hard_cases.md", "error, % / amplification")
 CUTS = tabled("docs/hard_cases.md", "focus | allowed")
 CAPTURED = {  # a shipped scene, and where docs/table_6_1.md has its seconds
     "skull": "it takes {} s for the skull",
-    "statuette": "optimum; {} s and 2.31 dB",
+    "statuette": "optimum; {} s and {_} dB for the statuette",
     "glass": "statuette; {} s and",
     "folded_cards": "glass; {} s and",
 }
