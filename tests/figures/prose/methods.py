@@ -61,6 +61,20 @@ def further(t: Table, method: str) -> float:
 
 PROSE = (
     told(
+        "docs/accuracy.md",
+        (
+            "counterlight simulate two_planes --camera 96x54 --projector 96x54 -o room",
+            "counterlight study room --pictures photograph text gradient",
+        ),
+        3,
+        (
+            "from T⁺ film is there after {} steps ({} dB), stills after {} ({}); from direct mapping film after "
+            "{} ({}), stills after {} ({}).",
+            "from T⁺, film after {} steps ({} dB) and stills after {} steps ({} dB); from direct mapping, film after "
+            "{} steps ({} dB) and stills after {} steps ({} dB)",
+        ),
+    ),
+    told(
         "README.md",
         ("counterlight example --folder example",),
         2,
