@@ -10,10 +10,24 @@ import pytest
 
 from counterlight.gl.context import in_software
 from tests.bench.frames import clock_of
-from tests.figures.__main__ import CommandFailedError, told, written_by
-from tests.figures.cells import agree, columns, differences, last_digit, like, markdown, pattern, renamed, without
-from tests.figures.rows import ROWS, SOLVED, Figures
-from tests.figures.unchecked import UNCHECKED
+from tests.figures.__main__ import CommandFailedError, checked, told, written_by
+from tests.figures.cells import (
+    ROUNDING,
+    agree,
+    columns,
+    differences,
+    last_digit,
+    like,
+    markdown,
+    pattern,
+    renamed,
+    without,
+)
+from tests.figures.claims import Prose, Said, Table, said, sentence, sentences
+from tests.figures.printed import SOLVED, one_picture
+from tests.figures.row import Figures
+from tests.figures.rows import ROWS
+from tests.figures.unchecked import SENTENCES, UNCHECKED
 from tests.programs import ROOT
 
 PAGE = """
@@ -34,6 +48,10 @@ Words.
 """
 
 
+PROSE = [row for row in ROWS if isinstance(row, Prose)]
+SAID = [row for row in PROSE if isinstance(row, Said)]
+
+
 def page(row: Figures) -> str:
     return (ROOT / row.page).read_text(encoding="utf-8")
 
@@ -41,9 +59,29 @@ def page(row: Figures) -> str:
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
 def test_a_row_points_to_figures_that_its_page_has(row: Figures) -> None:
     stated = row.stated(page(row))
-    assert len(stated) > 2
+    assert len(stated) > (0 if isinstance(row, Prose) else 2)
     assert any(re.search(r"\d", cell) for cell in stated.values())
-    assert not all(row.times(name) for name in stated) or "scaling" in row.name
+    assert isinstance(row, Prose) or re.search("scaling|bench", row.name) or not all(map(row.times, stated))
+
+
+@pytest.mark.parametrize("row", PROSE, ids=lambda row: row.name)
+def test_a_sentence_stands_once_on_its_page(row: Prose) -> None:
+    line = " ".join(page(row).split())
+    assert {words: len(re.findall(sentence(words), line)) for words in row.words} == dict.fromkeys(row.words, 1)
+    assert all("{}" in words for words in row.words)
+
+
+@pytest.mark.parametrize("row", SAID, ids=lambda row: row.name)
+def test_a_sentence_says_what_a_table_says(row: Said) -> None:
+    """To the last digit, so that neither is changed without the other; and another table would say something else."""
+    stated, text = row.stated(page(row)), page(row.of)
+    assert differences(stated, row.follow(text), row.times, units=ROUNDING, share=0) == []
+    changed = re.sub(r"(?m)^\|.*", lambda line: re.sub(r"\d", _other, line[0]), text)
+    assert {each.name for each in differences(stated, row.follow(changed), row.times, ROUNDING, 0)} == set(row.words)
+
+
+def _other(digit: re.Match[str]) -> str:
+    return str((int(digit[0]) + 5) % 10)
 
 
 def tables_of_figures() -> Iterator[tuple[str, str, str]]:
@@ -54,7 +92,7 @@ def tables_of_figures() -> Iterator[tuple[str, str, str]]:
             head, rule, *body = block[0].splitlines()
             cells = [cell.strip(" *`~<>+−-") for line in body for cell in line.strip("| ").split(" | ")[1:]]
             if 3 * sum(bool(re.fullmatch(r"\d.{0,40}", cell)) for cell in cells) >= max(len(cells), 1):
-                other = [re.sub(r"\d", lambda digit: str(9 - int(digit[0])), line) for line in body]
+                other = [re.sub(r"\d", _other, line) for line in body]
                 changed = "\n".join([head, rule, *other, ""])
                 yield str(path.relative_to(ROOT)), head, text[: block.start()] + changed + text[block.end() :]
 
@@ -74,9 +112,14 @@ def test_every_table_of_figures_is_checked_or_listed_with_a_reason() -> None:
     assert listed == set(), "no page has these any more: take them off unchecked.py"
 
 
+def test_sentences_that_nothing_checks_are_on_their_pages() -> None:
+    lines = {name: " ".join((ROOT / name).read_text(encoding="utf-8").split()) for name, _, _ in SENTENCES}
+    assert [(name, words) for name, words, _ in SENTENCES if lines[name].count(words) != 1] == []
+
+
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
 def test_a_row_names_commands_that_there_are(row: Figures) -> None:
-    verbs = {"simulate", "build", "play", "compensate", "study"}
+    verbs = {"simulate", "build", "play", "compensate", "study", "example", "acquire", "verify"}
     for command in row.commands:
         program, *words = command.split()
         if program == "python":
@@ -107,6 +150,23 @@ def test_rows_are_called_by_the_cells_that_tell_them_apart() -> None:
     assert "1: wall | 1.7 | b, way" in markdown("case")(table.replace("target | 20 | a", "wall | 1.7 | b"))
 
 
+def test_sentences_are_read_across_lines_and_follow_from_cells() -> None:
+    words = "costs {} to {} dB...at {}%"
+    text = "It costs 0.5\nto -1.2 dB with\n9 steps at 1,200%."
+    assert sentences(words, "never {}")(text) == {words: "0.5 -1.2 1,200"}
+    table = Table(markdown("room | fault")(PAGE))
+    assert table("1: wall", "error, dB", 1) == [0.3, 1e4]
+    assert table.one("home", "ms") == 14
+    with pytest.raises(LookupError, match="no number"):
+        table("corner", "ms")
+    with pytest.raises(LookupError, match="several"):
+        table.one("1: wall", "ms")
+    of = Figures("p", ("c",), 1, markdown("room | fault"), markdown("room | fault"))
+    row = said("p", of, ("it takes {} ms", lambda t: t("home", "ms")), ("no more than {}", lambda t: t("corner", "ms")))
+    assert row.follow(PAGE) == {"it takes {} ms": "14"}
+    assert [each.time for each in differences({"it takes {} ms": "40"}, row.follow(PAGE), row.times)] == [True]
+
+
 def test_tables_in_columns_are_read_by_first_words() -> None:
     lines = "head", "solver   PSNR dB   SSIM", "none       9.62 0.2", "   a b", "   map 3 x", "map       33.36  0.8"
     text = "\n".join([*lines, "", "solver  PSNR dB  SSIM", "map  1.0  2.0"])
@@ -118,9 +178,9 @@ def test_tables_in_columns_are_read_by_first_words() -> None:
     assert renamed(read, {"map, SSIM": "ssim"})(text) == {"ssim": "0.8"}
 
 
-@pytest.mark.parametrize("row", [row for row in ROWS if "compensate" in row.name], ids=lambda row: row.page)
-def test_what_compensate_prints_is_what_its_page_says(row: Figures) -> None:
+def test_what_compensate_prints_is_what_its_page_says() -> None:
     """The names of both sides meet: a command that printed the page's own figures would be right."""
+    row = one_picture()
     stated = row.stated(page(row))
     head = ["solver", "RMSE %", "PSNR dB", "SSIM", "CIEDE2000", "clipped %", "seconds"]
     ours = ["RMSE, % of white", "PSNR, dB", "SSIM", "CIEDE2000", "clipped, %", "seconds"]
@@ -208,6 +268,8 @@ def test_a_command_that_fails_leaves_its_figures_unchecked(capsys: pytest.Captur
     with pytest.raises(CommandFailedError, match="ended with exit code 3"):
         list(told(row))
     assert "stale" not in capsys.readouterr().out
+    assert checked([row, row]) == (0, 1)
+    assert "not checked: its command failed above" in capsys.readouterr().out
 
 
 def test_what_commands_print_and_write_is_compared_with_the_page(capsys: pytest.CaptureFixture[str]) -> None:

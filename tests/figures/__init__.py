@@ -1,6 +1,7 @@
 """make figures: the commands that pages of docs/ name for their figures, run again, and what differs from the pages.
 
-rows.py says which page has which figures from which command, unchecked.py which tables none has and why, cells.py how
-a table or a line of text is read and compared, __main__.py runs. Times are of the machine: they are compared by ratio,
-listed apart, and decide nothing.
+tables.py and prose/ say which page has which figures from which command, rows.py has all of them, unchecked.py what
+none has and why; printed.py is of commands that print figures in another form than the page. cells.py reads and
+compares tables and lines of text, claims.py sentences, __main__.py runs. Times are of the machine: they are compared by
+ratio, listed apart, and decide nothing.
 """

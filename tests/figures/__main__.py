@@ -12,13 +12,14 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 
 from tests.figures.cells import Difference, differences
-from tests.figures.rows import ROWS, Figures
-from tests.figures.unchecked import UNCHECKED
+from tests.figures.row import Figures
+from tests.figures.rows import ROWS
+from tests.figures.unchecked import SENTENCES, UNCHECKED
 from tests.programs import ROOT
 
 MINUTES = 5
@@ -31,28 +32,45 @@ def main() -> int:
     parser.add_argument("--only", default="", metavar="WORD", help="those whose page or command has this word")
     parser.add_argument("--list", action="store_true", help="say what would be run, and end")
     options = parser.parse_args()
-    rows = [row for row in ROWS if options.only in row.name and (options.all or row.minutes < MINUTES)]
-    stale = 0
-    failed = 0
+    asked = [row for row in ROWS if options.only in row.name]
+    rows = [row for row in asked if options.all or row.minutes < MINUTES]
+    if options.list:
+        print("\n".join([*map(_announced, rows), *_unchecked()]))
+        return 0
+    stale, failed = checked(rows)
+    left = len({row.commands for row in asked} - {row.commands for row in rows})
+    print(
+        f"{stale} figures are stale"
+        + (f", {failed} commands failed" if failed else "")
+        + (f"; {left} commands take longer: make figures ALL=1" if left else "")
+    )
+    return int(stale + failed > 0)
+
+
+def checked(rows: Sequence[Figures]) -> tuple[int, int]:
+    """How many figures are stale, and how many commands failed; each row told."""
+    stale, broken = 0, set[tuple[str, ...]]()
     for row in rows:
-        print(f"{row.name} (about {row.minutes:g} minutes)", flush=True)
-        if options.list:
-            continue
+        print(_announced(row), flush=True)
         try:
+            if row.commands in broken:
+                raise CommandFailedError("its command failed above")
             stale += sum(not each.time for each in told(row))
         except CommandFailedError as error:
             print(f"  not checked: {error}", flush=True)
-            failed += 1
-    if options.list:
-        for page, beginning, why in UNCHECKED:
-            print(f"not checked: {page}, table of {beginning.strip(' |')}: {why}")
-        return 0
-    left = len([row for row in ROWS if options.only in row.name]) - len(rows)
-    unchecked = f", {failed} commands failed" if failed else ""
-    print(
-        f"{stale} figures are stale{unchecked}" + (f"; {left} commands take longer: make figures ALL=1" if left else "")
-    )
-    return int(stale + failed > 0)
+            broken.add(row.commands)
+    return stale, len(broken)
+
+
+def _announced(row: Figures) -> str:
+    return f"{row.name} (about {row.minutes:g} minutes)"
+
+
+def _unchecked() -> Iterator[str]:
+    for page, beginning, why in UNCHECKED:
+        yield f"not checked: {page}, table of {beginning.strip(' |')}: {why}"
+    for page, words, why in SENTENCES:
+        yield f"not checked: {page}, {words}: {why}"
 
 
 class CommandFailedError(Exception):

@@ -1,0 +1,5 @@
+"""Figures in prose, by what they are of."""
+
+from tests.figures.prose import measuring, methods, refining, rig, scenes
+
+PROSE = (*rig.PROSE, *methods.PROSE, *refining.PROSE, *measuring.PROSE, *scenes.PROSE)

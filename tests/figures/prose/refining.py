@@ -1,0 +1,90 @@
+"""What refinement's studies say of steps and of estimates."""
+
+import re
+from collections.abc import Iterator
+from statistics import mean
+
+from tests.figures.cells import Cells
+from tests.figures.claims import Table, counted, ends, said, tabled, told
+
+STILLS = tabled("docs/refinement.md", "start | 1 step")
+STUDIED = "wall", "corner", "two_planes", "out of focus"
+
+
+def denser(t: Table) -> tuple[float, float]:
+    """How many entries T⁺ has for each of T, out of focus."""
+    return ends([t.one(room, "T⁺") / t.one(room, "T") for room in STUDIED[2:]])
+
+
+def held(text: str) -> Cells:
+    """What the study of refinement prints of entries, by room."""
+    found = re.findall(r"\*\*([\w ]+)\*\*, optimum .* entries: T⁺ (\d+), T (\d+)", text)
+    return {
+        f"{room}, {name}": count for room, *counts in found for name, count in zip(("T⁺", "T"), counts, strict=True)
+    }
+
+
+def estimated(t: Table) -> list[float]:
+    """Estimates beside the truth, where that is above a thousandth of a decibel."""
+    pairs = zip(t(".", "estimated"), t(".", "in truth"), strict=True)
+    return [estimate / truth for estimate, truth in pairs if truth > 0.001]
+
+
+def entries() -> Iterator[tuple[str, str]]:
+    """What the study of refinement says of each room, before its tables."""
+    page = "Optimum {} dB, T⁺ alone {} dB below; entries: T⁺ {}, T {}"
+    names = {
+        "### Wall": "wall",
+        "### Corner": "corner",
+        "### `two_planes`": "two_planes",
+        "### Out of focus": "out of focus",
+    }
+    for head, name in names.items():
+        yield f"{head} {page}", f"**{name}**, o{page[1:]}"
+
+
+PROSE = (
+    said(
+        "docs/refinement.md",
+        STILLS,
+        (
+            "From the map, eight steps end within {} dB of the optimum and sixteen within {} in every room",
+            lambda t: (max(t(r": map$", "8 steps")), max(t(r": map$", "16 steps"))),
+        ),
+        (
+            "what stays after 64 steps, {} to {} dB",
+            lambda t: ends(t(r": map$", "64 steps")),
+        ),
+    ),
+    said(
+        "docs/mathematics.md",
+        STILLS,
+        (
+            "what stays after [64 steps](refinement.md#figures), {} to {} dB",
+            lambda t: ends(t(r": map$", "64 steps")),
+        ),
+    ),
+    said(
+        "docs/refinement.md",
+        tabled("docs/refinement.md", " | 1 step"),
+        ("the error never falls below {} dB", lambda t: (t.one("near light alone", "64 steps"),)),
+    ),
+    said(
+        "docs/refinement.md",
+        STILLS,
+        (
+            "Film stays within {} dB at four steps from `previous`, and within {} at eight",
+            lambda t: [max(t(": previous$", f"{steps} steps")) for steps in (4, 8)],
+        ),
+        ("placing and encoding, about {} ms", lambda t: (mean(t(": direct$", "before a step, ms")),)),
+    ),
+    counted("docs/refinement.md", STILLS, held, ("it has {} to {} times the entries of T", denser)),
+    told("docs/refinement.md", STILLS.commands, STILLS.minutes, ("as it is in the start, {} ms a",) * 2),
+    told("docs/refinement.md", STILLS.commands, STILLS.minutes, *entries()),
+    said(
+        "docs/refinement.md",
+        tabled("docs/refinement.md", "room, picture | start, steps"),
+        ("all within a factor of {} (the", lambda t: (1 / min(estimated(t)),)),
+        ("(the worst, {}, is of", lambda t: (min(estimated(t)),)),
+    ),
+)

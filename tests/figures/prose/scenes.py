@@ -1,0 +1,209 @@
+"""What simulated rooms say of cutting, colour, adaptation, views, and of the simulator itself."""
+
+from tests.figures.cells import Cells
+from tests.figures.claims import Table, counted, ends, said, tabled, told
+
+DECOMPOSED = tabled("docs/decomposition.md", "room | allowed")
+RADII = tabled("docs/decomposition.md", "entries from")
+COLOUR = tabled("docs/colour.md", "room | fault | colour")
+ADAPTED = tabled("docs/content.md", "white | adapt")
+FLICKER = tabled("docs/content.md", "flicker | noise")
+CAMERAS = tabled("docs/cameras.md", "projectors, cameras | camera pixels")
+VIEWS = tabled("docs/viewpoints.md", "views | nearest view")
+WORTH = tabled("docs/simulation.md", "scene | camera")
+BLURRED = tabled("docs/size.md", "limit | near | blurred")
+PICTURES = "photograph", "letters", "ramp"
+ASKED, BEFORE = "PSNR to what was asked, dB (worst)", "PSNR to the picture before adaptation, dB"
+ALL_RANKS, HUNDREDTH, THIRTIETH = "σ above 1e-06 σ₁", "σ above 0.01 σ₁", "σ above 0.03 σ₁"
+SHARES = HUNDREDTH, THIRTIETH
+WAY = (
+    "x {} to {}, y {} to {} and {} more: {} % of the view cannot be compensated because {} % of its light bounced "
+    "off other surfaces (red / green / blue {} / {} / {} %)"
+)
+SMALL = "glass", "skull"
+GREY = "grey off: first camera's part, both's, second's"
+
+
+def cut(t: Table, rooms: str, allowed: int) -> list[float]:
+    """What clusters of so many pixels lose."""
+    pairs = (zip(t(f"({rooms}) .*any", p), t(rf"({rooms}) .*\| {allowed}$", p), strict=True) for p in PICTURES)
+    return [before - after for pair in pairs for before, after in pair]
+
+
+def off(t: Table, adapt: str, column: str) -> list[float]:
+    """What adaptation adds to a picture, for each white."""
+    return [
+        t.one(rf": {white} \| ({adapt})$", column) - t.one(rf": {white} \| off", column) for white in (0.416, 0.624)
+    ]
+
+
+def by_pixel(t: Table, room: str) -> float:
+    """What a mixing for each camera pixel is worth beside one for the room, under a colour wheel."""
+    one, each = (t.one(rf"{room} \| wheel \| {tier}", "captured, dB") for tier in ("global", "pixel"))
+    return each - one
+
+
+def judged_away(text: str) -> Cells:
+    """Windows of film, of the study's last table, which has no header."""
+    _, _, last = text.partition("judged by another T:")
+    rows = [[cell.strip() for cell in line.strip("| ").split("|")] for line in last.splitlines() if line[:1] == "|"]
+    return {f"{row[0]}: window {k}, film": cell for row in rows for k, cell in enumerate(row[-3:])}
+
+
+def more(t: Table) -> tuple[float, float]:
+    """What blocks cost windows of film beside T itself."""
+    return ends([blocks - own for own, blocks in zip(t("^T:", "film"), t("^0.0014:", "film"), strict=True)])
+
+
+PROSE = (
+    said(
+        "docs/decomposition.md",
+        DECOMPOSED,
+        (
+            "Sharp rooms lose {} to {} dB at 1000 pixels and {} to {} dB at 50",
+            lambda t: (*ends(cut(t, "wall|corner", 1000)), *ends(cut(t, "wall|corner", 50))),
+        ),
+        (
+            "what the inverse would need: {} to {} dB in pictures",
+            lambda t: ends([t.one("focus .*any", p) - t.one("focus .*1000", p) for p in PICTURES[:2]]),
+        ),
+        ("so asking for 1000 gives {}.", lambda t: (t.one(r"focus .*\| 1000", "largest"),)),
+    ),
+    said(
+        "docs/decomposition.md",
+        RADII,
+        (
+            "is {} dB below the best by all singular values that float32 leaves, and {} (photograph), {} (text) and {} "
+            "dB (gradient) by those",
+            lambda t: (t.one(r"0 \| uncut", ALL_RANKS), *(t.one(r": 0 \| uncut", HUNDREDTH, at) for at in range(3))),
+        ),
+        ("the rank hardly matters** ({} dB with any)", lambda t: ends(t(r": 0.001 \| all, 1$", ALL_RANKS))[:1]),
+        (
+            "keeps the light between the wings ({} to {} % of all)",
+            lambda t: ends(t(r"\| all, 0.1$", "light kept")),
+        ),
+        ("in clusters of up to {} pixels", lambda t: (max(t(r"\| all, 0.1$", "largest")),)),
+        (
+            "a photograph is {} to {} dB below with a rank cut off, {} to {} without",
+            lambda t: (
+                *ends([n for share in SHARES for n in t(r"\| all, 0.1$", share)]),
+                *ends(t(r"\| all, 0.1$", ALL_RANKS)),
+            ),
+        ),
+        (
+            "whose plain inverses are worse by up to {} dB",
+            lambda t: (max(t(r"0.001 \| \d+, 1$", ALL_RANKS)) - min(t(r"0.001 \| \d+, 1$", ALL_RANKS)),),
+        ),
+    ),
+    said(
+        "docs/accuracy.md",
+        RADII,
+        ("uncut and with a rank cut off, {}]", lambda t: (t.one(r": 0 \| uncut", HUNDREDTH),)),
+    ),
+    said(
+        "docs/colour.md",
+        COLOUR,
+        ("worth {} dB on the wall and {} in the corner", lambda t: [by_pixel(t, room) for room in ("wall", "corner")]),
+    ),
+    said(
+        "docs/content.md",
+        ADAPTED,
+        ("what is shown up to {} dB truer", lambda t: (max(off(t, "1 %", ASKED)),)),
+        (
+            "against the picture itself it loses {} to {} dB",
+            lambda t: ends([-n for adapt in ("1 %", "3 %") for n in off(t, adapt, BEFORE)]),
+        ),
+    ),
+    said(
+        "docs/content.md",
+        FLICKER,
+        (
+            "0.3 takes a third of it for {} dB on moving film",
+            lambda t: (t.one("off", "film: likewise (worst)") - t.one("0.3", "film: likewise (worst)"),),
+        ),
+    ),
+    said(
+        "docs/cameras.md",
+        CAMERAS,
+        ("{} codes off is black", lambda t: (-t.one(": 1, 1$", GREY, 2),)),
+    ),
+    said(
+        "docs/viewpoints.md",
+        VIEWS,
+        (
+            "8 steps lost it {} to {} dB",
+            lambda t: ends(
+                [t.one(rf"^{n}: 1$", "… as played, 8 steps") - t.one(rf"^{n}: 1$", "solved between") for n in (1, 2, 3)]
+            ),
+        ),
+    ),
+    told(
+        "docs/viewpoints.md",
+        VIEWS.commands,
+        VIEWS.minutes,
+        *(
+            (f"{what}, viewpoints from ...the best at {{}} to {{}} dB", f"{what[2:]}, from ...best: {{}} to {{}} dB")
+            for what in ("A glossy brick wall", "A bust before a wall", "A wine glass before wallpaper")
+        ),
+        (
+            "look {} pixels from where geometry says (median; 95 %: {}) on the wall, {} ({}) with the bust",
+            "placed {} pixels from where they look (median; 95 %: {})...placed {} pixels from where they look (median; "
+            "95 %: {})",
+        ),
+    ),
+    told(
+        "docs/ways.md",
+        (
+            "counterlight simulate corner --camera 120x68 --projector 96x54 -o corner",
+            "counterlight build corner --inverse none --no-refine --report report",
+        ),
+        1,
+        (WAY, WAY),
+        files=("report/report.json",),
+    ),
+    said(
+        "docs/simulation.md",
+        WORTH,
+        ("At most {} of the 0.1 dB are lost", lambda t: (max(t(".", "off by, dB")),)),
+    ),
+    told(
+        "docs/simulation.md",
+        tuple(f"counterlight simulate folded_cards --explain --camera {size}" for size in ("72x54", "240x180")),
+        2,
+        (
+            "are worth {} dB in a camera of 72x54 and {} in one of 240x180",
+            "caustics on {_} {_} {_} % {} ...caustics on {_} {_} {_} % {} ",
+        ),
+    ),
+    told(
+        "docs/simulation.md",
+        tuple(
+            f"counterlight simulate {name} --explain --camera 96x72 --projector 96x72" for name in ("glass", "skull")
+        ),
+        1,
+        ("they take {} and {} seconds", "together {} ...together {} "),
+    ),
+    said(
+        "docs/mathematics.md",
+        BLURRED,
+        ("projector pixels: {} in the far half of `two_planes`", lambda t: (t.one("another T", "near"),)),
+    ),
+    said(
+        "docs/size.md",
+        BLURRED,
+        ("at 1920x1080, {} entries a pixel, dB below", lambda t: (t.one("another T", "near"),)),
+        (
+            "limit 0.0014 ({} numbers a pixel)",
+            lambda t: (t.one("0.0014", "near") + t.one("0.0014", "blurred"),),
+        ),
+    ),
+    counted(
+        "docs/size.md",
+        BLURRED,
+        judged_away,
+        ("by T {}, {}, {} dB of the film's windows", lambda t: t("^T:", "film")),
+        ("numbers a pixel) {}, {}, {}.", lambda t: t("^0.0014:", "film")),
+        ("So they cost films {} to {} dB", more),
+        ("a stricter limit (0.0010: {}, {}, {})", lambda t: t("^0.0010:", "film")),
+    ),
+)
