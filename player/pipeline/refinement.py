@@ -33,7 +33,8 @@ LARGEST_MOMENTUM = 0.95  # below 1, every mode of an unclamped iteration decays 
 
 MOST_STEPS = 256
 FINEST_DB, WORST_DB = 1e-3, 1e3  # of what a manifest says
-SHARE_OF_FRAME, PATIENCE = 0.8, 100
+SHARE_OF_FRAME = 0.8
+LEAST_PATIENCE, PATIENCE = 8, 100  # frames
 
 
 def default_start(map_in_steps: float) -> str:
@@ -167,24 +168,35 @@ class StepBudget:
     interval_s : from one frame to the next, or what a frame may take.  most : steps; it then begins with these, else
     with one.
     The count grows by a quarter while frames end early; a quarter more than SHARE_OF_FRAME still ends in time. Once a
-    frame has taken too long, the count that would have fitted is kept for PATIENCE frames before more is tried.
+    frame has taken too long, the count that would have fitted is kept for a while before more is tried: for
+    LEAST_PATIENCE frames, since other work comes and goes, and for twice as many after each try that fails, up to
+    PATIENCE.
     """
 
     def __init__(self, interval_s: float, most: int | None = None) -> None:
         self._goal_s = SHARE_OF_FRAME * interval_s
-        self._wait = 0
+        self._wait, self._patience, self._tries = 0, LEAST_PATIENCE, False
         self.most = MOST_STEPS if most is None else most
         self.steps = 1 if most is None else most
 
     def took(self, seconds: float) -> None:
         """Tell what the last frame took with `steps` steps."""
+        tried, self._tries = self._tries, False
         if seconds > self._goal_s:
             self.steps = min(int(self.steps * self._goal_s / seconds), max(self.steps - 1, 0))
-            self._wait = PATIENCE
-        elif self._wait:
+            self._wait, self._patience = self._patience, min(2 * self._patience, PATIENCE)
+            return
+        if tried:
+            self._patience = LEAST_PATIENCE
+        if self._wait:
             self._wait -= 1
         else:
-            self.steps = min(self.steps + max(self.steps // 4, 1), self.most)
+            more = min(self.steps + max(self.steps // 4, 1), self.most)
+            self.steps, self._tries = more, more > self.steps
+
+    def fits(self, seconds: float) -> bool:
+        """Whether a frame that takes so long ends early enough."""
+        return seconds <= self._goal_s
 
     def measured(self, base_s: float, step_s: float) -> None:
         """Tell what a frame takes without its steps, and each of them: it need not be found out by trial then."""

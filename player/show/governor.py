@@ -1,10 +1,13 @@
 """How many steps a frame gets, and from which start: what somebody asks for, what time allows, what a picture needs."""
 
+import math
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from statistics import median
 from typing import Literal, TypeAlias
 
 from counterlight.command import tell
-from counterlight.pipeline.refinement import MOST_STEPS, SHARE_OF_FRAME, Offer, StepBudget
+from counterlight.pipeline.refinement import MOST_STEPS, Offer, StepBudget
 from counterlight.pipeline.shortfall import Shortfall
 
 Steps: TypeAlias = int | Literal["auto"]
@@ -12,6 +15,7 @@ Limit: TypeAlias = float | Literal["no"]
 WELL_WITHIN = 1 / 3  # of the decibels allowed, below which fewer steps are tried
 FEWEST, FEWER, MORE = 1 / 2, 3 / 4, 4.0  # by what the steps change at a time: at least, at most; up, at most
 FALL = 0.6  # dB fall about with the 1.7th power of the steps
+RECENT, TELLING = 7, 3  # frames whose medians say what takes how long; how many choose a start
 TRIES = 5  # in a row that fail before it is said
 
 
@@ -47,8 +51,10 @@ class Governor:
         self._usual, self._hurries, self._offers = usual, refine is None, offers
         self._quick = quick
         self._interval_s: float | None = None
+        self._cold = True
         self._time: StepBudget | None = None
-        self._base_s, self._wish, self._failed = 0.0, 0, 0
+        self._rests_s, self._each_s = (deque[float](maxlen=RECENT) for _ in range(2))
+        self._wish = self._failed = 0
         self._adopt()
 
     def begin(self, interval_s: float | None) -> None:
@@ -86,18 +92,33 @@ class Governor:
         return self.budget != "no" or self.within != "no"
 
     def took(self, seconds: float, steps: int, stage_s: Mapping[str, float]) -> None:
-        """What drawing a frame took.  stage_s : of its stages (pipeline/laps.py), empty where they were not timed."""
+        """What drawing a frame took.  stage_s : of its stages (pipeline/laps.py), empty where they were not timed.
+
+        A first frame that takes too long says nothing: what it loads and touches first, later ones have at hand.
+        """
+        cold, self._cold = self._cold, False
+        if cold and self._time is not None and not self._time.fits(seconds):
+            return
         if self._time is not None and steps == self.steps:
             self._time.took(seconds)
-        if steps and "steps" in stage_s:
-            self.step_s = stage_s["steps"] / steps
-        if stage_s and self.step_s:
-            self._base_s, start_s = seconds - steps * self.step_s, stage_s.get("start", 0.0)
-            self._choose(start_s, self.step_s)
-            self.bare = self._bare_beside(self._base_s - start_s, self.step_s)
-            if self._time is not None:
-                self._time.measured(self._base_s, self.step_s)
+        if stage_s:
+            self._measured(seconds, steps, stage_s)
         self._check_budget(seconds, steps, stage_s)
+
+    def _measured(self, seconds: float, steps: int, stage_s: Mapping[str, float]) -> None:
+        """Medians of the last frames: other work on the machine holds up one now and then."""
+        start_s, steps_s = stage_s.get("start", 0.0), stage_s.get("steps", 0.0)
+        self._rests_s.append(seconds - start_s - steps_s)
+        if steps:
+            self._each_s.append(steps_s / steps)
+        if not self._each_s:
+            return
+        rest_s, self.step_s = median(self._rests_s), median(self._each_s)
+        if len(self._each_s) >= TELLING:
+            self._choose(rest_s, start_s, self.step_s)
+        self.bare = self._bare_beside(rest_s, self.step_s)
+        if self._time is not None and steps:
+            self._time.measured(rest_s + start_s, self.step_s)
 
     def judged(self, found: Shortfall) -> None:
         """Where a picture stands that was drawn."""
@@ -136,6 +157,7 @@ class Governor:
 
     def _begin(self) -> None:
         self._failed, self._misses, self._late, self._said = 0, 0, 0, False
+        self._rests_s.clear()
         self.bare = "map"
         self._chosen = not (self.governs and self._offers)
         self._wish = self._first_wish()
@@ -155,31 +177,32 @@ class Governor:
         if self._time is not None:
             self._time.most = steps
 
-    def _choose(self, start_s: float, step_s: float) -> None:
-        """Once for every wish: the start that gets nearer within the budget, or sooner to what was promised."""
+    def _choose(self, rest_s: float, start_s: float, step_s: float) -> None:
+        """Once for every wish: the start that gets nearer within the budget, or sooner to what was promised.
+
+        rest_s : of a frame without start and steps.
+        """
         if self._chosen:
             return
         self._chosen = True
 
         def rated(offer: Offer) -> tuple[float, float]:
             began_s = start_s if offer.start == self.start else offer.in_steps * step_s
-            steps = MOST_STEPS
+            steps, fits = MOST_STEPS, True
             if self._time is not None:
-                steps = self._time.fitting(self._base_s - start_s + began_s, step_s)
+                steps, fits = self._time.fitting(rest_s + began_s, step_s), self._time.fits(rest_s + began_s)
             if self.within == "no":
-                return offer.curve.at(steps), began_s
+                return offer.curve.at(steps) if fits else math.inf, began_s
             steps = min(offer.curve.least(self.within), steps)
             return max(offer.curve.at(steps), self.within), began_s + steps * step_s
 
         self.start = min(self._offers, key=rated).start
 
     def _bare_beside(self, rest_s: float, step_s: float) -> str:
-        """rest_s : of a frame without start and steps."""
         in_steps = {offer.start: offer.in_steps for offer in self._offers}
-        if self.budget == "no" or "previous-direct" not in in_steps:
+        if self.budget == "no" or self._time is None or "previous-direct" not in in_steps:
             return "map"
-        fits = rest_s + in_steps.get("previous", 0.0) * step_s <= SHARE_OF_FRAME * self.budget / 1000
-        return "map" if fits else "direct"
+        return "map" if self._time.fits(rest_s + in_steps.get("previous", 0.0) * step_s) else "direct"
 
     def _check_budget(self, seconds: float, steps: int, stage_s: Mapping[str, float]) -> None:
         """Say once that even the fewest steps take too long."""

@@ -92,6 +92,20 @@ TABLES = (
     ),
     table("docs/gpu.md", "python -m tests.bench --only words", 3, "room | start | steps | MB"),
     table(
+        "docs/gpu.md",
+        "python -m tests.bench --only frames",
+        1,
+        "projector | drawn by",
+        ("upload", "to codes", "read back", "whole frame", "processor, all cores"),
+    ),
+    table(
+        "docs/refinement.md",
+        "python -m tests.bench --only budget",
+        4,
+        "room | budget, ms",
+        ("a frame, median, ms", "95 % below, ms", "steps at the end", "dB below the best"),
+    ),
+    table(
         "docs/hdr.md",
         "python -m tests.bench.hdr",
         4,

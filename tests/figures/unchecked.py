@@ -10,7 +10,6 @@ UNCHECKED = (  # page, beginning of a table's header, why
     ("README.md", "| | 16 entries a pixel", TIMES),
     ("docs/drift.md", "| what it says", "limits, not measured"),
     ("docs/gpu.md", "| | 16 entries, ms", TIMES),
-    ("docs/gpu.md", "| | OpenGL, processor time", TIMES),
     ("docs/reliability.md", "| campaign | tried | refused", "hours: make fuzz, with the seeds of the page"),
     ("docs/size.md", "| | at most", "limits, not measured"),
     ("docs/size.md", "| acquired `corner`", LARGE),

@@ -55,7 +55,7 @@ def near(t: Table, *rows: str, column: str = BELOW) -> list[float]:
 
 def further(t: Table, method: str) -> float:
     """From the truth than the box optimum, in systems that are within reach and not weighted: per cent."""
-    within = ": (wall|T|target|half|rank|two)"
+    within = ": (wall|T|target|half|rank|two|as much|ten)"
     return max(error - best for error, best in zip(t(within, method), t(within, "`box`"), strict=True))
 
 
