@@ -35,7 +35,7 @@ def test_a_promise_is_kept_by_the_estimates_and_told_on_the_page() -> None:
     page = stage.screen.pages[-1]
     assert page is not None
     assert any(line.endswith("from previous, within 0.05") for line in page.lines)
-    assert any("steps more" in line and "brings" in line for line in page.lines)
+    assert any("steps more" in line and " dB nearer" in line for line in page.lines)
     with pytest.raises(CommandError, match=r"within: expected no or decibels from 0\.001 to 100, found 0"):
         stage.commands.set("within", 0)
 

@@ -54,8 +54,9 @@ def _refinement(session: Session, certificate: Certificate | None) -> list[str]:
     lines = [f"refinement\t{steps}{limits}"]
     if found is not None:
         took_ms = governor.took_ms(found.further)
-        cost = "" if took_ms is None else f" and takes {took_ms:.1f} ms"
-        lines += [f"picture\t{found}", f"{found.further} steps more\t brings {found.doubling:.2g} dB{cost}"]
+        cost = "" if took_ms is None else f", {took_ms:.1f} ms"
+        more = f"{found.further} step{'s' * (found.further > 1)} more"
+        lines += [f"picture\t{found}", f"{more}\t{found.doubling:.2g} dB nearer{cost}"]
     return lines if certificate is None else [*lines, f"bound\t{certificate}"]
 
 
