@@ -37,7 +37,7 @@ def _keeps_files(folder: Path) -> bool:
     return not found.f_flag & os.ST_NOEXEC and found.f_bavail * found.f_frsize >= ROOM_BYTES
 
 
-# What the product writes is on the disk before it says so (fsync), for which a busy disk takes longer than all the rest.
+# What the product writes is on the disk before it says so (fsync), which takes a busy one longer than all the rest.
 if _keeps_files(MEMORY):
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(MEMORY))
 

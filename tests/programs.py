@@ -1,28 +1,20 @@
 """Programs as a user runs them: whole commands, and processes that go on while a test looks at them."""
 
-import atexit
 import contextlib
-import functools
 import os
-import signal
-import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from tests import warm_start
+from tests.copies import Copy, read_early
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE_S = 60.0
-LONGEST_S = 300.0  # of a whole command; a hang is a failure
-# What no library reads before a program needs it; with other variables, an interpreter is started anew.
-LATE = {"DISPLAY", "WAYLAND_DISPLAY", "HOME", "PATH", "TMPDIR", "NOTIFY_SOCKET", "PYTEST_CURRENT_TEST"}
-FRESH = "FRESH"  # this variable: every command by an interpreter that is started anew
+LONGEST_S = 300.0  # of a whole command
 
 
 def python(*arguments: str) -> str:
@@ -45,53 +37,10 @@ def verb(name: str) -> tuple[str, str]:
 
 
 def command(name: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run a verb to its end, in a copy of an interpreter that has read the libraries (warm_start.py)."""
-    words, variables = [*verb(name), *map(str, arguments)], os.environ | environment
-    if FRESH in os.environ or _read_early(variables):
-        return subprocess.run(words, capture_output=True, text=True, timeout=LONGEST_S, env=variables, check=False)
-    return _copied(words, variables)
-
-
-@functools.cache
-def _warm() -> tuple[socket.socket, Mapping[str, str]]:
-    """Where requests go, and the variables with which the libraries were read."""
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    atexit.register(ours.close)
-    with theirs:
-        words = sys.executable, warm_start.__file__, str(theirs.fileno())
-        readable, pipe = os.pipe()  # Python treats streams by what they are at its start
-        os.close(readable)
-        subprocess.run(words, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe, check=True)
-        os.close(pipe)
-    return ours, dict(os.environ)
-
-
-def _read_early(variables: Mapping[str, str]) -> bool:
-    _, before = _warm()
-    return any(
-        variables.get(name) != before.get(name) and name not in LATE and not name.startswith("XDG_")
-        for name in {*variables, *before}
-    )
-
-
-def _copied(words: list[str], variables: Mapping[str, str]) -> subprocess.CompletedProcess[str]:
-    pipes = [os.pipe() for _ in range(3)]  # stdout, stderr, replies
-    with contextlib.ExitStack() as stack, ThreadPoolExecutor(2) as readers:
-        output, errors, replies = (stack.enter_context(open(readable)) for readable, _ in pipes)
-        try:
-            asked = warm_start.request_here(words, dict(variables))
-            socket.send_fds(_warm()[0], [asked], [0, *(writable for _, writable in pipes)])
-        finally:
-            for _, writable in pipes:
-                os.close(writable)
-        read = [readers.submit(stream.read) for stream in (output, errors)]
-        timer = threading.Timer(LONGEST_S, os.kill, (int(replies.readline()), signal.SIGKILL))
-        timer.start()
-        try:
-            said, complained = (each.result() for each in read)
-            return subprocess.CompletedProcess(words, int(replies.readline()), said, complained)
-        finally:
-            timer.cancel()
+    """Run a verb to its end; a hang is a failure."""
+    with started([*verb(name), *map(str, arguments)], environment) as process:
+        output, errors = process.communicate(timeout=LONGEST_S)
+        return subprocess.CompletedProcess(process.args, process.returncode, output, errors)
 
 
 def succeed(name: str, *arguments: object, **environment: str) -> str:
@@ -120,14 +69,25 @@ def running(
     *words: object, folder: Path | None = None, errors: int | None = subprocess.PIPE, **environment: str
 ) -> Iterator[subprocess.Popen[str]]:
     """A program that is killed at the end, if it has not ended by then."""
-    process = subprocess.Popen(
-        [*map(str, words)],
-        env=os.environ | environment,
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=errors,
-        text=True,
-    )
+    with started([*map(str, words)], environment, folder=folder, errors=errors) as process:
+        yield process
+
+
+@contextmanager
+def started(
+    words: list[str],
+    environment: Mapping[str, str],
+    *,
+    folder: Path | None = None,
+    errors: int | None = subprocess.PIPE,
+) -> Iterator[subprocess.Popen[str]]:
+    """A verb is a copy of an interpreter that has read the libraries (warm_start.py); other programs start anew."""
+    variables = os.environ | environment
+    process: Any
+    if words[0] != script("counterlight") or "FRESH" in os.environ or read_early(variables):
+        process = subprocess.Popen(words, env=variables, cwd=folder, stdout=subprocess.PIPE, stderr=errors, text=True)
+    else:
+        process = Copy(words, variables, folder or Path.cwd(), errors)
     try:
         yield process
     finally:

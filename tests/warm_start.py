@@ -4,7 +4,7 @@
 
 Each request is forked: a process of its own, with its own arguments, environment, folder, limits and streams, which
 reads all of the product anew, runs the script as Python does and ends as Python does. Only numpy, scipy, Numba, OpenCV,
-PyAV and the like are there already; of the product, nothing is. Run by programs.py; knows nothing of the tests.
+PyAV and the like are there already; of the product, nothing is. Asked by copies.py; knows nothing of the tests.
 """
 
 import contextlib
@@ -20,6 +20,7 @@ import signal
 import socket
 import sys
 import tempfile
+from pathlib import Path
 from typing import Any
 
 LIBRARIES = (
@@ -43,12 +44,12 @@ def read_libraries() -> None:
     gc.freeze()  # copies share the pages
 
 
-def request_here(words: list[str], environment: dict[str, str]) -> bytes:
-    """What this process would hand down to a program that it starts."""
+def request_here(words: list[str], environment: dict[str, str], folder: Path) -> bytes:
+    """What this process would hand down to a program that it starts in a folder."""
     limits = [(which, *resource.getrlimit(which)) for which in LIMITS]
     umask = os.umask(0)
     os.umask(umask)
-    made = {"words": words, "environment": environment, "folder": os.getcwd(), "limits": limits, "umask": umask}
+    made = {"words": words, "environment": environment, "folder": str(folder), "limits": limits, "umask": umask}
     return json.dumps(made).encode()
 
 
