@@ -25,7 +25,8 @@ from typing import Any
 
 LIBRARIES = (
     "numpy", "scipy.sparse.csgraph", "scipy.sparse.linalg", "scipy.linalg", "scipy.ndimage", "scipy.optimize",
-    "numba", "cv2", "av", "OpenEXR", "PIL.Image", "threadpoolctl", "tqdm", "argcomplete", "importlib.metadata",
+    "numba", "cv2", "av", "OpenEXR", "PIL.ImageFont", "moderngl", "glfw",
+    "threadpoolctl", "tqdm", "argcomplete", "importlib.metadata",
 )  # fmt: skip
 LIMITS = [value for name, value in sorted(vars(resource).items()) if name.startswith("RLIMIT_")]
 MOST_BYTES = 1 << 18
