@@ -65,7 +65,9 @@ class Copy:
         for descriptor in theirs:
             os.close(descriptor)
         self._replies = replies
-        self.pid = int(replies.readline())
+        told = replies.readline()
+        assert told, "the interpreter that has read the libraries has ended: try python tests/warm_start.py 0"
+        self.pid = int(told)
         self._readers: ThreadPoolExecutor | None = None
         self._texts: list[Future[str]] = []
 
