@@ -26,7 +26,7 @@ from tests.media import rings
 from tests.programs import PATIENCE_S, descendants
 
 ROOT = Path(__file__).resolve().parents[1]
-MEMORY, ROOM_BYTES = Path("/dev/shm"), 4 << 30  # a whole run takes a quarter of it
+MEMORY, ROOM_BYTES = Path("/dev/shm"), 1 << 30  # a whole run takes a fifth of it
 
 
 def _keeps_files(folder: Path) -> bool:
