@@ -1,12 +1,16 @@
 # Each target does all of its own set-up.
 # Overrides: PYTHON= (3.11 or newer), VENV= (where the environment goes), WORKERS= (test files run at a time, 0: none),
-# FUZZ= (campaigns and their options), ALL= (figures that take long, too).
+# FUZZ= (campaigns and their options), ALL= (figures that take long, too), FRESH=1 (every command that a test runs is an
+# interpreter started anew, not the copy of one that has read numpy and the like: tests/warm_start.py).
 PYTHON ?= python3
 VENV ?= .venv
 WORKERS ?= $(shell cores=$$(nproc); echo $$((cores < 8 ? cores : 8)))
 python := $(VENV)/bin/python
 ready := $(VENV)/.ready
 folders := $(shell find player tools shaders calib_data -type d ! -name __pycache__ ! -path 'calib_data/example*')
+
+# Where it is set, each of thousands of processes would compile every module that it reads.
+export PYTHONDONTWRITEBYTECODE =
 
 .DEFAULT_GOAL := help
 # apt and pip are run one at a time, whatever -j says.

@@ -11,14 +11,14 @@ GL_DELETE_STATUS, GL_LINK_STATUS = 0x8B80, 0x8B82
 def live_objects() -> dict[str, list[int]]:
     """Names of the live objects of the current context, by kind; kinds without any are left out."""
     library = ctypes.CDLL("libGL.so.1")
-    live = {kind: [name for name in NAMES if _is_alive(library, kind, name)] for kind in KINDS}
+    live = {kind: _alive(library, kind) for kind in KINDS}
     return {kind: names for kind, names in live.items() if names}
 
 
-def _is_alive(library: ctypes.CDLL, kind: str, name: int) -> bool:
+def _alive(library: ctypes.CDLL, kind: str) -> list[int]:
     is_object = getattr(library, f"glIs{kind}")
     is_object.argtypes, is_object.restype = [ctypes.c_uint], ctypes.c_ubyte
-    return bool(is_object(name)) and (kind != "Program" or _is_usable(library, name))
+    return [name for name in NAMES if is_object(name) and (kind != "Program" or _is_usable(library, name))]
 
 
 def _is_usable(library: ctypes.CDLL, program: int) -> bool:

@@ -5,12 +5,16 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+from tests.copies import Copy, read_early
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE_S = 60.0
+LONGEST_S = 300.0  # of a whole command
 
 
 def python(*arguments: str) -> str:
@@ -34,14 +38,9 @@ def verb(name: str) -> tuple[str, str]:
 
 def command(name: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run a verb to its end; a hang is a failure."""
-    return subprocess.run(
-        [*verb(name), *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        env=os.environ | environment,
-        check=False,
-    )
+    with started([*verb(name), *map(str, arguments)], environment) as process:
+        output, errors = process.communicate(timeout=LONGEST_S)
+        return subprocess.CompletedProcess(process.args, process.returncode, output, errors)
 
 
 def succeed(name: str, *arguments: object, **environment: str) -> str:
@@ -70,14 +69,25 @@ def running(
     *words: object, folder: Path | None = None, errors: int | None = subprocess.PIPE, **environment: str
 ) -> Iterator[subprocess.Popen[str]]:
     """A program that is killed at the end, if it has not ended by then."""
-    process = subprocess.Popen(
-        [*map(str, words)],
-        env=os.environ | environment,
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=errors,
-        text=True,
-    )
+    with started([*map(str, words)], environment, folder=folder, errors=errors) as process:
+        yield process
+
+
+@contextmanager
+def started(
+    words: list[str],
+    environment: Mapping[str, str],
+    *,
+    folder: Path | None = None,
+    errors: int | None = subprocess.PIPE,
+) -> Iterator[subprocess.Popen[str]]:
+    """A verb is a copy of an interpreter that has read the libraries (warm_start.py); other programs start anew."""
+    variables = os.environ | environment
+    process: Any
+    if words[0] != script("counterlight") or "FRESH" in os.environ or read_early(variables):
+        process = subprocess.Popen(words, env=variables, cwd=folder, stdout=subprocess.PIPE, stderr=errors, text=True)
+    else:
+        process = Copy(words, variables, folder or Path.cwd(), errors)
     try:
         yield process
     finally:

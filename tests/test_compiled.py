@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from counterlight.files.cube import read_cube
+from counterlight.maps.products import kept
 from counterlight.media.frames import radiance_frame
 from counterlight.media.video import Frame
+from counterlight.pipeline import compiled
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.compiled_passes import tents
 from counterlight.pipeline.cpu_renderer import CpuDevice, CpuRenderer
@@ -213,6 +215,7 @@ def test_no_frame_compiles_anything_once_prepared() -> None:
     code = """
 import numpy as np
 from counterlight.pipeline import compiled
+from counterlight.pipeline import compiled
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.cpu_renderer import CpuRenderer
 from counterlight.pipeline.views import VIEWS
@@ -266,3 +269,17 @@ compiled.combined(np.float32(2), one, np.float32(3), one, False, out)
 print(out.sum())
 """
     assert python("-c", code).split() == ["60.0"]
+
+
+def test_what_was_prepared_is_what_a_call_finds(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Kept once, whoever compiles first."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    ((function, signatures),) = ((made.py_func, each) for made, each in compiled.KERNELS if made is compiled.combined)
+    early, late = (kept(parallel=True, error_model="numpy")(function) for _ in range(2))
+    monkeypatch.setattr(compiled, "KERNELS", [(early, signatures)])
+    assert list(compiled.prepare()) == [1]
+    picture = np.full((2, 3), 0.25, np.float32)
+    late(np.float32(1), picture, np.float32(2), picture, False, out := np.empty_like(picture))
+    np.testing.assert_array_equal(out, np.float32(0.75))
+    assert sum(late.stats.cache_hits.values()) == 1
+    assert not late.stats.cache_misses

@@ -13,6 +13,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba.core.sigutils import normalize_signature
 from numpy.typing import NDArray
 
 from counterlight.maps.mixing import SWEEPS
@@ -45,8 +46,10 @@ def prepare() -> Iterator[int]:
     wanted = [(made, signature) for made, signatures in KERNELS for signature in signatures]
     for number, (made, signature) in enumerate(wanted):
         yield len(wanted) - number
+        # As text, it would be kept apart from what a call compiles.
+        types, _ = normalize_signature(f"({signature})")  # type: ignore[no-untyped-call]
         with suppress(OSError):  # compiled, and not kept: the disk is full
-            made.compile(f"({signature})")
+            made.compile(types)
 
 
 def inlined(function: Callable[..., Any]) -> Any:

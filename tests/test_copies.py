@@ -1,0 +1,62 @@
+"""Copies of an interpreter that has read the libraries are what a program that is started anew would be."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.copies import Copy, read_early
+
+SCRIPT = """
+import json, multiprocessing.process, os, resource, signal, sys, tempfile, threading
+print(json.dumps({
+    "name": __name__, "file": __file__, "words": sys.argv, "path": sys.path, "flags": list(sys.flags),
+    "folder": [os.getcwd(), multiprocessing.process.ORIGINAL_DIR], "temporary": tempfile.gettempdir(),
+    "environment": dict(os.environ), "open": [n for n in range(99) if os.path.exists(f"/proc/self/fd/{n}")],
+    "umask": os.umask(0), "limit": resource.getrlimit(resource.RLIMIT_CORE), "threads": threading.active_count(),
+    "signals": [str(signal.getsignal(n)) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE)],
+    "streams": [[each.encoding, each.errors, each.isatty(), each.line_buffering] for each in (sys.stdout, sys.stderr)],
+    "ours": [name for name in sys.modules if name.partition(".")[0] in ("counterlight", "tests")],
+}))
+print("to stderr", file=sys.stderr)
+sys.exit(int(sys.argv[1]))
+"""
+
+
+@pytest.fixture
+def script(tmp_path: Path) -> str:
+    (tmp_path / "script.py").write_text(SCRIPT)
+    return str(tmp_path / "script.py")
+
+
+def test_a_copy_finds_what_a_program_started_anew_finds(script: str, tmp_path: Path) -> None:
+    variables = os.environ | {"TMPDIR": str(tmp_path), "XDG_CONFIG_HOME": "elsewhere"}
+    assert not read_early(variables)
+    copy = Copy([script, "7", "ü"], variables, tmp_path, subprocess.PIPE)
+    found, errors = copy.communicate(timeout=60)
+    words = [sys.executable, script, "7", "ü"]
+    anew = subprocess.run(words, env=variables, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert json.loads(found) == json.loads(anew.stdout)
+    assert (errors, copy.returncode, copy.wait()) == (anew.stderr, 7, 7)
+
+
+def test_a_copy_that_is_killed_says_so_and_its_text_is_there(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text("import time\nprint('begun', flush=True)\ntime.sleep(1000)\n")
+    copy = Copy([str(tmp_path / "script.py")], os.environ, tmp_path, None)
+    assert copy.stdout.readline() == "begun\n"
+    assert copy.poll() is None
+    with pytest.raises(subprocess.TimeoutExpired):
+        copy.wait(0.01)
+    copy.kill()
+    assert copy.communicate() == copy.communicate() == ("", None)
+    assert copy.returncode == -signal.SIGKILL
+    copy.kill()  # nobody, whoever has its number now
+
+
+def test_what_libraries_read_at_once_needs_a_new_interpreter() -> None:
+    assert read_early(os.environ | {"OPENBLAS_NUM_THREADS": "1"})
+    assert read_early({})

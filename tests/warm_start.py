@@ -1,0 +1,121 @@
+"""Commands of a copy of an interpreter that has read the libraries: half of what a small command costs is reading them.
+
+    python tests/warm_start.py SOCKET      # a descriptor, by which requests come; it ends when the other side goes
+
+Each request is forked: a process of its own, with its own arguments, environment, folder, limits and streams, which
+reads all of the product anew, runs the script as Python does and ends as Python does. Only numpy, scipy, Numba, OpenCV,
+PyAV and the like are there already; of the product, nothing is. Asked by copies.py; knows nothing of the tests.
+"""
+
+import contextlib
+import gc
+import importlib
+import json
+import multiprocessing.process
+import os
+import resource
+import runpy
+import selectors
+import signal
+import socket
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+LIBRARIES = (
+    "numpy", "scipy.sparse.csgraph", "scipy.sparse.linalg", "scipy.linalg", "scipy.ndimage", "scipy.optimize",
+    "numba", "cv2", "av", "OpenEXR", "PIL.ImageFont", "moderngl", "glfw",
+    "threadpoolctl", "tqdm", "argcomplete", "importlib.metadata",
+)  # fmt: skip
+LIMITS = [value for name, value in sorted(vars(resource).items()) if name.startswith("RLIMIT_")]
+MOST_BYTES = 1 << 18
+STREAMS = 3
+Request = dict[str, Any]
+
+
+def read_libraries() -> None:
+    for name in LIBRARIES:
+        importlib.import_module(name)
+    from numba.core.registry import cpu_target
+
+    cpu_target.typing_context.refresh()  # what the first compiled function would do
+    cpu_target.target_context.refresh()
+    gc.collect()
+    gc.freeze()  # copies share the pages
+
+
+def request_here(words: list[str], environment: dict[str, str], folder: Path) -> bytes:
+    """What this process would hand down to a program that it starts in a folder."""
+    limits = [(which, *resource.getrlimit(which)) for which in LIMITS]
+    umask = os.umask(0)
+    os.umask(umask)
+    made = {"words": words, "environment": environment, "folder": str(folder), "limits": limits, "umask": umask}
+    return json.dumps(made).encode()
+
+
+def served(requests: socket.socket) -> tuple[Request, list[int]] | None:
+    """Fork for each request, and tell how it ended; returns in the copies, and without a request at the end."""
+    running: dict[int, tuple[int, int]] = {}
+    with selectors.DefaultSelector() as selector:
+        selector.register(requests, selectors.EVENT_READ)
+        while True:
+            for key, _ in selector.select():
+                if key.fd != requests.fileno():
+                    selector.unregister(key.fd)
+                    _tell_end(key.fd, *running.pop(key.fd))
+                    continue
+                data, descriptors, _, _ = socket.recv_fds(requests, MOST_BYTES, STREAMS + 1)
+                if not data:
+                    return None
+                if not (pid := os.fork()):
+                    return json.loads(data), descriptors[:STREAMS]
+                *streams, reply = descriptors
+                for descriptor in streams:
+                    os.close(descriptor)
+                _tell(reply, pid)
+                running[watch := os.pidfd_open(pid)] = pid, reply
+                selector.register(watch, selectors.EVENT_READ)
+
+
+def _tell(reply: int, number: int) -> None:
+    with contextlib.suppress(BrokenPipeError):  # whoever asked has gone
+        os.write(reply, b"%d\n" % number)
+
+
+def _tell_end(watch: int, pid: int, reply: int) -> None:
+    _tell(reply, os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+    os.close(reply)
+    os.close(watch)
+
+
+def become(request: Request, streams: list[int]) -> None:
+    """Run a script as a program that was started anew; nothing but its streams is open."""
+    for number, descriptor in enumerate(streams):
+        os.dup2(descriptor, number)
+    os.closerange(STREAMS, resource.getrlimit(resource.RLIMIT_NOFILE)[0])
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    os.environ.clear()
+    os.environ.update(request["environment"])
+    os.chdir(request["folder"])
+    os.umask(request["umask"])
+    for which, soft, hard in request["limits"]:
+        resource.setrlimit(which, (soft, hard))
+    multiprocessing.process.ORIGINAL_DIR = request["folder"]  # type: ignore[attr-defined]
+    tempfile.tempdir = None
+    sys.argv = request["words"]
+    sys.path[0] = os.path.dirname(sys.argv[0])
+    runpy.run_path(sys.argv[0], run_name="__main__")
+
+
+def main() -> tuple[Request, list[int]] | None:
+    if os.fork():  # nobody's child: tests count theirs
+        os._exit(0)
+    read_libraries()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the copies, and for whoever asked for them
+    with socket.socket(fileno=int(sys.argv[1])) as requests:
+        return served(requests)
+
+
+if __name__ == "__main__" and (wanted := main()):
+    become(*wanted)
