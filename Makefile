@@ -1,10 +1,10 @@
 # Each target does all of its own set-up.
-# Overrides: PYTHON= (3.11 or newer), VENV= (where the environment goes), WORKERS= (test files run at a time, 0: none),
+# Overrides: PYTHON= (3.11 or newer), VENV= (where the environment goes), WORKERS= (test files run at a time, 0: none; many wait),
 # FUZZ= (campaigns and their options), ALL= (figures that take long, too), FRESH=1 (every command that a test runs is an
 # interpreter started anew, not the copy of one that has read numpy and the like: tests/warm_start.py).
 PYTHON ?= python3
 VENV ?= .venv
-WORKERS ?= $(shell cores=$$(nproc); echo $$((cores < 8 ? cores : 8)))
+WORKERS ?= $(shell cores=$$(nproc); echo $$((cores < 7 ? cores + 1 : 8)))
 python := $(VENV)/bin/python
 ready := $(VENV)/.ready
 folders := $(shell find player tools shaders calib_data -type d ! -name __pycache__ ! -path 'calib_data/example*')
