@@ -16,10 +16,9 @@ import av
 import cv2
 import numpy as np
 
-from counterlight.gl.context import headless_context
-from counterlight.gl.renderer import GlRenderer
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.room import read_room
+from counterlight.show.headless import headless_renderer
 from tests.bench.rows import WARM_UP
 from tests.programs import on, succeed
 from tests.screens import one_screen
@@ -78,8 +77,8 @@ def line(what: str, found: dict[str, Any], speed: float) -> str:
 
 def drawing_ms(room: Path, clip: Path) -> float:
     """Processor time of all threads to draw a frame without refinement: what other work on the machine leaves alone."""
-    with headless_context() as context, MediaReader.open(clip) as reader:
-        renderer = GlRenderer(context, read_room(room, None, refine=0))
+    made = headless_renderer("auto", read_room(room, None, refine=0))  # as the window chooses, too
+    with made as renderer, MediaReader.open(clip) as reader:
         renderer.open(reader.info.format)
         frame = reader.next_frame(PATIENCE_S)
         assert frame is not None
@@ -90,7 +89,6 @@ def drawing_ms(room: Path, clip: Path) -> float:
             renderer.render("projector", compensate=True)
             renderer.finish()
             spent.append(time.process_time() - before)
-        renderer.release()
     return 1000 * float(np.median(spent[WARM_UP:]))
 
 
