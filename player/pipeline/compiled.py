@@ -69,8 +69,7 @@ def _between(first: Any, second: Any, share: Any) -> Any:
 
 @inlined
 def looked_up(table: Any, share: Any) -> Any:
-    """Of (samples,) over 0..1, linear between them; an unsigned index, so that nothing asks whether it counts from the
-    end."""
+    """Of (samples,) over 0..1, linear between them. Unsigned: nothing asks whether an index counts from the end."""
     at = share * np.float32(table.size - 1)
     low = np.uint32(min(np.int32(at), np.int32(table.size - 2)))
     return table[low] + (table[low + np.uint32(1)] - table[low]) * (at - np.float32(low))

@@ -182,7 +182,7 @@ class StepBudget:
     def took(self, seconds: float) -> None:
         """Tell what the last frame took with `steps` steps."""
         tried, self._tries = self._tries, False
-        if seconds > self._goal_s:
+        if not self.fits(seconds):
             self.steps = min(int(self.steps * self._goal_s / seconds), max(self.steps - 1, 0))
             self._wait, self._patience = self._patience, min(2 * self._patience, PATIENCE)
             return
