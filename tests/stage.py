@@ -58,7 +58,7 @@ class Reader:
     def __post_init__(self) -> None:
         self.info: Any = SimpleNamespace(
             path=Path(self.path),
-            format=SimpleNamespace(width=4, height=3),
+            format=SimpleNamespace(width=4, height=3, path=self.path),
             frames_per_second=self.rate,
             still=self.still,
             live=False,
@@ -199,6 +199,7 @@ class Stage:
         self.reader = next(iter(self.readers.values()))
         self.clock, self.screen = Clock(), Screen()
         self.saved: list[Corners | None] = []
+        self.fitted: dict[str, Corners] = {}  # by a reader's path
         self.below: Callable[[int], float] = lambda steps: 1 / (1 + steps)  # dB below the optimum
         self.fresh: list[Any] = []
         self.refinable, self.drifts = True, False
@@ -252,7 +253,7 @@ class Stage:
         return self.outside(viewpoint)
 
     def fit(self, pixels: Any) -> Corners:
-        return SQUARE
+        return self.fitted.get(pixels.path, SQUARE)
 
     def keep(self, corners: Corners | None) -> None:
         self.saved.append(corners)

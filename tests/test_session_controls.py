@@ -140,6 +140,27 @@ def test_placing_moves_scales_undoes_and_is_saved(stage: Stage) -> None:
     assert stage.screen.adjusted[-1].corners is None
 
 
+def test_the_placement_survives_a_change_of_media() -> None:
+    stage = Stage(Reader("clip"), Reader("wide"), loop_list=True)
+    letterbox = tuple((x, 0.25 + 0.5 * y) for x, y in SQUARE)
+    stage.fitted["wide"] = letterbox
+    stage.advance(0.05)
+    stage.press("k")
+    stage.commands.run("place-grab", 0.5, 0.5)
+    stage.commands.run("playlist-next")
+    stage.advance(0.05)
+    assert stage.session.placing is not None
+    np.testing.assert_allclose(stage.session.placing.corners, letterbox)
+    stage.commands.run("place-drag", 0.6, 0.5)  # the hold goes on
+    moved = np.array(letterbox) + (0.1, 0)
+    np.testing.assert_allclose(stage.screen.adjusted[-1].corners, moved)
+    stage.commands.run("playlist-next")
+    stage.advance(0.05)
+    np.testing.assert_allclose(stage.session.placing.corners, moved)  # as it was placed, whatever plays
+    stage.press("escape")
+    assert stage.screen.adjusted[-1].corners is None
+
+
 def test_the_mouse_pulls_a_corner_or_the_whole_picture(stage: Stage) -> None:
     stage.advance(0.05)
     stage.commands.set("view", "camera")

@@ -55,6 +55,11 @@ class Placing:
     def put(self, corners: Corners) -> None:
         self._put(list(corners))
 
+    def refit(self, corners: Corners) -> None:
+        """Begin from the corners of another medium; nothing has been moved yet, and a hold stays."""
+        self.corners = corners
+        self._history = [] if self._held is None else [corners]
+
     def undo(self) -> bool:
         """Take the last change back; False if there is none."""
         if not self._history:

@@ -248,7 +248,8 @@ class Session:
                 self.playback.seek(start_s)
             self._start = None
         self.programme.plays()
-        self.placing = None
+        if self.placing is not None and self.adjustments.corners is None:
+            self.placing.refit(self.room.fit(reader.info.format))
         rate = None if reader.info.still else reader.info.frames_per_second
         self.governor.begin(None if rate is None else 1 / rate)
         self.appraisal.forget()
