@@ -14,6 +14,7 @@ from counterlight.files.png import write_png
 from counterlight.response import Response
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 from tests.augmented import best, value
+from tests.pixel_orders import smooth
 from tests.programs import ROOT, python, succeed
 
 PAGE = (ROOT / "docs" / "api.md").read_text()
@@ -109,6 +110,19 @@ def test_matrices_that_do_not_fit_are_told(
 ) -> None:
     with pytest.raises(InputError, match=complaint):
         cl.Room.from_matrices(*matrices, **(GIVEN | change))
+
+
+@pytest.mark.parametrize("swapped", ["camera", "projector"])
+def test_swapped_sizes_are_told_by_a_warning(swapped: str) -> None:
+    T = smooth(np.random.default_rng(3), (18, 24), (15, 20))
+    given = {"camera": (18, 24), "projector": (15, 20), "response": "srgb"}
+    cl.Room.from_matrices(T, T, T, **given)  # warnings are failures
+    given[swapped] = given[swapped][::-1]
+    with pytest.warns(
+        UserWarning, match=r"scrambled for camera \(.*and smooth for camera \(18, 24\) .*\(15, 20\)"
+    ) as caught:
+        cl.Room.from_matrices(T, T, T, **given)
+    assert caught[0].filename == __file__
 
 
 def test_a_response_that_nobody_gave_is_srgb_with_a_warning(matrices: list[sparse.csr_array]) -> None:

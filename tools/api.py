@@ -31,10 +31,12 @@ from counterlight.tools.factoring.factoring import compacted
 from counterlight.tools.shipped import parse_scene
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
+from counterlight.tools.transport.pixel_order import misreading
 from counterlight.tools.transport.storage import check_entries, read_transport, write_transport
 from counterlight.tools.transport.transport import CHANNELS, Csr, Transport
 
 Shape: TypeAlias = tuple[int, int]
+READ = "camera and projector are (height, width), and pixels are numbered row by row"
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,8 @@ class Room:
         shape = eye.pixels, lamp.pixels
         channels = [_channel(*each, shape) for each in zip((red, green, blue), CHANNELS, strict=True)]
         transport = Transport.from_matrices(channels, camera=camera, projector=projector)
+        if (doubt := misreading(transport.near, camera, projector)) is not None:
+            warnings.warn(f"{doubt.described(str)}; {READ}", stacklevel=2)
         light = _picture(np.zeros(3) if ambient is None else ambient, camera, "ambient").astype(np.float32)
         transport, _ = compacted(transport, light, factor)
         counts = directly_lit(transport, light, projector) if mask is None else np.array(mask, bool)

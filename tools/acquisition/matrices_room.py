@@ -14,6 +14,7 @@ from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.factoring.factoring import Factoring, compacted
 from counterlight.tools.transport.arrays import opened_array
 from counterlight.tools.transport.mask import directly_lit
+from counterlight.tools.transport.pixel_order import Misreading, misreading
 from counterlight.tools.transport.storage import read_matrix, write_transport
 from counterlight.tools.transport.transport import CHANNELS, Csr, Transport
 
@@ -38,7 +39,10 @@ class MatrixFiles:
 
 @dataclass(frozen=True)
 class MatricesSummary:
-    """What was imported; its text is the command's output."""
+    """What was imported; its text is the command's output.
+
+    misreading : swapped sizes for which T looks better.
+    """
 
     entries: tuple[int, ...]
     negative: tuple[int, ...]
@@ -47,6 +51,7 @@ class MatricesSummary:
     camera_pixels: int
     mask_given: bool
     factoring: Factoring
+    misreading: Misreading | None
 
     def __str__(self) -> str:
         channels = ", ".join(f"{name} {count}" for name, count in zip(CHANNELS, self.entries, strict=True))
@@ -82,6 +87,7 @@ def import_matrices_room(
         entries = tuple(int(matrix.nnz) for matrix in matrices)
         transport = Transport.from_matrices(matrices, camera=camera.shape, projector=projector.shape)
         del matrices  # as large as T, which may be dense
+        doubt = misreading(transport.near, camera.shape, projector.shape)
         ambient = read_ambient(files.ambient, camera)
         transport, factoring = compacted(transport, ambient, tolerance)
         mask = _mask(files.mask, camera, projector, transport, ambient)
@@ -96,6 +102,7 @@ def import_matrices_room(
         camera_pixels=camera.pixels,
         mask_given=files.mask is not None,
         factoring=factoring,
+        misreading=doubt,
     )
 
 
