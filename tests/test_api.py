@@ -61,6 +61,35 @@ def test_a_room_of_matrices_is_what_scipy_says(room: cl.Room, matrices: list[spa
     np.testing.assert_allclose(room.floodlight, room.seen(np.ones(3)), rtol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("shape", "complaint"),
+    [
+        ((14, 9, 3), r"shape \(14, 9, 3\), expected \(9, 14, 3\) or \(126, 3\); width and height are swapped"),
+        ((6, 21, 3), r"shape \(6, 21, 3\), expected \(9, 14, 3\)"),
+        ((9, 14), r"shape \(9, 14\), expected \(9, 14, 3\)"),
+        ((1, 9, 14, 3), r"shape \(1, 9, 14, 3\), expected"),
+        ((125, 3), r"shape \(125, 3\), expected"),
+        ((), r"shape \(\), expected"),
+    ],
+)
+def test_light_of_another_shape_is_told(room: cl.Room, shape: tuple[int, ...], complaint: str) -> None:
+    for T in (room.transport, room.transport.T.T):
+        with pytest.raises(InputError, match=complaint):
+            T @ np.ones(shape)
+    with pytest.raises(InputError, match=r"shape \(16, 12, 3\), expected \(12, 16, 3\) .*swapped"):
+        room.transport.T @ np.ones((16, 12, 3))
+
+
+def test_light_is_floating_point(room: cl.Room) -> None:
+    for codes in (np.ones((9, 14, 3), np.uint8), np.ones((126, 3), int), np.ones((9, 14, 3), complex)):
+        with pytest.raises(InputError, match="light as .*, expected linear light in floating point"):
+            room.transport @ codes
+    lit = np.zeros((9, 14, 3), bool)
+    lit[3:5] = True
+    np.testing.assert_array_equal(room.transport @ lit, room.transport @ lit.astype(float))
+    np.testing.assert_array_equal(room.transport @ lit.astype(float).tolist(), room.transport @ lit)
+
+
 def test_the_box_solution_is_scipys(room: cl.Room) -> None:
     picture = np.random.default_rng(7).random((12, 16, 3))
     found = cl.solve(room, picture, white=0.4)
