@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from counterlight.arrays import FloatArray
+from counterlight.arrays import FloatArray, brief
 from counterlight.errors import InputError
 from counterlight.maps.row_map import SparseRows, below_each_other
 from counterlight.pipeline.colour import LUMINANCE
@@ -40,6 +40,8 @@ class FarLight:
     gather: SparseRows
     mix: FloatArray
     scatter: SparseRows
+
+    __repr__ = brief
 
     @classmethod
     def from_matrices(cls, gather: Sequence[Csr], mix: FloatArray, scatter: Sequence[Csr]) -> "FarLight":
@@ -73,9 +75,9 @@ class FarLight:
 class Transport:
     """T of one projector and one camera, c = T p: near light S, far light U M D and blurred light B P if there is any.
 
-    An operator on linear light in floating point, (pixels, 3) or, where T knows its pictures' sizes, (height, width, 3):
-    `T @ p`, `T.T @ c`. InputError for other shapes, and for integers, which may be code values. A square picture
-    cannot be told from its transpose.
+    An operator on linear light in floating point, (pixels, 3) or, where T knows its pictures' sizes, pictures
+    (height, width, 3): `T @ p`, `T.T @ c`. InputError for other shapes, and for integers, which may be code values.
+    A square picture cannot be told from its transpose.
 
     near : (camera pixels, projector pixels), float32, radiance per unit drive, ≥ 0.
     camera, projector : (height, width), None if nobody said.
@@ -86,6 +88,11 @@ class Transport:
     camera: Shape | None = None
     projector: Shape | None = None
     blurred: BlurredLight | None = None
+
+    def __repr__(self) -> str:
+        far = "" if self.far is None else f", far light of {self.far.cells} cells"
+        blurred = "" if self.blurred is None else f", blurred light of {self.blurred.scatter.columns} cells"
+        return f"<Transport {self.shape}: {self.near.indices.size} entries{far}{blurred}>"
 
     @classmethod
     def from_matrices(
@@ -117,12 +124,13 @@ class Transport:
     def _beside(self) -> list[Operator]:
         return [part for part in (self.blurred, self.far) if part is not None]
 
-    def apply(self, drive: Light) -> FloatArray:
+    def apply(self, drive: ArrayLike) -> FloatArray:
         """T p, without ambient light: (projector pixels, 3) -> (camera pixels, 3); a picture for a picture."""
-        rows = _rows(drive, self.shape[1], self.projector)
-        return _alike(Sum([self.near, *self._beside]).apply(rows), drive, self.camera)
+        light = np.asarray(drive)
+        rows = _rows(light, self.shape[1], self.projector)
+        return _alike(Sum([self.near, *self._beside]).apply(rows), light, self.camera)
 
-    def apply_transpose(self, picture: Light) -> FloatArray:
+    def apply_transpose(self, picture: ArrayLike) -> FloatArray:
         """Tᵀ c: (camera pixels, 3) -> (projector pixels, 3), the dual picture (thesis eq. 3.12); as `apply`."""
         return self.T.apply(picture)
 
