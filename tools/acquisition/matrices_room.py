@@ -81,6 +81,8 @@ def import_matrices_room(
     Raises InputError for damaged files, wrong shapes, NaN, infinity, a channel without entries, an unlit camera.
     """
     with calibration.replacing(folder, force=force, inputs=files.all) as stage:
+        ambient = read_ambient(files.ambient, camera)
+        given = None if files.mask is None else _counting(calibration.read_mask_picture(files.mask, camera), files.mask)
         shape = camera.pixels, projector.pixels
         matrices = [read_matrix(path, shape) for path in files.matrices]
         negative = tuple(map(keep_light, matrices, files.matrices))
@@ -88,9 +90,8 @@ def import_matrices_room(
         transport = Transport.from_matrices(matrices, camera=camera.shape, projector=projector.shape)
         del matrices  # as large as T, which may be dense
         doubt = misreading(transport.near, camera.shape, projector.shape)
-        ambient = read_ambient(files.ambient, camera)
         transport, factoring = compacted(transport, ambient, tolerance)
-        mask = _mask(files.mask, camera, projector, transport, ambient)
+        mask = _counting(directly_lit(transport, ambient, projector.shape), None) if given is None else given
         named = folder.name if name is None else name
         write_transport(transport, stage)
         calibration.write(Calibration(named, _provenance(files), (projector,), camera, ambient, mask), stage)
@@ -150,15 +151,11 @@ def keep_light(matrix: Csr, where: Path | str) -> int:
     return count
 
 
-def _mask(
-    path: Path | None, camera: Device, projector: Device, transport: Transport, ambient: NDArray[np.float32]
-) -> NDArray[np.bool_]:
+def _counting(mask: NDArray[np.bool_], path: Path | None) -> NDArray[np.bool_]:
+    """The mask; InputError if no pixel counts.  path : None for the default."""
+    fix = "check the unit of --ambient against the matrices, or name the pixels that count with --mask"
     if path is not None:
-        mask = calibration.read_mask_picture(path, camera)
         fix = "make the pixels that count white"
-    else:
-        mask = directly_lit(transport, ambient, projector.shape)
-        fix = "check the unit of --ambient against the matrices, or name the pixels that count with --mask"
     if not mask.any():
         raise InputError(f"{path or 'the default mask'}: no camera pixel counts, expected at least 1; {fix}")
     return mask

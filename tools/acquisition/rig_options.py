@@ -1,13 +1,16 @@
 """What the commands with a camera share: which camera, and what the projectors are; rig.py opens them."""
 
 import argparse
+from collections.abc import Sequence
+from pathlib import Path
 
 from counterlight.command import parse_size
 from counterlight.tools.choices import MOST_LAG
+from counterlight.tools.shipped import parse_scene
 
 MOST_SHOTS = 256
 SENSOR = "bits", "full_well", "read_noise"
-CAMERAS = "simulated:SCENE.toml, simulated:CALIBRATION, folder:DIR, v4l2:NUMBER, pylon:SERIAL|N or gphoto2"
+CAMERAS = "simulated:SCENE|CALIBRATION, folder:DIR, v4l2:NUMBER, pylon:SERIAL|N or gphoto2"
 
 
 def add_rig_options(parser: argparse.ArgumentParser, shots: str = "1") -> None:
@@ -53,6 +56,13 @@ def add_rig_options(parser: argparse.ArgumentParser, shots: str = "1") -> None:
     sensor.add_argument("--read-noise", type=float, metavar="N", help="electrons (default: the scene's, or 5)")
     sensor.add_argument("--lag", type=int, default=0, metavar="FRAMES", help=f"0 to {MOST_LAG} (default 0)")
     sensor.add_argument("--seed", type=int, default=0, help="of its noise (default 0)")
+
+
+def sources_of(cameras: Sequence[str]) -> list[Path]:
+    """The files and folders that cameras read; InputError for a simulated one of no scene."""
+    named = [camera.partition(":") for camera in cameras]
+    rooms = [parse_scene(source) for kind, _, source in named if kind == "simulated"]
+    return rooms + [Path(source) for kind, _, source in named if kind == "folder"]
 
 
 def _shots(text: str) -> int:
