@@ -364,6 +364,8 @@ def test_a_capture_of_the_wrong_moment_is_noticed(tmp_path: Path, rng: np.random
         ),
         (["--camera", "simulated:ROOM", "--threshold", "radiance=0"], "--threshold 0: expected a radiance above 0"),
         (["--camera", "simulated:ROOM", "--bits", "17"], "--bits 17: expected 1 to 16"),
+        (["--camera", "simulated:ROOM", "--seed", "-1"], "--seed -1: expected 0 or more"),
+        (["--camera", "simulated:ROOM", "--wait", "nan"], "--wait: expected a number of seconds, 0 or more"),
         (["--camera", "simulated:ROOM", "--exposures", "1,0"], "expected one or more numbers above 0"),
         (["--camera", "simulated:ROOM", "--shots", "0"], "--shots: expected a number of shots from 1 to 256"),
         (["--camera", "simulated:ROOM", "--scheme", "multiplexed", "--tile", "99"], "--tile 99: expected 4 to 14"),

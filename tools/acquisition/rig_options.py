@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import parse_size
+from counterlight.command import at_least_0, parse_size
 from counterlight.tools.choices import MOST_LAG
 from counterlight.tools.shipped import parse_scene
 
@@ -47,7 +47,9 @@ def add_rig_options(parser: argparse.ArgumentParser, shots: str = "1") -> None:
     )
     parser.add_argument("--camera-response", default="linear", metavar="linear|srgb|GAMMA|FILE.toml")
     parser.add_argument("--no-preflight", action="store_true", help="do not check projector and camera first")
-    parser.add_argument("--wait", type=float, default=0.0, metavar="SECONDS", help="folder: for captures (default 0)")
+    parser.add_argument(
+        "--wait", type=_seconds, default=0.0, metavar="SECONDS", help="folder: for captures (default 0)"
+    )
     sensor = parser.add_argument_group("simulated camera")
     sensor.add_argument("--bits", type=int, help="of a code value (default: the scene's, or 14)")
     sensor.add_argument(
@@ -69,6 +71,10 @@ def _shots(text: str) -> int:
     if not (text.isdecimal() and 1 <= int(text) <= MOST_SHOTS):
         raise argparse.ArgumentTypeError(f"expected a number of shots from 1 to {MOST_SHOTS}, found {text!r}")
     return int(text)
+
+
+def _seconds(text: str) -> float:
+    return at_least_0(text, f"expected a number of seconds, 0 or more, found {text!r}")
 
 
 def _times(text: str) -> tuple[float, ...]:

@@ -63,6 +63,8 @@ class CameraSettings:
             raise InputError("--read-noise needs --full-well above 0: it is counted in electrons of the full well")
         if not 0 <= self.lag <= MOST_LAG:
             raise InputError(f"--lag {self.lag}: expected 0 to {MOST_LAG} frames")
+        if self.seed < 0:
+            raise InputError(f"--seed {self.seed}: expected 0 or more")
         Exposures(self.exposures)
 
 
