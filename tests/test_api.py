@@ -248,7 +248,7 @@ class Tensor:
         return self._values
 
 
-@pytest.mark.parametrize("codes", [CODES, 257 * CODES.astype(np.uint16), 255 * CODES.astype(">u2") + CODES])
+@pytest.mark.parametrize("codes", [CODES, 257 * CODES.astype(np.uint16), (200 * CODES.astype(np.uint16)).astype(">u2")])
 def test_integers_are_srgb_codes_as_play_takes_them(room: cl.Room, tmp_path: Path, codes: np.ndarray) -> None:
     write_png(tmp_path / "picture.png", codes.astype(codes.dtype.newbyteorder("=")))
     played = cl.read_picture(tmp_path / "picture.png", room)

@@ -144,7 +144,7 @@ def picture(values: ArrayLike, shape: Shape, name: str = "picture", *, of_white:
     """
     array = _array(values, name)
     if array.dtype.kind in "iu" and not isinstance(values, int):  # a Python number is light: 1 is white
-        if array.dtype not in CODES:
+        if array.dtype.newbyteorder("=") not in CODES:
             raise InputError(
                 f"{name} of {array.dtype}: expected sRGB code values as uint8 (0 to 255) or uint16 (0 to 65535), or "
                 f"linear light as floats; convert it, such as {name}.astype(np.uint8)"
