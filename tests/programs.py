@@ -81,7 +81,7 @@ def started(
     folder: Path | None = None,
     errors: int | None = subprocess.PIPE,
 ) -> Iterator[subprocess.Popen[str]]:
-    """A verb is a copy of an interpreter that has read the libraries (warm_start.py); other programs start anew."""
+    """A verb is a copy of an interpreter that has imported the product (warm_start.py); other programs start anew."""
     variables = os.environ | environment
     process: Any
     if words[0] != script("counterlight") or "FRESH" in os.environ or read_early(variables):
