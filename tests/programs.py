@@ -106,14 +106,19 @@ def wait_until(
         time.sleep(every_s)
 
 
-def descendants(pid: int) -> set[int]:
-    """The children of a process, their children, and so on."""
+def children(pid: int) -> set[int]:
+    """Processes that a process has started; none if it has gone."""
     found: set[int] = set()
     for task in Path(f"/proc/{pid}/task").glob("*/children"):
         with contextlib.suppress(OSError):  # gone meanwhile
-            for child in map(int, task.read_text().split()):
-                found |= {child} | descendants(child)
+            found |= set(map(int, task.read_text().split()))
     return found
+
+
+def descendants(pid: int) -> set[int]:
+    """The children of a process, their children, and so on."""
+    found = children(pid)
+    return found.union(*map(descendants, found))
 
 
 def is_running(pid: int) -> bool:
