@@ -1,7 +1,7 @@
 # Each target does all of its own set-up.
 # Overrides: PYTHON= (3.11 or newer), VENV= (where the environment goes), WORKERS= (test files run at a time, 0: none; many wait),
-# FUZZ= (campaigns and their options), ALL= (figures that take long, too), FRESH=1 (every command that a test runs is an
-# interpreter started anew, not the copy of one that has read numpy and the like: tests/warm_start.py).
+# FUZZ= (campaigns and their options), ALL= (figures that take long, too), FRESH=1 (every command that a test runs is a
+# new interpreter, not the copy of one that has imported the product: tests/warm_start.py).
 PYTHON ?= python3
 VENV ?= .venv
 WORKERS ?= $(shell cores=$$(nproc); echo $$((cores < 7 ? cores + 1 : 8)))

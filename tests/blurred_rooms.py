@@ -13,7 +13,7 @@ from counterlight.tools.transport.blurred import Pyramid
 from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import FarLight, Transport, dense_rows
 
-CAMERA, PROJECTOR = (41, 50), (39, 45)  # of sizes that no block divides
+CAMERA, PROJECTOR = (29, 35), (27, 31)  # of sizes that no block divides
 LIMIT = 0.008
 
 

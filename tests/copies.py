@@ -1,4 +1,4 @@
-"""Processes that are copies of an interpreter which has read the libraries (warm_start.py), to be used as any other."""
+"""Processes that are copies of an interpreter which has imported the product (warm_start.py), used as any other."""
 
 import atexit
 import functools
@@ -16,14 +16,14 @@ from typing import TextIO
 
 from tests import warm_start
 
-# What no library reads before a program needs it; with others, an interpreter has to start anew.
+# Variables that nothing reads while it is imported; with others, an interpreter has to start anew.
 LATE = {"DISPLAY", "WAYLAND_DISPLAY", "HOME", "PATH", "TMPDIR", "NOTIFY_SOCKET", "PYTEST_CURRENT_TEST"}
 ERRORS = 2  # our own, which a process may share
 
 
 @functools.cache
 def _warm() -> tuple[socket.socket, Mapping[str, str]]:
-    """Where requests go, and the variables with which the libraries were read."""
+    """Where requests go, and the variables that were set while modules were imported."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     atexit.register(ours.close)
     readable, pipe = os.pipe()  # Python treats streams by what they are at its start
@@ -66,7 +66,7 @@ class Copy:
             os.close(descriptor)
         self._replies = replies
         told = replies.readline()
-        assert told, "the interpreter that has read the libraries has ended: try python tests/warm_start.py 0"
+        assert told, "the interpreter that has imported the product has ended: try python tests/warm_start.py 0"
         self.pid = int(told)
         self._readers: ThreadPoolExecutor | None = None
         self._texts: list[Future[str]] = []

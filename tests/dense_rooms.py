@@ -34,7 +34,7 @@ def textured_glow(rng: np.random.Generator, share: float = 0.3) -> np.ndarray:
     return share * np.outer(f, g) / SHAPE[1]
 
 
-def radiosity_corner(scale: float = 0.3) -> Transport:
+def radiosity_corner(scale: float = 0.24) -> Transport:
     """The rig's corner with all bounces of its light between patches, no entry left out."""
     room = corner(scale)
     seen = View(Truth(room, separate()), room.lattice.calibrated()).transport()

@@ -29,7 +29,7 @@ from typing import Any, Self
 
 from counterlight.errors import InputError
 from counterlight.writing import disk
-from tests.warm_start import read_libraries
+from tests.warm_start import import_all
 
 ROOT = Path(__file__).resolve().parents[1]
 STEPS = ("mkdir", "rename", "replace", "unlink", "remove", "rmdir", "fsync", "ftruncate", "pwrite")
@@ -160,7 +160,7 @@ def _writes(file: Any, mode: str = "r", *_: Any, **__: Any) -> bool:
 
 def _serve() -> None:
     """Fork for every request and tell how the fork ended."""
-    read_libraries()
+    import_all()  # so that no run imports, which writes files, too
     for line in sys.stdin:
         request = json.loads(line)
         module, _, name = request["function"].partition(":")

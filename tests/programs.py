@@ -81,7 +81,7 @@ def started(
     folder: Path | None = None,
     errors: int | None = subprocess.PIPE,
 ) -> Iterator[subprocess.Popen[str]]:
-    """A verb is a copy of an interpreter that has read the libraries (warm_start.py); other programs start anew."""
+    """A verb is a copy of an interpreter that has imported the product (warm_start.py); other programs start anew."""
     variables = os.environ | environment
     process: Any
     if words[0] != script("counterlight") or "FRESH" in os.environ or read_early(variables):
@@ -106,14 +106,19 @@ def wait_until(
         time.sleep(every_s)
 
 
-def descendants(pid: int) -> set[int]:
-    """The children of a process, their children, and so on."""
+def children(pid: int) -> set[int]:
+    """Processes that a process has started; none if it has gone."""
     found: set[int] = set()
     for task in Path(f"/proc/{pid}/task").glob("*/children"):
         with contextlib.suppress(OSError):  # gone meanwhile
-            for child in map(int, task.read_text().split()):
-                found |= {child} | descendants(child)
+            found |= set(map(int, task.read_text().split()))
     return found
+
+
+def descendants(pid: int) -> set[int]:
+    """The children of a process, their children, and so on."""
+    found = children(pid)
+    return found.union(*map(descendants, found))
 
 
 def is_running(pid: int) -> bool:

@@ -23,6 +23,7 @@ MIXED, COLOUR = "mixed", ((0.75, 0.25, 0.0), (0.0, 0.875, 0.125), (0.125, 0.125,
 UNLIKE = (4, "srgb"), (6, [[0, 0, 0], [0.1, 0.4, 0.2], [1, 1, 1]]), (3, "srgb")  # columns of projectors, responses
 SEGMENT = WhiteSegment(((0, 0, 0), (0.1, 0.05, 0.02), (0.5, 0.4, 0.3)))
 SEGMENTED = (4, "srgb"), (6, Response("gamma", 2.2, segment=SEGMENT)), (3, "srgb")
+FAINTEST = 1e-2  # share of a blur's peak below which an entry is left out
 
 
 def random_map(
@@ -133,13 +134,19 @@ def blurred_transport(
     shift : how far the projector's picture has moved over the surface, its pixels right and down.
     """
     y, x = np.mgrid[: camera[0], : camera[1]].reshape(2, -1, 1)
-    v, u = np.mgrid[: projector[0], : projector[1]].reshape(2, 1, -1)
-    dy = (y + 0.5) * projector[0] / camera[0] - v - 0.5 - shift[1]
-    dx = (x + 0.5) * projector[1] / camera[1] - u - 0.5 - shift[0]
+    centre_y = (y + 0.5) * projector[0] / camera[0] - shift[1]
+    centre_x = (x + 0.5) * projector[1] / camera[1] - shift[0]
+    reach = int(np.ceil(sigma * np.sqrt(-2 * np.log(FAINTEST)))) + 1
+    v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, 1, -1)
+    v, u = v + np.floor(centre_y).astype(int), u + np.floor(centre_x).astype(int)
+    dy, dx = centre_y - v - 0.5, centre_x - u - 0.5
     weights = np.exp(-(dx**2 + dy**2) / (2 * sigma**2))
-    weights[weights < 1e-2] = 0
-    albedo = rng.uniform(0.4, 1, (weights.shape[0], 1))
-    return sparse.csr_array((albedo * weights / weights.sum(axis=1, keepdims=True)).astype(np.float32))
+    weights[(weights < FAINTEST) | (v < 0) | (v >= projector[0]) | (u < 0) | (u >= projector[1])] = 0
+    weights *= rng.uniform(0.4, 1, (weights.shape[0], 1)) / weights.sum(axis=1, keepdims=True)
+    lit = np.nonzero(weights)
+    places = lit[0].astype(np.int32), (v * projector[1] + u)[lit].astype(np.int32)
+    shape = weights.shape[0], projector[0] * projector[1]
+    return sparse.csr_array((weights[lit].astype(np.float32), places), shape=shape)
 
 
 def write_blurred_room(

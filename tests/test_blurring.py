@@ -198,8 +198,8 @@ def test_projectors_beside_each_other(rng: np.random.Generator) -> None:
     right = Transport(rows_of(discs(rng, 1.0, projector=(20, 30))), camera=CAMERA, projector=(20, 30))
     joint = join_transports([left, right], [PROJECTOR, (20, 30)])
     drives = rng.uniform(size=(*PROJECTOR, 3)), rng.uniform(size=(20, 30, 3))
-    raster = np.zeros((39, 75, 3))
-    raster[:, :45], raster[:20, 45:] = drives
+    raster = np.zeros((PROJECTOR[0], PROJECTOR[1] + 30, 3))
+    raster[:, : PROJECTOR[1]], raster[:20, PROJECTOR[1] :] = drives
     alike(
         joint.apply(raster.reshape(-1, 3)),
         sum(each @ p for each, p in zip((left, right), drives, strict=True)).reshape(-1, 3),

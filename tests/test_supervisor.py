@@ -35,7 +35,7 @@ from tests import screens
 from tests.desktop import mapped_windows
 from tests.media import numbered, write_video
 from tests.pjlink_projector import OFF, ON, projector
-from tests.programs import PATIENCE_S, descendants, fail, is_running, on, running, succeed, verb, wait_until
+from tests.programs import PATIENCE_S, children, descendants, fail, is_running, on, running, succeed, verb, wait_until
 from tests.rooms import write_blurred_room
 from tests.stage import Clock
 from tests.test_heartbeat import received
@@ -102,6 +102,16 @@ class Show:
 
         self.wait(shown, "a player plays")
         return int(self.beats()[-1]["pid"])
+
+    def crash(self, times: int) -> int:
+        """Kill one player after the other as soon as it is there; returns the last one's process id."""
+        killed = {0}
+        for _ in range(times):
+            self.wait(lambda: bool(children(self.process.pid) - killed), "a player starts")
+            (pid,) = children(self.process.pid) - killed
+            killed.add(pid)
+            os.kill(pid, signal.SIGKILL)
+        return pid
 
     def wait(self, condition: Callable[[], bool], what: str) -> None:
         wait_until(condition, what, self.process)
@@ -203,11 +213,11 @@ def test_nothing_is_left_of_a_supervisor_that_is_killed_and_strangers_have_nowhe
 
 
 def test_a_show_goes_on_whoever_reads_its_lines(xvfb: str, room: Path, tmp_path: Path, manager: socket.socket) -> None:
-    """Nobody reads stderr, and a list of which half fails fills its pipe many times; then the reader goes."""
+    """Nobody reads stderr, whose pipe is full, and half of a list fails; then the reader goes."""
     (tmp_path / "broken.mkv").write_bytes(b"no video" * 100)
     clip = tmp_path / "clip.mkv"
     write_video(clip, [numbered(n) for n in range(3)])
-    media = [path for _ in range(3) for path in (clip, tmp_path / ("x" * 200 + ".mkv"), tmp_path / "broken.mkv")]
+    media = [path for _ in range(2) for path in (clip, tmp_path / ("x" * 200 + ".mkv"), tmp_path / "broken.mkv")]
     readable, writable = os.pipe()
     with suppress(BlockingIOError):
         os.set_blocking(writable, False)
@@ -218,10 +228,10 @@ def test_a_show_goes_on_whoever_reads_its_lines(xvfb: str, room: Path, tmp_path:
     with running(*words, errors=writable, **on(xvfb)) as process:
         os.close(writable)
         show = Show(process, tmp_path / "log")
-        show.player(frames=20)
+        show.player(frames=7)  # the list has six
         os.close(readable)
         frames = show.beats()[-1]["frames"]
-        show.wait(lambda: show.beats()[-1]["frames"] > frames + 20, "the show goes on")
+        show.wait(lambda: show.beats()[-1]["frames"] > frames + 6, "the show goes on")
         process.terminate()
         assert process.wait(PATIENCE_S) == 130
 
@@ -240,11 +250,7 @@ def test_after_five_crashes_the_screen_is_black_until_told_to_try_again(
     xvfb: str, room: Path, tmp_path: Path, manager: socket.socket
 ) -> None:
     with supervised(xvfb, tmp_path, room, CLIP, "--loop") as show:
-        pid = 0
-        for _ in range(MOST_CRASHES):
-            pid = show.player(other_than=pid)
-            os.kill(pid, signal.SIGKILL)
-
+        pid = show.crash(MOST_CRASHES)
         show.wait(show.is_black, "the safe picture")
         show.wait(lambda: (0, 0, 1280, 720) in mapped_windows(xvfb), "it fills the screen")
         show.process.send_signal(signal.SIGHUP)
@@ -261,11 +267,7 @@ def test_the_safe_picture_may_be_the_show_without_compensation(
     xvfb: str, room: Path, tmp_path: Path, manager: socket.socket
 ) -> None:
     with supervised(xvfb, tmp_path, room, CLIP, "--loop", "--safe", "plain") as show:
-        pid = 0
-        for _ in range(MOST_CRASHES):
-            pid = show.player(other_than=pid)
-            os.kill(pid, signal.SIGKILL)
-        pid = show.player(other_than=pid)
+        pid = show.player(other_than=show.crash(MOST_CRASHES))
         assert b"--no-compensation" in Path(f"/proc/{pid}/cmdline").read_bytes()
 
 

@@ -1,10 +1,10 @@
-"""Commands of a copy of an interpreter that has read the libraries: half of what a small command costs is reading them.
+"""Commands by copies of an interpreter that has imported the product: small commands do little else.
 
     python tests/warm_start.py SOCKET      # a descriptor, by which requests come; it ends when the other side goes
 
-Each request is forked: a process of its own, with its own arguments, environment, folder, limits and streams, which
-reads all of the product anew, runs the script as Python does and ends as Python does. Only numpy, scipy, Numba, OpenCV,
-PyAV and the like are there already; of the product, nothing is. Asked by copies.py; knows nothing of the tests.
+Each request is forked: a process with its own arguments, environment, folder, limits and streams, which runs the script
+as Python does and ends as Python does. The server has imported modules and called nothing. Asked by copies.py; knows
+nothing of the tests. FRESH=1 runs every command in a new interpreter; test_wheel.py does so always.
 """
 
 import contextlib
@@ -13,6 +13,7 @@ import importlib
 import json
 import multiprocessing.process
 import os
+import pkgutil
 import resource
 import runpy
 import selectors
@@ -26,23 +27,31 @@ from typing import Any
 LIBRARIES = (
     "numpy", "scipy.sparse.csgraph", "scipy.sparse.linalg", "scipy.linalg", "scipy.ndimage", "scipy.optimize",
     "numba", "cv2", "av", "OpenEXR", "PIL.ImageFont", "moderngl", "glfw",
-    "threadpoolctl", "tqdm", "argcomplete", "importlib.metadata",
+    "threadpoolctl", "tqdm", "argcomplete", "importlib.metadata", "skimage.metrics", "colour",
 )  # fmt: skip
+PRODUCT = "counterlight"
 LIMITS = [value for name, value in sorted(vars(resource).items()) if name.startswith("RLIMIT_")]
 MOST_BYTES = 1 << 18
 STREAMS = 3
 Request = dict[str, Any]
 
 
-def read_libraries() -> None:
+def import_all() -> dict[str, str]:
+    """Import libraries and the product; returns the environment variables that the product has set."""
     for name in LIBRARIES:
         importlib.import_module(name)
+    before = dict(os.environ)
+    importlib.import_module(PRODUCT)
+    for module in pkgutil.walk_packages(sys.modules[PRODUCT].__path__, f"{PRODUCT}."):
+        if not module.name.endswith(".__main__"):
+            importlib.import_module(module.name)
     from numba.core.registry import cpu_target
 
     cpu_target.typing_context.refresh()  # what the first compiled function would do
     cpu_target.target_context.refresh()
     gc.collect()
     gc.freeze()  # copies share the pages
+    return {name: value for name, value in os.environ.items() if before.get(name) != value}
 
 
 def request_here(words: list[str], environment: dict[str, str], folder: Path) -> bytes:
@@ -89,14 +98,17 @@ def _tell_end(watch: int, pid: int, reply: int) -> None:
     os.close(watch)
 
 
-def become(request: Request, streams: list[int]) -> None:
-    """Run a script as a program that was started anew; nothing but its streams is open."""
+def become(request: Request, streams: list[int], imported: dict[str, str]) -> None:
+    """Run a script as a program that was started anew; nothing but its streams is open.
+
+    imported : environment variables that the product has set while it was imported.
+    """
     for number, descriptor in enumerate(streams):
         os.dup2(descriptor, number)
     os.closerange(STREAMS, resource.getrlimit(resource.RLIMIT_NOFILE)[0])
     signal.signal(signal.SIGINT, signal.default_int_handler)
     os.environ.clear()
-    os.environ.update(request["environment"])
+    os.environ.update(imported | request["environment"])
     os.chdir(request["folder"])
     os.umask(request["umask"])
     for which, soft, hard in request["limits"]:
@@ -108,14 +120,16 @@ def become(request: Request, streams: list[int]) -> None:
     runpy.run_path(sys.argv[0], run_name="__main__")
 
 
-def main() -> tuple[Request, list[int]] | None:
+def main() -> None:
     if os.fork():  # nobody's child: tests count theirs
         os._exit(0)
-    read_libraries()
+    imported = import_all()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the copies, and for whoever asked for them
     with socket.socket(fileno=int(sys.argv[1])) as requests:
-        return served(requests)
+        wanted = served(requests)
+    if wanted:
+        become(*wanted, imported)
 
 
-if __name__ == "__main__" and (wanted := main()):
-    become(*wanted)
+if __name__ == "__main__":
+    main()

@@ -13,9 +13,10 @@ from tests.fuzz.calibrations import Calibrations
 from tests.fuzz.disks import Disks
 from tests.fuzz.evening import Evening
 from tests.fuzz.kills import Kills
+from tests.fuzz.lines import Lines
 from tests.fuzz.lists import Lists
 from tests.fuzz.media import Media
-from tests.fuzz.memory import Loadfiles, Reloads, Seconds, Settings
+from tests.fuzz.memory import Frames, Loadfiles, Reloads, Seconds, Settings
 from tests.fuzz.remotes import Remotes
 from tests.fuzz.signals import Signals
 from tests.fuzz.tables import Tables
@@ -27,6 +28,7 @@ KINDS: tuple[type[Campaign], ...] = (
     Media,
     Lists,
     Remotes,
+    Lines,
     Evening,
     Kills,
     Disks,
@@ -35,6 +37,7 @@ KINDS: tuple[type[Campaign], ...] = (
     Loadfiles,
     Settings,
     Seconds,
+    Frames,
 )
 FOUND = 1
 

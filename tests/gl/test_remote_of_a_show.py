@@ -17,7 +17,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketExce
 
 from counterlight.remote.visitor import AT_ONCE
 from counterlight.remote.web import LONGEST_MESSAGE, MOST_VISITORS
-from tests.gl.test_control_of_a_show import random_line
+from tests.fuzz.lines import random_line
 from tests.player_page import table
 from tests.programs import PATIENCE_S, descendants, fail, on, wait_until
 from tests.web_remote import Place, child, free_port, printed_address, show_with_remote

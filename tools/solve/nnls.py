@@ -45,9 +45,11 @@ class _ByProjectedGradient:
 def _pivoted(blocks: FloatArray, targets: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Blocks (k, m, n), b (k, m) -> p (k, n), and whether a block went to scipy (k,)."""
     size = np.linalg.norm(blocks, axis=1) * np.linalg.norm(targets, axis=1)[:, None]
-    p, free = _exchange(blocks, targets, TOLERANCE * size)
+    adjoint = np.swapaxes(blocks, 1, 2)
+    product = (adjoint @ targets[..., None])[..., 0]
+    p, free = _exchange(blocks, targets, adjoint @ blocks, product, TOLERANCE * size)
     seen = (blocks @ p[..., None])[..., 0]
-    dual = (np.swapaxes(blocks, 1, 2) @ (seen - targets)[..., None])[..., 0]
+    dual = (adjoint @ (seen - targets)[..., None])[..., 0]
     wrong = np.where(free, np.abs(dual), -dual) > TOLERANCE * size
     failed = (wrong | (p < 0) | ~np.isfinite(p)).any(axis=1)
     for k in np.flatnonzero(failed):
@@ -55,46 +57,108 @@ def _pivoted(blocks: FloatArray, targets: FloatArray) -> tuple[FloatArray, BoolA
     return p, failed
 
 
+# Loops, not numpy's functions of arrays and LAPACK: Numba takes 13 s to compile those, 2 s for loops.
+
+
 @kept(nogil=True)
-def _exchange(blocks: FloatArray, targets: FloatArray, slack: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """p and which pixels are free, (k, n) each, after the exchanges; optimal if they came to rest."""
+def _exchange(
+    blocks: FloatArray, targets: FloatArray, gram: FloatArray, product: FloatArray, slack: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """p and which pixels are free, (k, n) each, after the exchanges; optimal if they came to rest.
+
+    gram : TᵀT, (k, n, n).  product : Tᵀb, (k, n).
+    """
     count, n = slack.shape
     p, free = np.zeros((count, n)), np.zeros((count, n), np.bool_)
+    wrong, descent, change = np.zeros(n, np.bool_), np.zeros(n), np.zeros(n)
     for k in range(count):
-        gram, product = blocks[k].T @ blocks[k], blocks[k].T @ targets[k]
         fewest, patience = n + 1, FULL_EXCHANGES
         for _ in range(MOST_ROUNDS):
-            p[k] = _solve_free(gram, product, free[k])
-            dual = gram @ p[k] - product
-            wrong = np.flatnonzero(np.where(free[k], p[k] < 0, dual < -slack[k]))
-            if not wrong.size:
+            _solve_free(gram[k], product[k], free[k], p[k])
+            number, last = _mark_wrong(gram[k], product[k], slack[k], free[k], p[k], wrong)
+            if number == 0:
                 break
-            if wrong.size < fewest:
-                fewest, patience = wrong.size, FULL_EXCHANGES
+            if number < fewest:
+                fewest, patience = number, FULL_EXCHANGES
             else:
                 patience -= 1
-            for j in wrong if patience >= 0 else wrong[-1:]:
-                free[k, j] = not free[k, j]
+            for j in range(n):
+                if wrong[j] and (patience >= 0 or j == last):
+                    free[k, j] = not free[k, j]
         for _ in range(REFINEMENTS):  # corrected normal equations (Björck 1996, 6.6.5): as exact as QR up to 1/√ε
-            descent = blocks[k].T @ (targets[k] - blocks[k] @ p[k])
-            if not (free[k] & (np.abs(descent) > EXACT * slack[k])).any():
+            _descend(blocks[k], targets[k], p[k], descent)
+            exact = True
+            for j in range(n):
+                exact &= not free[k, j] or abs(descent[j]) <= EXACT * slack[k, j]
+            if exact:
                 break
-            p[k] += _solve_free(gram, descent, free[k])
+            _solve_free(gram[k], descent, free[k], change)
+            for j in range(n):
+                p[k, j] += change[j]
     return p, free
 
 
 @kept(nogil=True)
-def _solve_free(gram: FloatArray, product: FloatArray, free: BoolArray) -> FloatArray:
-    """p (n,) with TᵀT p = `product` on the free pixels, 0 on the others."""
-    at, p = np.flatnonzero(free), np.zeros(free.size)
-    if at.size == 0:
-        return p
-    normal = np.empty((at.size, at.size))
-    for i in range(at.size):
-        for j in range(at.size):
+def _mark_wrong(
+    gram: FloatArray, product: FloatArray, slack: FloatArray, free: BoolArray, p: FloatArray, wrong: BoolArray
+) -> tuple[int, int]:
+    """Fills `wrong` with the pixels that contradict the conditions of optimality; their number, and the last."""
+    number, last = 0, -1
+    for i in range(p.size):
+        dual = -product[i]
+        for j in range(p.size):
+            dual += gram[i, j] * p[j]
+        wrong[i] = p[i] < 0 if free[i] else dual < -slack[i]
+        if wrong[i]:
+            number, last = number + 1, i
+    return number, last
+
+
+@kept(nogil=True)
+def _descend(block: FloatArray, target: FloatArray, p: FloatArray, descent: FloatArray) -> None:
+    """Fills `descent` with Tᵀ (b − T p)."""
+    descent[:] = 0.0
+    for i in range(block.shape[0]):
+        rest = target[i]
+        for j in range(p.size):
+            rest -= block[i, j] * p[j]
+        for j in range(p.size):
+            descent[j] += block[i, j] * rest
+
+
+@kept(nogil=True)
+def _solve_free(gram: FloatArray, product: FloatArray, free: BoolArray, p: FloatArray) -> None:
+    """Fills p (n,) with TᵀT p = `product` on the free pixels, 0 on the others."""
+    at, count, largest = np.empty(free.size, np.int64), 0, TINY
+    for j in range(free.size):
+        p[j] = 0.0
+        if free[j]:
+            at[count], count, largest = j, count + 1, max(largest, gram[j, j])
+    if count == 0:
+        return
+    normal, right = np.empty((count, count)), np.empty(count)
+    for i in range(count):
+        right[i] = product[at[i]]
+        for j in range(count):
             normal[i, j] = gram[at[i], at[j]]
-    ridge = RIDGE * max(np.diag(gram).max(), TINY)
-    for i in range(at.size):
-        normal[i, i] += ridge
-    p[at] = np.linalg.solve(normal, product[at])
-    return p
+        normal[i, i] += RIDGE * largest
+    _solve_symmetric(normal, right)
+    for i in range(count):
+        p[at[i]] = right[i]
+
+
+@kept(nogil=True, error_model="numpy")
+def _solve_symmetric(A: FloatArray, b: FloatArray) -> None:
+    """Replaces b (n,) by A⁻¹ b, A positive definite: L D Lᵀ in the upper half of A (Golub and Van Loan 2013, 4.1)."""
+    n = b.size
+    for j in range(n):
+        for k in range(j):
+            factor = A[k, j] / A[k, k]
+            for i in range(j, n):
+                A[j, i] -= factor * A[k, i]
+            b[j] -= factor * b[k]
+    for j in range(n - 1, -1, -1):
+        rest = b[j]
+        for i in range(j + 1, n):
+            rest -= A[j, i] * b[i]
+        b[j] = rest / A[j, j]
