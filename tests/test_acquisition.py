@@ -34,6 +34,7 @@ from counterlight.tools.acquisition.cameras.simulated import (
     SimulatedRoom,
     simulated_rooms,
 )
+from counterlight.tools.acquisition.linearity import SHOTS, shown_halves
 from counterlight.tools.acquisition.plan import REPEATS, Picture, Reference, measure_noise
 from counterlight.tools.acquisition.ramps import light_level
 from counterlight.tools.acquisition.schemes import blocks
@@ -64,7 +65,8 @@ from tests.faults import no_file_above
 from tests.programs import succeed
 from tests.rooms import write_blurred_room
 
-TAKEN = 2 * REPEATS + len(light_level(PROJECTOR).patterns)  # before the first pattern of a scheme
+FIRST = 2 * REPEATS + 2 * SHOTS  # black, floodlight, and a picture and its complement
+TAKEN = FIRST + len(light_level(PROJECTOR).patterns)  # before the first pattern of a scheme
 
 # Interruptions.
 
@@ -225,7 +227,7 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
         rounds += 1
     assert rounds == 3 + 5  # black and floodlight, ramps, levels of 16 to 1 px, floodlight and checks
     kinds = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED).ndim for path in shown]
-    assert [number for number, kind in enumerate(kinds) if kind == 3] == [*range(2 * REPEATS, TAKEN), len(shown) - 1]
+    assert [number for number, kind in enumerate(kinds) if kind == 3] == [*range(FIRST, TAKEN), len(shown) - 1]
     names = [path.name for path in (tmp_path / "direct").iterdir() if path.name != "calibration.toml"]
     assert len(names) == 3 + 1 + 3 + 2  # T of three channels and far, primaries, ambient light, mask
     assert filecmp.cmpfiles(tmp_path / "direct", tmp_path / "asked", names, shallow=False) == (names, [], [])
@@ -238,8 +240,9 @@ def prepared_folder(tmp_path: Path, rng: np.random.Generator) -> tuple[list[str]
     eye = SimulatedCamera(room_of(sharp_wall(rng)), CameraSettings())
     captures = tmp_path / "x" / "captures"
     captures.mkdir(parents=True)
-    for number in range(2 * REPEATS):
-        (shot,) = eye.capture(number, np.full(PROJECTOR, number % 2 == 1))
+    shown = [np.full(PROJECTOR, lit) for _ in range(REPEATS) for lit in (False, True)] + shown_halves(PROJECTOR)
+    for number, pattern in enumerate(shown):
+        (shot,) = eye.capture(number, pattern)
         cv2.imwrite(str(captures / f"{number:05}.png"), shot[..., ::-1])
     arguments = ["--camera", f"folder:{tmp_path / 'x'}", "--projector", "30x21", "-o", str(tmp_path / "out")]
     return [*arguments, "--exposures", str(eye.exposures.times[0])], captures
@@ -267,8 +270,8 @@ def filled(value: int, *numbers: int) -> Any:
     [
         (lambda captures: (captures / "00001.png").unlink(), r"waiting for 1 captures, 00001\.png; show the patterns"),
         (
-            lambda captures: shutil.copy(captures / "00001.png", captures / "00032.png"),
-            "00032.png: belongs to no pattern",
+            lambda captures: shutil.copy(captures / "00001.png", captures / f"{FIRST:05}.png"),
+            f"{FIRST:05}.png: belongs to no pattern",
         ),
         (lambda captures: shutil.copy(captures / "00001.png", captures / "img.jpg"), "img.jpg: belongs to no pattern"),
         (lambda captures: shutil.copy(captures / "00001.png", captures / "00001.jpg"), "the same capture as 00001"),

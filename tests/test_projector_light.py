@@ -259,3 +259,18 @@ def test_captures_from_before_response_was_measured_are_gone_on_with(
     room = calibration.read(tmp_path / "out").calibration
     assert room.primaries is None
     assert room.projector.response == Response("srgb")
+
+
+def test_captures_from_before_the_linearity_of_the_camera_was_checked_are_gone_on_with(
+    tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_blurred_room(tmp_path / "room", rng, CAMERA, PROJECTOR)
+    words = arguments(tmp_path / "room", tmp_path / "out")
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "FORMAT", store.UNHALVED)
+        assert acquire_transport.main(words) == 0
+    assert "163 pictures" in capsys.readouterr().out
+    unfinished(tmp_path / "out.captures")
+    assert acquire_transport.main([*words, "--force"]) == 0
+    assert "163 pictures, 163 exposures, 163 of them from before" in capsys.readouterr().out
+    assert calibration.read(tmp_path / "out").calibration.primaries is not None

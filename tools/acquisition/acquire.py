@@ -1,9 +1,10 @@
 """Run a scheme: every pattern in turn, every capture on disk before the next pattern is shown, and what is checked.
 
 Black and floodlight come first, sixteen times each: black is subtracted from every capture, and how bright each camera
-pixel is in all decides how smooth pictures turn out. They also give the noise. Then ramps, from which the projector's
-response is measured, and its primaries. Floodlight comes again at the end, which tells a moved camera, and last random
-pictures that no scheme has seen, black and white and coloured: how well they are predicted is the honest measure.
+pixel is in all decides how smooth pictures turn out. They also give the noise. A picture and its complement tell
+whether the camera is linear. Then ramps, from which the projector's response is measured, and its primaries. Floodlight
+comes again at the end, which tells a moved camera, and last random pictures that no scheme has seen, black and white
+and coloured: how well they are predicted is the honest measure.
 
 Each of a scheme's pictures is captured once, or as often as the noise asks for (averaging.py).
 
@@ -30,6 +31,7 @@ from counterlight.tools.acquisition.averaging import Aim, Averaged, Averaging, e
 from counterlight.tools.acquisition.cameras.camera import Camera, Shot
 from counterlight.tools.acquisition.check import Check, check_coloured, check_colours, check_pattern, check_white
 from counterlight.tools.acquisition.closure import SummedCaptures, check_closure
+from counterlight.tools.acquisition.linearity import SHOTS, bends_of, refuse_bends, shown_halves
 from counterlight.tools.acquisition.movement import refuse_moved
 from counterlight.tools.acquisition.plan import (
     REPEATS,
@@ -57,9 +59,12 @@ AGAIN = "fix them, acquire again with other --captures"
 class Store(Protocol):
     """Where captures are kept: on disk (store.py), or in memory.
 
-    coloured : ramps and primaries are among them.  averaged : pictures may be captured several times.
+    halves : a picture and its complement are among them (linearity.py).  coloured : ramps and primaries are.
+    averaged : pictures may be captured several times.
     """
 
+    @property
+    def halves(self) -> bool: ...
     @property
     def coloured(self) -> bool: ...
     @property
@@ -116,9 +121,17 @@ def acquire(
     shape, regions = side_by_side(projectors)
     parts = [_Part(recorder, shape, region, number) for number, region in enumerate(regions, 1)]
     whites = [part.in_raster(np.ones(part.projector, np.bool_)) for part in parts]
-    first = Level("black and floodlight", [np.zeros(shape, np.bool_), *whites] * REPEATS, further=1)
-    captures = recorder.capture(first)
+    shown = [np.zeros(shape, np.bool_), *whites] * REPEATS
+    halves = len(shown)  # the first capture of those
+    if store.halves:
+        shown += [part.in_raster(picture) for part in parts for picture in shown_halves(part.projector)]
+    captures = recorder.capture(Level("black and floodlight", shown, further=1))
     rooms = [_reference(camera, store, captures, part, len(parts)) for part in parts]
+    if store.halves:
+        for part, room in zip(parts, rooms, strict=True):
+            seen = [capture.astype(np.float64) for capture in captures[halves : halves + 2 * SHOTS]]
+            refuse_bends(camera, bends_of(camera, room, mean_of(seen[:SHOTS]), mean_of(seen[SHOTS:])), part.name)
+            halves += 2 * SHOTS
     aims = replace(aim, seconds=aim.seconds / len(parts))
     return [_acquire(part, make_scheme, room, given, aims) for part, room in zip(parts, rooms, strict=True)]
 

@@ -34,7 +34,7 @@ from counterlight.writing.replacing import filling_folder, holding, replacing_fi
 
 SESSION, NEXT = "session.toml", "next.toml"
 CAPTURES = ("captures", "captures_2")
-FORMAT, COLOURLESS = 4, 3  # 3: no ramps, primaries, coloured check; 2: not known whether its room is in place
+FORMAT, UNHALVED, COLOURLESS = 5, 4, 3  # 4: no halves; 3: no ramps, primaries, coloured check, either; older: refused
 OWN = ("id", "captures", "made", "finished", "repeats")  # what a session says beside what it is of
 FIX = "name another folder with --captures, or remove this one"
 
@@ -66,6 +66,11 @@ class CaptureStore:
         self._captures = folder / str(record["captures"])
         self.replaces = replaces
         self._size: tuple[int, ...] | None = None
+
+    @property
+    def halves(self) -> bool:
+        """Whether a picture and its complement are among them: not in those of an older version."""
+        return self._record["format"] not in (UNHALVED, COLOURLESS)
 
     @property
     def coloured(self) -> bool:
@@ -227,7 +232,7 @@ def _read(path: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
     stored = read_toml(path, FIX)
-    if type(found := stored.get("format")) is not int or found != COLOURLESS:
+    if type(found := stored.get("format")) is not int or found not in (UNHALVED, COLOURLESS):
         Table(stored, str(path), FIX).format(FORMAT)
     if stored.get("captures") not in CAPTURES or not isinstance(stored.get("id"), str):
         raise InputError(f"{path}: does not say which captures are of it; {FIX}")
