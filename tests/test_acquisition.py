@@ -125,9 +125,19 @@ def test_killed_and_resumed_it_ends_bit_identical(tmp_path: Path, rng: np.random
 class FillingDisk(CaptureStore):
     """From capture 20 on, there is no space."""
 
-    def save(self, number: int, shots: Sequence[Shot]) -> None:
-        with no_file_above(200 if number >= 20 else resource.RLIM_INFINITY):
-            super().save(number, shots)
+    def _put_shots(self, paths: Sequence[Path], shots: Sequence[Shot]) -> None:
+        with no_file_above(200 if int(paths[0].stem) >= 20 else resource.RLIM_INFINITY):
+            super()._put_shots(paths, shots)
+
+
+def test_captures_are_compressed_and_read_as_they_were(tmp_path: Path, rng: np.random.Generator) -> None:
+    noisy = (4 * rng.integers(100, 116, (60, 80, 3))).astype(np.uint16)
+    wanted = store.Wanted(tmp_path / "room")
+    with store.open_store(tmp_path / "captures", {"camera": "test"}, Exposures(), wanted) as captures:
+        captures.save(0, [noisy])
+        assert captures.has(0)  # waits for the disk
+        assert (tmp_path / "captures" / "captures" / "00000.png").stat().st_size < noisy.nbytes / 2
+        np.testing.assert_array_equal(captures.shots(0)[0], noisy)
 
 
 def test_a_full_disk_stops_in_one_line_and_resumes(

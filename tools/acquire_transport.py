@@ -1,8 +1,8 @@
 """counterlight acquire: a calibration folder from projectors and a camera, or from a simulated room.
 
 Patterns are black and white, so that the projector's response does not matter; it is measured beside them. With
---pictures there are as many as one has time for, and all is measured by them. Every capture is on disk before the next
-pattern is shown; the same command goes on where an interrupted one stopped.
+--pictures there are as many as one has time for, and all is measured by them. Captures go to disk as they come; the
+same command goes on where an interrupted one stopped.
 """
 
 import argparse

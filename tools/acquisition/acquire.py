@@ -1,4 +1,4 @@
-"""Run a scheme: every pattern in turn, every capture on disk before the next pattern is shown, and what is checked.
+"""Run a scheme: every pattern in turn, its capture put on disk while the next pattern is shown, and what is checked.
 
 Black and floodlight come first, sixteen times each: black is subtracted from every capture, and how bright each camera
 pixel is in all decides how smooth pictures turn out. They also give the noise. A picture and its complement tell

@@ -12,6 +12,7 @@ until its room, too, is in place.
 import shutil
 import uuid
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +25,7 @@ from counterlight.calibration import TOML
 from counterlight.errors import InputError, shown
 from counterlight.files.manifest import sha256_of, write_toml
 from counterlight.files.picture_files import read_picture
-from counterlight.files.png import encode_stored
+from counterlight.files.png import encode_png
 from counterlight.files.reading import read_toml
 from counterlight.files.tables import Table
 from counterlight.tools.acquisition.averaging import MOST_REPEATS
@@ -57,14 +58,26 @@ class Wanted:
 class CaptureStore:
     """The captures of one acquisition.
 
-    record : what its session says.  put : puts a file into the folder of the captures, for good.  replaces : whether it
-    will take the place of a finished acquisition, whose captures stay until `finish`.
+    record : what its session says.  put : puts a file into the folder of the captures, for good.
+    writer : a thread that compresses and writes a capture while the next picture is shown.
+    replaces : whether it will take the place of a finished acquisition, whose captures stay until `finish`.
     """
 
-    def __init__(self, folder: Path, record: dict[str, Any], exposures: Exposures, put: Put, *, replaces: bool) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        record: dict[str, Any],
+        exposures: Exposures,
+        put: Put,
+        writer: Executor,
+        *,
+        replaces: bool,
+    ) -> None:
         self._folder, self._record, self._exposures, self._put = folder, record, exposures, put
         self._captures = folder / str(record["captures"])
         self.replaces = replaces
+        self._writer = writer
+        self._writing: Future[None] | None = None
         self._size: tuple[int, ...] | None = None
 
     @property
@@ -96,10 +109,11 @@ class CaptureStore:
         return str(self._record["id"])
 
     def has(self, number: int) -> bool:
+        self._settle()
         return all(path.is_file() for path in self._paths(number))
 
     def save(self, number: int, shots: Sequence[Shot]) -> None:
-        """Put a capture on disk; it is there for good when this returns.
+        """Begin to put a capture on disk. The one before is there for good when this returns.
 
         Raises InputError where the disk refuses, for another count of shots than exposures, and for another size.
         """
@@ -108,9 +122,21 @@ class CaptureStore:
             raise InputError(f"capture {number}: {len(shots)} shots, expected {len(paths)}, one for each exposure")
         for path, shot in zip(paths, shots, strict=True):
             self._check_size(path, shot)
-            self._put(path, encode_stored(shot))
+        self._settle()
+        self._writing = self._writer.submit(self._put_shots, paths, shots)
+
+    def _put_shots(self, paths: Sequence[Path], shots: Sequence[Shot]) -> None:
+        for path, shot in zip(paths, shots, strict=True):
+            self._put(path, encode_png(shot))
+
+    def _settle(self) -> None:
+        """What was saved is on disk for good when this returns; InputError where the disk refuses."""
+        writing, self._writing = self._writing, None
+        if writing is not None:
+            writing.result()
 
     def shots(self, number: int) -> tuple[Shot, ...]:
+        self._settle()
         shots = tuple(read_picture(path) for path in self._paths(number))
         for path, shot in zip(self._paths(number), shots, strict=True):
             self._check_size(path, shot)
@@ -185,8 +211,8 @@ def open_store(folder: Path, session: dict[str, Any], exposures: Exposures, want
             _refuse_other(folder, current, session)
         captures = folder / str(current["captures"])
         captures.mkdir(exist_ok=True)
-        with filling_folder(captures) as put:
-            yield CaptureStore(folder, current, exposures, put, replaces=coming is not None)
+        with filling_folder(captures) as put, ThreadPoolExecutor(1) as writer:
+            yield CaptureStore(folder, current, exposures, put, writer, replaces=coming is not None)
 
 
 def _settled(folder: Path, room: Path) -> tuple[dict[str, Any] | None, dict[str, Any] | None]:
