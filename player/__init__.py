@@ -11,12 +11,10 @@ them), never scipy. Only `counterlight.gl` touches moderngl and glfw.
 Read next: maps/row_map.py (the contract), pipeline/reference.py (the mathematics), app.py (the command).
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from counterlight.errors import InputError
     from counterlight.tools.api import (
-        Renderer,
         Room,
         Solution,
         build_maps,
@@ -26,15 +24,38 @@ if TYPE_CHECKING:
         simulate,
         solve,
     )
+    from counterlight.tools.renderer import Renderer
 
-__all__ = ["Renderer", "Room", "Solution", "build_maps", "read_maps", "read_picture", "read_room", "simulate", "solve"]
+    __version__: str
+
+__all__ = [
+    "InputError",
+    "Renderer",
+    "Room",
+    "Solution",
+    "__version__",
+    "build_maps",
+    "read_maps",
+    "read_picture",
+    "read_room",
+    "simulate",
+    "solve",
+]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
+    """Imports what a public name needs when it is first used."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("counterlight")
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module("counterlight.tools.api"), name)
+    from importlib import import_module
+
+    module = {"InputError": "errors", "Renderer": "tools.renderer"}.get(name, "tools.api")
+    return getattr(import_module(f"{__name__}.{module}"), name)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

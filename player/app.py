@@ -82,8 +82,9 @@ def _show(options: argparse.Namespace) -> None:
     _check_outputs(options)
     adjustments = replace(adjustments_of(options), corners=read_placement(options.calibration))
     if options.output:
-        stats = render(options, _room_told(options), adjustments)
+        stats = render(options, lambda: _room_told(options), adjustments)
     else:
+        _check_window(options)
         with _attached(options) as (remotes, heartbeat, farewell):
             stats = play_in_window(
                 options, _room_told(options), adjustments, remotes=remotes, heartbeat=heartbeat, farewell=farewell
@@ -148,7 +149,6 @@ def play_in_window(
 
     farewell : what is done if the screen goes, which ends the process.
     """
-    _check_window(options)
     from counterlight.gl import lost_screen
     from counterlight.gl.renderer import WindowRenderer
 

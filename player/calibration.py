@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight import viewpoints
+from counterlight.arrays import brief
 from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.files.generation import read_steadily
@@ -96,6 +97,8 @@ class Calibration:
     primaries: NDArray[np.float32] | None = None
     screen: Screen | None = None
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         if len(self.name) > LONGEST_TEXT or len(self.projectors) > MOST_PROJECTORS:
             raise InputError(
@@ -105,9 +108,10 @@ class Calibration:
         _ = self.projector  # its size is checked
         if self.screen is not None and raster_of(self.screen.cameras) != self.camera.shape:
             raise InputError(f"a screen of cameras {self.screen.cameras} for a raster of {self.camera.shape}")
-        _check_light(self.ambient, "ambient light")
+        fix = "subtract less darkness, or give light in another unit"
+        _check_light(self.ambient, "ambient light", fix)
         if self.primaries is not None:
-            _check_light(self.primaries, "light of the primaries")
+            _check_light(self.primaries, "light of the primaries", fix)
 
     @property
     def projector(self) -> Raster:

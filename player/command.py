@@ -24,6 +24,8 @@ ROOM_BESIDE_LABEL = 70  # columns
 CLEARED = b"\r\x1b[K"  # to the beginning of the line, of which nothing is left
 LAST_WORDS_S = 1.0  # how long the reader of a command's last line is waited for
 
+TYPING_ERROR = 0.8  # of the shortest options, one wrong letter; --report and --remote have 0.75
+
 T = TypeVar("T")
 
 
@@ -41,8 +43,13 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         unknown = message.removeprefix("unrecognized arguments: ").split()[0]
-        hint = nearest(unknown.partition("=")[0], self._option_string_actions) if unknown.startswith("-") else ""
+        name = unknown.partition("=")[0]
+        hint = nearest(name, self._option_string_actions, TYPING_ERROR) if unknown.startswith("--") else ""
         raise InputError(f"{self.prog}: {message}{hint}; see {self.prog} --help")
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Positional arguments may come after options, those that may be left out, too."""
+        return self.parse_intermixed_args(args, namespace)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
         self._complete()

@@ -24,9 +24,9 @@ def one_line(text: object, longest: int = LONGEST_REASON) -> str:
     return line if len(line) <= longest else f"{line[:longest]}…"
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
-    """`; did you mean NAME?` if a known name is close, else nothing."""
-    close = difflib.get_close_matches(name, list(known), 1, 0.5)
+def nearest(name: str, known: Iterable[str], closeness: float = 0.5) -> str:
+    """`; did you mean NAME?` if a known name is as close (0 to 1, difflib's ratio), else nothing."""
+    close = difflib.get_close_matches(name, list(known), 1, closeness)
     return f"; did you mean {close[0]!r}?" if close else ""
 
 

@@ -13,6 +13,7 @@ from typing import TypeAlias, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import brief
 from counterlight.errors import InputError, shown
 from counterlight.files.reading import read_toml
 from counterlight.files.tables import Table
@@ -45,6 +46,8 @@ class WhiteSegment:
     """
 
     samples: tuple[tuple[float, ...], ...]
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         if not (2 <= len(self.samples) <= MOST_SAMPLES and {len(row) for row in self.samples} == {3}):
@@ -94,6 +97,8 @@ class Response:
     gamma: float = 1.0
     table: tuple[tuple[float, ...], ...] = ()
     segment: WhiteSegment | None = None
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         if self.kind not in ("linear", "srgb", "gamma", "table"):
@@ -152,6 +157,8 @@ class RasterResponse:
     responses: tuple[Response, ...]
     regions: tuple[Region, ...]
     colours: tuple[Matrix | None, ...] = ()
+
+    __repr__ = brief
 
     @cached_property
     def row_height(self) -> int:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import brief
 from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.files.picture_files import MAX_SIDE
@@ -52,6 +53,8 @@ class Screen:
         for number, part in enumerate(self.parts, 1):
             if not np.all(np.abs(self.positions[part]) <= FARTHEST):  # NaN is not
                 raise InputError(f"screen: camera {number} looks where there is no number; join the cameras again")
+
+    __repr__ = brief
 
     @property
     def parts(self) -> tuple[tuple[slice, slice], ...]:

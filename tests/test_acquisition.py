@@ -27,6 +27,7 @@ from counterlight.pipeline.operators import compensation
 from counterlight.response import parse_response
 from counterlight.tools import acquire_transport, build_correction_map
 from counterlight.tools.acquisition import store
+from counterlight.tools.acquisition.cameras import simulated
 from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.cameras.simulated import (
     CameraSettings,
@@ -46,6 +47,7 @@ from counterlight.tools.hdr.camera_response import exposure_table
 from counterlight.tools.hdr.estimators import make_estimator
 from counterlight.tools.hdr.sums import CpuSums
 from counterlight.tools.inverse.pictures import typical_pictures
+from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.transport.storage import read_transport, write_transport
 from counterlight.tools.transport.transport import Transport
 from tests.acquired_rooms import (
@@ -179,6 +181,20 @@ def unfinished(captures: Path) -> None:
     session = captures / "session.toml"
     lines = [line for line in session.read_text().splitlines() if not line.startswith(("made", "finished"))]
     session.write_text("\n".join(lines))
+
+
+def test_a_simulated_camera_takes_what_simulate_takes_and_refuses_before_it_simulates(
+    tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    room = small_room(tmp_path / "room", rng)
+    shutil.copy(shipped_scenes()["wall"], tmp_path / "own.toml")
+    monkeypatch.setattr(simulated, "simulate", lambda scene: pytest.fail("a scene was simulated"))
+    for name, size in (("corner", "384x216"), (str(tmp_path / "own.toml"), "384x216"), (str(room), "30x21")):
+        words = "--camera", f"simulated:{name}", "-o", tmp_path / "out"
+        assert f"{size} pixels; leave it out" in refusal(capsys, *words, "--projector", "9x9")
+        assert "--bits 17: expected 1 to 16" in refusal(capsys, *words, "--bits", "17")
+    for name, complaint in (("corne", "did you mean 'corner'?"), ("nosuch/a", "nosuch/a: missing")):
+        assert complaint in refusal(capsys, "--camera", f"simulated:{name}", "-o", tmp_path / "out")
 
 
 def test_captures_of_other_options_are_not_mixed(
@@ -344,7 +360,7 @@ def test_a_capture_of_the_wrong_moment_is_noticed(tmp_path: Path, rng: np.random
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--camera", "webcam"], "--camera webcam: expected simulated:SCENE.toml"),
+        (["--camera", "webcam"], "--camera webcam: expected simulated:SCENE|CALIBRATION"),
         (["--camera", "v4l2:99", "--window"], "--camera v4l2: needs exposure times in seconds"),
         (["--camera", "v4l2:99", "--exposures", "0.03"], "where is the projector"),
         (["--camera", "v4l2:99", "--exposures", "0.03", "--window"], "/dev/video99: no such camera, found: "),
@@ -361,6 +377,8 @@ def test_a_capture_of_the_wrong_moment_is_noticed(tmp_path: Path, rng: np.random
         ),
         (["--camera", "simulated:ROOM", "--threshold", "radiance=0"], "--threshold 0: expected a radiance above 0"),
         (["--camera", "simulated:ROOM", "--bits", "17"], "--bits 17: expected 1 to 16"),
+        (["--camera", "simulated:ROOM", "--seed", "-1"], "--seed -1: expected 0 or more"),
+        (["--camera", "simulated:ROOM", "--wait", "nan"], "--wait: expected a number of seconds, 0 or more"),
         (["--camera", "simulated:ROOM", "--exposures", "1,0"], "expected one or more numbers above 0"),
         (["--camera", "simulated:ROOM", "--shots", "0"], "--shots: expected a number of shots from 1 to 256"),
         (["--camera", "simulated:ROOM", "--scheme", "multiplexed", "--tile", "99"], "--tile 99: expected 4 to 14"),

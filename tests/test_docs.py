@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 
 import cv2
@@ -15,10 +16,13 @@ import numpy as np
 import pytest
 from pythonosc.osc_message import OscMessage
 
+from counterlight.command import Parser
+from counterlight.tools.verbs import VERBS
 from tests.programs import PATIENCE_S, ROOT, command, running
 from tests.web_remote import free_port
 
 DOCS = ROOT / "docs"
+PAGES = [*sorted(DOCS.glob("*.md")), ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "calib_data" / "README.md"]
 LINK = re.compile(r"\]\(([^)#:]+?)(?:#[^)]*)?\)")
 
 
@@ -102,3 +106,68 @@ def test_no_link_leads_nowhere(page: Path) -> None:
     targets = LINK.findall(re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL))
     missing = [target for target in targets if not (page.parent / target).exists()]
     assert not missing
+
+
+def tables(text: str) -> Iterator[tuple[int, list[str]]]:
+    """The first line's number, and the lines, of what looks like a table outside of code."""
+    code, lines = False, list[str]()
+    for number, line in enumerate([*text.splitlines(), ""], 1):
+        code ^= line.lstrip().startswith("```")
+        if not code and line.lstrip().startswith("|"):
+            lines.append(line.strip())
+        elif lines:
+            yield number - len(lines), lines
+            lines = []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_tables_are_whole(page: Path) -> None:
+    """A head, a rule below it, and as many cells in each row: an empty line between rows makes text of the rest."""
+    for number, lines in tables(page.read_text()):
+        where = f"{page.name}:{number}"
+        assert len(lines) > 2, where
+        assert re.fullmatch(r"\|(\s*:?-+:?\s*\|)+", lines[1]), where
+        assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {lines[1].count("|")}, where
+        assert all(line.endswith("|") for line in lines), where
+
+
+class Parsed(Exception):  # noqa: N818 - what carries a parser out of its command
+    pass
+
+
+@pytest.fixture(scope="module")
+def defaults() -> dict[str, set[str]]:
+    """What is true of each option, over all verbs: its default, and what its help calls the default."""
+    found: dict[str, set[str]] = {}
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("parse_known_args", "parse_known_intermixed_args"):
+            patch.setattr(Parser, name, lambda parser, *_: (_ for _ in ()).throw(Parsed(parser)))
+        for verb in VERBS.values():
+            with pytest.raises(Parsed) as caught:
+                import_module(f"counterlight.{verb.module}")._main([])
+            for action in caught.value.args[0]._actions:
+                stated = re.findall(r"default:? ([-\w.]+[\w])", action.help or "")
+                known = str(action.default)
+                if isinstance(action.default, float | int) and not isinstance(action.default, bool):
+                    known = f"{action.default:g}"
+                    assert {value for value in stated if value[0].isdigit()} <= {known}, action.option_strings
+                for option in action.option_strings:
+                    found[option] = found.get(option, set()) | {known, *stated}
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_defaults_are_those_of_the_commands(page: Path, defaults: dict[str, set[str]]) -> None:
+    """Of `--option VALUE` (default X), and of `--option X`, the default."""
+    text = re.sub(r"\s+", " ", page.read_text())
+    stated = re.findall(r"`(--[a-z0-9-]+)[^`]*` \(default ([-\w.]*\w)", text)
+    stated += re.findall(r"`(--[a-z0-9-]+) ([-\w.]+)`, the default", text)
+    for option, value in stated:
+        if value[0].isdigit() or value in defaults.get(option, ()):
+            assert value in defaults[option], f"{page.name}: {option} (default {value})"
+
+
+def test_pages_state_defaults() -> None:
+    """Without them, the test above would look at nothing."""
+    text = " ".join(page.read_text() for page in PAGES)
+    assert len(re.findall(r"`--tolerance DB` \(default 0\.\d", text)) >= 4

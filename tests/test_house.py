@@ -125,17 +125,17 @@ def test_no_file_imports_itself_through_others() -> None:
 
 ROOMS = {  # of the player, and which others each may know
     "errors": "",
-    "arrays": "",
+    "arrays": "errors",
     "memory": "errors",
     "command": "errors",
     "jobs": "errors",
     "writing": "errors",
     "files": "errors memory writing",
     "raster": "errors files",
-    "response": "errors files raster",
-    "screen": "errors files",
+    "response": "arrays errors files raster",
+    "screen": "arrays errors files",
     "viewpoints": "errors files",
-    "calibration": "errors files raster response screen viewpoints writing",
+    "calibration": "arrays errors files raster response screen viewpoints writing",
     "maps": "arrays calibration errors files memory writing",
     "media": "errors files writing",
     "pipeline": "arrays calibration errors files maps media raster response screen viewpoints writing",
@@ -220,6 +220,11 @@ def test_the_command_lists_its_verbs_and_names_the_nearest() -> None:
     assert succeed("--version") == f"counterlight {PROJECT['project']['version']}\n"
     assert "no verb 'bild'; did you mean 'build'?" in fail("bild")
     assert "did you mean '--regularize'?" in fail("build", "room", "--regularise", "0.1")
+    assert "did you mean '--colour'?" in fail("build", "room", "--color", "pixel")
+    for option in ("--color", "--report"):  # --follow and --remote are other words
+        assert fail("play", "room", "x.png", option) == (
+            f"error: counterlight play: unrecognized arguments: {option}; see counterlight play --help"
+        )
     assert "invalid choice: 'hierarchic' " in (line := fail("acquire", "--scheme", "hierarchic"))
     assert line.endswith("did you mean 'hierarchical'?; see counterlight acquire --help")
 

@@ -22,6 +22,7 @@ from counterlight.tools.import_transport import main
 from counterlight.tools.transport.mask import lit_pixels
 from counterlight.tools.transport.storage import read_matrix, read_transport
 from counterlight.tools.transport.transport import CHANNELS, channel, channels
+from tests.pixel_orders import smooth
 
 CAMERA, PROJECTOR = (9, 13), (7, 11)
 SHAPE = 9 * 13, 7 * 11
@@ -338,3 +339,27 @@ def test_no_flipped_bit_of_a_matrix_file_gives_a_traceback(tmp_path: Path, rng: 
         path.write_bytes(damaged)
         with contextlib.suppress(InputError):
             assert read_matrix(path, (30, 20)).shape == (30, 20)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "complaint"),
+    [
+        (
+            ("--camera", "24x32", "--projector", "24x18"),
+            "for camera 24x32 and projector 24x18, .*camera 32x24 and proj",
+        ),
+        (("--camera", "32x24", "--projector", "18x24"), "for camera 32x24 and projector 18x24, .*projector 24x18, 0"),
+        (("--camera", "32x24", "--projector", "24x18"), ""),
+    ],
+)
+def test_swapped_sizes_are_imported_with_a_warning(
+    rng: np.random.Generator, tmp_path: Path, capsys: pytest.CaptureFixture[str], sizes: tuple[str, ...], complaint: str
+) -> None:
+    for name in CHANNELS:
+        sparse.save_npz(tmp_path / f"{name}.npz", smooth(rng, (24, 32), (18, 24)))
+    assert main([*arguments(tmp_path), *sizes]) == 0
+    printed = capsys.readouterr().err
+    if not complaint:
+        assert printed == ""
+        return
+    assert re.fullmatch(rf"warning: T looks scrambled {complaint}.*WIDTHxHEIGHT.*\n", printed)

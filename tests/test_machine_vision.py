@@ -225,6 +225,6 @@ def test_the_command_names_what_it_lacks(
         return str(line)
 
     assert "pylon:9: no such camera, found: 0: Emulation" in refused("--camera", "pylon:9")
-    assert "expected simulated:SCENE.toml" in refused("--camera", "pylon:")
+    assert "expected simulated:SCENE|CALIBRATION" in refused("--camera", "pylon:")
     monkeypatch.setitem(sys.modules, "pypylon", None)
     assert "pip install 'counterlight[pylon]'" in refused("--camera", "pylon:0")

@@ -254,7 +254,8 @@ def test_no_map_yet(tmp_path: Path) -> None:
     ("arguments", "complaint"),
     [
         (["nowhere", "CLIP", "--output", "OUT/o.png"], "nowhere: no such folder"),
-        (["ROOM", "OUT/none.mp4", "--output", "OUT/o.png"], "none.mp4: no such file"),
+        (["nowhere", "OUT/none.mp4", "--output", "OUT/o.png"], "none.mp4: no such file"),  # before a room is read
+        (["nowhere", "CLIP", "--screenshot-directory", "OUT/none"], "no such folder for --screenshot-directory"),
         (["ROOM", "CLIP", "--output", "OUT/o.tiff"], "cannot write .tiff"),
         (["ROOM", "CLIP", "--output", "OUT/no/o.png"], "no such folder"),
         (["ROOM", "CLIP", "--output", "OUT/o%03d.mp4"], "only .png and .exr are numbered"),

@@ -152,7 +152,7 @@ def test_the_placement_survives_a_change_of_media() -> None:
     assert stage.session.placing is not None
     np.testing.assert_allclose(stage.session.placing.corners, letterbox)
     stage.commands.run("place-drag", 0.6, 0.5)  # the hold goes on
-    moved = np.array(letterbox) + (0.1, 0)
+    moved = np.add(letterbox, (0.1, 0))
     np.testing.assert_allclose(stage.screen.adjusted[-1].corners, moved)
     stage.commands.run("playlist-next")
     stage.advance(0.05)

@@ -28,7 +28,7 @@ from counterlight.tools.solve.registry import SOLVERS, prepare
 from counterlight.tools.solve.svd import svd
 from counterlight.tools.transport.transport import Transport, channel
 from tests.one_channel import System, beside_dark, certificate, linear_system, relative_gap, solve
-from tests.programs import fail, succeed
+from tests.programs import command, fail, succeed
 from tests.rooms import blurred_transport, write_blurred_room
 from tests.test_relight import far_transport
 
@@ -294,6 +294,8 @@ def test_command_refuses_in_one_line(
 
 def test_command_needs_a_map_and_a_fitting_picture(room: tuple[StoredCalibration, Path], tmp_path: Path) -> None:
     write_blurred_room(tmp_path / "bare", np.random.default_rng(3), CAMERA, PROJECTOR)
-    assert "build" in fail("compensate", tmp_path / "bare", room[1], "--solver", "map")
+    done = command("compensate", tmp_path / "bare", room[1], "--solver", "direct,map", "-o", tmp_path / "p.png")
+    assert "rebuild it with: counterlight build" in done.stderr
+    assert (done.returncode, "direct" in done.stdout, list(tmp_path.glob("p*.png"))) == (2, False, [])
     exr.write_rgb(tmp_path / "small.exr", np.ones((4, 5, 3), np.float32))
     assert "5x4" in fail("compensate", room[0].folder, tmp_path / "small.exr")

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from counterlight import calibration
+from counterlight.files import exr
 from counterlight.pipeline.drift import read_drift
 from counterlight.tools import acquire_transport, verify_projection
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_rooms
@@ -105,6 +106,39 @@ def test_what_goes_without_a_picture_and_what_does_not(rooms: Path, capsys: pyte
     ):
         assert verify_projection.main(words) == 2
         assert complaint in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["nosuch.png"], "nosuch.png: no such file"),
+        (["notes.png"], "notes.png: frame 0 cannot be decoded"),
+        (["small.exr"], "small.exr: an OpenEXR picture of 3x2 pixels, expected "),
+        (["picture.png", "--solver", "map"], "manifest.toml: missing; rebuild it with"),
+        (["picture.png", "--avoid-highlights"], "--avoid-highlights: of one projector"),
+        (["picture.png", "--drift", "11"], "--drift 11.0: expected 0 to 10"),
+        (["picture.png", "--repeats", "0"], "--repeats: expected a whole number of at least 1, found '0'"),
+        (["picture.png", "--control", "notes.png"], "notes.png: no socket; is the player running with --control"),
+        (["--drift", "11"], "--drift 11.0: expected 0 to 10"),
+    ],
+)
+def test_nothing_is_shown_before_everything_is_checked(
+    rooms: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: list[str],
+    complaint: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(rooms / "picture.png", tmp_path)
+    (tmp_path / "notes.png").write_text("no picture")
+    exr.write_rgb(tmp_path / "small.exr", np.ones((2, 3, 3), np.float32))
+    (tmp_path / "exchange").mkdir()
+    camera = ["--camera", "folder:exchange", "--projector", f"{PROJECTOR[1]}x{PROJECTOR[0]}"]
+    assert verify_projection.main([str(rooms / "acquired"), *camera, *words]) == 2
+    assert complaint in capsys.readouterr().err
+    assert list((tmp_path / "exchange").iterdir()) == []
 
 
 # What became of the room; what is said; whether it is undone.

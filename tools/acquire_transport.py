@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from counterlight.command import Parser, at_least_0, run
 from counterlight.errors import InputError
 from counterlight.response import projector_response
-from counterlight.tools.acquisition.rig_options import add_rig_options
+from counterlight.tools.acquisition.rig_options import add_rig_options, sources_of
 from counterlight.tools.acquisition.room_options import add_room_options, add_tolerance
 from counterlight.tools.choices import SCHEMES
 from counterlight.writing.outputs import check_apart, check_folder
@@ -101,8 +101,7 @@ def _check_outputs(options: argparse.Namespace, wanted: "Wanted", captures: Path
 
     output = wanted.room
     check_apart(output, captures, report)
-    named = [camera.partition(":") for camera in options.camera]
-    read = [Path(source) for kind, _, source in named if kind in ("simulated", "folder")]
+    read = sources_of(options.camera)
     for folder in (output, captures, report):
         check_folder(folder, inputs=read)
     refuse_existing(output, force=wanted.anew)

@@ -6,62 +6,88 @@ Pictures are (height, width, 3), linear light; a picture to be shown is in share
 
 import warnings
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Any, Self, TypeAlias
+from os import PathLike
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from counterlight import calibration as calibrations
+from counterlight import memory
 from counterlight.arrays import FloatArray
 from counterlight.calibration import Calibration, Device
-from counterlight.errors import InputError, nearest
+from counterlight.errors import InputError
 from counterlight.maps import room_maps as correction
 from counterlight.maps.room_maps import RoomMaps
-from counterlight.pipeline.refinement import Certificate
-from counterlight.response import Response, parse_response
+from counterlight.response import Response
+from counterlight.tools import arguments
 from counterlight.tools.acquisition.matrices_room import keep_light
 from counterlight.tools.acquisition.room_options import ASSUMED
-from counterlight.tools.choices import BLUR_TOLERANCE, PRESETS, TOLERANCE
+from counterlight.tools.arguments import Shape, in_python
+from counterlight.tools.choices import (
+    BLUR_TOLERANCE,
+    COLOURS,
+    INVERSE_METHODS,
+    INVERSES,
+    MOST_TOLERANCE,
+    PRESETS,
+    TOLERANCE,
+)
+from counterlight.tools.clusters.decomposition import Parameters
 from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.factoring.factoring import compacted
 from counterlight.tools.shipped import parse_scene
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
+from counterlight.tools.transport.pixel_order import misreading
 from counterlight.tools.transport.storage import check_entries, read_transport, write_transport
 from counterlight.tools.transport.transport import CHANNELS, Csr, Transport
 
-Shape: TypeAlias = tuple[int, int]
+BYTES_OF_A_PIXEL = 100  # that reading a picture takes at most
+READ_ROOM = "make one with read_room, simulate or Room.from_matrices"
+READ = "camera and projector are (height, width), and pixels are numbered row by row"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Room:
     """A projector, a camera, and the light between them: camera = transport @ projector + ambient.
 
     calibration : sizes, responses, ambient light, mask, floodlights of the primaries.  transport : T, of white light.
     colour : which primaries a camera channel is taken to see: auto, independent, global or pixel (docs/colour.md).
     Pictures of the camera are in screen primaries: what a neutral surface would show of each primary.
+    Two rooms are equal if they are one object.
     """
 
     calibration: Calibration
     transport: Transport
     colour: str = "auto"
 
+    def __post_init__(self) -> None:
+        arguments.instance(self.calibration, Calibration, "calibration")
+        arguments.instance(self.transport, Transport, "transport")
+        arguments.choice(self.colour, "colour", COLOURS)
+        expected = self.calibration.camera.pixels, self.calibration.projector.pixels
+        if self.transport.shape != expected:
+            raise InputError(f"transport of shape {self.transport.shape}, the calibration is for {expected}")
+
+    def __repr__(self) -> str:
+        return f"<Room {self.calibration.name!r}: camera {self.camera}, projector {self.projector}, {self.transport!r}>"
+
     @classmethod
+    @in_python(tolerance="factor")
     def from_matrices(
         cls,
-        red: Any,
-        green: Any,
-        blue: Any,
+        red: object,
+        green: object,
+        blue: object,
         *,
         camera: Shape,
         projector: Shape,
         ambient: ArrayLike | None = None,
         mask: ArrayLike | None = None,
-        response: str | float | Response | None = None,
+        response: str | float | Response | PathLike[str] | None = None,
         primaries: ArrayLike | None = None,
         colour: str = "auto",
         name: str = "room",
@@ -71,25 +97,32 @@ class Room:
 
         red, green, blue : (camera pixels, projector pixels), anything that scipy makes a sparse array of; pixels in
             rows from the top. Negative entries, a measurement's noise, are set to 0.
-        camera, projector : (height, width).  ambient : the camera's picture with a black projector, None for darkness.
+        camera, projector : (height, width). Warns if T is smooth for swapped sizes only.
+        ambient : the camera's picture with a black projector, in T's unit of light; None for darkness.
         mask : (height, width), which camera pixels count; None for those that the projector lights.
-        response : the projector's light for a code value: linear, srgb, a gamma, or a Response. None takes sRGB, and
-            warns that this is a guess: codes that are made from it will be off.
+        response : the projector's light for a code value: linear, srgb, a gamma, a .toml file of `counterlight
+            fit-response`, or a Response. None takes sRGB, and warns that this is a guess: codes from it will be off.
         primaries : (3, height, width, 3), the camera's pictures of full red, green and blue, without ambient light.
         factor : a dense T becomes near light and factors of far light, long rows blocks of projector pixels; what
             compensated pictures may lose by that, in dB of the camera's picture; 0 keeps T as it is.
         Raises InputError for matrices that do not fit, have no light, or numbers that are none.
         """
+        camera, projector = arguments.size(camera, "camera"), arguments.size(projector, "projector")
+        factor = arguments.number(factor, "factor", 0, MOST_TOLERANCE)
+        arguments.instance(name, str, "name")
         eye, lamp = Device(*camera, Response("linear")), Device(*projector, _given_or_assumed(response))
         shape = eye.pixels, lamp.pixels
         channels = [_channel(*each, shape) for each in zip((red, green, blue), CHANNELS, strict=True)]
         transport = Transport.from_matrices(channels, camera=camera, projector=projector)
-        light = _picture(np.zeros(3) if ambient is None else ambient, camera, "ambient").astype(np.float32)
+        light = arguments.radiance(0.0 if ambient is None else ambient, camera, "ambient")
+        given = None if mask is None else arguments.mask(mask, camera)
+        if (doubt := misreading(transport.near, camera, projector)) is not None:
+            warnings.warn(f"{doubt.described(str)}; {READ}", stacklevel=3)
         transport, _ = compacted(transport, light, factor)
-        counts = directly_lit(transport, light, projector) if mask is None else np.array(mask, bool)
-        if counts.shape != camera or not counts.any():
+        counts = directly_lit(transport, light, projector) if given is None else given
+        if not counts.any():
             raise InputError(
-                f"mask of shape {counts.shape}, {counts.sum()} pixels count: expected {camera}, at least 1"
+                "no camera pixel is lit by the projector; check ambient's unit against T's, or give a mask"
             )
         measured = None if primaries is None else _primaries(primaries, camera)
         calibration = Calibration(name, "made of matrices in Python", (lamp,), eye, light, counts, measured)
@@ -114,6 +147,7 @@ class Room:
         return self.calibration.mask
 
     @cached_property
+    @in_python()
     def tier(self) -> Tier:
         """The room as its channels nearly decouple; `str` says which tier of colour it is, and why."""
         return tier_of(self.calibration, self.transport, self.colour)
@@ -128,22 +162,29 @@ class Room:
         """What the camera sees of a white projector: T·1 + e where channels are independent."""
         return self.seen(1.0)
 
+    @in_python()
     def seen(self, drive: ArrayLike) -> FloatArray:
-        """What the camera sees of a projector picture: T p + e where channels are independent."""
-        return self.tier.seen(_picture(drive, self.projector, "a projector picture"))
+        """What the camera sees of a projector picture: T p + e where channels are independent.
 
-    def write(self, folder: Path | str, *, maps: RoomMaps | None = None, force: bool = False) -> None:
+        drive : (projector height, projector width, 3), linear light as floats, or sRGB code values (`solve`).
+        """
+        return self.tier.seen(arguments.picture(drive, self.projector, "drive"))
+
+    @in_python()
+    def write(self, folder: PathLike[str] | str, *, maps: RoomMaps | None = None, force: bool = False) -> None:
         """Write a calibration folder, with its maps if they are given; it appears whole or not at all."""
-        target = Path(folder)
-        with calibrations.writing(target, self.calibration, force=force) as stage:
-            write_transport(self.transport, stage)
+        target = arguments.path(folder, "folder")
         if maps is not None:
-            stored = calibrations.read(target)
-            with correction.replacing(stored) as stage:
-                correction.write_maps(maps, stored, stage)
+            check_maps(self, maps)
+        with calibrations.replacing(target, force=arguments.instance(force, bool, "force")) as stage:
+            write_transport(self.transport, stage)
+            calibrations.write(self.calibration, stage)
+            if maps is not None:
+                (stage / correction.FOLDER).mkdir()
+                correction.write_maps(maps, calibrations.read(stage), stage / correction.FOLDER)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Solution:
     """A projector picture for a camera picture.
 
@@ -155,32 +196,43 @@ class Solution:
     seen: FloatArray
     below_optimum: float
 
+    def __repr__(self) -> str:
+        bound = f"at most {self.below_optimum:.2g} dB below the optimum"
+        return f"<Solution: drive {self.drive.shape}, seen {self.seen.shape}, {bound}>"
 
-def read_room(folder: Path | str) -> Room:
+
+@in_python()
+def read_room(folder: PathLike[str] | str) -> Room:
     """A calibration folder; InputError for what is missing or damaged."""
-    stored = calibrations.read(Path(folder))
+    stored = calibrations.read(arguments.path(folder, "folder"))
     return _room(stored.calibration, read_transport(stored))
 
 
-def read_maps(folder: Path | str) -> RoomMaps:
+@in_python()
+def read_maps(folder: PathLike[str] | str) -> RoomMaps:
     """The maps of a calibration folder, as `counterlight build` or `Room.write` left them."""
-    return correction.read_maps(calibrations.read(Path(folder)))
+    return correction.read_maps(calibrations.read(arguments.path(folder, "folder")))
 
 
-def read_picture(path: Path | str, where: Shape | Room) -> FloatArray:
+@in_python()
+def read_picture(path: PathLike[str] | str, where: Shape | Room) -> FloatArray:
     """The first picture of a medium in linear light, fitted as the player fits it.
 
     where : (height, width), or a room, for whose camera the picture then is, or for its cameras' screen.
     """
     from counterlight.tools.relighting.pictures import read_placed
 
+    source = arguments.path(path, "path")
     if isinstance(where, Room):
-        return read_placed(Path(path), where.camera, where.calibration.screen)
-    return read_placed(Path(path), where)
+        return read_placed(source, where.camera, where.calibration.screen)
+    height, width = arguments.size(where, "where")
+    memory.check(BYTES_OF_A_PIXEL * height * width, f"where={(height, width)}: a picture of that size", "ask for less")
+    return read_placed(source, (height, width))
 
 
+@in_python()
 def simulate(
-    scene: Path | str,
+    scene: PathLike[str] | str,
     *,
     camera: Shape | None = None,
     projector: Shape | None = None,
@@ -201,32 +253,42 @@ def simulate(
     from counterlight.tools.simulation.scene import load_scene
     from counterlight.tools.study.worth import priced
 
-    described = load_scene(parse_scene(str(scene))).resized(camera, projector)
+    file = parse_scene(str(arguments.path(scene, "scene")))
+    camera, projector = (
+        None if given is None else arguments.size(given, name)
+        for given, name in ((camera, "camera"), (projector, "projector"))
+    )
+    within = None if within is None else arguments.number(within, "within", 0, np.inf)
+    tolerance = arguments.number(tolerance, "tolerance", 0, MOST_TOLERANCE)
+    off, kept = arguments.words(without, "without"), arguments.words(only, "only")
+    described = load_scene(file).resized(camera, projector)
     results = []
     for view in described.views:
-        needs = chosen(needs_of(view), without, only)
+        needs = chosen(needs_of(view), off, kept)
         needs = needs if within is None else priced(view, needs, within)
         results.append(simulation.simulate(view, needs, tolerance=tolerance))
     return _room(*simulated_room(described, results))
 
 
+@in_python()
 def solve(
     room: Room, picture: ArrayLike, solver: str = "box", *, white: float | None = None, colour: str | None = None
 ) -> Solution:
     """A projector picture by a CPU solver (docs/solvers.md).
 
-    picture : (camera height, camera width, 3), in shares of `white`, a radiance; None takes the room's.
+    picture : (camera height, camera width, 3): floats are linear light as shares of `white`; uint8 and uint16 are sRGB
+    code values, as `counterlight play` takes them from a file. One colour (3,) or one number fills the picture.
+    white : a radiance; None takes the room's.
     solver : box (the best that a projector can show), nnls, svd, qr, direct or triangulated; what is
     beyond 0..1 is clamped.
     colour : instead of the room's.
     """
     from counterlight.tools.solve.registry import OF_PICTURES, SOLVERS, prepare
 
-    known = SOLVERS | OF_PICTURES
-    if solver not in known:
-        raise InputError(f"solver {solver!r}: expected one of {', '.join(known)}{nearest(solver, known)}")
+    arguments.choice(solver, "solver", SOLVERS | OF_PICTURES)
     tier = _coloured(room, colour).tier
-    b = tier.asked(_picture(picture, room.camera, "a picture") * (tier.white if white is None else white))
+    wanted = arguments.picture(picture, room.camera, "picture", of_white=white is None)
+    b = tier.asked(wanted * arguments.white(white, tier.white))
     objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS, tier.mixing)
     T = replace(tier.transport, camera=room.camera, projector=room.projector)
     drive = np.clip(prepare(solver, T, room.mask, objective).solve(b).unclamped, 0, 1)
@@ -235,95 +297,78 @@ def solve(
     return Solution(shown, tier.seen(shown), bound.decibels)
 
 
+@in_python()
 def build_maps(
-    room: Room, preset: str | None = None, *, refine: bool = True, colour: str | None = None, **options: Any
+    room: Room,
+    preset: str | None = None,
+    *,
+    refine: bool = True,
+    colour: str | None = None,
+    damping: float | None = None,
+    max_error: float | None = None,
+    max_cluster: int | None = None,
+    noise: float | None = None,
+    method: str | None = None,
+    inverse: str | None = None,
+    parameters: Parameters | None = None,
 ) -> RoomMaps:
     """The maps that the player multiplies with, as `counterlight build` makes them.
 
-    preset : fast, balanced or best.  options : damping, max_error, max_cluster, parameters, noise, method, inverse,
-    which prevail (counterlight.tools.inverse.near_light.InverseOptions).  refine : with what only refinement needs.
-    colour : instead of the room's.
+    preset : fast, balanced or best.  refine : with what only refinement needs.  colour : instead of the room's.
+    damping and what follows : as of counterlight.tools.inverse.near_light.InverseOptions; None takes the preset's.
     """
     from counterlight.tools.inverse import presets
     from counterlight.tools.inverse.build import build_maps as build
     from counterlight.tools.inverse.near_light import InverseOptions
 
-    if preset is not None and preset not in PRESETS:
-        raise InputError(f"preset {preset!r}: expected one of {', '.join(PRESETS)}{nearest(preset, PRESETS)}")
-    if options.get("max_cluster") is not None or options.get("parameters") is not None:
-        options = {"inverse": "cut"} | options
-    wanted = replace(InverseOptions() if preset is None else presets.PRESETS[preset], **options)
-    return build(_coloured(room, colour).tier, wanted, refine=refine).maps
+    tier = _coloured(room, colour).tier
+    base = InverseOptions() if preset is None else presets.PRESETS[arguments.choice(preset, "preset", PRESETS)]
+    if inverse is None and (max_cluster is not None or parameters is not None):
+        inverse = "cut"
+    checks: dict[str, tuple[Any, ...]] = {
+        "damping": (damping, arguments.number, 0, 1),
+        "max_error": (max_error, arguments.number, 0, 255),
+        "max_cluster": (max_cluster, arguments.whole, 1, tier.calibration.projector.pixels),
+        "noise": (noise, arguments.number, 0, 1),
+        "method": (method, arguments.choice, INVERSE_METHODS),
+        "inverse": (inverse, arguments.choice, INVERSES),
+    }
+    given = {name: check(value, name, *known) for name, (value, check, *known) in checks.items() if value is not None}
+    if parameters is not None:
+        given["parameters"] = arguments.instance(parameters, Parameters, "parameters")
+    arguments.instance(refine, bool, "refine")
+    return build(tier, replace(base, **given), refine=refine).maps
 
 
-class Renderer:
-    """The player's renderer without a window, for pictures of the camera's size; a context manager.
-
-    backend : "gl", OpenGL through EGL, "cpu", or "auto": "gl" where there is a GPU.  white : radiance of a white
-    picture; None takes the maps'.
-    """
-
-    def __init__(self, room: Room, maps: RoomMaps, *, backend: str = "gl", white: float | None = None) -> None:
-        from counterlight.pipeline.room import Room as Rendered
-        from counterlight.pipeline.room import start_of
-        from counterlight.show.headless import headless_renderer
-
-        self._white = maps.white if white is None else white
-        self._room = Rendered(room.calibration, maps, self._white, start=start_of(maps))
-        self._stack = ExitStack()
-        self._renderer = self._stack.enter_context(headless_renderer(backend, self._room))
-        self._steps: int | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def render(self, picture: ArrayLike, *, refine: int | None = None) -> FloatArray:
-        """The projector picture for a camera picture: (projector height, projector width, 3), 0..1, linear light.
-
-        picture : (camera height, camera width, 3), in shares of white.  refine : steps; None for the usual number.
-        """
-        from counterlight.media.frames import radiance_frame
-
-        desired = _picture(picture, self._room.calibration.camera.shape, "a picture") * self._white
-        frame = radiance_frame(np.asarray(self._room.maps.mixing.as_radiance(desired), np.float64))
-        if self._steps is None:
-            self._renderer.open(frame.format)
-        self._steps = self._room.default_steps if refine is None else refine
-        self._renderer.upload(frame)
-        return self._view("projector")
-
-    def camera_view(self) -> FloatArray:
-        """What the camera will see of the picture rendered last, by the maps."""
-        return self._view("camera")
-
-    def certificate(self) -> Certificate | None:
-        """How far the picture rendered last can be from the best one; None without the maps of refinement."""
-        return self._renderer.certificate()
-
-    def close(self) -> None:
-        self._stack.close()
-
-    def _view(self, view: str) -> FloatArray:
-        if self._steps is None:
-            raise InputError("nothing has been rendered; call render first")
-        self._renderer.render(view, compensate=True, steps=self._steps)
-        return np.array(self._renderer.linear(), np.float64)
+def check_maps(room: Room, maps: RoomMaps) -> None:
+    """InputError for maps of another room, as far as sizes tell."""
+    arguments.instance(room, Room, "room", READ_ROOM)
+    arguments.instance(maps, RoomMaps, "maps", "make some with build_maps(room), or read_maps(folder)")
+    found, expected = (maps.transport.output_shape, maps.transport.source_shape), (room.camera, room.projector)
+    if found != expected:
+        raise InputError(
+            f"maps: for camera {found[0]} and projector {found[1]}, the room has camera {expected[0]} and projector "
+            f"{expected[1]}; build_maps(room) makes the room's"
+        )
 
 
 def _coloured(room: Room, colour: str | None) -> Room:
-    return room if colour is None or colour == room.colour else replace(room, colour=colour)
+    arguments.instance(room, Room, "room", READ_ROOM)
+    if colour is None or arguments.choice(colour, "colour", COLOURS) == room.colour:
+        return room
+    return replace(room, colour=colour)
 
 
 def _primaries(light: ArrayLike, camera: Shape) -> NDArray[np.float32]:
-    pictures = np.asarray(light, np.float32)
-    if pictures.shape != (3, *camera, 3):
-        raise InputError(
-            f"primaries of shape {pictures.shape}, expected {(3, *camera, 3)}: pictures of red, green, blue"
-        )
-    return pictures
+    """Pictures of red, green and blue, as `Room.from_matrices` takes them."""
+    try:
+        pictures = list(light) if isinstance(light, list | tuple) else list(np.asarray(light))
+    except TypeError:
+        pictures = []
+    expected = (3, *camera, 3)
+    if len(pictures) != 3 or any(np.shape(each) != expected[1:] for each in pictures):
+        raise InputError(f"primaries of shape {np.shape(light)}, expected {expected}: pictures of red, green, blue")
+    return np.stack([arguments.radiance(each, camera, "primaries") for each in pictures])
 
 
 def _room(calibration: Calibration, transport: Transport) -> Room:
@@ -331,10 +376,9 @@ def _room(calibration: Calibration, transport: Transport) -> Room:
     return Room(calibration, replace(transport, camera=camera, projector=projector))
 
 
-def _channel(matrix: Any, colour: str, shape: Shape) -> Csr:
+def _channel(matrix: object, colour: str, shape: Shape) -> Csr:
     """A channel of T as sparse rows, float32, without what is not light."""
-    channel = Csr(matrix, dtype=np.float32, copy=True)
-    channel.sum_duplicates()
+    channel = arguments.matrix(matrix, f"T of the {colour} channel")
     if channel.shape != shape:
         raise InputError(
             f"T of the {colour} channel: {channel.shape[0]}x{channel.shape[1]} entries, expected {shape[0]} camera "
@@ -345,20 +389,8 @@ def _channel(matrix: Any, colour: str, shape: Shape) -> Csr:
     return channel
 
 
-def _given_or_assumed(response: str | float | Response | None) -> Response:
+def _given_or_assumed(response: object) -> Response:
     if response is None:
-        warnings.warn("response: sRGB assumed; measure it, and give it as response=…", stacklevel=3)
+        warnings.warn("response: sRGB assumed; measure it, and give it as response=…", stacklevel=4)
         return ASSUMED
-    return response if isinstance(response, Response) else parse_response(response)
-
-
-def _picture(values: ArrayLike, shape: Shape, what: str) -> FloatArray:
-    """(height, width, 3) of what can be broadcast to it; InputError for another size, or numbers that are none."""
-    array = np.asarray(values, np.float64)
-    try:
-        picture = np.broadcast_to(array, (*shape, 3))
-    except ValueError:
-        raise InputError(f"{what} of shape {array.shape}, expected {(*shape, 3)}") from None
-    if not np.isfinite(picture).all():
-        raise InputError(f"{what} holds NaN or infinity; leave them out")
-    return picture
+    return arguments.response(response)

@@ -8,6 +8,8 @@ from pathlib import Path
 from counterlight.command import Parser, parse_size, run
 from counterlight.tools.acquisition.room_options import ASSUMED_LINE, add_room_options, add_tolerance, given_or_assumed
 
+READ = "--camera and --projector are WIDTHxHEIGHT, and pixels are numbered row by row; import T again if that is wrong"
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     return run(_main, argv)
@@ -30,6 +32,9 @@ def _main(argv: Sequence[str] | None) -> None:
         tolerance=options.tolerance,
     )
     print(f"{options.output}: {summary}")
+    if summary.misreading is not None:
+        described = summary.misreading.described(lambda size: f"{size[1]}x{size[0]}")
+        print(f"warning: {described}; {READ}", file=sys.stderr)
     if options.response is None:
         print(ASSUMED_LINE)
 

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from counterlight.command import Parser, parse_size, run
+from counterlight.command import Parser, at_least_0, parse_size, run
 from counterlight.tools.choices import STUDIED_PICTURES, USUAL_PICTURES
 from counterlight.tools.cluster_option import add_cluster, workers_of
 from counterlight.tools.colour.option import add_colour
@@ -32,6 +32,10 @@ def _main(argv: Sequence[str] | None) -> None:
     with workers_of(options.cluster, files_of(places, options.pictures), None) as workers:
         for line in run_study(study, options.output, workers):
             print(line, flush=True)
+
+
+def _seconds(text: str) -> float:
+    return at_least_0(text, f"expected a number of seconds, 0 or more, found {text!r}")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -66,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--patience",
-        type=float,
+        type=_seconds,
         default=10.0,
         metavar="SECONDS",
         help="turn knobs of the uncut inverse only where computing it takes at most this (default 10)",

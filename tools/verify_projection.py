@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,11 +27,10 @@ from counterlight.writing.replacing import replacing_folder
 
 if TYPE_CHECKING:
     from counterlight.calibration import Calibration, StoredCalibration
-    from counterlight.pipeline.drift import Drift
     from counterlight.raster import Shapes
     from counterlight.tools.acquisition.cameras.camera import Camera
     from counterlight.tools.acquisition.photographer import Photographer
-    from counterlight.tools.acquisition.verify import Verification, Verified
+    from counterlight.tools.acquisition.verify import Verification, Verified, Wanted
     from counterlight.tools.transport.transport import Transport
 
 LOST = 3  # exit code
@@ -65,21 +65,43 @@ def _verify(options: argparse.Namespace, stage: Path | None) -> int:
     from counterlight.tools.acquisition.preflight import preflight, refuse_bad
     from counterlight.tools.acquisition.rig import open_rig
     from counterlight.tools.transport.storage import read_transport
+    from counterlight.unattended.asking import check_control
 
     stored = calibrations.read(options.calibration)
-    room = stored.calibration
-    with threadpool_limits(limits=1), open_rig(options) as (camera, projectors):
-        _check_projectors(options, room, projectors)
+    if options.control is not None and options.watch is None:
+        check_control(options.control)
+    transport = read_transport(stored)
+    wanted = _wanted(options, stored, transport)
+    refuse = partial(_check_projectors, options, stored.calibration)
+    with threadpool_limits(limits=1), open_rig(options, refuse) as (camera, _):
         if isinstance(camera, LiveCamera) and not options.no_preflight:
             for finding in preflight(camera):
                 refuse_bad(finding)
-        transport = read_transport(stored)
         while True:
             with _photographing(camera, stored, options) as photographer:
-                code = _once(options, stored, transport, photographer, stage)
+                code = _once(options, stored, transport, photographer, wanted, stage)
             if options.watch is None:
                 return code
             time.sleep(options.watch)
+
+
+def _wanted(options: argparse.Namespace, stored: "StoredCalibration", transport: "Transport") -> "Wanted | None":
+    """The picture, if there is one, read and checked before anything is shown."""
+    from counterlight.tools.acquisition.verify import Wanted
+    from counterlight.tools.relighting.pictures import read_placed
+
+    aims = aims_of(options)
+    if options.picture is None:
+        return None
+    return Wanted(
+        stored,
+        transport,
+        read_placed(options.picture, stored.calibration.camera.shape, stored.calibration.screen),
+        radiance=options.picture.suffix.lower() == ".exr",
+        solver=options.solver,
+        colour=options.colour,
+        aims=aims,
+    )
 
 
 def _check_projectors(options: argparse.Namespace, room: "Calibration", found: "Shapes") -> None:
@@ -119,6 +141,7 @@ def _once(
     stored: "StoredCalibration",
     transport: "Transport",
     photographer: "Photographer",
+    wanted: "Wanted | None",
     stage: Path | None,
 ) -> int:
     """One check, and the picture if there is one; returns the exit code."""
@@ -142,41 +165,19 @@ def _once(
                 tell(f"{error}")  # a player that starts reads what is kept
     outcome = ("not corrected" if options.no_correct else "corrected") if checked.drift.changes else ""
     print(f"{checked.said}: {outcome}" if outcome else checked.said, flush=True)
-    if options.picture is not None:
+    if wanted is not None:
+        from counterlight.tools.acquisition.verify import Verification
+
         photographer.expose(checked.exposures)
-        _show(options, stored, transport, photographer, drift, checked.asked, stage)
+        _show(options, Verification(photographer, stored, wanted, drift, checked.asked), stage)
     return 0
 
 
-def _show(
-    options: argparse.Namespace,
-    stored: "StoredCalibration",
-    transport: "Transport",
-    photographer: "Photographer",
-    drift: "Drift",
-    asked: tuple[bool, ...],
-    stage: Path | None,
-) -> None:
+def _show(options: argparse.Namespace, task: "Verification", stage: Path | None) -> None:
     """Print every round of the picture, and what to make of the best one; write that."""
-    from counterlight.tools.acquisition.verify import Verification
-    from counterlight.tools.relighting.pictures import read_placed
-
-    picture = read_placed(options.picture, stored.calibration.camera.shape, stored.calibration.screen)
-    radiance = options.picture.suffix.lower() == ".exr"
-    task = Verification(
-        photographer,
-        stored,
-        transport,
-        drift,
-        picture,
-        asked=asked,
-        radiance=radiance,
-        solver=options.solver,
-        colour=options.colour,
-        aims=aims_of(options),
-    )
+    counting = int(task.tier.calibration.mask.sum())
     print(task.tier)
-    print(f"white is a camera radiance of {task.white:.4g}; {int(stored.calibration.mask.sum())} camera pixels count")
+    print(f"white is a camera radiance of {task.white:.4g}; {counting} camera pixels count")
     found = []
     for result in task.run(options.rounds, options.repeats):
         print(result, flush=True)
@@ -209,6 +210,12 @@ def _whole(text: str) -> int:
     return int(text)
 
 
+def _repeats(text: str) -> int:
+    if not (text.isdecimal() and int(text)):
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, found {text!r}")
+    return int(text)
+
+
 def _seconds(text: str) -> float:
     try:
         seconds = float(text)
@@ -227,7 +234,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--solver", choices=VERIFIED, default="box", help="default box; map: as the player does it")
     parser.add_argument("--rounds", type=_whole, default=0, metavar="N", help="of feedback (default 0)")
-    parser.add_argument("--repeats", type=_whole, default=4, metavar="N", help="captures averaged (default 4)")
+    parser.add_argument("--repeats", type=_repeats, default=4, metavar="N", help="captures averaged (default 4)")
     parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="projected.png and what was seen of it")
     add_colour(parser)
     add_objective_options(parser)

@@ -19,7 +19,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.arrays import FloatArray
+from counterlight.arrays import FloatArray, brief
 from counterlight.calibration import RADIANCE
 from counterlight.errors import InputError
 from counterlight.files import exr
@@ -45,6 +45,8 @@ class Mixing:
 
     neutral: FloatArray | None = None
     pixel: NDArray[np.float32] | None = None
+
+    __repr__ = brief
 
     @property
     def tier(self) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import brief
 from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.files.reading import DescribedFiles
@@ -28,6 +29,8 @@ class Prior:
     damping: Picture
     right: Picture
     down: Picture
+
+    __repr__ = brief
 
     @property
     def bound(self) -> Picture:

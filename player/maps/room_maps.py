@@ -23,6 +23,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from counterlight.arrays import brief
 from counterlight.calibration import RADIANCE, StoredCalibration
 from counterlight.errors import InputError
 from counterlight.files import exr
@@ -62,6 +63,8 @@ class FarMaps:
     mix: RowMap
     scatter: RowMap
 
+    __repr__ = brief
+
     @property
     def parts(self) -> tuple[RowMap, ...]:
         """In the order in which they are applied."""
@@ -74,6 +77,8 @@ class BlurredMaps:
 
     gather: RowMap
     scatter: RowMap
+
+    __repr__ = brief
 
     @property
     def parts(self) -> tuple[RowMap, ...]:
@@ -105,6 +110,8 @@ class RefinementMaps:
     seen: NDArray[np.float32]
     blurred_dual: BlurredMaps | None = None
 
+    __repr__ = brief
+
     @property
     def beside(self) -> list[FarMaps | BlurredMaps]:
         """What there is of TᵀW beside `dual`."""
@@ -132,6 +139,12 @@ class RoomMaps:
     mixing: Mixing = field(default_factory=Mixing)
     words: RoomWords | None = None
     blurred: BlurredMaps | None = None
+
+    def __repr__(self) -> str:
+        mib = sum(packed.nbytes for packed in self.named().values()) / 2**20
+        refined = "" if self.refinement is None else ", with refinement"
+        camera, projector = self.transport.output_shape, self.transport.source_shape
+        return f"<RoomMaps: camera {camera}, projector {projector}, white {self.white:.4g}, {mib:.1f} MiB{refined}>"
 
     @property
     def beside(self) -> list[FarMaps | BlurredMaps]:

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight import memory
+from counterlight.arrays import brief
 from counterlight.errors import InputError
 from counterlight.files import exr, reading
 from counterlight.files.exr_header import MAX_PIXELS
@@ -50,6 +51,8 @@ class SparseRows:
     indices: NDArray[np.integer]
     weights: NDArray[np.floating]
     columns: int
+
+    __repr__ = brief
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -168,6 +171,8 @@ class RowMap:
     entries: FloatArray
     source_shape: tuple[int, int]
     index: UintArray | None = None
+
+    __repr__ = brief
 
     @property
     def output_shape(self) -> tuple[int, int]:

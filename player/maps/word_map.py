@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from counterlight.arrays import brief
 from counterlight.errors import InputError
 from counterlight.files import exr
 from counterlight.files.tables import Table
@@ -57,6 +58,8 @@ class WordMap:
         words = np.zeros((max(-(-made.words.size // across), 1), across), np.uint32)
         words.ravel()[: made.words.size] = made.words
         return cls(rows, words, small.source_shape, small.scale)
+
+    __repr__ = brief
 
     @property
     def output_shape(self) -> tuple[int, int]:
@@ -145,3 +148,5 @@ class RoomWords:
 
     maps: Mapping[str, WordMap]
     used: float
+
+    __repr__ = brief

@@ -131,6 +131,9 @@ class Certificate:
     weighted_error: NDArray[np.float64] | None = None
     outside: float | None = None
 
+    def __repr__(self) -> str:
+        return f"<Certificate: {self}>"
+
     @property
     def relative(self) -> float:
         """G over ½E, all channels."""

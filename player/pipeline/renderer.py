@@ -30,6 +30,7 @@ from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Snapshot
 from counterlight.pipeline.small_pictures import SmallPicture
 from counterlight.pipeline.starts import Iterate, standing
+from counterlight.pipeline.views import VIEWS
 from counterlight.response import Response
 from counterlight.viewpoints import Viewpoint
 
@@ -146,6 +147,8 @@ class Renderer:
         steps : of refinement, if the room has its maps; 0 is clamp(T⁺ b), the thesis' method.
         timed : wait after each stage; `stage_s` then says how long each took.
         """
+        if view not in VIEWS or steps < 0:
+            raise ValueError(f"view {view!r}, {steps} steps: expected one of {', '.join(VIEWS)}, and no steps below 0")
         self._laps.begin(timed=timed)
         self._decoded = self._planes.run()
         self._laps.end("linear")

@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from counterlight import calibration as calibrations
+from counterlight.arrays import brief
 from counterlight.calibration import Calibration
-from counterlight.errors import InputError
+from counterlight.errors import InputError, nearest
 from counterlight.files.generation import read_steadily
 from counterlight.maps import room_maps as maps
 from counterlight.maps.mixing import Mixing
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.pipeline.drift import Drift, read_drift
-from counterlight.pipeline.refinement import Advice, Offer, advice_of, default_start, default_steps
+from counterlight.pipeline.refinement import STARTS, Advice, Offer, advice_of, default_start, default_steps
 from counterlight.pipeline.views_together import check_views, with_shared_darkness
 from counterlight.viewpoints import Places, Viewpoint, folders_of, is_set, read_places
 
@@ -41,6 +42,13 @@ class Room:
     drift: Drift | None = None
     others: tuple["Room", ...] = ()
     places: Places | None = None
+
+    __repr__ = brief
+
+    def __post_init__(self) -> None:
+        for name, value, known in (("dither", self.dither, DITHERS), ("start", self.start, STARTS)):
+            if value not in known:
+                raise InputError(f"{name} {value!r}: expected one of {', '.join(known)}{nearest(str(value), known)}")
 
     @property
     def eyes(self) -> tuple["Room", ...]:

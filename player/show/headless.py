@@ -14,6 +14,7 @@ from counterlight.command import tell, track
 from counterlight.errors import InputError
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.content import camera_psnr
+from counterlight.pipeline.device import PATHS
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Shortfall
@@ -39,6 +40,10 @@ def headless_renderer(backend: str, room: Room, path: str = "fragment") -> Itera
     it chose: OpenGL where a GPU runs it, else the processor, on which OpenGL is slower (docs/gpu.md). A rule and no
     measurement, so that a result repeats.
     """
+    if backend not in BACKENDS or path not in PATHS:
+        raise InputError(
+            f"backend {backend!r}, path {path!r}: expected one of {', '.join(BACKENDS)}; {', '.join(PATHS)}"
+        )
     with ExitStack() as stack:
         context = None if backend == "cpu" else _opengl(stack, chosen=backend == "gl")
         if context is None:

@@ -2,7 +2,7 @@
 
 import argparse
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -26,13 +26,17 @@ from counterlight.show.stats import Stats
 SEGMENTS_A_WORKER = 2  # so that one that is slower, or dies, is waited for less
 
 
-def render(options: argparse.Namespace, room: Room, adjustments: Adjustments) -> Stats:
-    """The medium of the options into their file; InputError for what is for a window, or would never end."""
+def render(options: argparse.Namespace, read_room: Callable[[], Room], adjustments: Adjustments) -> Stats:
+    """The medium of the options into their file; InputError for what is for a window, or would never end.
+
+    read_room : called once the medium is open, for a large room takes a while to read.
+    """
     _check(options)
     with MediaReader.open(one_medium(options), loop=options.loop, frames_per_second=options.fps) as reader:
         _check_medium(options, reader.info)
         if options.start:
             reader.seek(options.start)
+        room = read_room()
         stats = _rendered(options, reader, room, adjustments)
         for notice in reader.notices():
             tell(notice)

@@ -9,11 +9,17 @@ from counterlight.unattended.json_lines import encode
 
 PATIENCE_S = 30.0
 LONGEST = 1 << 16
+FIX = "is the player running with --control and this name?"
+
+
+def check_control(control: Path) -> None:
+    """InputError for a name that is no socket; for what is asked before long work."""
+    if not control.is_socket():
+        raise InputError(f"{control}: no socket; {FIX}")
 
 
 def ask(control: Path, *command: str) -> None:
     """Have a player run a command; InputError if nobody listens, or if it says that it could not."""
-    fix = "is the player running with --control and this name?"
     try:
         with socket.socket(socket.AF_UNIX) as connection:
             connection.settimeout(PATIENCE_S)
@@ -21,7 +27,7 @@ def ask(control: Path, *command: str) -> None:
             connection.sendall(encode({"command": list(command), "request_id": 1}))
             answer = _answer(connection)
     except (OSError, ValueError) as error:
-        raise InputError(f"{control}: no answer ({one_line(error)}); {fix}") from None
+        raise InputError(f"{control}: no answer ({one_line(error)}); {FIX}") from None
     if answer.get("error") != "success":
         told = answer.get("message", answer.get("error"))
         raise InputError(f"{control}: the player could not {command[0]}: {shown(told)}")

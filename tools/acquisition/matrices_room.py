@@ -14,6 +14,7 @@ from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.factoring.factoring import Factoring, compacted
 from counterlight.tools.transport.arrays import opened_array
 from counterlight.tools.transport.mask import directly_lit
+from counterlight.tools.transport.pixel_order import Misreading, misreading
 from counterlight.tools.transport.storage import read_matrix, write_transport
 from counterlight.tools.transport.transport import CHANNELS, Csr, Transport
 
@@ -38,7 +39,10 @@ class MatrixFiles:
 
 @dataclass(frozen=True)
 class MatricesSummary:
-    """What was imported; its text is the command's output."""
+    """What was imported; its text is the command's output.
+
+    misreading : swapped sizes for which T looks better.
+    """
 
     entries: tuple[int, ...]
     negative: tuple[int, ...]
@@ -47,6 +51,7 @@ class MatricesSummary:
     camera_pixels: int
     mask_given: bool
     factoring: Factoring
+    misreading: Misreading | None
 
     def __str__(self) -> str:
         channels = ", ".join(f"{name} {count}" for name, count in zip(CHANNELS, self.entries, strict=True))
@@ -76,15 +81,17 @@ def import_matrices_room(
     Raises InputError for damaged files, wrong shapes, NaN, infinity, a channel without entries, an unlit camera.
     """
     with calibration.replacing(folder, force=force, inputs=files.all) as stage:
+        ambient = read_ambient(files.ambient, camera)
+        given = None if files.mask is None else _counting(calibration.read_mask_picture(files.mask, camera), files.mask)
         shape = camera.pixels, projector.pixels
         matrices = [read_matrix(path, shape) for path in files.matrices]
         negative = tuple(map(keep_light, matrices, files.matrices))
         entries = tuple(int(matrix.nnz) for matrix in matrices)
         transport = Transport.from_matrices(matrices, camera=camera.shape, projector=projector.shape)
         del matrices  # as large as T, which may be dense
-        ambient = read_ambient(files.ambient, camera)
+        doubt = misreading(transport.near, camera.shape, projector.shape)
         transport, factoring = compacted(transport, ambient, tolerance)
-        mask = _mask(files.mask, camera, projector, transport, ambient)
+        mask = _counting(directly_lit(transport, ambient, projector.shape), None) if given is None else given
         named = folder.name if name is None else name
         write_transport(transport, stage)
         calibration.write(Calibration(named, _provenance(files), (projector,), camera, ambient, mask), stage)
@@ -96,6 +103,7 @@ def import_matrices_room(
         camera_pixels=camera.pixels,
         mask_given=files.mask is not None,
         factoring=factoring,
+        misreading=doubt,
     )
 
 
@@ -143,15 +151,11 @@ def keep_light(matrix: Csr, where: Path | str) -> int:
     return count
 
 
-def _mask(
-    path: Path | None, camera: Device, projector: Device, transport: Transport, ambient: NDArray[np.float32]
-) -> NDArray[np.bool_]:
+def _counting(mask: NDArray[np.bool_], path: Path | None) -> NDArray[np.bool_]:
+    """The mask; InputError if no pixel counts.  path : None for the default."""
+    fix = "check the unit of --ambient against the matrices, or name the pixels that count with --mask"
     if path is not None:
-        mask = calibration.read_mask_picture(path, camera)
         fix = "make the pixels that count white"
-    else:
-        mask = directly_lit(transport, ambient, projector.shape)
-        fix = "check the unit of --ambient against the matrices, or name the pixels that count with --mask"
     if not mask.any():
         raise InputError(f"{path or 'the default mask'}: no camera pixel counts, expected at least 1; {fix}")
     return mask

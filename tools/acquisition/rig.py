@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -28,20 +28,31 @@ LIVE = "v4l2", "pylon", "gphoto2"
 
 
 @contextmanager
-def open_rig(options: argparse.Namespace) -> Iterator[tuple[Camera, Shapes]]:
-    """The camera, and each projector's (height, width), that the options name; InputError for what is not there."""
+def open_rig(
+    options: argparse.Namespace, refuse: Callable[[Shapes], None] = lambda projectors: None
+) -> Iterator[tuple[Camera, Shapes]]:
+    """The camera, and each projector's (height, width), that the options name; InputError for what is not there.
+
+    refuse : takes the projectors' sizes as soon as they are known; raises InputError if they are not wanted.
+    """
     kind, sources = _kind_of(options.camera)
     response = named_response(options.camera_response)
     with ExitStack() as opened:
         if kind == "simulated":
-            rooms = [room for source in sources for room in simulated_rooms(Path(source))]
+
+            def refuse_room(name: str, projectors: Shapes, sensor: Sensor | None) -> None:
+                _check_sizes(options, name, projectors)
+                _settings(options, sensor, response)
+                refuse(projectors)
+
+            rooms = [room for source in sources for room in simulated_rooms(Path(source), refuse_room)]
             projectors = _shared_projectors(rooms)
-            _check_sizes(options, rooms[0])
             shown = options.monitor or options.window
             screen = _screens(options, projectors, opened)[0] if shown else None
             yield _simulated(options, rooms, response, screen), projectors
         elif kind == "folder":
             sizes = _needed_sizes(options)
+            refuse(sizes)
             exposures = Exposures(_bracket(options), response)
             yield FolderCamera(Path(sources[0]), exposures, options.wait), sizes
         else:
@@ -51,6 +62,7 @@ def open_rig(options: argparse.Namespace) -> Iterator[tuple[Camera, Shapes]]:
                 raise InputError(f"--camera {kind}: needs exposure times in seconds; add --exposures, such as 0.033")
             eye = together([_eye(*_parted(camera), response, opened) for camera in options.camera])
             screen, shapes = _screens(options, tuple(options.projector), opened)
+            refuse(shapes)
             yield LiveCamera(screen, eye, Exposures(_bracket(options), response)), shapes
 
 
@@ -89,21 +101,24 @@ def _shared_projectors(rooms: Sequence[SimulatedRoom]) -> Shapes:
 def _simulated(
     options: argparse.Namespace, rooms: Sequence[SimulatedRoom], response: Response, screen: VisibleScreen | None
 ) -> SimulatedCamera:
-    room = rooms[0]
+    return SimulatedCamera(rooms[0], _settings(options, rooms[0].sensor, response), screen, rooms[1:])
+
+
+def _settings(options: argparse.Namespace, sensor: Sensor | None, response: Response) -> CameraSettings:
+    """sensor : the scene's own, if it describes one; options given prevail."""
     given = {name: getattr(options, name) for name in SENSOR if getattr(options, name) is not None}
-    sensor = replace(room.sensor or Sensor(), **given)
-    settings = CameraSettings(sensor, _bracket(options), response, options.seed, options.lag)
-    return SimulatedCamera(room, settings, screen, rooms[1:])
+    chosen = replace(sensor or Sensor(), **given)
+    return CameraSettings(chosen, _bracket(options), response, options.seed, options.lag)
 
 
-def _check_sizes(options: argparse.Namespace, room: SimulatedRoom) -> None:
+def _check_sizes(options: argparse.Namespace, name: str, projectors: Shapes) -> None:
     """InputError for projectors that are not the room's."""
-    if not options.projector or tuple(options.projector) == room.projectors:
+    if not options.projector or tuple(options.projector) == projectors:
         return
-    sizes = " and ".join(f"{width}x{height}" for height, width in room.projectors)
-    swapped = tuple((width, height) for height, width in options.projector) == room.projectors
+    sizes = " and ".join(f"{width}x{height}" for height, width in projectors)
+    swapped = tuple((width, height) for height, width in options.projector) == projectors
     fix = "width and height are swapped" if swapped else "leave it out"
-    raise InputError(f"--projector: {room.name} has {sizes} pixels; {fix}")
+    raise InputError(f"--projector: {name} has {sizes} pixels; {fix}")
 
 
 def _screens(options: argparse.Namespace, shapes: Shapes, opened: ExitStack) -> tuple[VisibleScreen, Shapes]:

@@ -1,13 +1,16 @@
 """What the commands with a camera share: which camera, and what the projectors are; rig.py opens them."""
 
 import argparse
+from collections.abc import Sequence
+from pathlib import Path
 
-from counterlight.command import parse_size
+from counterlight.command import at_least_0, parse_size
 from counterlight.tools.choices import MOST_LAG
+from counterlight.tools.shipped import parse_scene
 
 MOST_SHOTS = 256
 SENSOR = "bits", "full_well", "read_noise"
-CAMERAS = "simulated:SCENE.toml, simulated:CALIBRATION, folder:DIR, v4l2:NUMBER, pylon:SERIAL|N or gphoto2"
+CAMERAS = "simulated:SCENE|CALIBRATION, folder:DIR, v4l2:NUMBER, pylon:SERIAL|N or gphoto2"
 
 
 def add_rig_options(parser: argparse.ArgumentParser, shots: str = "1") -> None:
@@ -44,7 +47,9 @@ def add_rig_options(parser: argparse.ArgumentParser, shots: str = "1") -> None:
     )
     parser.add_argument("--camera-response", default="linear", metavar="linear|srgb|GAMMA|FILE.toml")
     parser.add_argument("--no-preflight", action="store_true", help="do not check projector and camera first")
-    parser.add_argument("--wait", type=float, default=0.0, metavar="SECONDS", help="folder: for captures (default 0)")
+    parser.add_argument(
+        "--wait", type=_seconds, default=0.0, metavar="SECONDS", help="folder: for captures (default 0)"
+    )
     sensor = parser.add_argument_group("simulated camera")
     sensor.add_argument("--bits", type=int, help="of a code value (default: the scene's, or 14)")
     sensor.add_argument(
@@ -55,10 +60,21 @@ def add_rig_options(parser: argparse.ArgumentParser, shots: str = "1") -> None:
     sensor.add_argument("--seed", type=int, default=0, help="of its noise (default 0)")
 
 
+def sources_of(cameras: Sequence[str]) -> list[Path]:
+    """The files and folders that cameras read; InputError for a simulated one of no scene."""
+    named = [camera.partition(":") for camera in cameras]
+    rooms = [parse_scene(source) for kind, _, source in named if kind == "simulated"]
+    return rooms + [Path(source) for kind, _, source in named if kind == "folder"]
+
+
 def _shots(text: str) -> int:
     if not (text.isdecimal() and 1 <= int(text) <= MOST_SHOTS):
         raise argparse.ArgumentTypeError(f"expected a number of shots from 1 to {MOST_SHOTS}, found {text!r}")
     return int(text)
+
+
+def _seconds(text: str) -> float:
+    return at_least_0(text, f"expected a number of seconds, 0 or more, found {text!r}")
 
 
 def _times(text: str) -> tuple[float, ...]:

@@ -76,12 +76,37 @@ def _told(predicted: float, measured: float, model: float) -> str:
     )
 
 
-class Verification:
-    """A picture in a calibrated room.
+class Wanted:
+    """A picture for a calibrated room, and how to get it: all that is read and checked before anything is shown.
 
-    transport : the stored calibration's.  drift : what is undone.  asked : of each camera, whether its captures count.
+    transport : the stored calibration's.
     picture : (camera height, camera width, 3), linear 0..1, or the desired camera radiance itself.
     colour : of choices.COLOURS; the solver `map` takes that of the maps.
+    Raises InputError for what the calibration does not hold.
+    """
+
+    def __init__(
+        self,
+        stored: StoredCalibration,
+        transport: Transport,
+        picture: FloatArray,
+        *,
+        radiance: bool,
+        solver: str,
+        colour: str = "auto",
+        aims: ObjectiveOptions = DEFAULT_AIMS,
+    ) -> None:
+        self.picture, self.radiance, self.aims = picture, radiance, aims
+        maps = read_maps(stored) if solver == "map" else None
+        self.T_pinv = None if maps is None else compensation(maps)
+        self.tier = tier_of(stored.calibration, transport, colour if maps is None else maps.mixing.tier)
+        self.objective = objective_of(self.tier.transport, stored.calibration, aims, self.tier.mixing)
+
+
+class Verification:
+    """A picture in a calibrated room as it is now.
+
+    drift : what is undone.  asked : of each camera, whether its captures count.
     desired, and what is predicted and captured, are in screen primaries.
     """
 
@@ -89,30 +114,28 @@ class Verification:
         self,
         photographer: Photographer,
         stored: StoredCalibration,
-        transport: Transport,
+        wanted: Wanted,
         drift: Drift,
-        picture: FloatArray,
-        *,
         asked: tuple[bool, ...],
-        radiance: bool,
-        solver: str,
-        colour: str = "auto",
-        aims: ObjectiveOptions = DEFAULT_AIMS,
     ) -> None:
         ambient = stored.calibration.ambient if drift.ambient is None else drift.ambient
         self._photographer, self._room, self._drift = photographer, replace(stored.calibration, ambient=ambient), drift
         self._cameras = {number: self._room.pixels_of(number - 1) for number, ask in enumerate(asked, 1) if ask}
         self._told: BoolArray = np.any(list(self._cameras.values()), axis=0)
-        maps = read_maps(stored) if solver == "map" else None
-        self._T_pinv = None if maps is None else compensation(maps)
-        self.tier = tier_of(self._room, transport, colour if maps is None else maps.mixing.tier)
+        self._T_pinv = wanted.T_pinv
+        self.tier = replace(wanted.tier, calibration=self._room)
         mixing = self.tier.mixing if drift.share is None else self.tier.mixing.shared(drift.share)
         self._now = replace(self.tier, mixing=mixing)
-        self._objective = objective_of(self.tier.transport, self._room, aims, mixing)
+        same = drift.share is None and drift.ambient is None
+        self._objective = (
+            wanted.objective if same else objective_of(self.tier.transport, self._room, wanted.aims, mixing)
+        )
         self._box = prepare("box", self.tier.transport, self._room.mask, self._objective)
         self.white = self.tier.white * drift.dimming
         self.desired: FloatArray = (
-            np.asarray(self.tier.mixing.on_screen(picture), np.float64) if radiance else picture * self.white
+            np.asarray(self.tier.mixing.on_screen(wanted.picture), np.float64)
+            if wanted.radiance
+            else wanted.picture * self.white
         )
 
     def run(self, rounds: int, repeats: int) -> Iterator[Verified]:

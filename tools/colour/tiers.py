@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.arrays import BoolArray, FloatArray, IntArray
+from counterlight.arrays import BoolArray, FloatArray, IntArray, brief
 from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.maps.mixing import Mixing, invertible
@@ -39,6 +39,8 @@ class Tier:
     transport: Transport
     mixing: Mixing
     reason: str
+
+    __repr__ = brief
 
     @cached_property
     def ambient(self) -> NDArray[np.float32]:

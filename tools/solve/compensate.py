@@ -1,7 +1,7 @@
 """A calibration and a picture -> the drive that each solver finds, and what the camera then sees."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -55,6 +55,8 @@ class CompensateOptions:
     def __post_init__(self) -> None:
         if self.white is not None and not RADIANCE[0] <= self.white <= RADIANCE[1]:
             raise InputError(f"--white {self.white:g}: expected a radiance from {RADIANCE[0]:g} to {RADIANCE[1]:g}")
+        if self.max_cluster is not None and self.max_cluster < 1:
+            raise InputError(f"--max-cluster {self.max_cluster}: expected at least 1 projector pixel")
         for name in self.solvers:
             if name not in COMPENSATIONS:
                 raise InputError(f"--solver {name}: expected all, or of {', '.join(COMPENSATIONS)}, joined by commas")
@@ -97,11 +99,11 @@ class CompensationTask:
         *,
         radiance: bool,
         options: CompensateOptions,
-        maps: Callable[[], RoomMaps] | None = None,
+        maps: RoomMaps | None = None,
     ) -> None:
         """picture : (camera height, camera width, 3), linear 0..1, or the desired camera radiance itself.
 
-        maps : how the solver `map` gets the room's.
+        maps : the room's, for the solver `map`.
         """
         self._tier, self._calibration, self._options, self._maps = tier, tier.calibration, options, maps
         self.white = tier.white if options.white is None else options.white
@@ -144,7 +146,7 @@ class CompensationTask:
         if name == "none":
             return plain.reshape(-1, 3), ()
         if name == "map" and self._maps is not None:
-            return self._by_maps(self._maps()).reshape(-1, 3), ()
+            return self._by_maps(self._maps).reshape(-1, 3), ()
         if self._options.max_cluster is None or name in ("direct", "triangulated"):
             found = self._prepared(name).solve(self._target)
             return found.unclamped, found.notes
@@ -207,7 +209,8 @@ def compensate(folder: Path, picture: Path, output: Path | None, options: Compen
     calibration, radiance = stored.calibration, picture.suffix.lower() == ".exr"
     wanted = read_placed(picture, calibration.camera.shape, calibration.screen)
     tier = tier_of(calibration, read_transport(stored), options.colour)
-    task = CompensationTask(tier, wanted, radiance=radiance, options=options, maps=lambda: read_maps(stored))
+    maps = read_maps(stored) if "map" in options.solvers else None  # before the other solvers work
+    task = CompensationTask(tier, wanted, radiance=radiance, options=options, maps=maps)
     given = np.asarray(tier.mixing.on_screen(wanted), np.float64) if radiance else wanted
     plain = _uncorrected(picture, given, radiance, calibration.projector.shape, task.white)
     yield f"{tier}"

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.arrays import BoolArray, FloatArray, IntArray
+from counterlight.arrays import BoolArray, FloatArray, IntArray, brief
 from counterlight.maps.row_map import SparseRows
 
 LEVELS = 4  # of cells: the coarsest are of 16×16 pixels
@@ -26,6 +26,8 @@ class BlurredLight:
 
     gather: SparseRows
     scatter: SparseRows
+
+    __repr__ = brief
 
     @cached_property
     def transposed(self) -> "BlurredLight":

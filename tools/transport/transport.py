@@ -12,10 +12,11 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from counterlight.arrays import FloatArray
+from counterlight.arrays import FloatArray, brief
+from counterlight.errors import InputError
 from counterlight.maps.row_map import SparseRows, below_each_other
 from counterlight.pipeline.colour import LUMINANCE
 from counterlight.pipeline.operators import Light, Operator, Sum
@@ -39,6 +40,8 @@ class FarLight:
     gather: SparseRows
     mix: FloatArray
     scatter: SparseRows
+
+    __repr__ = brief
 
     @classmethod
     def from_matrices(cls, gather: Sequence[Csr], mix: FloatArray, scatter: Sequence[Csr]) -> "FarLight":
@@ -72,8 +75,9 @@ class FarLight:
 class Transport:
     """T of one projector and one camera, c = T p: near light S, far light U M D and blurred light B P if there is any.
 
-    An operator on (pixels, 3), or on pictures (height, width, 3) where it knows how high and wide its own are:
-    `T @ p`, `T.T @ c`.
+    An operator on linear light in floating point, (pixels, 3) or, where T knows its pictures' sizes, pictures
+    (height, width, 3): `T @ p`, `T.T @ c`. InputError for other shapes, and for integers, which may be code values.
+    A square picture cannot be told from its transpose.
 
     near : (camera pixels, projector pixels), float32, radiance per unit drive, ≥ 0.
     camera, projector : (height, width), None if nobody said.
@@ -84,6 +88,11 @@ class Transport:
     camera: Shape | None = None
     projector: Shape | None = None
     blurred: BlurredLight | None = None
+
+    def __repr__(self) -> str:
+        far = "" if self.far is None else f", far light of {self.far.cells} cells"
+        blurred = "" if self.blurred is None else f", blurred light of {self.blurred.scatter.columns} cells"
+        return f"<Transport {self.shape}: {self.near.indices.size} entries{far}{blurred}>"
 
     @classmethod
     def from_matrices(
@@ -115,16 +124,21 @@ class Transport:
     def _beside(self) -> list[Operator]:
         return [part for part in (self.blurred, self.far) if part is not None]
 
-    def apply(self, drive: Light) -> FloatArray:
+    def apply(self, drive: ArrayLike) -> FloatArray:
         """T p, without ambient light: (projector pixels, 3) -> (camera pixels, 3); a picture for a picture."""
-        return _alike(Sum([self.near, *self._beside]).apply(drive.reshape(-1, 3)), drive, self.camera)
+        light = np.asarray(drive)
+        rows = _rows(light, self.shape[1], self.projector)
+        return _alike(Sum([self.near, *self._beside]).apply(rows), light, self.camera)
 
-    def apply_transpose(self, picture: Light) -> FloatArray:
+    def apply_transpose(self, picture: ArrayLike) -> FloatArray:
         """Tᵀ c: (camera pixels, 3) -> (projector pixels, 3), the dual picture (thesis eq. 3.12); as `apply`."""
         return self.T.apply(picture)
 
-    def __matmul__(self, drive: Light) -> FloatArray:
-        return self.apply(drive)
+    def __matmul__(self, drive: ArrayLike) -> FloatArray:
+        light = np.asarray(drive)
+        if light.dtype.kind not in "fb":
+            raise InputError(f"light as {light.dtype}, expected linear light in floating point; convert it first")
+        return self.apply(light)
 
     @cached_property
     def T(self) -> "Transport":  # noqa: N802 - as numpy calls it
@@ -271,12 +285,22 @@ def _mixed(mix: FloatArray, cells: FloatArray) -> FloatArray:
     return np.stack([mix[i] @ cells[:, i] for i in range(len(CHANNELS))], axis=1)
 
 
+def _rows(light: Light, pixels: int, shape: Shape | None) -> Light:
+    """A picture, or a list, as (pixels, 3); InputError for what is neither."""
+    expected = [(pixels, 3)] if shape is None else [(*shape, 3), (pixels, 3)]
+    if light.shape not in expected:
+        swapped = shape is not None and light.shape == (*shape[::-1], 3)
+        told = "width and height are swapped" if swapped else "a picture is (height, width, channel)"
+        raise InputError(f"light of shape {light.shape}, expected {' or '.join(map(str, expected))}; {told}")
+    return light.reshape(-1, 3)
+
+
 def _alike(values: FloatArray, given: Light, shape: Shape | None) -> FloatArray:
     """A picture for a picture, a list for a list."""
     if given.ndim == 2:
         return values
     if shape is None:
-        raise ValueError("a picture for a transport that knows no picture's size; give (pixels, 3), or say the sizes")
+        raise InputError("a picture for a part of T, which has no picture's size; give (pixels, 3)")
     return values.reshape(*shape, 3)
 
 

@@ -1,11 +1,11 @@
 """A camera in a simulated room: c = T p + e, then photons, noise, exposure, response and code values."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from counterlight.tools.acquisition.cameras.together import together
 from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.choices import MOST_LAG
 from counterlight.tools.colour.tiers import Tier, tier_of
+from counterlight.tools.shipped import parse_scene
 from counterlight.tools.simulation.devices import Flicker, Sensor
 from counterlight.tools.simulation.effects.capture_noise import capture
 from counterlight.tools.simulation.effects.colour_filters import interpolated
@@ -31,6 +32,8 @@ from counterlight.tools.simulation.scene import Scene, load_scene
 from counterlight.tools.simulation.simulate import simulate
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
+
+Refuse: TypeAlias = Callable[[str, Shapes, Sensor | None], None]
 
 HEADROOM = 1.25  # full scale of an exposure of 1, above the floodlit room's brightest pixel
 
@@ -60,6 +63,8 @@ class CameraSettings:
             raise InputError("--read-noise needs --full-well above 0: it is counted in electrons of the full well")
         if not 0 <= self.lag <= MOST_LAG:
             raise InputError(f"--lag {self.lag}: expected 0 to {MOST_LAG} frames")
+        if self.seed < 0:
+            raise InputError(f"--seed {self.seed}: expected 0 or more")
         Exposures(self.exposures)
 
 
@@ -203,12 +208,22 @@ class SimulatedCamera(LiveCamera):
         super().__init__(shown, together(eyes), Exposures(times, settings.response), lag=settings.lag)
 
 
-def simulated_rooms(source: Path) -> list[SimulatedRoom]:
-    """What each camera of a scene file (.toml) or of a calibration folder sees; InputError if it is neither."""
-    if source.is_dir():
-        stored = calibration.read(source)
-        return _views(stored.calibration, tier_of(stored.calibration, read_transport(stored)))
-    return [_simulated(view) for view in load_scene(source).views]
+def simulated_rooms(source: Path, refuse: Refuse = lambda *_: None) -> list[SimulatedRoom]:
+    """What each camera of a scene or of a calibration folder sees; InputError if it is neither.
+
+    source : a folder, a file, or the name of a shipped scene.
+    refuse : takes the room's name, its projectors' sizes and its sensor before the room is simulated; raises InputError
+    if they are not wanted.
+    """
+    file = parse_scene(str(source))
+    if file.is_dir():
+        stored = calibration.read(file)
+        room = stored.calibration
+        refuse(room.name, tuple(projector.shape for projector in room.projectors), None)
+        return _views(room, tier_of(room, read_transport(stored)))
+    scene = load_scene(file)
+    refuse(scene.name, ((scene.projector.height, scene.projector.width),), scene.camera.sensor)
+    return [_simulated(view) for view in scene.views]
 
 
 def _views(room: Calibration, tier: Tier) -> list[SimulatedRoom]:

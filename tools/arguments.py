@@ -1,0 +1,231 @@
+"""Checks of the Python API's arguments, in terms of the call: TypeError for another kind of value, else InputError.
+
+Pictures follow one rule everywhere: uint8 and uint16 arrays are sRGB code values, as `counterlight play` takes them
+from a file; floats are linear light; other integers are refused, as nobody can tell what they count.
+"""
+
+import operator
+import re
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from functools import wraps
+from numbers import Real
+from os import PathLike
+from pathlib import Path
+from typing import Any, ParamSpec, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from counterlight.arrays import BoolArray, FloatArray
+from counterlight.calibration import RADIANCE
+from counterlight.errors import InputError, nearest, one_line, shown
+from counterlight.files.picture_files import MAX_SIDE
+from counterlight.response import TABLE_SIZE, Response, parse_response, projector_response, transfer_table
+from counterlight.tools.transport.transport import Csr
+
+P = ParamSpec("P")
+R = TypeVar("R")
+T = TypeVar("T")
+Shape: TypeAlias = tuple[int, int]
+
+CODES = np.uint8, np.uint16
+TOO_BRIGHT = 2.0  # median of a picture, times white: nearly all of it would be clipped
+OPTION = re.compile(r"--([a-z][a-z0-9]*(?:-[a-z0-9]+)*)")
+# Options of the commands whose argument has another name.
+NAMED = {"regularize": "damping", "force": "force=True", "radius": "parameters.radius", "no-refine": "refine=False"}
+
+
+def in_python(**named: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Decorates a function of the API: its InputErrors name arguments where the library names a command's options.
+
+    named : arguments by option, in this function only.
+    A file or folder that the system refuses is an InputError, too.
+    """
+    names = NAMED | named
+
+    def decorated(function: Callable[P, R]) -> Callable[P, R]:
+        @wraps(function)
+        def checked(*args: P.args, **kwargs: P.kwargs) -> R:
+            try:
+                return function(*args, **kwargs)
+            except InputError as error:
+                text = OPTION.sub(lambda match: names.get(match[1], match[1].replace("-", "_")), str(error))
+                raise type(error)(text.replace(" the option ", " the argument ")) from error.__cause__
+            except OSError as error:
+                if error.filename is None:
+                    raise
+                raise InputError(f"{error.filename}: {error.strerror}; check the path and its rights") from error
+
+        return checked
+
+    return decorated
+
+
+def instance(value: T, kind: type, name: str, fix: str = "") -> T:
+    if not isinstance(value, kind):
+        raise TypeError(f"{name}: expected {kind.__name__}, found {type(value).__name__}{fix and f'; {fix}'}")
+    return value
+
+
+def whole(value: int, name: str, low: int, high: int) -> int:
+    """A whole number within bounds."""
+    if isinstance(value, bool | np.bool_) or not hasattr(value, "__index__"):
+        raise TypeError(f"{name}={shown(value)}: expected a whole number")
+    if not low <= (number := operator.index(value)) <= high:
+        raise InputError(f"{name}={number}: expected {low} to {high}")
+    return number
+
+
+def number(value: object, name: str, low: float, high: float) -> float:
+    """A real number within bounds."""
+    if isinstance(value, bool | np.bool_) or not isinstance(value, Real):
+        raise TypeError(f"{name}={shown(value)}: expected a number")
+    found = float(value)
+    if not low <= found <= high:
+        bounds = f"at least {low:g}" if high == float("inf") else f"{low:g} to {high:g}"
+        raise InputError(f"{name}={found:g}: expected {bounds}")
+    return found
+
+
+def white(value: float | None, usual: float) -> float:
+    """A radiance; `usual` for None."""
+    return usual if value is None else number(value, "white", *RADIANCE)
+
+
+def size(value: Sequence[int], name: str) -> Shape:
+    """(height, width)."""
+    try:
+        height, width = value
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}={shown(value)}: expected (height, width) in pixels") from None
+    return whole(height, f"{name} height", 1, MAX_SIDE), whole(width, f"{name} width", 1, MAX_SIDE)
+
+
+def choice(value: str, name: str, known: Iterable[str]) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"{name}={shown(value)}: expected one of {', '.join(known)}")
+    if value not in known:
+        raise InputError(f"{name}={value!r}: expected one of {', '.join(known)}{nearest(value, known)}")
+    return value
+
+
+def words(values: Iterable[str], name: str) -> tuple[str, ...]:
+    """Several names; a single string is not taken for its letters."""
+    if isinstance(values, str) or not all(isinstance(each, str) for each in values):
+        raise TypeError(f"{name}={shown(values)}: expected a list of names")
+    return tuple(values)
+
+
+def path(value: str | PathLike[str], name: str) -> Path:
+    if not isinstance(value, str | PathLike):
+        raise TypeError(f"{name}={shown(value)}: expected a path")
+    if not str(value):
+        raise InputError(f"{name} is empty; expected a path")
+    return Path(value)
+
+
+def response(value: object) -> Response:
+    """A Response, "linear", "srgb", a gamma, a table, or a .toml file that holds one."""
+    if isinstance(value, Response):
+        return value
+    if isinstance(value, str | PathLike):
+        return projector_response(str(value))
+    if isinstance(value, np.ndarray | np.generic | tuple):
+        value = np.asarray(value).tolist()
+    return parse_response(value)
+
+
+def picture(values: ArrayLike, shape: Shape, name: str = "picture", *, of_white: bool = False) -> FloatArray:
+    """(height, width, 3) in linear light, of a picture of that size, of one colour (3,), or of one grey.
+
+    of_white : the picture is in multiples of white, so that nearly all of it cannot be far above 1; warns if it is.
+    """
+    array = _array(values, name)
+    if array.dtype.kind in "iu" and not isinstance(values, int):  # a Python number is light: 1 is white
+        if array.dtype.newbyteorder("=") not in CODES:
+            raise InputError(
+                f"{name} of {array.dtype}: expected sRGB code values as uint8 (0 to 255) or uint16 (0 to 65535), or "
+                f"linear light as floats; convert it, such as {name}.astype(np.uint8)"
+            )
+        return _shaped(_linear(array), shape, name)
+    light = _shaped(array.astype(np.float64), shape, name)
+    if of_white and (median := float(np.median(light))) > TOO_BRIGHT:
+        told = f"{name}: its median is {median:g} times white; floats are linear light, 1 being white"
+        warnings.warn(f"{told}; pass code values as uint8 or uint16", stacklevel=4)
+    return light
+
+
+def radiance(values: ArrayLike, shape: Shape, name: str) -> NDArray[np.float32]:
+    """(height, width, 3) in the camera's unit of light, of what `picture` takes, code values excepted."""
+    array = _array(values, name)
+    if array.dtype.kind in "iu" and array.ndim:
+        raise InputError(
+            f"{name} of {array.dtype}: expected radiance in T's unit, as floats; code values are not light"
+        )
+    return _shaped(array.astype(np.float64), shape, name).astype(np.float32)
+
+
+def mask(values: ArrayLike, shape: Shape) -> BoolArray:
+    """(height, width) of True and False, or of 0 and one other number."""
+    array = _array(values, "mask")
+    if array.shape != shape:
+        raise InputError(f"mask of shape {array.shape}, expected {shape}{_swapped(array.shape, shape)}")
+    if not np.isin(array, (0, array.max())).all():
+        raise InputError(f"mask of {array.dtype} with many values, expected True and False; compare it, as mask > 0.5")
+    if not array.any():
+        raise InputError("mask: no camera pixel counts, expected at least 1")
+    return array.astype(bool)
+
+
+def matrix(values: object, name: str) -> Csr:
+    """A copy as sparse rows, float32, duplicates summed."""
+    if not (sparse.issparse(values) or hasattr(values, "__array__") or isinstance(values, list | tuple)):
+        raise TypeError(f"{name}: expected a matrix of scipy.sparse or an array, found {type(values).__name__}")
+    found: Any = values if sparse.issparse(values) else _array(values, name)
+    if len(found.shape) != 2 or found.dtype.kind not in "fiub":
+        raise InputError(f"{name}: {found.dtype} of shape {found.shape}, expected real numbers in rows and columns")
+    with np.errstate(over="ignore"):  # beyond float32 becomes infinity, which is refused
+        rows = Csr(found, dtype=np.float32, copy=True)
+    rows.sum_duplicates()
+    return rows
+
+
+def _array(values: object, name: str) -> NDArray[Any]:
+    """Real numbers of what numpy makes an array of."""
+    if isinstance(values, np.ma.MaskedArray):
+        raise TypeError(f"{name}: a masked array, whose mask would be lost; fill it first, as {name}.filled(0)")
+    try:
+        array = np.asarray(values)
+    except Exception as error:  # whatever the object's own __array__ raises
+        raise TypeError(f"{name}: {type(values).__name__} is no array of numbers ({one_line(error)})") from None
+    if array.dtype.kind not in "fiub":
+        raise TypeError(f"{name}: {array.dtype} of shape {array.shape}, expected an array of real numbers")
+    return array
+
+
+def _linear(codes: NDArray[Any]) -> FloatArray:
+    """Linear light, 0 to 1, of sRGB code values, by the table that the player has."""
+    shares = codes / np.iinfo(codes.dtype).max
+    return np.asarray(np.interp(shares, np.linspace(0, 1, TABLE_SIZE), transfer_table("srgb")), np.float64)
+
+
+def _shaped(array: FloatArray, shape: Shape, name: str) -> FloatArray:
+    expected = (*shape, 3)
+    if array.shape not in ((), (3,), expected):
+        fix = _swapped(array.shape, expected)
+        if array.shape == shape:
+            fix = f"; repeat grey in three channels, as np.repeat({name}[..., None], 3, axis=2)"
+        if array.shape == (*shape, 4):
+            fix = f"; leave the fourth channel out, as {name}[..., :3]"
+        raise InputError(f"{name} of shape {array.shape}, expected {expected}{fix}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} holds NaN or infinity; leave them out")
+    if np.abs(array).max() > RADIANCE[1]:
+        raise InputError(f"{name} holds {np.abs(array).max():g}, expected at most {RADIANCE[1]:g}; use another unit")
+    return np.broadcast_to(array, expected)
+
+
+def _swapped(found: tuple[int, ...], expected: tuple[int, ...]) -> str:
+    return "; width and height are swapped" if found == (expected[1], expected[0], *expected[2:]) else ""
