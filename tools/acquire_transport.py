@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 MOST_PICTURES = 1 << 12
 AVERAGED = "hierarchical", "multiplexed"  # the others are there to be compared with, as they are
-MINUTES = 20.0
+MINUTES = 10.0
 RADIANCE = "radiance="
 THRESHOLDS = "expected a multiple of the noise such as 4, or a radiance such as radiance=0.01"
 
@@ -219,7 +219,7 @@ def _parser() -> argparse.ArgumentParser:
     add_tolerance(parser)
     parser.add_argument(
         "--averaging", type=_minutes, metavar="MINUTES",
-        help=f"what captures for the sake of noise may add, where --shots does not say how many (default {MINUTES:g})"
+        help=f"time of the acquisition in which pictures are captured repeatedly; 0: once each (default {MINUTES:g})"
     )  # fmt: skip
     add_rig_options(parser, "as many as the noise asks for, if --averaging allows")
     add_room_options(parser, "measured")

@@ -28,5 +28,8 @@ class MemoryStore:
     def shots(self, number: int) -> Sequence[Shot]:
         return self._kept[number]
 
+    def size(self, number: int) -> int:
+        return 0
+
     def radiance(self, number: int) -> NDArray[np.float32]:
         return self._exposures.radiance(self._kept[number])

@@ -146,6 +146,11 @@ class CaptureStore:
         """(camera height, camera width, 3)."""
         return self._exposures.radiance(self.shots(number))
 
+    def size(self, number: int) -> int:
+        """Bytes of a capture."""
+        self._settle()
+        return sum(path.stat().st_size for path in self._paths(number))
+
     def made(self, fingerprint: str) -> None:
         """The room with that fingerprint is whole, and about to be put in place."""
         self._record["made"] = fingerprint

@@ -15,7 +15,7 @@ from counterlight.command import track
 from counterlight.errors import InputError
 from counterlight.raster import Shape
 from counterlight.response import Response
-from counterlight.tools.acquisition.acquire import Acquisition, Store
+from counterlight.tools.acquisition.acquire import Acquisition
 from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.cameras.folder import Waiting
 from counterlight.tools.acquisition.cameras.together import views_of
@@ -24,6 +24,7 @@ from counterlight.tools.acquisition.few.turns import Turns
 from counterlight.tools.acquisition.few.views import Views, views_fitted
 from counterlight.tools.acquisition.linearity import refuse_bends
 from counterlight.tools.acquisition.plan import Measured
+from counterlight.tools.acquisition.recording import Store
 
 COPIES = 3  # of all captures, float32, that are in memory at once
 
