@@ -43,13 +43,14 @@ from counterlight.tools.acquisition.schemes.baselines import GrayCodeScheme
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.acquisition.store import CaptureStore
+from counterlight.tools.acquisition.summary import Coverage
 from counterlight.tools.hdr.camera_response import exposure_table
 from counterlight.tools.hdr.estimators import make_estimator
 from counterlight.tools.hdr.sums import CpuSums
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.transport.storage import read_transport, write_transport
-from counterlight.tools.transport.transport import Transport
+from counterlight.tools.transport.transport import Transport, channels
 from tests.acquired_rooms import (
     CAMERA,
     LINEAR,
@@ -450,6 +451,48 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
         for name in ("true", "acquired")
     ]
     assert figures[1] > figures[0] - 0.5  # dB, at the default camera's noise
+
+
+@pytest.mark.parametrize("hidden", [0, 8])
+def test_the_next_command_and_missing_coverage_are_said(
+    hidden: int, tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """hidden : columns at the left of the projector's picture that light nothing in the camera's view."""
+    device, ambient = Device(*CAMERA, LINEAR), np.full((*CAMERA, 3), 0.01, np.float32)
+    visible = sparse.diags_array(np.float32(np.arange(SHAPE[1]) % PROJECTOR[1] >= hidden))
+    near = tuple(sparse.csr_array(each @ visible) for each in channels(sharp_wall(rng).near))
+    room = Calibration("wall", "test", (Device(*PROJECTOR, LINEAR),), device, ambient, np.ones(CAMERA, np.bool_))
+    with writing(tmp_path / "wall", room) as stage:
+        write_transport(Transport.from_matrices(near), stage)
+    output = tmp_path / "a room"
+    words = ["--camera", f"simulated:{tmp_path / 'wall'}", "--shots", "1", "--no-preflight", "-o", str(output)]
+    assert acquire_transport.main(words) == 0
+    printed = capsys.readouterr()
+    assert printed.out.splitlines()[-1] == f"next: counterlight build '{output}'"
+    exposures = len(list((tmp_path / "a room.captures").rglob("*.png")))
+    announced = re.match(r"acquisition: about (\d+) exposures of \d+ pictures, \d+ s, 1 MB\n", printed.err)
+    assert announced
+    assert int(announced[1]) == pytest.approx(exposures, rel=0.25)
+    found = re.findall(
+        "warning: coverage: the camera sees (.*) % of .*; it misses pixels at the edges (.*): turn", printed.err
+    )
+    assert found == ([("73.3", "(left 8)")] if hidden else [])
+
+
+def test_each_cause_of_missing_coverage_has_its_advice() -> None:
+    seen = np.zeros((20, 30), np.bool_)
+    seen[1:18, 3:] = True
+    (warning,) = Coverage(seen).warnings
+    assert "76.5 % of the projector's pixels" in warning
+    assert "it misses pixels at the edges (top 1, bottom 2, left 3): turn" in warning
+    assert "in between" not in warning
+    seen[:] = True
+    assert Coverage(seen).warnings == []
+    seen[::2, ::2] = False
+    seen[:, 0] = seen[0] = True
+    (warning,) = Coverage(seen).warnings
+    assert "misses 21.0 % of the pixels in between: give the camera as many pixels" in warning
+    assert "edges" not in warning
 
 
 @pytest.mark.parametrize("text", ["4", "4x", "4.0", "radiance=0.01"])

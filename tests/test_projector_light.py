@@ -19,7 +19,7 @@ from counterlight.tools.acquisition.cameras.live import LiveCamera
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, MemoryScreen, SimulatedEye, SimulatedRoom
 from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
-from counterlight.tools.acquisition.summary import ProjectorReport
+from counterlight.tools.acquisition.summary import Coverage, ProjectorReport
 from counterlight.tools.factoring.factoring import Factoring
 from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.transport.transport import Transport, channels
@@ -61,7 +61,8 @@ def acquired(
 
 def report_on(done: Acquisition, given: Response | None = None) -> ProjectorReport:
     entries = int(done.measured.transport.near.indices.size)
-    return ProjectorReport(done, given, Factoring(entries, entries, entries))
+    whole = Coverage(np.ones(PROJECTOR, np.bool_))
+    return ProjectorReport(done, given, Factoring(entries, entries, entries), whole)
 
 
 def gammas(*exponents: float) -> Light:

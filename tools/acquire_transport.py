@@ -6,6 +6,7 @@ same command goes on where an interrupted one stopped.
 """
 
 import argparse
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -79,6 +80,7 @@ def _main(argv: Sequence[str] | None) -> None:
         for warning in report.warnings:
             print(f"warning: {warning}", file=sys.stderr)
         print(f"{write_acquisition_report(output, report, findings, report_folder)}: the report")
+        print(f"next: counterlight build {shlex.quote(str(output))}")
 
 
 def _choose_scheme(options: argparse.Namespace) -> None:
