@@ -14,6 +14,7 @@ from counterlight.errors import InputError
 from counterlight.tools import acquire_transport
 from counterlight.tools.acquisition.cameras.camera import Exposures
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_rooms
+from counterlight.tools.acquisition.linearity import SHOTS
 from counterlight.tools.acquisition.plan import REPEATS
 from counterlight.tools.acquisition.ramps import light_level
 from counterlight.tools.acquisition.store import SESSION, Wanted, open_store
@@ -22,8 +23,8 @@ from tests.acquired_rooms import CAMERA, PROJECTOR, shown_by
 from tests.faults import Fault, Runner
 from tests.rooms import write_blurred_room
 
-# Black and floodlight, ramps and primaries, Gray code of 30x21, floodlight and checks.
-PICTURES = 2 * REPEATS + len(light_level(PROJECTOR).patterns) + 2 * (5 + 5) + 3
+# Black and floodlight, a picture and its complement, ramps and primaries, Gray code of 30x21, floodlight and checks.
+PICTURES = 2 * REPEATS + 2 * SHOTS + len(light_level(PROJECTOR).patterns) + 2 * (5 + 5) + 3
 
 
 @pytest.fixture(scope="module")
@@ -198,7 +199,7 @@ def photograph(command: list[str], exchange: Path, eye: SimulatedCamera) -> None
 def test_a_session_of_another_format_is_refused_in_a_short_line(value: str, tmp_path: Path) -> None:
     (tmp_path / SESSION).write_text(f'format = {value}\nid = "a"\ncaptures = "captures"\n')
     with (
-        pytest.raises(InputError, match=r"session\.toml: format .*, this version reads 4; name another") as caught,
+        pytest.raises(InputError, match=r"session\.toml: format .*, this version reads 5; name another") as caught,
         open_store(tmp_path, {}, Exposures((0.1,)), Wanted(tmp_path.with_name("room"))),
     ):
         pass

@@ -149,7 +149,7 @@ def test_a_folder_is_shown_the_raster(tmp_path: Path) -> None:
         "acquire", "--camera", f"folder:{tmp_path / 'exchange'}", "--projector", "8x6", "--projector", "5x4",
         "-o", tmp_path / "room",
     )  # fmt: skip
-    assert "waiting for 48 captures" in line
+    assert "waiting for 64 captures" in line
     first, second = (read_picture(tmp_path / "exchange" / "patterns" / f"{number:05}.png") for number in (1, 2))
     assert first.shape == (6, 13)
     np.testing.assert_array_equal(first > 0, np.arange(13) < np.full((6, 1), 8))

@@ -35,6 +35,7 @@ from counterlight.tools.acquisition.cameras.simulated import (
     SimulatedRoom,
     simulated_rooms,
 )
+from counterlight.tools.acquisition.linearity import SHOTS, shown_halves
 from counterlight.tools.acquisition.plan import REPEATS, Picture, Reference, measure_noise
 from counterlight.tools.acquisition.ramps import light_level
 from counterlight.tools.acquisition.schemes import blocks
@@ -42,13 +43,14 @@ from counterlight.tools.acquisition.schemes.baselines import GrayCodeScheme
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.acquisition.store import CaptureStore
+from counterlight.tools.acquisition.summary import Coverage
 from counterlight.tools.hdr.camera_response import exposure_table
 from counterlight.tools.hdr.estimators import make_estimator
 from counterlight.tools.hdr.sums import CpuSums
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.transport.storage import read_transport, write_transport
-from counterlight.tools.transport.transport import Transport
+from counterlight.tools.transport.transport import Transport, channels
 from tests.acquired_rooms import (
     CAMERA,
     LINEAR,
@@ -66,7 +68,8 @@ from tests.faults import no_file_above
 from tests.programs import succeed
 from tests.rooms import write_blurred_room
 
-TAKEN = 2 * REPEATS + len(light_level(PROJECTOR).patterns)  # before the first pattern of a scheme
+FIRST = 2 * REPEATS + 2 * SHOTS  # black, floodlight, and a picture and its complement
+TAKEN = FIRST + len(light_level(PROJECTOR).patterns)  # before the first pattern of a scheme
 
 # Interruptions.
 
@@ -125,9 +128,19 @@ def test_killed_and_resumed_it_ends_bit_identical(tmp_path: Path, rng: np.random
 class FillingDisk(CaptureStore):
     """From capture 20 on, there is no space."""
 
-    def save(self, number: int, shots: Sequence[Shot]) -> None:
-        with no_file_above(200 if number >= 20 else resource.RLIM_INFINITY):
-            super().save(number, shots)
+    def _put_shots(self, paths: Sequence[Path], shots: Sequence[Shot]) -> None:
+        with no_file_above(200 if int(paths[0].stem) >= 20 else resource.RLIM_INFINITY):
+            super()._put_shots(paths, shots)
+
+
+def test_captures_are_compressed_and_read_as_they_were(tmp_path: Path, rng: np.random.Generator) -> None:
+    noisy = (4 * rng.integers(100, 116, (60, 80, 3))).astype(np.uint16)
+    wanted = store.Wanted(tmp_path / "room")
+    with store.open_store(tmp_path / "captures", {"camera": "test"}, Exposures(), wanted) as captures:
+        captures.save(0, [noisy])
+        assert captures.has(0)  # waits for the disk
+        assert (tmp_path / "captures" / "captures" / "00000.png").stat().st_size < noisy.nbytes / 2
+        np.testing.assert_array_equal(captures.shots(0)[0], noisy)
 
 
 def test_a_full_disk_stops_in_one_line_and_resumes(
@@ -241,7 +254,7 @@ def test_a_folder_asks_level_by_level_and_ends_as_the_camera_itself(
         rounds += 1
     assert rounds == 3 + 5  # black and floodlight, ramps, levels of 16 to 1 px, floodlight and checks
     kinds = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED).ndim for path in shown]
-    assert [number for number, kind in enumerate(kinds) if kind == 3] == [*range(2 * REPEATS, TAKEN), len(shown) - 1]
+    assert [number for number, kind in enumerate(kinds) if kind == 3] == [*range(FIRST, TAKEN), len(shown) - 1]
     names = [path.name for path in (tmp_path / "direct").iterdir() if path.name != "calibration.toml"]
     assert len(names) == 3 + 1 + 3 + 2  # T of three channels and far, primaries, ambient light, mask
     assert filecmp.cmpfiles(tmp_path / "direct", tmp_path / "asked", names, shallow=False) == (names, [], [])
@@ -254,8 +267,9 @@ def prepared_folder(tmp_path: Path, rng: np.random.Generator) -> tuple[list[str]
     eye = SimulatedCamera(room_of(sharp_wall(rng)), CameraSettings())
     captures = tmp_path / "x" / "captures"
     captures.mkdir(parents=True)
-    for number in range(2 * REPEATS):
-        (shot,) = eye.capture(number, np.full(PROJECTOR, number % 2 == 1))
+    shown = [np.full(PROJECTOR, lit) for _ in range(REPEATS) for lit in (False, True)] + shown_halves(PROJECTOR)
+    for number, pattern in enumerate(shown):
+        (shot,) = eye.capture(number, pattern)
         cv2.imwrite(str(captures / f"{number:05}.png"), shot[..., ::-1])
     arguments = ["--camera", f"folder:{tmp_path / 'x'}", "--projector", "30x21", "-o", str(tmp_path / "out")]
     return [*arguments, "--exposures", str(eye.exposures.times[0])], captures
@@ -283,8 +297,8 @@ def filled(value: int, *numbers: int) -> Any:
     [
         (lambda captures: (captures / "00001.png").unlink(), r"waiting for 1 captures, 00001\.png; show the patterns"),
         (
-            lambda captures: shutil.copy(captures / "00001.png", captures / "00032.png"),
-            "00032.png: belongs to no pattern",
+            lambda captures: shutil.copy(captures / "00001.png", captures / f"{FIRST:05}.png"),
+            f"{FIRST:05}.png: belongs to no pattern",
         ),
         (lambda captures: shutil.copy(captures / "00001.png", captures / "img.jpg"), "img.jpg: belongs to no pattern"),
         (lambda captures: shutil.copy(captures / "00001.png", captures / "00001.jpg"), "the same capture as 00001"),
@@ -437,6 +451,48 @@ def test_acquired_built_and_compensated_it_is_close_to_the_true_room(tmp_path: P
         for name in ("true", "acquired")
     ]
     assert figures[1] > figures[0] - 0.5  # dB, at the default camera's noise
+
+
+@pytest.mark.parametrize("hidden", [0, 8])
+def test_the_next_command_and_missing_coverage_are_said(
+    hidden: int, tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """hidden : columns at the left of the projector's picture that light nothing in the camera's view."""
+    device, ambient = Device(*CAMERA, LINEAR), np.full((*CAMERA, 3), 0.01, np.float32)
+    visible = sparse.diags_array(np.float32(np.arange(SHAPE[1]) % PROJECTOR[1] >= hidden))
+    near = tuple(sparse.csr_array(each @ visible) for each in channels(sharp_wall(rng).near))
+    room = Calibration("wall", "test", (Device(*PROJECTOR, LINEAR),), device, ambient, np.ones(CAMERA, np.bool_))
+    with writing(tmp_path / "wall", room) as stage:
+        write_transport(Transport.from_matrices(near), stage)
+    output = tmp_path / "a room"
+    words = ["--camera", f"simulated:{tmp_path / 'wall'}", "--shots", "1", "--no-preflight", "-o", str(output)]
+    assert acquire_transport.main(words) == 0
+    printed = capsys.readouterr()
+    assert printed.out.splitlines()[-1] == f"next: counterlight build '{output}'"
+    exposures = len(list((tmp_path / "a room.captures").rglob("*.png")))
+    announced = re.match(r"acquisition: about (\d+) exposures of \d+ pictures, \d+ s, 1 MB\n", printed.err)
+    assert announced
+    assert int(announced[1]) == pytest.approx(exposures, rel=0.25)
+    found = re.findall(
+        "warning: coverage: the camera sees (.*) % of .*; it misses pixels at the edges (.*): turn", printed.err
+    )
+    assert found == ([("73.3", "(left 8)")] if hidden else [])
+
+
+def test_each_cause_of_missing_coverage_has_its_advice() -> None:
+    seen = np.zeros((20, 30), np.bool_)
+    seen[1:18, 3:] = True
+    (warning,) = Coverage(seen).warnings
+    assert "76.5 % of the projector's pixels" in warning
+    assert "it misses pixels at the edges (top 1, bottom 2, left 3): turn" in warning
+    assert "in between" not in warning
+    seen[:] = True
+    assert Coverage(seen).warnings == []
+    seen[::2, ::2] = False
+    seen[:, 0] = seen[0] = True
+    (warning,) = Coverage(seen).warnings
+    assert "misses 21.0 % of the pixels in between: give the camera as many pixels" in warning
+    assert "edges" not in warning
 
 
 @pytest.mark.parametrize("text", ["4", "4x", "4.0", "radiance=0.01"])

@@ -20,6 +20,7 @@ from counterlight.tools.acquisition.cameras.simulated import (
     SimulatedEye,
     SimulatedRoom,
 )
+from counterlight.tools.acquisition.linearity import SHOTS
 from counterlight.tools.acquisition.plan import REPEATS, Noise, measure_noise
 from counterlight.tools.acquisition.ramps import light_level
 from counterlight.tools.acquisition.schemes import blocks
@@ -403,7 +404,7 @@ def test_each_scheme_with_noise(rng: np.random.Generator, far: float) -> None:
     assert errors[1] < 0.05
     assert errors[2] < (0.05 if not far else 0.4)  # its far light is below the noise
     assert min(errors[3:]) > max(errors[:2])
-    frame = 2 * REPEATS + len(light_level(PROJECTOR).patterns) + 3  # before a scheme and after it
+    frame = 2 * REPEATS + 2 * SHOTS + len(light_level(PROJECTOR).patterns) + 3  # before a scheme and after it
     assert pictures[2:4] == [frame + SHAPE[1], frame + 12 + 64]
     assert pictures[1] < pictures[0]
     for each in done[:2]:

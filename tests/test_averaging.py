@@ -1,5 +1,8 @@
 """How often pictures are captured: what noise does to T is foretold, and averaging brings it to what was aimed at."""
 
+import io
+import re
+from contextlib import redirect_stderr
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,18 +14,19 @@ from counterlight.errors import InputError
 from counterlight.raster import Shape
 from counterlight.tools.acquire_transport import main
 from counterlight.tools.acquisition.acquire import Acquisition, acquire
-from counterlight.tools.acquisition.averaging import Aim, Averaging, error_by_noise, random_pixels
-from counterlight.tools.acquisition.cameras.camera import Exposures
+from counterlight.tools.acquisition.averaging import MOST_REPEATS, Aim, Averaging, error_by_noise, random_pixels
+from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 from counterlight.tools.acquisition.cameras.live import LiveCamera
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, MemoryScreen, SimulatedCamera, SimulatedEye
 from counterlight.tools.acquisition.memory import MemoryStore
-from counterlight.tools.acquisition.plan import Level, MakeScheme, Noise, Reference
+from counterlight.tools.acquisition.pace import CHECKS_S, Pace, computing_s, duration
+from counterlight.tools.acquisition.plan import Expected, Level, MakeScheme, Noise, Picture, Reference
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.acquisition.store import Wanted, open_store
 from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.transport.transport import Transport
-from tests.acquired_rooms import NOISY, PROJECTOR, error, room_of, run, sharp_wall, with_far_light
+from tests.acquired_rooms import NOISY, PROJECTOR, error, mirror, room_of, run, sharp_wall, with_far_light
 from tests.small_rigs import small_room
 from tests.studies.noise import acquired, error_of, noisy_rig
 
@@ -75,19 +79,112 @@ def test_a_camera_without_noise_takes_each_picture_once(rng: np.random.Generator
     assert str(done.averaged).endswith("each picture captured once")
 
 
+def paced(each_s: float) -> Pace:
+    pace = Pace(1)
+    pace.took(each_s, again=False)
+    return pace
+
+
+def finest(pictures: int) -> Level:
+    return Level("finest", [np.zeros((2, 2), np.bool_)] * pictures, cover=1, share=1.0)
+
+
 def test_the_finest_pictures_are_captured_as_often_as_time_allows() -> None:
-    averaging = Averaging(Aim(error=0.01, seconds=100.0), 0.05)  # 25 times for the aim
-    last = Level("last", [np.zeros((2, 2), np.bool_)] * 10, further=0, cover=1, share=1.0)
-    assert averaging.chosen(last, 0.1) == 25  # 1 s a round
-    assert averaging.chosen(replace(last, share=0.25), 0.1) == 7
-    assert averaging.chosen(last, 1.0) == 11  # 10 s a round beside the first
-    assert averaging.chosen(replace(last, further=1), 1.0) == 6  # the other half is the next level's
-    assert averaging.chosen(last, 100.0) == 1
-    assert averaging.chosen(replace(last, share=0.0), 0.1) == 1
-    assert averaging.take(last, 11, 1.0) == "last: each of 10 pictures is captured 11 times, 100 s more"
-    assert averaging.chosen(last, 0.1) == 1  # the time is spent
+    aim = Aim(error=0.01)
+    averaging = Averaging(aim, 0.05, paced(1.0), until_s=251.0)  # 25 times for the aim; one second is over
+    assert averaging.chosen(finest(10)) == 25
+    assert Averaging(aim, 0.05, paced(1.0), 250.9).chosen(finest(10)) == 24
+    assert Averaging(aim, 0.05, paced(1.0), 5.0).chosen(finest(10)) == 1
+    assert Averaging(aim, 0.05, paced(1.0), 251.0).chosen(replace(finest(10), share=0.25)) == 7
+    assert Averaging(aim, 0.05, paced(1.0), 251.0).chosen(replace(finest(10), share=0.0)) == 1
+    later = (Expected(10, share=1.0), Expected(5))  # 20 n + 5 seconds
+    assert Averaging(aim, 0.05, paced(1.0), 251.0).chosen(replace(finest(10), later=later)) == 12
+    assert Averaging(aim, 0.05, paced(1e-6), 251.0).chosen(finest(100)) == 17  # as a camera of 7 exposures per second
+    assert averaging.take(finest(10), 11) == "finest: 10 pictures, captured 11 times each"
     assert (averaging.done.most, averaging.done.added, averaging.done.wanted) == (11, 100, 25)
     assert "25 times were wanted" in str(averaging.done)
+
+
+@pytest.mark.parametrize(("pictures", "times"), [(10, 25), (20, 16), (100, 3), (5, 46), (1, MOST_REPEATS)])
+def test_the_length_is_kept_if_levels_have_other_numbers_of_pictures(pictures: int, times: int) -> None:
+    """Settled: 1 + 60 + 25 · 10 seconds, which may become 295 to 389."""
+    pace = paced(1.0)
+    averaging = Averaging(Aim(error=0.01), 0.05, pace, until_s=1e6)
+    assert averaging.chosen(Level("first", [np.zeros((2, 2), np.bool_)] * 60, (Expected(10, share=1.0),))) == 1
+    for _ in range(60):
+        pace.took(1.0, again=False)
+    assert averaging.chosen(finest(pictures)) == times
+
+
+def test_captures_once_stay_captures_once_whatever_was_settled() -> None:
+    averaging = Averaging(Aim(error=0.01), 0.005, paced(1.0), until_s=1e6)
+    assert averaging.chosen(Level("first", [np.zeros((2, 2), np.bool_)] * 60, (Expected(100, share=1.0),))) == 1
+    assert averaging.chosen(finest(2)) == 1
+
+
+class PacedCamera(SimulatedCamera):
+    """Takes a seventh of a second for each capture, by its own clock."""
+
+    now_s = 0.0
+
+    def capture(self, number: int, picture: Picture) -> tuple[Shot, ...]:
+        self.now_s += 1 / 7
+        return super().capture(number, picture)
+
+
+class TimedLines(io.StringIO):
+    """Lines, each with the time at which it was printed."""
+
+    def __init__(self, camera: PacedCamera) -> None:
+        super().__init__()
+        self._camera, self.lines = camera, list[tuple[float, str]]()
+
+    def write(self, text: str) -> int:
+        self.lines += [(self._camera.now_s, line) for line in text.splitlines() if line]
+        return len(text)
+
+
+@pytest.mark.parametrize("settings", [NOISY, DIM], ids=["20 000 electrons", "4 000 electrons"])
+@pytest.mark.parametrize("kind", ["sharp", "blurred", "far light", "mirror"])
+@pytest.mark.parametrize("scheme", [HierarchicalScheme(), MultiplexedScheme()], ids=["hierarchical", "multiplexed"])
+def test_the_time_left_is_foretold_from_the_first_minute_on(
+    scheme: MakeScheme, kind: str, settings: CameraSettings, rng: np.random.Generator
+) -> None:
+    truth = {
+        "sharp": lambda: sharp_wall(rng),
+        "blurred": lambda: sharp_wall(rng, 1.5),
+        "far light": lambda: with_far_light(sharp_wall(rng), 0.2),
+        "mirror": lambda: mirror(rng),
+    }[kind]()
+    room = room_of(truth)
+    camera = PacedCamera(room, settings)
+    said = TimedLines(camera)
+    with redirect_stderr(said):
+        store = MemoryStore(camera.exposures, averaged=True)
+        (done,) = acquire(camera, store, scheme, room.projectors, clock=lambda: camera.now_s)
+    computing = computing_s(truth.shape[0])  # takes no time by that clock
+    whole_s = camera.now_s + computing
+    assert whole_s <= 600 - CHECKS_S
+    told = [(at, seconds_left(line)) for at, line in said.lines if "left" in line or "acquisition" in line]
+    assert all(at + left == pytest.approx(whole_s, rel=0.25) for at, left in told if at >= 60)
+    most, about = (
+        re.search(r"(up to about|about) (\d+) exposures of \d+ pictures, ", line) for _, line in said.lines[:2]
+    )
+    assert most
+    assert about
+    assert (most[1], about[1]) == ("up to about", "about")
+    assert done.exposures <= 1.05 * int(most[2])  # a capture more of each of the finest pictures would be too many
+
+
+def seconds_left(line: str) -> float:
+    found = re.search(r"(?:about|,) (?:(\d+) min)? ?(?:(\d+) s)?(?: left|$)", line)
+    assert found, line
+    return 60 * int(found[1] or 0) + int(found[2] or 0)
+
+
+def test_durations_in_words() -> None:
+    said = [duration(seconds) for seconds in (0.4, 99.4, 99.6, 120, 599, 3599, 7500)]
+    assert said == ["0 s", "99 s", "1 min 40 s", "2 min", "10 min", "1 h 0 min", "2 h 5 min"]
 
 
 def test_the_size_of_the_transport_is_read_off_one_picture(rng: np.random.Generator) -> None:

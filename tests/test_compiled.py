@@ -1,5 +1,6 @@
 """The compiled passes against the twins in numpy, which say what is meant; the same bytes whatever the threads."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +25,7 @@ from counterlight.pipeline.refinement import STARTS
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import DITHERS, Room
 from counterlight.pipeline.views import VIEWS
+from counterlight.show import headless
 from tests.coloured_rooms import with_mixing
 from tests.cubes import UNIT, write_cube
 from tests.programs import python
@@ -224,8 +226,7 @@ from tests.rooms import yuv_frame
 from pathlib import Path
 from counterlight.files.cube import Cube
 from tests.test_compiled import PINNED
-for _ in compiled.prepare():
-    pass
+compiled.prepare()
 for kernel, signatures in compiled.KERNELS:
     kernel.disable_compile()
     assert len(kernel.signatures) == len(signatures), kernel
@@ -262,8 +263,7 @@ from numba.core import caching
 import numpy as np
 from counterlight.pipeline import compiled
 compiled.KERNELS[:] = [each for each in compiled.KERNELS if each[0].__name__ == "combined"]
-for _ in compiled.prepare():
-    pass
+compiled.prepare()
 out, one = np.zeros((2, 6), np.float32), np.ones((2, 6), np.float32)
 compiled.combined(np.float32(2), one, np.float32(3), one, False, out)
 print(out.sum())
@@ -277,9 +277,27 @@ def test_what_was_prepared_is_what_a_call_finds(monkeypatch: pytest.MonkeyPatch,
     ((function, signatures),) = ((made.py_func, each) for made, each in compiled.KERNELS if made is compiled.combined)
     early, late = (kept(parallel=True, error_model="numpy")(function) for _ in range(2))
     monkeypatch.setattr(compiled, "KERNELS", [(early, signatures)])
-    assert list(compiled.prepare()) == [1]
+    compiled.prepare()
     picture = np.full((2, 3), 0.25, np.float32)
     late(np.float32(1), picture, np.float32(2), picture, False, out := np.empty_like(picture))
     np.testing.assert_array_equal(out, np.float32(0.75))
     assert sum(late.stats.cache_hits.values()) == 1
     assert not late.stats.cache_misses
+
+
+@pytest.mark.parametrize(("kept_in", "how"), [("a folder", "once"), (None, "at every start, since no folder")])
+def test_compiling_is_said_only_where_something_is_compiled(
+    kept_in: str | None, how: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    if kept_in is None:
+        monkeypatch.setattr(numba.core.caching.CacheImpl, "_locator_classes", [])
+    (signatures,) = (each for made, each in compiled.KERNELS if made is compiled.combined)
+    said = []
+    for _ in range(2):  # processes
+        made = kept(parallel=True, error_model="numpy")(compiled.combined.py_func)
+        monkeypatch.setattr(compiled, "KERNELS", [(made, signatures)])
+        headless.compile_passes()
+        said.append(capsys.readouterr().out)
+    assert re.fullmatch(f"compiling for this processor, {how}.*: 1 passes left\n", said[0])
+    assert said[1] == ("" if kept_in else said[0])

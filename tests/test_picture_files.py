@@ -11,7 +11,7 @@ import pytest
 from counterlight import memory
 from counterlight.errors import InputError
 from counterlight.files.picture_files import MOST_CHUNKS, decode, read_picture
-from counterlight.files.png import encode_stored
+from counterlight.files.png import encode_png
 from counterlight.tools.simulation.materials import read_texture
 from tests.hostile import little_memory
 
@@ -163,10 +163,10 @@ def test_only_what_is_shown_upright_is_turned(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 @pytest.mark.parametrize("shape", [(5, 7), (5, 7, 3), (1, 1, 3)])
-def test_stored_pictures_are_read_as_they_were(rng: np.random.Generator, dtype: type, shape: tuple[int, ...]) -> None:
+def test_pictures_are_read_as_they_were_written(rng: np.random.Generator, dtype: type, shape: tuple[int, ...]) -> None:
     """By us, who walk the file's structure, and by another library; from a view whose rows are not contiguous."""
     picture = rng.integers(0, np.iinfo(dtype).max, shape, dtype, endpoint=True)[:, ::-1]
-    content = encode_stored(picture)
+    content = encode_png(picture)
     np.testing.assert_array_equal(decode(content, "p.png"), picture)
     other = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(other if picture.ndim == 2 else other[..., ::-1], picture)

@@ -94,6 +94,12 @@ def automatic(shot: Shot, _: int) -> Any:
     return shot * (20000.0 / shot.mean() if shot.mean() > 5000 else 1.0)
 
 
+def weakly_curved(shot: Shot, _: int) -> Any:
+    """More contrast, so little that half the exposure time gives nearly half the light."""
+    light = shot / 65535.0
+    return 65535 * (0.6 * light + 0.4 * light * light * (3 - 2 * light))
+
+
 def white_segment(codes: Codes) -> Codes:
     """Colours are shown at two thirds of what they have as a part of white."""
     grey = np.all(codes == codes[..., :1], axis=2, keepdims=True)
@@ -128,6 +134,12 @@ class Stale:
         ({"seen": automatic}, "exposure", "the camera ignores it"),
         ({"shown": Stale()}, "own pattern", "captures show another picture than projected"),
         ({"seen": lambda shot, since: shot * (1 + 0.02 * (since % 3 - 1))}, "flicker", "expose for a multiple"),
+        (
+            {"seen": lambda shot, _: 65535 * (shot / 65535.0) ** (1 / 1.2)},
+            "linearity",
+            "have a curve, as JPEGs and webcams",
+        ),
+        ({"seen": weakly_curved}, "linearity", "have a contrast curve, or the projector resamples"),
         ({"shown": white_segment}, "additivity", "differ from white by .*: switch off the projector's white segment"),
         ({"shown": dimming}, "additivity", "(dynamic contrast|white segment)"),
     ],

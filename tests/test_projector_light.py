@@ -19,7 +19,7 @@ from counterlight.tools.acquisition.cameras.live import LiveCamera
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, MemoryScreen, SimulatedEye, SimulatedRoom
 from counterlight.tools.acquisition.plan import Codes
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
-from counterlight.tools.acquisition.summary import ProjectorReport
+from counterlight.tools.acquisition.summary import Coverage, ProjectorReport
 from counterlight.tools.factoring.factoring import Factoring
 from counterlight.tools.simulation.devices import Sensor
 from counterlight.tools.transport.transport import Transport, channels
@@ -61,7 +61,8 @@ def acquired(
 
 def report_on(done: Acquisition, given: Response | None = None) -> ProjectorReport:
     entries = int(done.measured.transport.near.indices.size)
-    return ProjectorReport(done, given, Factoring(entries, entries, entries))
+    whole = Coverage(np.ones(PROJECTOR, np.bool_))
+    return ProjectorReport(done, given, Factoring(entries, entries, entries), whole)
 
 
 def gammas(*exponents: float) -> Light:
@@ -259,3 +260,18 @@ def test_captures_from_before_response_was_measured_are_gone_on_with(
     room = calibration.read(tmp_path / "out").calibration
     assert room.primaries is None
     assert room.projector.response == Response("srgb")
+
+
+def test_captures_from_before_the_linearity_of_the_camera_was_checked_are_gone_on_with(
+    tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_blurred_room(tmp_path / "room", rng, CAMERA, PROJECTOR)
+    words = arguments(tmp_path / "room", tmp_path / "out")
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "FORMAT", store.UNHALVED)
+        assert acquire_transport.main(words) == 0
+    assert "163 pictures" in capsys.readouterr().out
+    unfinished(tmp_path / "out.captures")
+    assert acquire_transport.main([*words, "--force"]) == 0
+    assert "163 pictures, 163 exposures, 163 of them from before" in capsys.readouterr().out
+    assert calibration.read(tmp_path / "out").calibration.primaries is not None

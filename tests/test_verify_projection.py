@@ -19,6 +19,7 @@ from counterlight.files import exr
 from counterlight.pipeline.drift import read_drift
 from counterlight.tools import acquire_transport, verify_projection
 from counterlight.tools.acquisition.cameras.simulated import CameraSettings, SimulatedCamera, simulated_rooms
+from counterlight.tools.acquisition.preflight import CHECKS
 from counterlight.tools.acquisition.room_check import REPEATS
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.simulation.devices import Sensor
@@ -310,7 +311,7 @@ def test_the_acquisition_ends_with_its_report(rooms: Path) -> None:
     assert page.files == {path.name for path in folder.glob("*.png")}
     assert {"floodlight.png", "black.png", "composition.png", "dual.png", "coverage.png"} < page.files
     figures = json.loads((folder / "report.json").read_text())
-    assert [finding["grade"] for finding in figures["preflight"]] == ["good"] * 9
+    assert [finding["grade"] for finding in figures["preflight"]] == ["good"] * len(CHECKS)
     room = calibration.read(rooms / "acquired").calibration
     assert figures["lit_camera_pixels"] == room.mask.sum()
     for promised in figures["predicted_psnr"].values():

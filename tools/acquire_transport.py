@@ -1,11 +1,12 @@
 """counterlight acquire: a calibration folder from projectors and a camera, or from a simulated room.
 
 Patterns are black and white, so that the projector's response does not matter; it is measured beside them. With
---pictures there are as many as one has time for, and all is measured by them. Every capture is on disk before the next
-pattern is shown; the same command goes on where an interrupted one stopped.
+--pictures there are as many as one has time for, and all is measured by them. Captures go to disk as they come; the
+same command goes on where an interrupted one stopped.
 """
 
 import argparse
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 MOST_PICTURES = 1 << 12
 AVERAGED = "hierarchical", "multiplexed"  # the others are there to be compared with, as they are
-MINUTES = 20.0
+MINUTES = 10.0
 RADIANCE = "radiance="
 THRESHOLDS = "expected a multiple of the noise such as 4, or a radiance such as radiance=0.01"
 
@@ -79,6 +80,7 @@ def _main(argv: Sequence[str] | None) -> None:
         for warning in report.warnings:
             print(f"warning: {warning}", file=sys.stderr)
         print(f"{write_acquisition_report(output, report, findings, report_folder)}: the report")
+        print(f"next: counterlight build {shlex.quote(str(output))}")
 
 
 def _choose_scheme(options: argparse.Namespace) -> None:
@@ -219,7 +221,7 @@ def _parser() -> argparse.ArgumentParser:
     add_tolerance(parser)
     parser.add_argument(
         "--averaging", type=_minutes, metavar="MINUTES",
-        help=f"what captures for the sake of noise may add, where --shots does not say how many (default {MINUTES:g})"
+        help=f"time of the acquisition in which pictures are captured repeatedly; 0: once each (default {MINUTES:g})"
     )  # fmt: skip
     add_rig_options(parser, "as many as the noise asks for, if --averaging allows")
     add_room_options(parser, "measured")

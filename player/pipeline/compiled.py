@@ -7,12 +7,14 @@ float64. Kernels hold Python's lock: two threads of ours, the show's and one tha
 time, which would end the process where Numba has but its own queue of work for that.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import numba
 import numpy as np
+from numba.core import event
 from numba.core.sigutils import normalize_signature
 from numpy.typing import NDArray
 
@@ -41,15 +43,37 @@ def kernel(*signatures: str) -> Callable[[Callable[..., None]], Any]:
     return compiled
 
 
-def prepare() -> Iterator[int]:
-    """Compile or load every kernel; yields how many are left before each."""
+def prepare(compiling: Callable[[int], None] = lambda left: None) -> None:
+    """Load every kernel that is kept, and compile the others.
+
+    compiling : called before each compilation with the number of kernels that are left. Numba's own event says so: how
+    long a kernel takes does not, for loading all of them takes a second as well, and longer on a busy machine.
+    """
     wanted = [(made, signature) for made, signatures in KERNELS for signature in signatures]
     for number, (made, signature) in enumerate(wanted):
-        yield len(wanted) - number
         # As text, it would be kept apart from what a call compiles.
         types, _ = normalize_signature(f"({signature})")  # type: ignore[no-untyped-call]
-        with suppress(OSError):  # compiled, and not kept: the disk is full
+        compiles = _Compiles(partial(compiling, len(wanted) - number))
+        with suppress(OSError), event.install_listener("numba:compile", compiles):  # OSError: compiled, disk full
             made.compile(types)
+
+
+def is_kept() -> bool:
+    """Whether there is a folder where kernels are kept for the next start."""
+    return all(made.stats.cache_path is not None for made, _ in KERNELS)
+
+
+class _Compiles(event.Listener):
+    """Calls `started` when Numba compiles a function, and not when Numba loads it."""
+
+    def __init__(self, started: Callable[[], None]) -> None:
+        self._started = started
+
+    def on_start(self, event: Any) -> None:
+        self._started()
+
+    def on_end(self, event: Any) -> None:
+        """Nothing to do."""
 
 
 def inlined(function: Callable[..., Any]) -> Any:

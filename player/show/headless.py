@@ -30,7 +30,6 @@ FRAME_TIMEOUT_S = 120.0
 BACKENDS = ("auto", "gl", "cpu")
 MOST_REDRAWS = 12  # of a frame, until its steps are what they should be
 ENDLESS = 1 << 62  # frames, where nobody knows how many come
-PATIENCE_S = 1.0  # before compiling is worth a word
 
 
 @contextmanager
@@ -98,11 +97,16 @@ def compile_passes() -> None:
     """Have the passes of `--backend cpu` compiled, for this process and those that come, where that can be kept."""
     from counterlight.pipeline import compiled  # Numba takes half a second: not before it is used
 
-    told = time.monotonic()
-    for left in compiled.prepare():
-        if time.monotonic() - told > PATIENCE_S:
-            tell(f"compiling for this processor, once: {left} passes left", sys.stdout)
-            told = time.monotonic()
+    how = "once" if compiled.is_kept() else "at every start, since no folder can be written (set NUMBA_CACHE_DIR)"
+    said = None
+
+    def say(left: int) -> None:
+        nonlocal said
+        if left != said:  # the loops of a pass are compiled one by one
+            tell(f"compiling for this processor, {how}: {left} passes left", sys.stdout)
+        said = left
+
+    compiled.prepare(say)
 
 
 def render_to_file(

@@ -27,6 +27,7 @@ ROWS: dict[str, Callable[[], Iterable[object]]] = {
     "hdr": hdr.radiance_maps,
     "schedule": acquisition.schedule,
     "picture": acquisition.picture,
+    "capture": acquisition.capture,
     "acquisition": acquisition.whole,
 }
 

@@ -139,6 +139,7 @@ TABLES = (
     acquired("96x72, 128x96", ("corner", "folded_cards", "glass", "skull", "statuette", "two_planes", "wall"), 10),
     acquired("256x192, 320x240", ("corner", "two_planes", "wall"), 15),
     table("docs/acquisition.md", "python -m tests.studies.noise", 30, "room | electrons"),
+    table("docs/acquisition.md", "python -m tests.studies.linearity", 4, "camera | wall"),
     table("docs/table_6_1.md", "python -m tests.studies.brickstone", 10, "wall | picture"),
     table("docs/table_6_1.md", "python -m tests.studies.table_6_1", 60, "scene | captured"),
     own_room(),

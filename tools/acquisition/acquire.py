@@ -1,9 +1,10 @@
-"""Run a scheme: every pattern in turn, every capture on disk before the next pattern is shown, and what is checked.
+"""Run a scheme: every pattern in turn, its capture put on disk while the next pattern is shown, and what is checked.
 
 Black and floodlight come first, sixteen times each: black is subtracted from every capture, and how bright each camera
-pixel is in all decides how smooth pictures turn out. They also give the noise. Then ramps, from which the projector's
-response is measured, and its primaries. Floodlight comes again at the end, which tells a moved camera, and last random
-pictures that no scheme has seen, black and white and coloured: how well they are predicted is the honest measure.
+pixel is in all decides how smooth pictures turn out. They also give the noise. A picture and its complement tell
+whether the camera is linear. Then ramps, from which the projector's response is measured, and its primaries. Floodlight
+comes again at the end, which tells a moved camera, and last random pictures that no scheme has seen, black and white
+and coloured: how well they are predicted is the honest measure.
 
 Each of a scheme's pictures is captured once, or as often as the noise asks for (averaging.py).
 
@@ -11,28 +12,29 @@ Several projectors are measured one after the other, the others black; black, wh
 captured once.
 """
 
-import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol, overload
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from counterlight.arrays import BoolArray, FloatArray
-from counterlight.command import LOG_INTERVAL_S, progress_bar
 from counterlight.errors import InputError
-from counterlight.raster import Region, Shape, side_by_side
+from counterlight.raster import Shape, side_by_side
 from counterlight.response import Response
-from counterlight.tools.acquisition.averaging import Aim, Averaged, Averaging, error_by_noise, random_pixels
-from counterlight.tools.acquisition.cameras.camera import Camera, Shot
+from counterlight.tools.acquisition.averaging import Aim, Averaged, Averaging, random_pixels
+from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.check import Check, check_coloured, check_colours, check_pattern, check_white
 from counterlight.tools.acquisition.closure import SummedCaptures, check_closure
+from counterlight.tools.acquisition.linearity import SHOTS, bends_of, refuse_bends, shown_halves
 from counterlight.tools.acquisition.movement import refuse_moved
+from counterlight.tools.acquisition.pace import Clock
 from counterlight.tools.acquisition.plan import (
     REPEATS,
+    Expected,
     LazyPatterns,
     Level,
     MakeScheme,
@@ -44,33 +46,15 @@ from counterlight.tools.acquisition.plan import (
     measure_noise,
 )
 from counterlight.tools.acquisition.ramps import ProjectorLight, light_level, measure_light
+from counterlight.tools.acquisition.recording import Part, Recorder, Store
 
 MOST_SATURATED = 0.02  # of the camera's pixels
 LEAST_LIT, LEAST_RISE = 0.001, 10  # of the camera's pixels rise by so many times the noise
 EXPLAINED = 0.5  # of the coloured check's unexplained error may be left if a white segment is what does not add up
 DEFAULT_AIM = Aim()
 BLACKS = 8  # captures of black for each of a finest pattern, so that it adds an eighth to their variance
-SOME_LEVELS = 7  # that a scheme may have, each of which may take as long as those blacks
+LAST = Expected(3)  # floodlight and checks
 AGAIN = "fix them, acquire again with other --captures"
-
-
-class Store(Protocol):
-    """Where captures are kept: on disk (store.py), or in memory.
-
-    coloured : ramps and primaries are among them.  averaged : pictures may be captured several times.
-    """
-
-    @property
-    def coloured(self) -> bool: ...
-    @property
-    def averaged(self) -> bool: ...
-    def repeats(self, level: int, choose: Callable[[], int]) -> int:
-        """Captures of each picture of a level, as they were chosen first; levels are numbered as they come."""
-
-    def has(self, number: int) -> bool: ...
-    def save(self, number: int, shots: Sequence[Shot]) -> None: ...
-    def shots(self, number: int) -> Sequence[Shot]: ...
-    def radiance(self, number: int) -> NDArray[np.float32]: ...
 
 
 @dataclass(frozen=True)
@@ -105,35 +89,76 @@ def acquire(
     projectors: Sequence[Shape],
     given: Response | None = None,
     aim: Aim = DEFAULT_AIM,
+    clock: Clock = time.monotonic,
 ) -> list[Acquisition]:
     """Show, capture and solve for each projector; what is in the store already is not shown again.
 
     projectors : (height, width) of each; pictures are of the raster of all.  given : their response, where that is not
     to be the measured one.  aim : of the noise that T is to have, where the store lets pictures be averaged.
+    clock : seconds, by which the time left is estimated.
     Raises InputError for captures that are saturated, black, inconsistent or of another size, and for a moved camera.
     """
-    recorder = _Recorder(camera, store)
-    shape, regions = side_by_side(projectors)
-    parts = [_Part(recorder, shape, region, number) for number, region in enumerate(regions, 1)]
+    recorder = Recorder(camera, store, aim, clock)
+    raster, regions = side_by_side(projectors)
+    parts = [Part(recorder, raster, region, number) for number, region in enumerate(regions, 1)]
+    expected = [_expected(part, make_scheme) for part in parts]
+    for number, part in enumerate(parts, 1):
+        part.expected, part.others = expected[number - 1], tuple(chain(*expected[number:]))
     whites = [part.in_raster(np.ones(part.projector, np.bool_)) for part in parts]
-    first = Level("black and floodlight", [np.zeros(shape, np.bool_), *whites] * REPEATS, further=1)
-    captures = recorder.capture(first)
+    shown = [np.zeros(raster, np.bool_), *whites] * REPEATS
+    first, told = len(shown), [[part.in_raster(each) for each in _told_first(part)] for part in parts]
+    later = tuple(chain(*expected))
+    captures = recorder.capture(Level("black and floodlight", [*shown, *chain(*told)], later))
     rooms = [_reference(camera, store, captures, part, len(parts)) for part in parts]
-    aims = replace(aim, seconds=aim.seconds / len(parts))
-    return [_acquire(part, make_scheme, room, given, aims) for part, room in zip(parts, rooms, strict=True)]
+    averagings = list[Averaging | None]()
+    for part, room, pictures in zip(parts, rooms, told, strict=True):
+        seen = [capture.astype(np.float64) for capture in captures[first : first + len(pictures)]]
+        first += len(pictures)
+        if seen:
+            bends = bends_of(camera, room, mean_of(seen[:SHOTS]), mean_of(seen[SHOTS : 2 * SHOTS]))
+            refuse_bends(camera, bends, part.name)
+        averagings.append(part.averaging(room, seen[-1]) if seen and part.averaged else None)
+    recorder.averaging = averagings[0]
+    recorder.foretell(later)
+    return [
+        _acquire(part, make_scheme, room, given, averaging)
+        for part, room, averaging in zip(parts, rooms, averagings, strict=True)
+    ]
 
 
-def _acquire(part: "_Part", make_scheme: MakeScheme, room: Reference, given: Response | None, aim: Aim) -> Acquisition:
+def _told_first(part: Part) -> list[Picture]:
+    """Shown with black and floodlight: whether the camera is linear, and what noise does to T."""
+    if not part.halves:
+        return []
+    return [*shown_halves(part.projector), *([random_pixels(part.projector)] if part.averaged else [])]
+
+
+def _expected(part: Part, make_scheme: MakeScheme) -> tuple[Expected, ...]:
+    """The levels of a projector that follow."""
+    light = len(light_level(part.projector).patterns) if part.coloured else 0
+    black = BLACKS if part.averaged else 0
+    return Expected(light), Expected(black, share=1), *make_scheme.expected(part.projector), LAST
+
+
+def _acquire(
+    part: Part, make_scheme: MakeScheme, room: Reference, given: Response | None, averaging: Averaging | None
+) -> Acquisition:
+    """averaging : None if nothing is known of it."""
     projector, white = part.projector, np.ones(part.projector, np.bool_)
-    light = measure_light(part.capture(light_level(projector)), room) if part.coloured else None
-    averaging = None
+    part.begin(averaging)
+    light = None
+    if part.coloured:
+        light = measure_light(part.capture(replace(light_level(projector), later=part.expected[1:])), room)
     if part.averaged:
-        averaging = _averaging(part, room, aim)
+        if averaging is None:  # captures of an older version, which showed that picture now
+            (seen,) = part.capture(Level("noise", [random_pixels(projector)], part.expected[1:]))
+            averaging = part.averaging(room, np.asarray(seen, np.float64))
+            part.begin(averaging)
         room = _with_better_black(part, room, averaging)
-    measured = _run(make_scheme(room, projector), part, room, averaging)
+    measured = _run(make_scheme(room, projector), part, room)
     pattern, colours = check_pattern(projector), check_colours(projector)
     shown: list[Picture] = [white, pattern, colours] if light else [white, pattern]
-    last = [np.asarray(seen, np.float64) for seen in part.capture(Level("floodlight and check", shown, further=0))]
+    last = [np.asarray(seen, np.float64) for seen in part.capture(Level("floodlight and check", shown))]
     before, after = (room.above_black(picture) for picture in (room.floodlight, last[0]))
     refuse_moved(before, after, room.noise, 1 + 1 / REPEATS, AGAIN)
     T, coloured, by_measured = measured.transport, None, None
@@ -152,14 +177,7 @@ def _acquire(part: "_Part", make_scheme: MakeScheme, room: Reference, given: Res
     return Acquisition(measured, room, light, *part.taken(), check, coloured, by_measured, averaged)
 
 
-def _averaging(part: "_Part", room: Reference, aim: Aim) -> Averaging:
-    (seen,) = part.capture(Level("noise", [random_pixels(part.projector)], further=1))
-    averaging = Averaging(aim, error_by_noise(room, np.asarray(seen, np.float64)))
-    print(f"{part.name}{averaging}", file=sys.stderr, flush=True)
-    return averaging
-
-
-def _with_better_black(part: "_Part", room: Reference, averaging: Averaging) -> Reference:
+def _with_better_black(part: Part, room: Reference, averaging: Averaging) -> Reference:
     """Black is subtracted from every capture, so that its noise must be below that of their means.
 
     With 16 captures of black beside 62 of each pattern its noise passed for light that all blocks give.
@@ -167,18 +185,18 @@ def _with_better_black(part: "_Part", room: Reference, averaging: Averaging) -> 
     if BLACKS * averaging.wanted <= REPEATS:
         return room
     black = np.zeros(part.projector, np.bool_)
-    more = part.capture(Level("black", [black] * BLACKS, further=SOME_LEVELS, share=1), averaging)
+    more = part.capture(Level("black", [black] * BLACKS, part.expected[2:], share=1), repeatedly=True)
     total, count = REPEATS * room.black, REPEATS + BLACKS * more.repeats
     for seen in more:
         total = total + more.repeats * np.asarray(seen, np.float64)
     return replace(room, black=total / count)
 
 
-def _run(scheme: Scheme, part: "_Part", room: Reference, averaging: Averaging | None) -> Measured:
+def _run(scheme: Scheme, part: Part, room: Reference) -> Measured:
     """Give a scheme the captures that it asks for."""
     level = next(scheme)
     while True:
-        captures = SummedCaptures(part.capture(level, averaging))
+        captures = SummedCaptures(part.capture(replace(level, later=(*level.later, LAST)), repeatedly=True))
         try:
             following = scheme.send(captures)
         except StopIteration as ended:
@@ -192,155 +210,8 @@ def _run(scheme: Scheme, part: "_Part", room: Reference, averaging: Averaging | 
         level = following
 
 
-class _StoredCaptures(Sequence[NDArray[np.float32]]):
-    """Radiance of pictures, read when it is asked for.
-
-    first : number of the first one's first capture.  count : of pictures.  repeats : captures of each.
-    """
-
-    def __init__(self, store: Store, first: int, count: int, repeats: int) -> None:
-        self._store, self._first, self._count, self.repeats = store, first, count, repeats
-
-    def __len__(self) -> int:
-        return self._count
-
-    @overload
-    def __getitem__(self, index: int) -> NDArray[np.float32]: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[NDArray[np.float32]]: ...
-    def __getitem__(self, index: int | slice) -> NDArray[np.float32] | Sequence[NDArray[np.float32]]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(self._count))]
-        if not 0 <= index < self._count:
-            raise IndexError(index)
-        first = self._first + index * self.repeats
-        if self.repeats == 1:
-            return self._store.radiance(first)
-        total = np.zeros((), np.float64)
-        for number in range(first, first + self.repeats):
-            total = total + self._store.radiance(number)
-        return (total / self.repeats).astype(np.float32)
-
-
-class _Recorder:
-    """Numbers the captures and takes those that are missing."""
-
-    def __init__(self, camera: Camera, store: Store) -> None:
-        self._camera, self._store = camera, store
-        self.pictures, self.count, self.resumed, self.start = 0, 0, 0, time.monotonic()
-        self._taken, self._levels, self._before = 0, 0, (0, 0, 0, self.start)
-
-    @property
-    def coloured(self) -> bool:
-        return self._store.coloured
-
-    @property
-    def averaged(self) -> bool:
-        return self._store.averaged
-
-    @property
-    def each_s(self) -> float | None:
-        """Seconds of a capture, None before the first."""
-        return (time.monotonic() - self.start) / self._taken if self._taken else None
-
-    def taken_since(self) -> tuple[int, int, float, int]:
-        """Pictures, exposures, seconds and resumed captures since this was last asked."""
-        pictures, count, resumed, then = self._before
-        self._before = self.pictures, self.count, self.resumed, time.monotonic()
-        exposures = (self.count - count) * len(self._camera.exposures.times)
-        return self.pictures - pictures, exposures, self._before[3] - then, self.resumed - resumed
-
-    def capture(self, level: Level, averaging: Averaging | None = None) -> _StoredCaptures:
-        repeats = 1 if averaging is None else self._repeats(level, averaging)
-        pictures, first = len(level.patterns), self.count
-        self.pictures, self.count = self.pictures + pictures, first + pictures * repeats
-        shown = LazyPatterns(pictures * repeats, lambda index: level.patterns[index // repeats])
-        numbers = range(first, self.count)
-        missing = [number for number in numbers if not self._store.has(number)]
-        self.resumed += len(numbers) - len(missing)
-        self._camera.prepare(first, shown, missing)
-        for number in self._told(level, missing):
-            self._store.save(number, self._camera.capture(number, shown[number - first]))
-            self._taken += 1
-        return _StoredCaptures(self._store, first, pictures, repeats)
-
-    def _repeats(self, level: Level, averaging: Averaging) -> int:
-        """Captures of each of a level's pictures; said where there are several."""
-        repeats = self._store.repeats(self._levels, lambda: averaging.chosen(level, self.each_s))
-        self._levels += 1
-        if said := averaging.take(level, repeats, self.each_s):
-            print(said, file=sys.stderr, flush=True)
-        return repeats
-
-    def _told(self, level: Level, missing: Sequence[int]) -> Iterator[int]:
-        """Yield `missing` with progress: a bar on a terminal, otherwise a line now and then."""
-        bar = progress_bar(level.name, len(missing)) if sys.stderr.isatty() else None
-        said = time.monotonic()
-        for done, number in enumerate(missing):
-            left = self._remaining(level, len(missing) - done)
-            if bar is not None:
-                bar.set_postfix_str(left)
-            elif time.monotonic() - said >= LOG_INTERVAL_S:
-                said = time.monotonic()
-                print(f"{level.name}: {done} of {len(missing)} captures, {left}", file=sys.stderr)
-            yield number
-            if bar is not None:
-                bar.update()
-        if bar is not None:
-            bar.close()
-
-    def _remaining(self, level: Level, captures: int) -> str:
-        """Seconds for this level, whose captures are counted, and for the others, whose number nobody knows yet."""
-        each = self.each_s
-        if each is None:
-            return "no time known yet"
-        later = level.further * len(level.patterns)
-        more = f"; {each * later:.0f} s more if each further level ({level.further}) takes as many" if later else ""
-        return f"{each:.2g} s each, {each * captures:.0f} s left in this level{more}"
-
-
-class _Part:
-    """Shows one projector's pictures, the others black, and counts what was captured for it.
-
-    raster : (height, width) of all.  number : from 1; the first one's captures are also those of black and floodlights.
-    """
-
-    def __init__(self, recorder: "_Recorder", raster: Shape, region: Region, number: int) -> None:
-        self._recorder, self._raster, self._region, self.number = recorder, raster, region, number
-        self.projector = region.height, region.width
-
-    @property
-    def coloured(self) -> bool:
-        return self._recorder.coloured
-
-    @property
-    def name(self) -> str:
-        """Before what is said of it, if it is not the only one."""
-        return "" if self._raster == self.projector else f"projector {self.number}: "
-
-    @property
-    def averaged(self) -> bool:
-        return self._recorder.averaged
-
-    def capture(self, level: Level, averaging: Averaging | None = None) -> _StoredCaptures:
-        if self._raster == self.projector:
-            return self._recorder.capture(level, averaging)
-        shown = LazyPatterns(len(level.patterns), lambda index: self.in_raster(level.patterns[index]))
-        part = replace(level, name=f"{self.name}{level.name}", patterns=shown)
-        return self._recorder.capture(part, averaging)
-
-    def in_raster(self, picture: Picture) -> Picture:
-        shown = np.zeros((*self._raster, *picture.shape[2:]), picture.dtype)
-        shown[self._region.part] = picture
-        return shown
-
-    def taken(self) -> tuple[int, int, float, int]:
-        """Pictures, exposures, seconds and resumed captures since the part before had its own."""
-        return self._recorder.taken_since()
-
-
 def _reference(
-    camera: Camera, store: Store, captures: Sequence[NDArray[np.float32]], part: _Part, parts: int
+    camera: Camera, store: Store, captures: Sequence[NDArray[np.float32]], part: Part, parts: int
 ) -> Reference:
     black, white = (LazyPatterns(REPEATS, partial(_every, captures, first, parts + 1)) for first in (0, part.number))
     saturated = camera.exposures.saturated(store.shots(part.number)) | camera.exposures.saturated(store.shots(0))

@@ -26,7 +26,7 @@ from counterlight.tools.acquisition.plan import MakeScheme
 from counterlight.tools.acquisition.ramps import ProjectorLight
 from counterlight.tools.acquisition.room_options import ASSUMED
 from counterlight.tools.acquisition.store import CaptureStore, Wanted, open_store
-from counterlight.tools.acquisition.summary import AcquisitionReport, Black, LightOutside, ProjectorReport
+from counterlight.tools.acquisition.summary import AcquisitionReport, Black, Coverage, LightOutside, ProjectorReport
 from counterlight.tools.choices import TOLERANCE
 from counterlight.tools.clusters.components import find_clusters
 from counterlight.tools.colour.tiers import tier_of
@@ -178,8 +178,7 @@ def _report(parts: Sequence[_Part], found: SharedRoom, given: Response | None) -
     room, transport = found.calibration, found.transport
     indices = transport.near.indices
     return AcquisitionReport(
-        projectors=tuple(ProjectorReport(part.done, given, part.factoring) for part in parts),
-        covered=float(transport.lit.any(axis=1).sum() / sum(each.pixels for each in room.projectors)),
+        projectors=tuple(ProjectorReport(part.done, given, part.factoring, _coverage(part)) for part in parts),
         lit=int(room.mask.sum()),
         camera_pixels=room.mask.size,
         entries=int(indices.size),
@@ -189,6 +188,10 @@ def _report(parts: Sequence[_Part], found: SharedRoom, given: Response | None) -
         colours=tuple(told_colours(room.projectors)),
         placed=found.placed,
     )
+
+
+def _coverage(part: _Part) -> Coverage:
+    return Coverage(part.transport.lit.any(axis=1).reshape(part.room.projector.shape))
 
 
 def _black(room: Calibration, transport: Transport) -> Black:

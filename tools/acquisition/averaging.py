@@ -1,4 +1,4 @@
-"""How often each picture is captured: as often as T's error asks for, where time allows.
+"""How often each picture is captured: as often as T's error asks for, within the minutes that an acquisition may take.
 
 A camera's noise is what an acquisition cannot see beside, and it falls with the root of the captures. How much of T it
 spoils is known before the scheme begins. The noise comes from black and floodlight. The size of T comes from one
@@ -12,25 +12,28 @@ about m = Σ l² / ‖T‖² projector pixels, each read off a capture of its ow
     ‖δT‖² = κ Σ_i (m dark² + gain l_i) / captures.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from counterlight.arrays import FloatArray
-from counterlight.tools.acquisition.plan import Level, Pattern, Reference
+from counterlight.tools.acquisition.pace import Pace
+from counterlight.tools.acquisition.plan import Expected, Level, Pattern, Reference
 
 SEED = 19900101
 AGREEMENT = 0.9  # κ: what levels, or codes, that see the same light save of the variance (0.3 to 1.3 were measured)
-MOST_REPEATS = 128
-UNMEASURED_S = 0.2  # of a capture, while nobody knows
+MOST_REPEATS, FINER = 128, 8
+SETTLED_S = 60.0  # the length of the acquisition is settled by the first level that ends later
+TOLERATED = 0.95, 1.25  # least and most of the settled length that fewer or more repeated captures keep
 
 
 @dataclass(frozen=True)
 class Aim:
-    """error : of T, relative (Frobenius), that noise may leave.  seconds : that repeated captures may add."""
+    """error : of T, relative (Frobenius), that noise may leave.  seconds : that the whole acquisition may take."""
 
     error: float = 0.005
-    seconds: float = 1200.0
+    seconds: float = 600.0
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,7 @@ class Averaged:
     """What was chosen.
 
     once : T's error by the noise of single captures.  wanted : captures of the finest pictures for the error that was
-    aimed at.  most : captures of the finest pictures.  added : captures beside one of each picture.
+    aimed at.  most : captures of the finest pictures.  added : captures besides the first of each picture.
     """
 
     once: float
@@ -78,47 +81,71 @@ def error_by_noise(room: Reference, capture: FloatArray) -> float:
 
 
 class Averaging:
-    """Chooses, level by level.  once : T's error by the noise of single captures."""
+    """Chooses the captures of each picture, level by level.
 
-    def __init__(self, aim: Aim, once: float) -> None:
-        self._aim, self._once, self._left_s = aim, once, aim.seconds
-        self._most, self._added = 1, 0
+    once : T's error by the noise of single captures.  pace : of the captures so far.
+    until_s : time by which all captures are to be there, in seconds of the acquisition as `pace` plans them.
+    """
+
+    def __init__(self, aim: Aim, once: float, pace: Pace, until_s: float) -> None:
+        self._aim, self._once, self._pace, self._until_s = aim, once, pace, until_s
+        self._settled_s: float | None = None
+        self._finest, self._most, self._added = float(self.wanted), 1, 0
 
     @property
     def wanted(self) -> int:
         """Captures of the finest pictures for the error that is aimed at."""
-        return max(1, int(np.ceil((self._once / self._aim.error) ** 2)))
-
-    def __str__(self) -> str:
-        says = f"noise: with one capture of each picture T would be off by about {100 * self._once:.2g} %"
-        if self.wanted == 1:
-            return says
-        return (
-            f"{says}; for {100 * self._aim.error:.2g} % the finest are captured {self.wanted} times where "
-            f"{self._aim.seconds / 60:.3g} minutes more allow it (--averaging MINUTES, or --shots N of each)"
-        )
+        return int(np.clip(np.ceil((self._once / self._aim.error) ** 2), 1, MOST_REPEATS))
 
     @property
     def done(self) -> Averaged:
         """What came of it."""
         return Averaged(self._once, self.wanted, self._most, self._added)
 
-    def chosen(self, level: Level, each_s: float | None) -> int:
-        """Captures of each of a level's pictures.  each_s : seconds of a capture, None if nobody knows."""
-        wanted = min(int(np.ceil(level.share * self.wanted)), MOST_REPEATS)
-        left_s = self._left_s / (1 + level.further)
-        return max(1, min(wanted, 1 + int(left_s / _cost(level, each_s))))
+    def captures(self, expected: Expected) -> int:
+        """Captures of all pictures of a level, as planned last."""
+        return expected.pictures * self._repeats(expected.share, self._finest)
 
-    def take(self, level: Level, repeats: int, each_s: float | None) -> str:
-        """So many are taken; says what that costs, if it costs anything."""
-        if repeats == 1:
-            return ""
-        added_s = (repeats - 1) * _cost(level, each_s)
-        self._left_s, self._most = max(self._left_s - added_s, 0.0), max(self._most, repeats)
+    def plan(self, levels: Sequence[Expected]) -> None:
+        """Choose how often the finest pictures are captured, if these levels are to come.
+
+        They are captured as often as wanted, or as often as fits into the time. The first level that ends after
+        SETTLED_S settles the length of the acquisition: if later levels have more pictures than expected, each is
+        captured less often, and if they have fewer, more often.
+        """
+        self._finest = min(self.wanted, self._fitting(levels, self._until_s))
+        if self._settled_s is not None and self.wanted > 1:
+            least, most = (self._fitting(levels, min(self._settled_s * share, self._until_s)) for share in TOLERATED)
+            self._finest = min(max(float(self.wanted), least), most)
+        elif self._end_s(levels[:1], self._finest) >= SETTLED_S:
+            self._settled_s = self._end_s(levels, self._finest)
+
+    def chosen(self, level: Level) -> int:
+        """Captures of each of a level's pictures."""
+        self.plan([level.expected, *level.later])
+        return self._repeats(level.share, self._finest)
+
+    def take(self, level: Level, repeats: int) -> str:
+        """Count the captures of a level; returns a line if pictures are captured several times."""
+        if level.share == 1:  # black before the scheme, and the finest pictures at its end
+            self._most = repeats
         self._added += (repeats - 1) * len(level.patterns)
-        return f"{level.name}: each of {len(level.patterns)} pictures is captured {repeats} times, {added_s:.0f} s more"
+        return "" if repeats == 1 else f"{level.name}: {len(level.patterns)} pictures, captured {repeats} times each"
 
+    def _fitting(self, levels: Sequence[Expected], until_s: float) -> float:
+        """Captures of the finest pictures such that the levels end in time; at least 1.
 
-def _cost(level: Level, each_s: float | None) -> float:
-    """Seconds that one capture more of each of a level's pictures takes."""
-    return max(len(level.patterns), 1) * max(UNMEASURED_S if each_s is None else each_s, 1e-6)
+        In steps of 1 / FINER: captures of coarser blocks are a share of them, rounded up, each at another step.
+        """
+        steps = range(FINER * MOST_REPEATS, FINER, -1)
+        return next((step / FINER for step in steps if self._end_s(levels, step / FINER) <= until_s), 1.0)
+
+    def _end_s(self, levels: Sequence[Expected], finest: float) -> float:
+        """When these levels end, in seconds of the acquisition."""
+        repeats = [self._repeats(level.share, finest) for level in levels]
+        fresh = sum(level.pictures for level in levels)
+        captures = sum(level.pictures * each for level, each in zip(levels, repeats, strict=True))
+        return self._pace.planned_s + self._pace.plan_s(fresh, captures)
+
+    def _repeats(self, share: float, finest: float) -> int:
+        return max(1, int(np.ceil(share * finest)))

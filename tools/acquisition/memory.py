@@ -11,7 +11,7 @@ from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 class MemoryStore:
     """What `acquire` needs of a CaptureStore; nothing outlives it."""
 
-    coloured = True
+    halves = coloured = True
 
     def __init__(self, exposures: Exposures, *, averaged: bool = False) -> None:
         self._exposures, self._kept, self.averaged = exposures, dict[int, Sequence[Shot]](), averaged
@@ -27,6 +27,9 @@ class MemoryStore:
 
     def shots(self, number: int) -> Sequence[Shot]:
         return self._kept[number]
+
+    def size(self, number: int) -> int:
+        return 0
 
     def radiance(self, number: int) -> NDArray[np.float32]:
         return self._exposures.radiance(self._kept[number])

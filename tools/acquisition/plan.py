@@ -78,20 +78,36 @@ class Reference:
 
 
 @dataclass(frozen=True)
+class Expected:
+    """A level that may come.
+
+    pictures : about.
+    share : of the captures that the finest pictures need, where pictures are taken repeatedly; 0: one does.
+    """
+
+    pictures: int
+    share: float = 0.0
+
+
+@dataclass(frozen=True)
 class Level:
     """Patterns that need nothing of each other's captures.
 
-    patterns : lazily made; a scheme's are black and white.  further : how many levels may still come.
+    patterns : lazily made; a scheme's are black and white.  later : levels of the scheme that may still come.
     cover : how often the patterns together light each projector pixel that a camera pixel sees, 0 if not evenly. Then
-    their captures must add up to as many floodlit rooms.  share : of the captures that the finest pictures need, where
-    pictures are taken repeatedly; 0: one does.
+    their captures must add up to as many floodlit rooms.  share : see Expected.
     """
 
     name: str
     patterns: Sequence[Picture]
-    further: int
+    later: tuple[Expected, ...] = ()
     cover: int = 0
     share: float = 0.0
+
+    @property
+    def expected(self) -> Expected:
+        """Itself."""
+        return Expected(len(self.patterns), self.share)
 
 
 class Captures(Protocol):
@@ -112,7 +128,14 @@ class Measured:
 
 
 Scheme: TypeAlias = Generator[Level, Captures, Measured]
-MakeScheme: TypeAlias = Callable[[Reference, tuple[int, int]], Scheme]  # the projector's (height, width)
+
+
+class MakeScheme(Protocol):
+    """projector : (height, width)."""
+
+    def __call__(self, room: Reference, projector: tuple[int, int]) -> Scheme: ...
+    def expected(self, projector: tuple[int, int]) -> tuple[Expected, ...]:
+        """The levels that may come, before anything is known of the room."""
 
 
 class LazyPatterns(Sequence[Painted]):

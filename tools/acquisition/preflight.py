@@ -14,7 +14,8 @@ from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.cameras.camera import Shot
 from counterlight.tools.acquisition.cameras.live import LiveCamera
-from counterlight.tools.acquisition.plan import Codes, codes_of
+from counterlight.tools.acquisition.linearity import SHOTS, bends_of, halves_of
+from counterlight.tools.acquisition.plan import Codes, Reference, codes_of, mean_of, measure_noise
 
 Grade = Literal["good", "doubtful", "bad"]
 SETTLED = 30  # frames after which a picture has surely arrived, and an automatic exposure has surely acted
@@ -219,6 +220,22 @@ def flicker(rig: _Rig) -> Finding:
     return Finding("flicker", "good", f"white flickers by {100 * beats:.2f} % from frame to frame")
 
 
+def linearity(rig: _Rig) -> Finding:
+    """Where two pictures both give light, the camera sees their sum."""
+    blacks, whites = ([rig.light(rig.shots(level)) for _ in range(2)] for level in (0, 255))
+    noise, saturated = measure_noise(blacks, whites), rig.camera.exposures.saturated(rig.white)
+    room = Reference(mean_of(blacks), mean_of(whites), noise, saturated, 2)
+    half = halves_of(rig.camera.screen.shape)
+    seen = [mean_of([rig.light(rig.shots(codes_of(each))) for _ in range(SHOTS)]) for each in (half, ~half)]
+    bends = [bend for bend in bends_of(rig.camera, room, *seen) if bend is not None]
+    if not bends:
+        return Finding("linearity", "doubtful", "too dark to tell whether the camera is linear: expose longer")
+    worst = max(bends, key=lambda bend: abs(bend.amount))
+    if not worst.is_linear:
+        return Finding("linearity", "bad", worst.told(rig.camera.exposures.response))
+    return Finding("linearity", "good", f"the camera is linear to {100 * abs(worst.amount):.1f} %")
+
+
 def additivity(rig: _Rig) -> Finding:
     """Two halves are as bright as the whole, and so are red, green and blue."""
     height, width = rig.camera.screen.shape
@@ -261,5 +278,5 @@ def _uneven(periods: float) -> bool:
 
 Check = Callable[[_Rig], Finding]
 CHECKS: tuple[Check, ...] = (
-    projector, saturation, ambient, exposure, latency, own_pattern, locked, flicker, additivity,
+    projector, saturation, ambient, exposure, latency, own_pattern, locked, flicker, linearity, additivity,
 )  # fmt: skip

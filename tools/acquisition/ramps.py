@@ -90,7 +90,7 @@ def light_level(projector: tuple[int, int]) -> Level:
     def paint(number: int) -> Codes:
         return np.full((*projector, 3), colours[number], np.uint8)
 
-    return Level("ramps and primaries", LazyPatterns(len(colours), paint), further=1)
+    return Level("ramps and primaries", LazyPatterns(len(colours), paint))
 
 
 def measure_light(captures: Captures, room: Reference) -> ProjectorLight:

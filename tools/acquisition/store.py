@@ -12,6 +12,7 @@ until its room, too, is in place.
 import shutil
 import uuid
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +25,7 @@ from counterlight.calibration import TOML
 from counterlight.errors import InputError, shown
 from counterlight.files.manifest import sha256_of, write_toml
 from counterlight.files.picture_files import read_picture
-from counterlight.files.png import encode_stored
+from counterlight.files.png import encode_png
 from counterlight.files.reading import read_toml
 from counterlight.files.tables import Table
 from counterlight.tools.acquisition.averaging import MOST_REPEATS
@@ -34,7 +35,7 @@ from counterlight.writing.replacing import filling_folder, holding, replacing_fi
 
 SESSION, NEXT = "session.toml", "next.toml"
 CAPTURES = ("captures", "captures_2")
-FORMAT, COLOURLESS = 4, 3  # 3: no ramps, primaries, coloured check; 2: not known whether its room is in place
+FORMAT, UNHALVED, COLOURLESS = 5, 4, 3  # 4: no halves; 3: no ramps, primaries, coloured check, either; older: refused
 OWN = ("id", "captures", "made", "finished", "repeats")  # what a session says beside what it is of
 FIX = "name another folder with --captures, or remove this one"
 
@@ -57,15 +58,32 @@ class Wanted:
 class CaptureStore:
     """The captures of one acquisition.
 
-    record : what its session says.  put : puts a file into the folder of the captures, for good.  replaces : whether it
-    will take the place of a finished acquisition, whose captures stay until `finish`.
+    record : what its session says.  put : puts a file into the folder of the captures, for good.
+    writer : a thread that compresses and writes a capture while the next picture is shown.
+    replaces : whether it will take the place of a finished acquisition, whose captures stay until `finish`.
     """
 
-    def __init__(self, folder: Path, record: dict[str, Any], exposures: Exposures, put: Put, *, replaces: bool) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        record: dict[str, Any],
+        exposures: Exposures,
+        put: Put,
+        writer: Executor,
+        *,
+        replaces: bool,
+    ) -> None:
         self._folder, self._record, self._exposures, self._put = folder, record, exposures, put
         self._captures = folder / str(record["captures"])
         self.replaces = replaces
+        self._writer = writer
+        self._writing: Future[None] | None = None
         self._size: tuple[int, ...] | None = None
+
+    @property
+    def halves(self) -> bool:
+        """Whether a picture and its complement are among them: not in those of an older version."""
+        return self._record["format"] not in (UNHALVED, COLOURLESS)
 
     @property
     def coloured(self) -> bool:
@@ -91,10 +109,11 @@ class CaptureStore:
         return str(self._record["id"])
 
     def has(self, number: int) -> bool:
+        self._settle()
         return all(path.is_file() for path in self._paths(number))
 
     def save(self, number: int, shots: Sequence[Shot]) -> None:
-        """Put a capture on disk; it is there for good when this returns.
+        """Begin to put a capture on disk. The one before is there for good when this returns.
 
         Raises InputError where the disk refuses, for another count of shots than exposures, and for another size.
         """
@@ -103,9 +122,21 @@ class CaptureStore:
             raise InputError(f"capture {number}: {len(shots)} shots, expected {len(paths)}, one for each exposure")
         for path, shot in zip(paths, shots, strict=True):
             self._check_size(path, shot)
-            self._put(path, encode_stored(shot))
+        self._settle()
+        self._writing = self._writer.submit(self._put_shots, paths, shots)
+
+    def _put_shots(self, paths: Sequence[Path], shots: Sequence[Shot]) -> None:
+        for path, shot in zip(paths, shots, strict=True):
+            self._put(path, encode_png(shot))
+
+    def _settle(self) -> None:
+        """What was saved is on disk for good when this returns; InputError where the disk refuses."""
+        writing, self._writing = self._writing, None
+        if writing is not None:
+            writing.result()
 
     def shots(self, number: int) -> tuple[Shot, ...]:
+        self._settle()
         shots = tuple(read_picture(path) for path in self._paths(number))
         for path, shot in zip(self._paths(number), shots, strict=True):
             self._check_size(path, shot)
@@ -114,6 +145,11 @@ class CaptureStore:
     def radiance(self, number: int) -> NDArray[np.float32]:
         """(camera height, camera width, 3)."""
         return self._exposures.radiance(self.shots(number))
+
+    def size(self, number: int) -> int:
+        """Bytes of a capture."""
+        self._settle()
+        return sum(path.stat().st_size for path in self._paths(number))
 
     def made(self, fingerprint: str) -> None:
         """The room with that fingerprint is whole, and about to be put in place."""
@@ -180,8 +216,8 @@ def open_store(folder: Path, session: dict[str, Any], exposures: Exposures, want
             _refuse_other(folder, current, session)
         captures = folder / str(current["captures"])
         captures.mkdir(exist_ok=True)
-        with filling_folder(captures) as put:
-            yield CaptureStore(folder, current, exposures, put, replaces=coming is not None)
+        with filling_folder(captures) as put, ThreadPoolExecutor(1) as writer:
+            yield CaptureStore(folder, current, exposures, put, writer, replaces=coming is not None)
 
 
 def _settled(folder: Path, room: Path) -> tuple[dict[str, Any] | None, dict[str, Any] | None]:
@@ -227,7 +263,7 @@ def _read(path: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
     stored = read_toml(path, FIX)
-    if type(found := stored.get("format")) is not int or found != COLOURLESS:
+    if type(found := stored.get("format")) is not int or found not in (UNHALVED, COLOURLESS):
         Table(stored, str(path), FIX).format(FORMAT)
     if stored.get("captures") not in CAPTURES or not isinstance(stored.get("id"), str):
         raise InputError(f"{path}: does not say which captures are of it; {FIX}")

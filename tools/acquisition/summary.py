@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from counterlight.arrays import BoolArray
 from counterlight.response import Response
 from counterlight.tools.acquisition.acquire import Acquisition
 from counterlight.tools.acquisition.ramps import CODES, ProjectorLight
@@ -16,6 +17,7 @@ from counterlight.tools.transport.shared_screen import Placed
 EVEN, LIFTED = 0.002, 0.5  # of white: about code 7 of sRGB; what black can be lifted to
 SUSPECT = 3.0  # times the camera's noise that the check may be off
 OFF_COLOUR = 2.0, 0.02  # times the check's unexplained error, and more, that the coloured one's may be
+COVERED = 0.98  # of the projector's pixels: a room of which the camera sees less is warned of
 MOST_OTHER = 0.02  # of white that a given response may differ from the measured one
 
 
@@ -50,6 +52,40 @@ class Black:
 
 
 @dataclass(frozen=True)
+class Coverage:
+    """Pixels of a projector that some camera pixel sees.  seen : (height, width)."""
+
+    seen: BoolArray
+
+    @property
+    def share(self) -> float:
+        return float(self.seen.mean())
+
+    @property
+    def warnings(self) -> list[str]:
+        """Which pixels are missing, and what to do; none if nearly all are seen."""
+        if self.share >= COVERED:
+            return []
+        rows, columns = (np.flatnonzero(self.seen.any(axis=axis)) for axis in (1, 0))
+        height, width = self.seen.shape
+        unseen = {
+            "top": rows[0],
+            "bottom": height - 1 - rows[-1],
+            "left": columns[0],
+            "right": width - 1 - columns[-1],
+        }
+        edges = ", ".join(f"{edge} {count}" for edge, count in unseen.items() if count)
+        inside = float(1 - self.seen[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].mean())
+        said = f"coverage: the camera sees {100 * self.share:.1f} % of the projector's pixels, expected "
+        said += f"{100 * COVERED:.0f} % or more, and the others stay dark"
+        if edges:
+            said += f"; it misses pixels at the edges ({edges}): {WIDER}"
+        if inside > 1 - COVERED:
+            said += f"; it misses {100 * inside:.1f} % of the pixels in between: {CLOSER}"
+        return [f"{said}; then acquire again with --force"]
+
+
+@dataclass(frozen=True)
 class ProjectorReport:
     """What was acquired of one projector.
 
@@ -59,6 +95,7 @@ class ProjectorReport:
     acquisition: Acquisition
     given: Response | None
     factoring: Factoring
+    coverage: Coverage
 
     @property
     def taken(self) -> list[str]:
@@ -124,7 +161,7 @@ class ProjectorReport:
         of_light += self._other_response()
         if self.off_colour and not of_light:
             of_light.append(OFF)
-        return [*([SCATTERED] if self.suspect else []), *of_light]
+        return [*self.coverage.warnings, *([SCATTERED] if self.suspect else []), *of_light]
 
     def _other_response(self) -> list[str]:
         """What a given response costs against the measured one; nothing if they agree."""
@@ -147,14 +184,13 @@ class ProjectorReport:
 class AcquisitionReport:
     """What was acquired; its text is the command's output.
 
-    covered : share of the projectors' pixels that some camera pixel sees.  lit, camera_pixels : inside the mask, and in
-    all.  entries : near light, of one channel.  outside : what a compensated picture leaves lit beside itself.
-    black : of several projectors, whose black levels add up where they overlap.
-    colours : of projectors that show primaries of others.  placed : how each of several cameras came on the screen.
+    lit, camera_pixels : camera pixels inside the mask, and in all.  entries : near light, of one channel.
+    outside : what a compensated picture leaves lit beside itself.  black : of several projectors, whose black levels
+    add up where they overlap.  colours : of projectors that show primaries of others.  placed : how each of several
+    cameras came on the screen.
     """
 
     projectors: tuple[ProjectorReport, ...]
-    covered: float
     lit: int
     camera_pixels: int
     entries: int
@@ -183,6 +219,11 @@ class AcquisitionReport:
         return "\n".join(lines)
 
     @property
+    def covered(self) -> float:
+        """Share of the pixels of all projectors that some camera pixel sees."""
+        return float(np.mean(np.concatenate([each.coverage.seen.ravel() for each in self.projectors])))
+
+    @property
     def warnings(self) -> list[str]:
         """What a user should mend, a line each."""
         return self._of_each(lambda each: each.warnings)
@@ -194,6 +235,11 @@ class AcquisitionReport:
         return [f"projector {number}: {line}" for number, each in enumerate(self.projectors, 1) for line in lines(each)]
 
 
+WIDER = "turn the camera, zoom out or step back until it sees a margin around the picture (--preview shows it)"
+CLOSER = (
+    "give the camera as many pixels as the projector in the picture (zoom in, step closer, larger files), and expose "
+    "longer where the picture is dark"
+)
 SCATTERED = (
     "the check is far off what noise explains; light may reach some camera pixels from several places (use "
     "--scheme hierarchical), or be too weak (longer exposures, lower --threshold)"

@@ -19,13 +19,14 @@ from counterlight.tools.relighting.pictures import encoded, white_level
 from counterlight.tools.report import charts, pictures
 from counterlight.tools.report.page import Figure, Section, page, table
 from counterlight.tools.report.report import FORMAT, PAGE, check_report_folder, write_page
-from counterlight.tools.solve.registry import prepare
+from counterlight.tools.solve.box import Box
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport, luminance
 from counterlight.writing.replacing import replacing_folder
 
 PROMISED = ("photograph", "letters")  # the first two typical pictures
 MOST_PREDICTED = 1 << 17  # camera pixels up to which the optimum is computed for the report
+OPTIMUM_GAP, MOST_STEPS = 0.01, 300  # relative gap of the squared error; steps of projected gradient
 CURVE = 65  # points of a response's curve
 PRIMARY_COLOURS = "#c0392b", "#27913f", "#2f6fc0"
 SMOOTH = 6  # camera pixels a picture pixel: little detail, so that faults of T show
@@ -48,16 +49,19 @@ def predicted_quality(
     """PSNR in dB of the best compensation, by the acquired T, and with the error that T showed in the check.
 
     With error δ of a predicted light c, relative, the mean square grows by δ² mean c².
+    The optimum is certified to 0.04 dB. Where T is so ill-conditioned that MOST_STEPS do not suffice, the best picture
+    so far counts: on rooms of the rig and shipped rooms it was within 0.05 dB of the optimum.
     """
     shape, mask = calibration.camera.shape, calibration.mask
     white = reachable_white(transport.floodlight(calibration.ambient), mask)
-    box, found = prepare("box", transport, mask), dict[str, dict[str, float]]()
+    box = Box(transport.inside(mask), tolerance=OPTIMUM_GAP, most_steps=MOST_STEPS)
+    found = dict[str, dict[str, float]]()
     for detail, label in ((1, "at the camera's resolution"), (SMOOTH, "smooth")):
         small = typical_pictures(tuple(max(side // detail, 2) for side in shape))  # type: ignore[arg-type]
         for name, grey in zip(PROMISED, small, strict=False):
             picture = cv2.resize(grey, shape[::-1], interpolation=cv2.INTER_LINEAR)
             desired = white * np.repeat(picture[:, :, None], 3, axis=2)
-            drive = box.solve(desired - calibration.ambient).drive
+            drive, _ = box.run(np.where(mask[..., None], desired - calibration.ambient, 0).reshape(-1, 3))
             seen = transport.apply(drive).reshape(desired.shape) + calibration.ambient
             square = float(np.mean(((seen - desired)[mask] / white) ** 2))
             doubt = check_error**2 * float(np.mean((desired[mask] / white) ** 2))

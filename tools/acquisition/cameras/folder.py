@@ -63,6 +63,11 @@ class FolderCamera:
     def exposures(self) -> Exposures:
         return self._exposures
 
+    @property
+    def waits(self) -> bool:
+        """Whether captures are waited for; otherwise nobody knows how long they take."""
+        return self._wait_s > 0
+
     def bind(self, acquisition: str, *, first: bool) -> None:
         """Take the folder for an acquisition, by its id; InputError if it holds another one's captures.
 
@@ -91,7 +96,7 @@ class FolderCamera:
             str(record.get("id", "")),
             Table(record, f"{path}", f"remove {path}").integer("first", 0, 0, MOST),
         )
-        self._goes_on = bound == CHECK + check and not self._wait_s
+        self._goes_on = bound == CHECK + check and not self.waits
         if self._goes_on:
             return first
         if bound.startswith(CHECK):
@@ -135,7 +140,7 @@ class FolderCamera:
         deadline = time.monotonic() + self._wait_s
         while absent := self._absent(missing):
             if time.monotonic() >= deadline:
-                raise Waiting(_waiting(seen, absent), int(absent[0].partition("_")[0]), waited=self._wait_s > 0)
+                raise Waiting(_waiting(seen, absent), int(absent[0].partition("_")[0]), waited=self.waits)
             time.sleep(POLL_S)
 
     def capture(self, number: int, picture: Picture) -> tuple[Shot, ...]:

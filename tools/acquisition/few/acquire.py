@@ -15,14 +15,16 @@ from counterlight.command import track
 from counterlight.errors import InputError
 from counterlight.raster import Shape
 from counterlight.response import Response
-from counterlight.tools.acquisition.acquire import Acquisition, Store
+from counterlight.tools.acquisition.acquire import Acquisition
 from counterlight.tools.acquisition.cameras.camera import Camera
 from counterlight.tools.acquisition.cameras.folder import Waiting
 from counterlight.tools.acquisition.cameras.together import views_of
 from counterlight.tools.acquisition.few.order import Order
 from counterlight.tools.acquisition.few.turns import Turns
 from counterlight.tools.acquisition.few.views import Views, views_fitted
+from counterlight.tools.acquisition.linearity import refuse_bends
 from counterlight.tools.acquisition.plan import Measured
+from counterlight.tools.acquisition.recording import Store
 
 COPIES = 3  # of all captures, float32, that are in memory at once
 
@@ -41,7 +43,8 @@ def acquire_pictures(
     count : of all pictures.  projectors : (height, width) of each.  given : their response, where that is not to be the
     measured one.  stoppable : an interruption ends the showing, as soon as there are enough; then the room is of those
     that there are.
-    Raises InputError for too few pictures, captures that are saturated or black, and for a moved camera.
+    Raises InputError for too few pictures, captures that are saturated or black, for a moved camera, and for one that
+    is not linear, where random pictures tell.
     """
     check_asked(count, projectors)
     turns, start = Turns(tuple(projectors)), time.monotonic()
@@ -53,6 +56,8 @@ def acquire_pictures(
         numbers = turns.numbers(projector, of_each)
         name = f"projector {projector + 1}: " if len(projectors) > 1 else ""
         views = _views(camera, store, order, numbers, given, name)
+        for view in views.views:
+            refuse_bends(camera, [view.bend], f"{name}{view.name}")
         own = numbers[projector > 0 :]  # black is the first one's
         resumed = len(set(own) & set(before))
         found.append(_acquisition(camera, views, order, of_each, len(own), seconds, resumed))

@@ -13,6 +13,7 @@ from counterlight.tools.acquisition.few.fitting import Fit, fitted, sampled
 from counterlight.tools.acquisition.few.order import RAMPS
 from counterlight.tools.acquisition.few.places import Spots
 from counterlight.tools.acquisition.few.seen import Seen, Table
+from counterlight.tools.acquisition.linearity import Bend, bend_of_shares
 
 HELD = 8  # one of so many random pictures is held out
 RAMPS_ALONE = "held out: nothing, since there is no random picture; the check is of the ramps, and blind to sharpness"
@@ -49,6 +50,18 @@ def held_out(seen: Seen, table: Table, spots: Spots, random: Sequence[int]) -> H
     check = _check(fitted(seen, table, spots, others), out)
     half = _check(fitted(seen, table, spots, others[: len(others) // 2]), out) if len(others) > 1 else check
     return Held(check, half, len(others), held)
+
+
+def bend_by(fit: Fit, pictures: Sequence[int]) -> Bend | None:
+    """Whether the camera is linear, by random pictures; None if there are none."""
+    if not pictures:
+        return None
+    chosen = sampled(fit.windows)
+    pixels = fit.windows.pixel[chosen]
+    predicted, captured = fit.predicted(chosen, pictures), fit.seen.captured(pixels, pictures)
+    white = np.broadcast_to(np.maximum(fit.primaries[pixels].sum(axis=2), 0)[:, None], captured.shape)
+    shares = np.divide(predicted, white, out=np.zeros_like(predicted), where=white > 0)
+    return bend_of_shares(captured, shares, white, fit.seen.room.noise.dark)
 
 
 def check_ramps(fit: Fit) -> Check:

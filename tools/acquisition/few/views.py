@@ -17,12 +17,13 @@ from counterlight.screen import parts_of
 from counterlight.tools.acquisition.acquire import AGAIN, refuse_unusable, rises
 from counterlight.tools.acquisition.check import Check
 from counterlight.tools.acquisition.few.fitting import Fit, fitted
-from counterlight.tools.acquisition.few.held_out import RAMPS_ALONE, Held, check_ramps, held_out
+from counterlight.tools.acquisition.few.held_out import RAMPS_ALONE, Held, bend_by, check_ramps, held_out
 from counterlight.tools.acquisition.few.order import Order
 from counterlight.tools.acquisition.few.places import located
 from counterlight.tools.acquisition.few.reference import noise_by_neighbours, reference
 from counterlight.tools.acquisition.few.response import Curves, curves_of
 from counterlight.tools.acquisition.few.seen import SUMMED, Seen
+from counterlight.tools.acquisition.linearity import Bend
 from counterlight.tools.acquisition.movement import refuse_moved
 from counterlight.tools.acquisition.plan import Noise, Reference
 from counterlight.tools.acquisition.ramps import CODES, ProjectorLight, crosstalk
@@ -32,13 +33,18 @@ from counterlight.tools.transport.transport import Transport
 
 @dataclass(frozen=True)
 class View:
-    """One camera's.  name : before what is said of it, empty for the only one.  part : of the raster of all."""
+    """One camera's.
+
+    name : before what is said of it, empty for the only one.  part : of the raster of all.
+    bend : of the camera, 0 if it is linear; None if no random picture tells.
+    """
 
     name: str
     part: tuple[slice, slice]
     seen: Seen
     fit: Fit
     held: Held | None
+    bend: Bend | None
 
     @property
     def check(self) -> Check:
@@ -166,7 +172,7 @@ def _refuse_moved(seen: Seen) -> None:
 def _view(name: str, part: tuple[slice, slice], seen: Seen, curves: Curves, random: list[int]) -> View:
     spots = located(seen, curves.table)
     fit = fitted(seen, curves.table, spots, random)
-    return View(name, part, seen, fit, held_out(seen, curves.table, spots, random))
+    return View(name, part, seen, fit, held_out(seen, curves.table, spots, random), bend_by(fit, random))
 
 
 def _corner(part: tuple[slice, slice]) -> tuple[int, int]:

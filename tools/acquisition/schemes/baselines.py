@@ -13,7 +13,7 @@ from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.pipeline.colour import LUMINANCE
 from counterlight.tools.acquisition.direct_mapping import direct_mapping, direct_transport
-from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Reference, Scheme
+from counterlight.tools.acquisition.plan import Captures, Expected, LazyPatterns, Level, Measured, Reference, Scheme
 from counterlight.tools.acquisition.schemes.blocks import (
     BlockGrid,
     BlockLight,
@@ -38,9 +38,12 @@ class PixelByPixelScheme:
 
     threshold: Threshold = ALL_PAIRS
 
+    def expected(self, projector: tuple[int, int]) -> tuple[Expected, ...]:
+        return (Expected(projector[0] * projector[1]),)
+
     def __call__(self, room: Reference, projector: tuple[int, int]) -> Scheme:
         grid = BlockGrid(projector, 1)
-        captures = yield Level("pixels", LazyPatterns(grid.count, lambda i: grid.paint(np.array([i]))), 0, cover=1)
+        captures = yield Level("pixels", LazyPatterns(grid.count, lambda i: grid.paint(np.array([i]))), cover=1)
         part = _columns(room, captures, grid, self.threshold)
         return Measured(as_transport(fit_to_composition([part], room.light), len(room.light)))
 
@@ -62,16 +65,20 @@ class FixedBlocksScheme:
         if self.side < 1:
             raise InputError(f"block side {self.side}: expected at least 1 projector pixel")
 
+    def expected(self, projector: tuple[int, int]) -> tuple[Expected, ...]:
+        return Expected(BlockGrid(projector, self.side).count), Expected(self.side**2)
+
     def __call__(self, room: Reference, projector: tuple[int, int]) -> Scheme:
         blocks, pixels = BlockGrid(projector, self.side), BlockGrid(projector, 1)
-        captures = yield Level("blocks", LazyPatterns(blocks.count, lambda i: blocks.paint(np.array([i]))), 1, cover=1)
+        shown = LazyPatterns(blocks.count, lambda i: blocks.paint(np.array([i])))
+        captures = yield Level("blocks", shown, self.expected(projector)[1:], cover=1)
         owner, best = np.zeros(len(room.light), np.int64), np.zeros(len(room.light))
         for block in range(blocks.count):
             light = room.above_black(captures[block]) @ LUMINANCE
             owner, best = np.where(light > best, block, owner), np.maximum(light, best)
         row, column = np.mgrid[: projector[0], : projector[1]] % self.side
         place = row * self.side + column
-        captures = yield Level("pixels", LazyPatterns(self.side**2, lambda i: np.asarray(place == i)), 0, cover=1)
+        captures = yield Level("pixels", LazyPatterns(self.side**2, lambda i: np.asarray(place == i)), cover=1)
         parts = []
         for i in range(len(captures)):
             y, x = np.divmod(owner, blocks.columns)
@@ -88,11 +95,14 @@ class FixedBlocksScheme:
 class GrayCodeScheme:
     """Stripes and their inverses down to single pixels; each camera pixel sees one projector pixel (thesis 6.1)."""
 
+    def expected(self, projector: tuple[int, int]) -> tuple[Expected, ...]:
+        return (Expected(2 * len(stripes(projector, 1))),)
+
     def __call__(self, room: Reference, projector: tuple[int, int]) -> Scheme:
         shown = stripes(projector, 1)
         count = 2 * len(shown)
         patterns = LazyPatterns(count, lambda i: shown[i // 2].paint() ^ (i % 2 == 1))
-        captures = yield Level("stripes and inverses", patterns, 0, cover=len(shown))
+        captures = yield Level("stripes and inverses", patterns, cover=len(shown))
         valid, place = self._decode(room, captures, shown, projector)
         shape = room.black.shape[:2]
         y, x = (np.floor(place[:, axis]).astype(np.int32).reshape(shape) for axis in (0, 1))

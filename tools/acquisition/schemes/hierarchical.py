@@ -28,6 +28,7 @@ from counterlight.command import track
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.plan import (
     Captures,
+    Expected,
     LazyPatterns,
     Level,
     Measured,
@@ -53,6 +54,9 @@ from counterlight.tools.acquisition.schemes.schedule import colour_graph, confli
 from counterlight.tools.acquisition.schemes.smooth import smoothed
 
 QUARTERS = 4
+USUAL = 32  # pictures of a level, before anything is known
+GROWTH = 0.8, 2.0  # least and most, from a level to the next
+ONE_BY_ONE = 2  # the same after a level whose blocks were shown one by one
 FAINT, UNEVEN = 0.03, 0.001  # of the floodlight: a block that gives less is not cut for what its quarters differ by
 BYTES_A_PARENT = 4 * (24 + 1 + 20) + 9  # its quarters' light, variance and mark, and what may become of them; its order
 FEWER = "give a higher --threshold, or let the camera give smaller pictures"
@@ -125,16 +129,20 @@ class HierarchicalScheme:
     threshold: Threshold = DEFAULT
     scratch: Path | None = None
 
+    def expected(self, projector: tuple[int, int]) -> tuple[Expected, ...]:
+        return tuple(Expected(min(grid.count, USUAL), _share(grid)) for grid in grids(projector)[1:])
+
     def __call__(self, room: Reference, projector: tuple[int, int]) -> Scheme:
         levels = grids(projector)
         bands = self._bands(room, levels[0])
         before = room
-        notes = []
+        notes, outlook = [], _Outlook()
         for depth, grid in enumerate(levels[1:], 1):
             schedule = schedule_quarters([band.active for band in bands])
             name = f"blocks of {grid.side} px"
             patterns = LazyPatterns(len(schedule.colour), schedule.paint)
-            captures = yield Level(name, patterns, len(levels) - 1 - depth, cover=1, share=grid.side**-0.5)
+            later = outlook.after(schedule, levels[depth + 1 :])
+            captures = yield Level(name, patterns, later, cover=1, share=_share(grid))
             now = room.averaged(captures.repeats)
             self._read(now, before, bands, schedule, captures)
             before = now
@@ -240,6 +248,35 @@ class HierarchicalScheme:
             rest = light - np.sum(np.maximum(quarters[part], 0) * lit[part, :, None], axis=1)
             found[part] = np.any(rest >= tau, axis=1)
         return found
+
+
+class _Outlook:
+    """Foretells the pictures of the levels that follow a level.
+
+    The number grows from level to level as it did before. Where blocks had to be shown one by one, all conflict: they
+    are few yet, or there is far light, which smaller blocks are too faint for.
+    """
+
+    def __init__(self) -> None:
+        self._before = 0  # pictures of the level before, 0 if its blocks were shown one by one
+
+    def after(self, schedule: Quarters, finer: Sequence[BlockGrid]) -> tuple[Expected, ...]:
+        """finer : the grids of the levels that follow."""
+        count, growth = len(schedule.colour), 1.0
+        if all(blocks.size == 1 for blocks in schedule.blocks):
+            self._before, following = 0, max(USUAL, ONE_BY_ONE * count)
+        else:
+            growth = float(np.clip(count / self._before, *GROWTH)) if self._before else 1.0
+            self._before, following = count, round(count * growth)
+        expected = list[Expected]()
+        for grid in finer:
+            expected.append(Expected(min(following, grid.count), _share(grid)))
+            following = round(following * growth)
+        return tuple(expected)
+
+
+def _share(grid: BlockGrid) -> float:
+    return float(grid.side**-0.5)
 
 
 class _Found:

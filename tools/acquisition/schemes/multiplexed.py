@@ -20,7 +20,16 @@ from scipy.special import ndtri
 from counterlight.arrays import FloatArray, IntArray
 from counterlight.errors import InputError
 from counterlight.pipeline.colour import LUMINANCE
-from counterlight.tools.acquisition.plan import Captures, LazyPatterns, Level, Measured, Pattern, Reference, Scheme
+from counterlight.tools.acquisition.plan import (
+    Captures,
+    Expected,
+    LazyPatterns,
+    Level,
+    Measured,
+    Pattern,
+    Reference,
+    Scheme,
+)
 from counterlight.tools.acquisition.schemes.blocks import (
     BlockGrid,
     BlockLight,
@@ -33,6 +42,7 @@ from counterlight.tools.acquisition.schemes.stripes import Stripe, locate, strip
 
 STRIPE_CELL = 2  # projector pixels: half of the least tile, so that cell and place in the tile agree on one window
 LEAST_TILE, MOST_TILE = 4, 14
+USUAL_TILE = 8  # of rooms that are in focus
 REACH_SIGMAS = 2.3  # half a window in standard deviations of the spot: 2 % of its light lie beyond, each way
 NEIGHBOURHOOD = 16  # projector pixels; the sharpest camera pixel of each tells the blur there
 MOST_BLURRED = 0.95  # of the neighbourhoods get a window that is wide enough
@@ -55,14 +65,19 @@ class MultiplexedScheme:
         if self.tile is not None and not LEAST_TILE <= self.tile <= MOST_TILE:
             raise InputError(f"--tile {self.tile}: expected {LEAST_TILE} to {MOST_TILE} projector pixels")
 
+    def expected(self, projector: tuple[int, int]) -> tuple[Expected, ...]:
+        tile = Tile(projector, self.tile or USUAL_TILE)
+        return Expected(len(stripes(projector, STRIPE_CELL))), Expected(tile.code, share=1), _far(projector)
+
     def __call__(self, room: Reference, projector: tuple[int, int]) -> Scheme:
         shown = stripes(projector, STRIPE_CELL)
-        captures = yield Level("stripes", LazyPatterns(len(shown), lambda i: shown[i].paint()), 2)
+        later = self.expected(projector)[1:]
+        captures = yield Level("stripes", LazyPatterns(len(shown), lambda i: shown[i].paint()), later)
         shares = [_lit_share(room, captures, i) for i in range(len(shown))]
         place = locate(shown, shares, projector)
         side = self.tile or choose_tile(shown, shares, place, room, projector)
         tile = Tile(projector, side)
-        captures = yield Level(f"tiles of {side} px", tile.patterns, 1, cover=(tile.code + 1) // 2, share=1)
+        captures = yield Level(f"tiles of {side} px", tile.patterns, later[1:], (tile.code + 1) // 2, share=1)
         averaged = room.averaged(captures.repeats)
         near, pedestal = tile.decode(averaged, captures, place, self.sigmas)
         composition = _better_composition(averaged, captures, (tile.code + 1) // 2)
@@ -71,7 +86,7 @@ class MultiplexedScheme:
         far_share = float(np.sum(pedestal @ LUMINANCE) * side**2 / np.sum(room.light @ LUMINANCE))
         if far_share > LEAST_FAR:
             blocks = CodedBlocks(far_grid(projector))
-            captures = yield Level(f"blocks of {blocks.grid.side} px", blocks.patterns, 0, cover=(blocks.code + 1) // 2)
+            captures = yield Level(f"blocks of {blocks.grid.side} px", blocks.patterns, cover=(blocks.code + 1) // 2)
             parts.append(blocks.decode(room, captures, near))
             notes.append(f"far light, {100 * far_share:.0f} %: {blocks.code} pictures of {blocks.grid.count} blocks")
         transport = as_transport(fit_to_composition(parts, composition), len(room.light))
@@ -158,6 +173,10 @@ class CodedBlocks:
         total = _solve(room, captures, self.code, self.grid.count, lambda i: known.seen(patterns[i]))
         camera, block = np.nonzero(np.any(total > 0, axis=2))
         return BlockLight(self.grid, camera, block, np.maximum(total[camera, block], 0))
+
+
+def _far(projector: tuple[int, int]) -> Expected:
+    return Expected(CodedBlocks(far_grid(projector)).code)
 
 
 def far_grid(projector: tuple[int, int]) -> BlockGrid:

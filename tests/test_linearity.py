@@ -1,0 +1,170 @@
+"""Cameras that are linear go on, and those that are not stop with advice, whatever their files are."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.tools import acquire_transport
+from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
+from counterlight.tools.acquisition.few.acquire import acquire_pictures
+from counterlight.tools.acquisition.linearity import SHOTS, bend_of, halves_of
+from counterlight.tools.acquisition.memory import MemoryStore
+from counterlight.tools.acquisition.plan import REPEATS, Noise, Picture, Reference, codes_of
+from tests.rig.files import Stored
+from tests.rig.rig import Devices, Rig
+from tests.rig.sensor import Sensor
+from tests.small_rigs import small_room
+from tests.studies.linearity import measured
+from tests.studies.noise import RigCamera
+
+LINEAR = Stored(bits=16), Stored(), Stored(quality=92)
+BENT = (
+    Stored("srgb", quality=92), Stored("srgb"), Stored("srgb", bits=16), Stored("srgb, then S", quality=92),
+    Stored("S"), Stored("weak S", quality=92), Stored(1.3, quality=92), Stored(1 / 1.3),
+)  # fmt: skip
+
+
+def rig_of(room: str, electrons: float = 20000.0, black: float = 0.01) -> Rig:
+    return Rig(small_room(room), Devices(sensor=Sensor(full_well=electrons), room_light=black))
+
+
+@pytest.mark.parametrize("room", ["wall", "corner", "glass", "defocus"])
+@pytest.mark.parametrize("electrons", [20000.0, 2000.0])
+def test_curves_are_told_from_noise_and_from_few_bits(room: str, electrons: float) -> None:
+    rig = rig_of(room, electrons)
+    for stored in LINEAR:
+        bend = measured(rig, stored)
+        assert bend is not None
+        assert bend.is_linear, (stored, bend)
+        assert abs(bend.amount) < 0.03, (stored, bend)
+    for stored in BENT:
+        bend = measured(rig, stored)
+        assert bend is not None
+        assert not bend.is_linear, (stored, bend)
+
+
+def test_a_curve_that_is_given_is_none() -> None:
+    rig = rig_of("wall", black=0.1)
+    for stored, response in ((Stored("srgb", quality=92), Response("srgb")), (Stored(1.8), Response("gamma", 1.8))):
+        bend = measured(rig, stored, Exposures(response=response))
+        assert bend is not None
+        assert bend.is_linear
+        wrong = measured(rig, Stored(quality=92), Exposures(response=response))
+        assert wrong is not None
+        assert not wrong.is_linear
+        assert "--camera-response is not the camera's curve" in wrong.told(response)
+
+
+def mixing_room(rng: np.random.Generator) -> tuple[Reference, NDArray[np.float64], NDArray[np.float64]]:
+    """A room without noise, and what a linear camera sees of two pictures that each give 0 to 1 of its light."""
+    white, share = rng.uniform(0.3, 0.9, (30, 40, 3)), rng.uniform(0, 1, (30, 40, 1))
+    noise = Noise(np.full(3, 1e-4), np.zeros(3))
+    room = Reference(np.zeros_like(white), white, noise, np.zeros(white.shape[:2], np.bool_), REPEATS)
+    return room, share * white, (1 - share) * white
+
+
+def test_what_else_does_not_add_up_is_not_taken_for_a_curve(rng: np.random.Generator) -> None:
+    room, picture, complement = mixing_room(rng)
+    elsewhere = picture.reshape(-1, 3)[rng.permutation(picture.size // 3)].reshape(picture.shape)
+    for seen in (
+        (picture, complement),
+        (1.2 * picture, 1.2 * complement),  # a lamp that is brighter for dark pictures
+        (1.1 * picture, complement),  # or an exposure that changes in between
+        (picture + 0.05, complement + 0.05),  # light in the room
+        (room.floodlight, complement),  # the picture before is seen still
+        (0 * picture, picture),
+        (picture, elsewhere),  # the camera has moved far
+    ):
+        bend = bend_of(room, *seen)
+        assert bend is not None
+        assert bend.is_linear, bend
+    assert bend_of(room, picture, picture * 0 + room.floodlight / 2) is not None
+
+
+def test_where_no_camera_pixel_sees_both_pictures_nothing_is_said(rng: np.random.Generator) -> None:
+    room, picture, _ = mixing_room(rng)
+    lit = rng.random(picture.shape[:2])[..., None] < 0.5
+    seen = np.where(lit, room.floodlight, 0), np.where(lit, 0, room.floodlight)
+    assert bend_of(room, *seen) is None
+    dark = Reference(room.black, room.floodlight, Noise(np.full(3, 0.1), np.zeros(3)), room.saturated, REPEATS)
+    assert bend_of(dark, *seen) is None  # whatever there is, noise is as large
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (21, 30), (72, 96), (216, 384)])
+def test_half_of_the_picture_is_lit_in_cells_of_all_sizes(shape: tuple[int, int]) -> None:
+    lit = halves_of(shape)
+    assert abs(lit.mean() - 0.5) <= 0.5 / lit.size + 1e-9 or lit.size == 1
+    if min(shape) > 60:
+        changes = [np.mean(lit[:, step:] != lit[:, :-step]) for step in (1, 8, 60)]
+        assert 0.1 < changes[0] < changes[1] < changes[2] < 0.6
+
+
+class StoringCamera(RigCamera):
+    """The rig's camera, whose files are like `stored`."""
+
+    def __init__(self, rig: Rig, stored: Stored) -> None:
+        super().__init__(rig)
+        self._stored = stored
+
+    def capture(self, number: int, picture: Picture) -> tuple[Shot, ...]:
+        return (self._stored.codes(self._rig.photograph(codes_of(picture), number)),)
+
+
+def test_pictures_first_stop_as_well() -> None:
+    rig = rig_of("wall")
+    for stored in (Stored(bits=16), Stored()):
+        camera = StoringCamera(rig, stored)
+        acquire_pictures(camera, MemoryStore(camera.exposures), 24, [rig.raster])
+    for stored in (Stored("srgb", bits=16), Stored("S")):
+        camera = StoringCamera(rig, stored)
+        with pytest.raises(InputError, match="light does not add up in the captures: half and half"):
+            acquire_pictures(camera, MemoryStore(camera.exposures), 24, [rig.raster])
+
+
+def photographed(exchange: Path, stored: Callable[[NDArray[np.uint8]], bytes], suffix: str) -> None:
+    """What a person with a camera does between two runs of the command."""
+    for path in (exchange / "patterns").glob("*.png"):
+        target = exchange / "captures" / f"{path.stem}{suffix}"
+        if not target.exists():
+            shown = cv2.imread(str(path), cv2.IMREAD_COLOR)
+            assert shown is not None
+            target.write_bytes(stored(shown[..., ::-1]))
+
+
+def test_jpegs_of_a_webcam_stop_the_acquisition_until_their_curve_is_given(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same captures go on with --camera-response."""
+    rig = rig_of("wall")
+    height, width = rig.raster
+    words = ["--camera", f"folder:{tmp_path / 'exchange'}", "--projector", f"{width}x{height}", "-o"]
+    words += [str(tmp_path / "room")]
+
+    def webcam(codes: NDArray[np.uint8]) -> bytes:
+        light = rig.photograph(codes, int(codes.sum() % 997))
+        done, content = cv2.imencode(
+            ".jpg", np.ascontiguousarray(Stored("srgb").codes(light)[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 92]
+        )
+        assert done
+        return bytes(content)
+
+    said = ""
+    for _ in range(2):  # the captures of black, floodlight and halves are asked for, and then judged
+        assert acquire_transport.main(words) == 2
+        said = capsys.readouterr().err
+        photographed(tmp_path / "exchange", webcam, ".jpg")
+    assert said.startswith(
+        "error: light does not add up in the captures: half and half of the light are captured as 14"
+    )
+    assert "the captures have a curve, as JPEGs and webcams have" in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "room").exists()
+    assert len(list((tmp_path / "exchange" / "patterns").glob("*.png"))) == 2 * REPEATS + 2 * SHOTS
+    assert acquire_transport.main([*words, "--camera-response", "srgb"]) == 2
+    assert "waiting for 108 captures" in capsys.readouterr().err

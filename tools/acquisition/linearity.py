@@ -1,0 +1,152 @@
+"""Is the camera linear? A picture and its complement tell, whatever the projector's response.
+
+The light p of a picture and the light q of its complement add up to the light w of white in every camera pixel. A
+camera with a curve (sRGB, a gamma, contrast) captures another sum where both pictures give light: half and half are
+1.42 of the whole with sRGB. Where one of them gives all of the light, the sum is right. So its excess is fitted by
+
+    (p + q) / w − 1 = k + a (1 − x²) + b x,    x = (p − q) / w,
+
+and a is the bend: 0 for a linear camera. A projector or a lamp that is brighter for dark pictures goes into k, and a
+capture of another picture into b. The picture has cells of all sizes, so that x takes all values in and out of focus.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from counterlight.arrays import FloatArray
+from counterlight.errors import InputError
+from counterlight.response import Response
+from counterlight.screen import parts_of
+from counterlight.tools.acquisition.cameras.camera import LINEAR, Camera
+from counterlight.tools.acquisition.cameras.together import views_of
+from counterlight.tools.acquisition.plan import Pattern, Reference
+
+SEED = 20250318
+SHOTS = 4  # of the picture, and of its complement
+CLEARLY_LIT = 20  # times the noise of a dark capture
+BRIGHT = 0.5  # of the camera values that are clearly lit: the noise and the JPEG blocks of the others bend sums, too
+MOST_BENT = 0.08  # linear cameras measured up to 0.05, as JPEG of quality 50; a gamma of 1.2 gives 0.10
+SURELY = 4  # standard deviations
+SCATTERED = 2  # times: sums of a curve scatter by less than its bend
+MODEL = 0.02  # relative error of sums that nothing else explains
+FEWEST = 30  # camera values
+LEAST_SPREAD = 1e-3  # of 1 − x², squared: else no camera pixel sees both pictures, or each sees both alike
+
+
+@dataclass(frozen=True)
+class Bend:
+    """amount : a, by which half and half are more than the whole.  deviation : its standard deviation.
+
+    scatter : root mean square of what is left of sums: where it is large, captures show something else.
+    """
+
+    amount: float
+    deviation: float
+    scatter: float = 0.0
+
+    @property
+    def is_linear(self) -> bool:
+        """A linear camera's, or no camera's at all."""
+        return abs(self.amount) <= max(MOST_BENT + SURELY * self.deviation, SCATTERED * self.scatter)
+
+    def told(self, response: Response = LINEAR) -> str:
+        """What is wrong and what to do, if it is not linear.  response : that was given for the camera."""
+        half = f"half and half of the light are captured as {100 * (1 + self.amount):.0f} % of the whole"
+        expected = f"expected 100 ± {100 * MOST_BENT:.0f} %"
+        if response != LINEAR:
+            cause = "--camera-response is not the camera's curve"
+        elif self.amount > 0:
+            cause = "the captures have a curve, as JPEGs and webcams have (sRGB, gamma, contrast)"
+        else:
+            cause = (
+                "the captures have a contrast curve, or the projector resamples pictures (switch keystone, zoom and "
+                "scaling off)"
+            )
+        return (
+            f"{half} ({expected}): {cause}; save RAW, set the camera to linear, or give its curve with "
+            "--camera-response: srgb, a gamma such as 2.2, or a file of counterlight merge-exposures --save-response"
+        )
+
+
+def halves_of(projector: tuple[int, int]) -> Pattern:
+    """Half of the pixels lit, in cells of 1, 2, 4 … pixels on top of each other; the same for everybody."""
+    rng, field = np.random.default_rng(SEED), np.zeros(projector)
+    side = 1
+    while side <= max(max(projector) // 4, 1):
+        cells = rng.standard_normal([-(-length // side) for length in projector])
+        field += cells.repeat(side, axis=0).repeat(side, axis=1)[: projector[0], : projector[1]]
+        side *= 2
+    return np.asarray(field > np.median(field))
+
+
+def shown_halves(projector: tuple[int, int]) -> list[Pattern]:
+    """The picture as often as it is captured, then its complement."""
+    picture = halves_of(projector)
+    return [picture] * SHOTS + [~picture] * SHOTS
+
+
+def bend_of(room: Reference, picture: FloatArray, complement: FloatArray) -> Bend | None:
+    """The bend of captures; None where too few camera pixels tell.
+
+    picture, complement : radiance of means of SHOTS captures, (camera height, camera width, 3).
+    """
+    p, q, w = (each - room.black for each in (picture, complement, room.floodlight))
+    lit = ~room.saturated[..., None] & (w >= CLEARLY_LIT * room.noise.dark) & (w > 0)
+    if lit.sum() < FEWEST:
+        return None
+    lit &= w >= np.quantile(w[lit], BRIGHT)
+    variance = (room.noise.sigma(p) ** 2 + room.noise.sigma(q) ** 2) / SHOTS
+    p, q, w, variance = p[lit], q[lit], w[lit], variance[lit]
+    return _fitted((p + q) / w - 1, (p - q) / w, 1 / (variance / w**2 + MODEL**2))
+
+
+def bend_of_shares(captured: FloatArray, shares: FloatArray, white: FloatArray, dark: FloatArray) -> Bend | None:
+    """The bend by pictures of which a fit says what shares of white they give; None where too few values tell.
+
+    A fit to captures that are bent takes up some of the bend.
+    captured, shares, white : of the same shape, (…, 3), light above black.  dark : (3,), noise of a dark capture.
+    """
+    lit = (white >= CLEARLY_LIT * dark) & (white > 0)
+    if lit.sum() < FEWEST:
+        return None
+    lit &= white >= np.quantile(white[lit], BRIGHT)
+    share = shares[lit]
+    bend = _fitted(2 * (captured[lit] / white[lit] - share), 2 * share - 1, np.ones_like(share))
+    return None if bend is None else replace(bend, scatter=0.0)  # that of the fit, which is large for a curve as well
+
+
+def _fitted(excess: FloatArray, x: FloatArray, weights: FloatArray) -> Bend | None:
+    """Weighted least squares; the deviation is that of residuals as they are, whatever the weights (White 1980)."""
+    if np.var(1 - x**2) < LEAST_SPREAD:
+        return None
+    design = np.stack([1 - x**2, np.ones_like(x), x], axis=1)
+    weighted = design * weights[:, None]
+    inverse = np.linalg.pinv(design.T @ weighted)
+    found = inverse @ (weighted.T @ excess)
+    left = excess - design @ found
+    scores = weighted * left[:, None]
+    deviation = np.sqrt((inverse @ (scores.T @ scores) @ inverse)[0, 0])
+    return Bend(float(found[0]), float(deviation), float(np.sqrt(np.average(left**2, weights=weights))))
+
+
+def bends_of(camera: Camera, room: Reference, picture: FloatArray, complement: FloatArray) -> list[Bend | None]:
+    """`bend_of` each of several cameras, or of the only one."""
+    parts = parts_of(views_of(camera)) or (...,)
+    return [
+        bend_of(
+            replace(room, black=room.black[part], floodlight=room.floodlight[part], saturated=room.saturated[part]),
+            picture[part],
+            complement[part],
+        )
+        for part in parts
+    ]
+
+
+def refuse_bends(camera: Camera, bends: Sequence[Bend | None], name: str = "") -> None:
+    """InputError if one of them is not a linear camera's.  name : of the projector, before what is said."""
+    for number, bend in enumerate(bends, 1):
+        if bend is not None and not bend.is_linear:
+            who = f"{name}camera {number}: " if len(bends) > 1 else name
+            raise InputError(f"{who}light does not add up in the captures: {bend.told(camera.exposures.response)}")
