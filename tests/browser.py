@@ -93,7 +93,28 @@ class Page:
         return x, y
 
     def click(self, selector: str) -> None:
-        self.drag(self.middle(selector))
+        self._hit(selector, "click", lambda: self.drag(self.middle(selector)))
+
+    def slide(self, selector: str, share: float) -> None:
+        """From an element's middle to the right, by a share of its width."""
+        width = self.ask(f"document.querySelector({json.dumps(selector)}).getBoundingClientRect().width")
+
+        def drag() -> None:
+            x, y = self.middle(selector)
+            self.drag((x, y), (x + share * width, y))
+
+        self._hit(selector, "pointerdown", drag)
+
+    def _hit(self, selector: str, event: str, gesture: Callable[[], None]) -> None:
+        """Repeat a gesture until its event reaches the element, which the page may move or replace meanwhile."""
+        reached = f"e => {{ window.reached = e.target.closest({json.dumps(selector)}) !== null }}"
+        deadline = time.monotonic() + PATIENCE_S
+        while True:
+            self.ask(f"window.reached = false; addEventListener('{event}', {reached}, {{capture: true, once: true}})")
+            gesture()
+            if self.ask("window.reached") is not False:  # nor of the page that it leads to
+                return
+            assert time.monotonic() < deadline, (selector, self.complaints)
 
     def drag(self, *points: tuple[float, float]) -> None:
         """The left mouse button pressed at the first point and released at the last."""
@@ -132,7 +153,9 @@ def browser(folder: Path) -> Iterator[Callable[[], Page]]:
             request = Request(f"http://127.0.0.1:{port}/json/new?about:blank", method="PUT")
             with urlopen(request, timeout=PATIENCE_S) as answer:
                 address = json.loads(answer.read())["webSocketDebuggerUrl"]
-            return Page(stack.enter_context(connect(address, max_size=None, close_timeout=1, proxy=None)))
+            return Page(
+                stack.enter_context(connect(address, max_size=None, close_timeout=1, ping_interval=None, proxy=None))
+            )
 
         yield tab
 

@@ -146,7 +146,7 @@ class Screen:
     def snapshot(self) -> Snapshot:
         self.snapshots += 1
         nothing = np.zeros((1, 1, 3), np.float32)
-        return Snapshot(self.certificate(), nothing, nothing, nothing, self.steps[-1], self.steps[-1])
+        return Snapshot(self.certificate(), nothing, nothing, nothing, nothing, self.steps[-1], self.steps[-1])
 
     def render(self, view: str, *, compensate: bool, frame: int = 0, steps: int = 0, timed: bool = False) -> None:
         self.state = view, compensate

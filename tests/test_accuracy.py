@@ -51,7 +51,7 @@ def test_the_default_map_is_never_worse_than_direct_or_the_plain_inverse(room: s
                 picture,
                 radiance=False,
                 options=options,
-                maps=lambda: read_maps(stored),
+                maps=read_maps(stored),
             )
             mapped, mapping = task.run(np.zeros((*PROJECTOR, 3)))
             psnr.setdefault(name, []).append(mapped.quality.psnr)

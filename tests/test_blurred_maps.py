@@ -108,10 +108,10 @@ def test_what_full_drive_gives_without_far_light_is_near_and_blurred(rng: np.ran
     np.testing.assert_allclose(most, written_out(T.without_far).sum(axis=2).T, atol=FLOAT32)
 
 
-@pytest.mark.parametrize("option", [{"inverse": "whole"}, {"max_cluster": 50}, {"method": "thesis"}, {"damping": 0.0}])
+@pytest.mark.parametrize("option", [{"inverse": "whole"}, {"max_cluster": 50}, {"inverse": "cut"}, {"damping": 0.0}])
 def test_what_asks_for_an_inverse_is_refused(rng: np.random.Generator, option: dict[str, object]) -> None:
     T = in_blocks(discs(rng, RADIUS))
-    with pytest.raises(InputError, match=r"--inverse (whole|cut|thesis): blurred light is kept in blocks of pixels"):
+    with pytest.raises(InputError, match=r"--inverse (whole|cut): blurred light is kept in blocks of pixels"):
         build_maps(tier_of(calibrated(T), T), InverseOptions(**option))  # type: ignore[arg-type]
 
 

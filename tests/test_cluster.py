@@ -77,7 +77,7 @@ FEW = (
     "j.catalogue(); few = [box, *some[:3]]; j.catalogue = lambda: few; knob = j.uncut_knobs()[:1]; "
     "j.uncut_knobs = lambda: knob; raise SystemExit(main())"
 )
-TIMED = {"preparation_s", "cpu_s", "gl_ms"}
+TIMED = {"preparation_s", "cpu_s", "frame_ms"}
 
 
 def studying(report: Path, *more: object) -> list[object]:

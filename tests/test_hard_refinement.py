@@ -51,7 +51,7 @@ def test_steps_never_make_a_hard_case_worse_and_come_close_to_the_optimum(name: 
     assert many <= max(few, least) * 1.01 + wrong
     assert many <= least + wrong
     noise = hard_cases.amplification(CASES[name], refined(64), drives[64])
-    assert noise <= MOST_NOISE.get(name, 10)  # a plain inverse: up to the condition number
+    assert noise <= MOST_NOISE.get(name, 12)  # a plain inverse: up to the condition number
 
 
 def possible(case: HardCase) -> HardCase:

@@ -66,7 +66,7 @@ def test_the_manifest_says_what_was_done_and_why(built: Path) -> None:
         (["--method", "whole"], "--method whole: expected auto, clustered, windowed"),
         (
             ["--method", "windowed", "--regularize", "none"],
-            "--regularize none: a cluster of 1200 projector pixels",
+            "undamped inverse: a cluster of 1200 projector pixels",
         ),
     ],
 )

@@ -23,6 +23,7 @@ from counterlight.tools.transport import coarser as coarser_devices
 from counterlight.tools.transport.coarser import Blocks
 from counterlight.tools.transport.joining import joined
 from counterlight.tools.transport.joining_cameras import CameraOptions, joined_cameras
+from counterlight.tools.transport.objective import DEFAULT_AIMS
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
 from tests.rooms import write_blurred_room
@@ -104,15 +105,17 @@ def test_a_large_room_is_asked_as_a_small_one(place: Place) -> None:
 
 def test_the_whole_room_loses_nothing_and_less_of_it_more(place: Place) -> None:
     answers = {answer.setting: answer for answer in coarser.sizes(place).answers}
-    assert answers["camera whole, projector whole"].below == pytest.approx(0, abs=1e-9)
+    assert answers["camera whole, projector whole"].below < 0.02  # what priors cost
     assert answers["camera whole, projector half"].below > 0.1
     assert "camera whole, projector a quarter" not in answers  # fewer than 8 pixels would be left
 
 
 def test_what_has_not_moved_costs_nothing_and_a_pixel_is_a_pixel(place: Place) -> None:
     question = drifting.drift(place)
-    usual = {answer.cost: answer.below for answer in question.answers if answer.series == "--drift 0.1"}
-    assert usual[0.0] == pytest.approx(0, abs=0.01)  # both solved to 0.004 dB
+    usual = {
+        answer.cost: answer.below for answer in question.answers if answer.series == f"--drift {DEFAULT_AIMS.drift:g}"
+    }
+    assert usual[0.0] == pytest.approx(0, abs=0.02)  # what priors cost; both solved to 0.004 dB
     assert sorted(usual.values()) == list(usual.values())
     ready = {answer.cost: answer.below for answer in question.answers if answer.series == "--drift 0.5"}
     assert ready[0.0] > usual[0.0]
@@ -129,7 +132,7 @@ def test_frames_of_film_go_on_from_the_one_before(place: Place) -> None:
         for steps in moving.STEPS:  # what is carried helps, or is lost in float32 where nothing is left to gain
             assert below[f"film, from {begin}", steps] <= below[f"stills, from {begin}", steps] + 0.005
         assert below[f"film, from {begin}", 1] < 0.9 * below[f"stills, from {begin}", 1]
-        assert below[f"film, from {begin}", 16] < 0.02
+        assert below[f"film, from {begin}", 16] < 0.03  # what priors cost
     assert question.verdict.startswith("Within 0.1 dB of the best from T⁺, film after ")
 
 
@@ -216,7 +219,9 @@ def test_the_verdict_names_the_cheapest_that_is_good_enough() -> None:
     assert found.setting == "good"
     assert cheapest(tried[:1], 0.001) is None
     rows = [
-        replace(ROW, family="refined from direct", knob="steps", value=float(n), gl_ms=float(n), below_optimum_db=1 / n)
+        replace(
+            ROW, family="refined from direct", knob="steps", value=float(n), frame_ms=float(n), below_optimum_db=1 / n
+        )
         for n in (1, 4, 16)
     ]
     question = figures.steps(rows)

@@ -28,7 +28,7 @@ TOLERANCE_DB = 0.02  # the study's frames are OpenGL's, a file's are the process
 def listed() -> list[str]:
     """The methods of the page's first table."""
     rows = PAGE.read_text(encoding="utf-8").split("\n| method |", 1)[1].split("\n\n", 1)[0].splitlines()[2:]
-    return [row.split("|")[1].strip().removesuffix(" (CPU)") for row in rows]
+    return [row.split("|")[1].strip().removesuffix(" (solver)") for row in rows]
 
 
 class Commanded:
@@ -66,7 +66,8 @@ class Commanded:
             else:
                 succeed(verb, room, self._picture, *options, "-o", output)
         drive = np.asarray(exr.read_rgb(output), np.float64).reshape(-1, 3)
-        return self._task.judge(np.clip(drive, 0, 1)).below_optimum
+        exposed = "--no-compensation" in commands
+        return self._task.judge(np.clip(drive, 0, 1), any_exposure=exposed).below_optimum
 
     def _built(self, options: list[str]) -> Path:
         room = self._folder / "_".join(["room", *options])

@@ -272,16 +272,23 @@ def simulate(
 
 @in_python()
 def solve(
-    room: Room, picture: ArrayLike, solver: str = "box", *, white: float | None = None, colour: str | None = None
+    room: Room,
+    picture: ArrayLike,
+    solver: str = "box",
+    *,
+    white: float | None = None,
+    colour: str | None = None,
+    priors: bool = False,
 ) -> Solution:
     """A projector picture by a CPU solver (docs/solvers.md).
 
     picture : (camera height, camera width, 3): floats are linear light as shares of `white`; uint8 and uint16 are sRGB
     code values, as `counterlight play` takes them from a file. One colour (3,) or one number fills the picture.
     white : a radiance; None takes the room's.
-    solver : box (the best that a projector can show), nnls, svd, qr, direct or triangulated; what is
-    beyond 0..1 is clamped.
+    solver : box (the best that a projector can show), nnls, svd, qr, direct or triangulated, over the lit camera
+    pixels; what is beyond 0..1 is clamped.
     colour : instead of the room's.
+    priors : box seeks what the player seeks, with its weights and priors, instead of least squares alone.
     """
     from counterlight.tools.solve.registry import OF_PICTURES, SOLVERS, prepare
 
@@ -291,8 +298,9 @@ def solve(
     b = tier.asked(wanted * arguments.white(white, tier.white))
     objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS, tier.mixing)
     T = replace(tier.transport, camera=room.camera, projector=room.projector)
-    drive = np.clip(prepare(solver, T, room.mask, objective).solve(b).unclamped, 0, 1)
-    bound = objective.certificate(drive, b.reshape(-1, 3))
+    sought, counts = objective if priors else None, objective.lit_picture(tier.calibration)
+    drive = np.clip(prepare(solver, T, counts, sought).solve(b).unclamped, 0, 1)
+    bound = objective.unweighted.certificate(drive, b.reshape(-1, 3))
     shown = drive.reshape(*room.projector, 3)
     return Solution(shown, tier.seen(shown), bound.decibels)
 

@@ -48,6 +48,7 @@ def _main(argv: Sequence[str] | None) -> None:
         options.method,
         options.inverse,
         _parameters(options),
+        options.tau,
     )
     if options.report is not None:
         check_folder(options.report, inputs=[options.calibration])
@@ -117,9 +118,9 @@ def _parser() -> argparse.ArgumentParser:
         "--inverse",
         choices=INVERSES,
         default="auto",
-        help="T⁺ of the whole transport, of one that is cut into clusters as the thesis does, or none: direct mapping, "
-        "which refinement starts from (default auto: whole where a sample says that it takes at most a minute, fits "
-        "the memory and keeps its tolerance; else cut; the last line says which, and why)",
+        help="T⁺ of the whole transport, of a transport that is cut into clusters, or none: direct mapping instead; "
+        "thesis: chapter 5 to the letter, for play --refine 0 (default auto: whole if a sample shows that it takes at "
+        "most a minute and half of the memory; else cut; else none; the last line names the choice and the reason)",
     )
     parser.add_argument(
         "--regularize",
@@ -127,7 +128,7 @@ def _parser() -> argparse.ArgumentParser:
         default=None,
         metavar="auto|none|NUMBER",
         help="damping λ as a fraction of the largest singular value (auto: the one with the least camera error after "
-        "the clamp; none: the thesis' plain pseudo-inverse)",
+        "the clamp; none: 0)",
     )
     parser.add_argument(
         "--max-error",
@@ -141,7 +142,7 @@ def _parser() -> argparse.ArgumentParser:
         type=int,
         metavar="PIXELS",
         help="--inverse cut, into clusters of at most this many projector pixels: a smaller, less accurate map, above "
-        "all out of focus (default 1000; 200 with --method thesis)",
+        "all out of focus (default 1000; 200 with --inverse thesis)",
     )
     parser.add_argument(
         "--radius",
@@ -166,8 +167,14 @@ def _parser() -> argparse.ArgumentParser:
         "--method",
         default="auto",
         metavar="|".join(INVERSE_METHODS),
-        help="invert clusters whole, through windows, or as their sizes allow (default auto, which says what and why); "
-        "or all as the thesis does: near and far light in one T, cut, plain pseudo-inverses, and no steps in playback",
+        help="invert clusters whole, through windows, or as their sizes allow (default auto, which says what and why)",
+    )
+    parser.add_argument(
+        "--tau",
+        type=float,
+        metavar="SHARE",
+        help="with --inverse thesis: entries of T below this share of white are dropped, as an acquisition with this "
+        "threshold would have missed them (default 0.001 in rooms with far light, else 0)",
     )
     parser.add_argument(
         "--noise",

@@ -12,7 +12,8 @@ from counterlight.tools.objective_options import add_objective_options, aims_of
 
 MEANING = """none: uncorrected; direct: one camera pixel per projector pixel; triangulated: between three of them; map:
 the correction map, as the player applies it; qr, svd: least squares per cluster; nnls: non-negative; box: the best that
-a projector can show (0 to 1). All are clamped to 0..1 and judged through the undecomposed transport."""
+a projector can show (0 to 1). All are clamped to 0..1 and judged through the undecomposed transport, over the lit
+camera pixels."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -23,11 +24,13 @@ def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
     from counterlight.calibration import check_order
     from counterlight.tools.solve.compensate import CompensateOptions, compensate
+    from counterlight.tools.transport.objective import DEFAULT_AIMS
 
     names = COMPENSATIONS if options.solver == "all" else tuple(options.solver.split(","))
     check_order(options.calibration, [options.picture])
-    aims = aims_of(options)
-    wanted = CompensateOptions(tuple(dict.fromkeys(names)), options.max_cluster, options.white, options.colour, aims)
+    aims, solvers = aims_of(options), tuple(dict.fromkeys(names))
+    priors = options.priors or aims != DEFAULT_AIMS
+    wanted = CompensateOptions(solvers, options.max_cluster, options.white, options.colour, aims, priors)
     for line in compensate(options.calibration, options.picture, options.output, wanted):
         print(line, flush=True)
 
@@ -59,6 +62,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--white", type=float, metavar="RADIANCE", help="of a white picture (default: as the player)")
     add_colour(parser)
+    parser.add_argument(
+        "--priors",
+        action="store_true",
+        help="box seeks what play seeks, with weights and priors, instead of least squares alone; the next three "
+        "options ask for it, too",
+    )
     add_objective_options(parser)
     return parser
 

@@ -25,9 +25,9 @@ def add_objective_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--drift",
         type=float,
-        default=0.1,
+        default=0.05,
         metavar="PIXELS",
-        help="how far the projector's picture may shift, in its pixels: neighbours then differ less (default 0.1)",
+        help="how far the projector's picture may shift, in its pixels: neighbours then differ less (default 0.05)",
     )
     parser.add_argument(
         "--avoid-highlights",

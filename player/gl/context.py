@@ -12,9 +12,10 @@ SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software", "gdi ge
 
 
 @contextmanager
-def headless_context() -> Iterator[moderngl.Context]:
+def headless_context(instead: str = "") -> Iterator[moderngl.Context]:
     """A standalone OpenGL 4.3 context through EGL (a GPU, or Mesa's llvmpipe), else 3.3, released at the end.
 
+    instead : an option of the command that does without OpenGL, for the error.
     Raises InputError with the fix when there is none.
     """
     settings: dict[str, Any] = {"standalone": True, "backend": "egl"}
@@ -26,7 +27,7 @@ def headless_context() -> Iterator[moderngl.Context]:
     except Exception as error:
         raise InputError(
             f"no OpenGL through EGL ({' '.join(str(error).split())}); install it with: apt-get install libegl1 libgl1, "
-            "ask counterlight doctor what is missing, or use --backend cpu"
+            f"or ask counterlight doctor what is missing{instead and f', or {instead}'}"
         ) from None
     try:
         yield context

@@ -6,7 +6,7 @@ far : the far light's factors D, M, U, if the room has any: projector picture ->
 blurred : the blurred light's factors P, B, if the room has any: projector picture -> cells -> camera picture.
 undo : D' and M', which predict the far light of a *compensated* picture from the desired one, so that it can be
 subtracted before T⁺: p = T⁺ (b − U M' D' b), the fixed point of p = T⁺ (b − U M D p); see tools/inverse/far_light.py.
-None without far light, and where T⁺ is of near and far light in one (build --method thesis).
+None without far light, and where T⁺ is of near and far light in one (build --inverse thesis).
 refinement : what the player's projected gradient steps need beside T: TᵀW, step sizes, a prior, and direct mapping to
 start from.
 mixing : how the camera's colours mix the primaries; all of these maps are of the transport T̃ beyond it (mixing.py).
@@ -47,7 +47,7 @@ FORMAT = 2  # 1 knew no weights and no prior
 UNUSABLE = "give more --regularize, or look for what is extreme in the calibration"
 FOLDER, MANIFEST, STEP_SIZE = "correction", "manifest.toml", "step_size.exr"
 AT_A_TIME = 2  # maps that are read or written
-WEIGHTS, SEEN = "weights.exr", "seen.exr"
+WEIGHTS, SEEN, LIT = "weights.exr", "seen.exr", "lit.exr"
 WORDS = "words"
 IN_ENTRIES = {".", "direct", "undo_gather", "undo_mix"}  # maps that are never in words
 
@@ -98,7 +98,8 @@ class RefinementMaps:
     pixel is lit.
     prior : what the drive is drawn to where the camera says little.
     weights : W's diagonal, (camera height, camera width) float32.
-    seen : (projector height, projector width) float32, how much of a pixel the camera sees, 1 for most.
+    seen : (projector height, projector width) float32, how well the camera sees a pixel, 1 for as well as most.
+    lit : (camera height, camera width) float32, 1 for camera pixels that figures refer to, else 0.
     """
 
     dual: RowMap
@@ -108,6 +109,7 @@ class RefinementMaps:
     prior: Prior
     weights: NDArray[np.float32]
     seen: NDArray[np.float32]
+    lit: NDArray[np.float32]
     blurred_dual: BlurredMaps | None = None
 
     __repr__ = brief
@@ -126,6 +128,7 @@ class RoomMaps:
     details : what the builder wrote beside: options, clusters, bounds.
     refinement : None if it was left out, when the maps were built or read.
     mixing : of the primaries, beyond which the maps stand.
+    bounded : whether no camera pixel is asked for what it cannot have by itself, b within 0 to T·1; not in chapter 5.
     words : None if there are none, or they were not asked for.
     """
 
@@ -137,6 +140,7 @@ class RoomMaps:
     details: dict[str, Any] = field(default_factory=dict)
     refinement: RefinementMaps | None = None
     mixing: Mixing = field(default_factory=Mixing)
+    bounded: bool = True
     words: RoomWords | None = None
     blurred: BlurredMaps | None = None
 
@@ -222,13 +226,15 @@ def write_maps(maps: RoomMaps, stored: StoredCalibration, stage: Path) -> None:
     if maps.refinement is not None:
         exr.write_plain(stage / STEP_SIZE, exr.rgb(maps.refinement.step_size))
         maps.refinement.prior.write(stage)
-        for name, values in ((WEIGHTS, maps.refinement.weights), (SEEN, maps.refinement.seen)):
+        greys = {WEIGHTS: maps.refinement.weights, SEEN: maps.refinement.seen, LIT: maps.refinement.lit}
+        for name, values in greys.items():
             exr.write_plain(stage / name, {"Y": values})
     mixings.write(maps.mixing, stage)
     manifest = {
         "format": FORMAT,
         "calibration": stored.fingerprint,
         "white": maps.white,
+        "bounded": maps.bounded,
         **maps.details,
         **maps.mixing.to_toml(),
         "maps": sizes,
@@ -283,16 +289,20 @@ def _read_maps(stored: StoredCalibration, refinement: bool, words: bool) -> Room
     if "dual" in maps:
         dual = FarMaps(maps["dual_gather"], maps["dual_mix"], maps["dual_scatter"]) if far else None
         projector, camera = stored.calibration.projector.shape, stored.calibration.camera.shape
+        weights = _read_positive(files, WEIGHTS, camera, "the camera")[..., 0]
+        lit = _read_positive(files, LIT, camera, "the camera")[..., 0] if LIT in files else weights > 0
         pictures = (
             _read_positive(files, STEP_SIZE, projector, "the projector"),
             prior.read(files, projector),
-            _read_positive(files, WEIGHTS, camera, "the camera")[..., 0],
+            weights,
             _read_positive(files, SEEN, projector, "the projector")[..., 0],
+            np.where((lit > 0) & (weights > 0), np.float32(1), np.float32(0)),
         )
         further = RefinementMaps(maps["dual"], dual, maps["direct"], *pictures, _blurred(maps, "blurred_dual"))
     mixing = mixings.read(manifest, files, stored.calibration.camera.shape)
     details = {key: value for key, value in values.items() if key not in ("colour", "maps", WORDS, "files")}
-    found = RoomMaps(maps["."], maps["transport"], far, undo, white, details, further, mixing, blurred=blurred)
+    bounded = manifest.truth("bounded", True)
+    found = RoomMaps(maps["."], maps["transport"], far, undo, white, details, further, mixing, bounded, blurred=blurred)
     if not words or further is None or WORDS not in manifest:
         return found
     return replace(found, words=_read_words(manifest, found, files))

@@ -35,8 +35,7 @@ class Eye:
         self.near_light = NearLight(undo)
         self.refiner = None
         if maps.refinement is not None:
-            mask = self.room.calibration.mask
-            self.refiner = own(Refiner(device, self.stored, maps.refinement, mask))
+            self.refiner = own(Refiner(device, self.stored, maps.refinement))
         mixer = own(Mixer(device, self.room))
         self._make_observer = partial(Observer, self.stored, ambient, mixer)
         self.views = own(MapViews(device, self.stored, ambient, mixer))

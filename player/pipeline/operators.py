@@ -84,7 +84,9 @@ def compensation(maps: RoomMaps) -> Compensation:
 
 
 def drive_of(maps: RoomMaps, b: Light) -> FloatArray:
-    """T⁺ b as the player takes it, not clamped: of b that each camera pixel can have by itself, 0 to T·1."""
+    """T⁺ b as the player takes it, not clamped; b within what each camera pixel can have, where the maps bound it."""
+    if not maps.bounded:
+        return compensation(maps).apply(b)
     parts: list[Operator] = [PreparedRows(maps.transport)]
     parts += [Chain([PreparedRows(part) for part in each.parts]) for each in maps.beside]
     full = Sum(parts).apply(np.ones((*maps.transport.source_shape, 3)))

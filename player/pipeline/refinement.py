@@ -25,8 +25,9 @@ from counterlight.files.tables import Table
 
 STARTS = ("previous", "previous-direct", "map", "direct", "grey")
 DEFAULT_STEPS, STEPS_WITHOUT_MAP = 4, 8
-STEPS_OF_A_STILL = 64  # where no frame is waited for
-DEAR_MAP = 5.0  # a T⁺ b that takes as long as so many steps is better left for more steps (docs/refinement.md)
+STEPS_OF_A_STILL = 128  # where no frame is waited for: with 64, coarse cameras out of focus are 0.7 dB short
+GOOD_ENOUGH_DB = 0.1  # below the optimum: nobody could tell
+MOST_OFFERED = 16  # steps that a window is asked for
 GREY = 0.5
 OVER_RELAXATION = 0.6
 LARGEST_MOMENTUM = 0.95  # below 1, every mode of an unclamped iteration decays however many steps are made
@@ -35,11 +36,6 @@ MOST_STEPS = 256
 FINEST_DB, WORST_DB = 1e-3, 1e3  # of what a manifest says
 SHARE_OF_FRAME = 0.8
 LEAST_PATIENCE, PATIENCE = 8, 100  # frames
-
-
-def default_start(map_in_steps: float) -> str:
-    """Where refinement starts in a room whose T⁺ b takes as long as so many steps."""
-    return "previous" if map_in_steps < DEAR_MAP else "previous-direct"
 
 
 def default_steps(start: str) -> int:
@@ -116,19 +112,16 @@ def momentum(step: int) -> float:
 
 @dataclass(frozen=True)
 class Certificate:
-    """How far a drive can be from the best one, per colour channel.
+    """How far a drive can be from the best one, per colour channel: from the least Σ (T p − b)², 0 ≤ p ≤ 1.
 
-    squared_error : (3,) ‖T p − b‖² inside the mask; in the player of all b that was asked for, beyond what a pixel can
-    have, too.
-    gap : (3,) G = Σ max(g p, g (p − 1)), g the gradient: no drive's objective is smaller by more than G.
-    weighted_error : (3,) E = Σ w (T p − b)², at most twice the objective; None where it is the squared error.
+    squared_error : (3,) E = ‖T p − b‖²; in the player over the lit camera pixels, of all b that was asked for.
+    gap : (3,) G = Σ max(g p, g (p − 1)), g the gradient of E/2: no drive's E/2 is smaller by more than G.
     outside : light that the camera does not see, as a share of what the picture throws there without compensation;
     None where that is nothing, or nobody asked.
     """
 
     squared_error: NDArray[np.float64]
     gap: NDArray[np.float64]
-    weighted_error: NDArray[np.float64] | None = None
     outside: float | None = None
 
     def __repr__(self) -> str:
@@ -136,24 +129,18 @@ class Certificate:
 
     @property
     def relative(self) -> float:
-        """G over ½E, all channels."""
-        return float(2 * self.gap.sum() / max(self.error.sum(), 1e-300))
+        """G over E/2, all channels."""
+        return float(2 * self.gap.sum() / max(self.squared_error.sum(), 1e-300))
 
     @property
     def decibels(self) -> float:
-        """The PSNR, by the trusted pixels, is at most this far below the optimum's; infinite where G says nothing.
+        """The PSNR is at most this far below the optimum's; infinite where G says nothing.
 
-        The residual is a point of the dual problem; scaling it by its best factor turns G into E* ≥ (E − G)²/E. That E
-        leaves the prior's share of the objective out makes the bound more careful still.
+        The residual is a point of the dual problem; scaling it by its best factor turns G into E* ≥ (E − G)²/E.
         """
-        E, G = self.error, self.gap
+        E, G = self.squared_error, self.gap
         least = np.sum(np.maximum(E - G, 0) ** 2 / np.maximum(E, 1e-300))
         return float(10 * np.log10(max(E.sum(), 1e-300) / least)) if least > 0 else float("inf")
-
-    @property
-    def error(self) -> NDArray[np.float64]:
-        """E, (3,)."""
-        return self.squared_error if self.weighted_error is None else self.weighted_error
 
     def to_dict(self) -> dict[str, float | None]:
         """For JSON, which has no infinity."""

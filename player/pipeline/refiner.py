@@ -1,6 +1,5 @@
 """Refinement: two gathers a step, T and Tᵀ, and the step itself; see player/pipeline/refinement.py."""
 
-from collections.abc import Callable
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -20,7 +19,7 @@ SUBTRACT = "SUBTRACT_FROM_BASE"
 class Goal(NamedTuple):
     """What a drive is measured by.
 
-    b : what was solved for.  unbounded : what was asked for, beyond what can be had, too.  plain : the drive without
+    b : what the steps seek.  unbounded : what was asked for, beyond what can be had, too.  plain : the drive without
     compensation.
     """
 
@@ -32,16 +31,10 @@ class Goal(NamedTuple):
 class Refiner:
     """Steps from a drive towards the best one, and says how far from it a drive can be.
 
-    stored : T and TᵀW, which others read as well.  mask : (camera height, camera width).
+    stored : T and TᵀW, which others read as well.
     """
 
-    def __init__(
-        self,
-        device: Device,
-        stored: StoredMaps,
-        maps: RefinementMaps,
-        mask: NDArray[np.bool_],
-    ) -> None:
+    def __init__(self, device: Device, stored: StoredMaps, maps: RefinementMaps) -> None:
         self._owner, self._device = Owner(), device
         own, projector = self._owner.own, maps.dual.output_shape
         try:
@@ -51,7 +44,7 @@ class Refiner:
             self._step_size = own(device.picture(maps.step_size))
             self._make_downhill = partial(device.make_pass, "refinement_step.frag", projector, {"SLOPE": None})
             self._make_curvature = partial(_curvature, device, maps.step_size)
-            self._make_certifier = partial(_Certifier, device, maps, mask)
+            self._make_certifier = partial(_Certifier, device, maps)
         except BaseException:
             self.release()
             raise
@@ -75,16 +68,15 @@ class Refiner:
 
     def certify(self, p: Light, goal: Goal) -> Certificate:
         """Measure a drive within 0..1; waits for the GPU."""
-        return self._measured(p, goal)[0]
+        return self._certifier.run(self._slope, p, goal)[0]
 
     def snapshot(self, last: Iterate, goal: Goal, steps: int) -> Snapshot:
-        """The same of a drive after `steps` steps, with what an estimate needs; reads three pictures back."""
-        certificate, descent = self._measured(last.p, goal)
+        """The same of a drive after `steps` steps, with what an estimate needs; reads four pictures back."""
+        certificate, found = self._certifier.run(self._slope, last.p, goal)
+        unweighted = np.array(self._device.read(found, np.float32))
+        descent = self._slope.run(last.p, goal.b)[1]
         p, y, d = (self._device.read(picture, np.float32) for picture in (last.p, last.y, descent))
-        return Snapshot(certificate, p, y, d, last.steps, steps)
-
-    def _measured(self, p: Light, goal: Goal) -> tuple[Certificate, Light]:
-        return self._certifier.run(self._slope, self._against_gradient, p, goal)
+        return Snapshot(certificate, p, y, d, unweighted, last.steps, steps)
 
     def _against_gradient(self, descent: Light, y: Light) -> Light:
         return self._downhill.run(descent=descent, y=y, **self._prior)
@@ -95,7 +87,7 @@ class Refiner:
 
     @cached_property
     def _certifier(self) -> "_Certifier":
-        """Made when first asked: seven pictures, which a show that shows no figures has no use for."""
+        """Made when first asked: eight pictures, which a show that shows no figures has no use for."""
         return self._owner.own(self._make_certifier())
 
     def release(self) -> None:
@@ -114,16 +106,19 @@ class _Slope:
 
     def run(self, y: Light, b: Light) -> tuple[Light, Light]:
         """The residual, weighed where the maps weigh, and the slope."""
-        residual = self._residual.run(y, b)
+        residual = self.source(y, b)
+        return residual, self.gathered(residual)
+
+    def source(self, y: Light, b: Light) -> Light:
+        """b − T y as the maps of TᵀW take it."""
+        return self._residual.run(y, b)
+
+    def gathered(self, residual: Light) -> Light:
+        """TᵀW of a residual from `source`."""
         descent = self._dual.run(residual)
         for chain in self._beside:
             descent = chain.run(residual, descent)
-        return residual, descent
-
-    def measured(self, p: Light, b: Light) -> tuple[Light, Light]:
-        """The residual as it is, and the slope."""
-        residual, descent = self.run(p, b)
-        return self.residual(p, b) if self._stored.weighs else residual, descent
+        return descent
 
     def residual(self, p: Light, b: Light) -> Light:
         """b − T p as it is."""
@@ -159,36 +154,35 @@ class _Residual:
 
 
 class _Certifier:
-    """The gap, the errors and the light outside, summed over the picture and read back."""
+    """The unweighted error over the lit camera pixels, its gap and the light outside, summed and read back."""
 
-    def __init__(self, device: Device, maps: RefinementMaps, mask: NDArray[np.bool_]) -> None:
-        camera, projector = (mask.shape[0], mask.shape[1]), maps.dual.output_shape
-        self._owner = Owner()
-        own = self._owner.own
-        self._gap = own(device.make_pass("gap.frag", projector))
-        self._squared = own(device.make_pass("weighted.frag", camera, {"SQUARED": None}))
-        self._weighted = own(device.make_pass("weighted.frag", projector))
-        self._mask, self._weights, self._unseen = (
-            own(device.picture(grey(values))) for values in (mask, maps.weights, 1 - np.minimum(maps.seen, 1))
+    def __init__(self, device: Device, maps: RefinementMaps) -> None:
+        (camera, projector), self._owner = (maps.weights.shape, maps.seen.shape), Owner()
+        own, lit = self._owner.own, maps.lit > 0
+        unweighing = np.divide(1, maps.weights, out=np.zeros_like(maps.weights), where=lit)
+        self._gap = own(device.make_pass("gap.frag", (projector[0], projector[1])))
+        self._squared, self._counted = (
+            own(device.make_pass("weighted.frag", (camera[0], camera[1]), defines))
+            for defines in ({"SQUARED": None}, {})
         )
-        self._of_projector, self._of_camera = own(device.total(projector)), own(device.total(camera))
+        self._weighted = own(device.make_pass("weighted.frag", (projector[0], projector[1])))
+        self._lit, self._unweighing, self._unseen = (
+            own(device.picture(grey(values))) for values in (lit, unweighing, 1 - np.minimum(maps.seen, 1))
+        )
+        self._of_projector, self._of_camera = (own(device.total((h, w))) for h, w in (projector, camera))
 
-    def run(
-        self, slope: _Slope, against_gradient: Callable[[Light, Light], Light], p: Light, goal: Goal
-    ) -> tuple[Certificate, Light]:
-        """With TᵀW (b − T p). The error inside the mask is of all that was asked for."""
-        residual, descent = slope.measured(p, goal.b)
-        gap = self._of_projector.run(self._gap.run(descent=against_gradient(descent, p), p=p))
-        weighted = self._error(residual, self._weights)
-        inside = self._error(slope.residual(p, goal.unbounded), self._mask)
+    def run(self, slope: _Slope, p: Light, goal: Goal) -> tuple[Certificate, Light]:
+        """With Tᵀ (b − T p) over the lit camera pixels, of all that was asked for."""
+        counted = self._counted.run(picture=slope.source(p, goal.unbounded), weights=self._unweighing)
+        descent = slope.gathered(counted)
+        gap = self._of_projector.run(self._gap.run(descent=descent, p=p))
+        squared = self._squared.run(picture=slope.residual(p, goal.unbounded), weights=self._lit)
+        error = np.asarray(self._of_camera.run(squared), np.float64)
         beside, usual = (
             float(np.sum(self._of_projector.run(self._weighted.run(picture=drive, weights=self._unseen))))
             for drive in (p, goal.plain)
         )
-        return Certificate(inside, gap, weighted, beside / usual if usual > 0 else None), descent
-
-    def _error(self, residual: Light, weights: Light) -> NDArray[np.float64]:
-        return np.asarray(self._of_camera.run(self._squared.run(picture=residual, weights=weights)), np.float64)
+        return Certificate(error, gap, beside / usual if usual > 0 else None), descent
 
     def release(self) -> None:
         self._owner.release()

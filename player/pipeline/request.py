@@ -40,8 +40,10 @@ class Request:
         try:
             self._rows, self._defines = mixer.rows, mixer.defines
             self._black = own(device.picture(np.zeros((*self._projector, 3), np.float32)))
-            limited = {"FULL": None, **self._defines}
-            self._desired = own(device.make_pass("desired.frag", self._camera, limited, **mixer.uniforms))
+            self._limits: dict[str, int | None] = {"FULL": None} if room.maps.bounded else {}
+            self._uniforms = mixer.uniforms if room.maps.bounded else {}
+            defines = self._limits | self._defines
+            self._desired = own(device.make_pass("desired.frag", self._camera, defines, **self._uniforms))
             self._plain = own(device.make_pass("desired.frag", self._projector, {"CLAMP": None}))
         except BaseException:
             self._owner.release()
@@ -59,7 +61,8 @@ class Request:
         self._desired.set(white=1.0 if self._radiance else self._room.white)
         self._plain.set(white=self._unit)
         self._adjustments = NEUTRAL
-        _ = self._maps.full  # made now, so that no frame makes it
+        if self._limits:
+            _ = self._maps.full  # made now, so that no frame makes it
         self.adjust(adjustments)
 
     def _make_fitter(self, pixels: PixelFormat) -> Fitter | Pinner:
@@ -87,8 +90,10 @@ class Request:
             self._adapter.advance(cut=cut, duration_s=duration_s)
 
     def light(self, picture: Light) -> Light:
-        """b = c − e of a decoded picture, within what each camera pixel can have: what a drive is sought for."""
-        placed, told = self._placed(picture), {"ambient": self._ambient, "full": self._maps.full, **self._rows}
+        """b = c − e of a decoded picture: what a drive is sought for. Within 0 to T·1 where the maps bound it."""
+        placed, told = self._placed(picture), {"ambient": self._ambient, **self._rows}
+        if self._limits:
+            told["full"] = self._maps.full
         if not self._toned:
             return self._desired.run(picture=placed, **told)
         return self._toned_desired.run(picture=placed, tone=self._tone(placed), **told)
@@ -160,7 +165,7 @@ class Request:
 
     @cached_property
     def _toned_desired(self) -> Pass:
-        return self._make_toned({"FULL": None}, **self._mixer.uniforms)
+        return self._make_toned(self._limits, **self._uniforms)
 
     @cached_property
     def _toned_unbounded(self) -> Pass:

@@ -17,7 +17,7 @@ from counterlight.maps import room_maps as maps
 from counterlight.maps.mixing import Mixing
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.pipeline.drift import Drift, read_drift
-from counterlight.pipeline.refinement import STARTS, Advice, Offer, advice_of, default_start, default_steps
+from counterlight.pipeline.refinement import STARTS, Advice, Offer, advice_of, default_steps
 from counterlight.pipeline.views_together import check_views, with_shared_darkness
 from counterlight.viewpoints import Places, Viewpoint, folders_of, is_set, read_places
 
@@ -158,9 +158,9 @@ def _read_set(folder: Path, white: float | None, *told: Any, words: bool) -> Roo
 
 
 def start_of(room_maps: RoomMaps, folder: Path | None = None) -> str:
-    """Where refinement starts if nobody says: as the maps advise, or as their sizes do."""
+    """Where refinement starts if nobody says: as the maps advise, else from T⁺."""
     advice = _advice(room_maps, folder)
-    return default_start(room_maps.correction_in_steps) if advice is None else advice.start
+    return STARTS[0] if advice is None else advice.start
 
 
 def _advice(room_maps: RoomMaps, folder: Path | None = None) -> Advice | None:

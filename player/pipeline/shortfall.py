@@ -12,14 +12,16 @@ from counterlight.pipeline.refinement import Certificate
 class Snapshot:
     """A drive and its descent, read back from the device; pictures are (projector height, projector width, 3).
 
-    drive, ahead, descent : p, y and TᵀW (b − T p).  made : steps since the last cut that led there.
-    steps : of them, those of this frame.
+    drive, ahead, descent : p, y and TᵀW (b − T p) of the b that steps seek.
+    unweighted : Tᵀ (b − T p) over the lit camera pixels, of all b that was asked for.
+    made : steps since the last cut that led there.  steps : of them, those of this frame.
     """
 
     certificate: Certificate
     drive: NDArray[np.float32]
     ahead: NDArray[np.float32]
     descent: NDArray[np.float32]
+    unweighted: NDArray[np.float32]
     made: int
     steps: int
 
@@ -28,9 +30,8 @@ class Snapshot:
 class Shortfall:
     """An estimate of where a picture stands.
 
-    decibels : below the optimum, of the PSNR by the trusted pixels; 0 for the rare picture that has less error than the
-    optimum, which has more regard for what the prior wants.  doubling : decibels that as many steps again, or
-    one where there were none, would bring this picture.  steps : it was made with.
+    decibels : below the unweighted optimum over the lit camera pixels.  doubling : decibels that as many steps again,
+    or one where there were none, would bring this picture.  steps : it was made with.
     solved, squares : how many were solved, of how many.  spread : standard error of a sample, relative.
     """
 

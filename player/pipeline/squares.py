@@ -5,8 +5,8 @@ With r = b − T p, d = TᵀW r and P the prior of refinement.py, a change δ of
     −(d − P p)ᵀδ + ½ δᵀ(TᵀWT + P)δ,        0 ≤ p + δ ≤ 1,
 
 of which a square of the projector's picture needs p, d and its own rows of TᵀW alone: neither b nor any picture of
-the camera's. Far light counts in d; what δ itself changes of it is left out. survey.py
-makes a picture's figure of it.
+the camera's. Far light counts in d; what δ itself changes of it is left out. The unweighted error is the same with
+w = 1 where a camera pixel is lit, else 0, and P = 0. survey.py makes a picture's figure of both.
 """
 
 from typing import NamedTuple
@@ -24,6 +24,7 @@ Picture = NDArray[np.float32]
 FIRST_LOOK, MOST_STEPS = 16, 2048
 SETTLED = 0.03  # of what is gained: where twice the steps bring less, a square is at its end
 TO_THE_END = -1
+FAINTEST = 1e-12  # of the largest curvature: what is below lights nothing
 
 
 class Square(NamedTuple):
@@ -52,7 +53,7 @@ class Square(NamedTuple):
 
 
 def square_of(maps: RefinementMaps, part: tuple[slice, slice]) -> Square:
-    """part : rows and columns of the projector's picture."""
+    """Of what steps seek.  part : rows and columns of the projector's picture."""
     rows, prior = rows_of(maps.dual, part), maps.prior
     cameras, local = np.unique(rows.indices, return_inverse=True)
     left = np.pad(prior.right, ((0, 0), (1, 0), (0, 0)))[part]
@@ -68,15 +69,38 @@ def square_of(maps: RefinementMaps, part: tuple[slice, slice]) -> Square:
     )
 
 
+def unweighted(square: Square, lit: NDArray[np.floating]) -> Square:
+    """Of the unweighted error over the lit camera pixels, in steps that never overshoot.
+
+    lit : 1 or 0, (camera pixels,), of the whole picture.
+    """
+    chosen, none = lit.ravel()[square.cameras] > 0, np.zeros_like(square.step)
+    scale = np.divide(1, square.trust, out=np.zeros_like(square.trust), where=chosen)
+    weights, trust = square.weights * scale[square.indices, None], np.ones_like(square.trust)
+    free = square._replace(damping=none, left=none, right=none, up=none, down=none)
+    found = free._replace(weights=weights, trust=trust)
+    curvature = np.zeros(square.step.shape)
+    _lit(found, np.ones(square.step.shape), np.zeros((square.trust.size, 3)), curvature)
+    step = np.divide(1, curvature, out=np.zeros_like(curvature), where=curvature > FAINTEST * curvature.max(initial=0))
+    return found._replace(step=step.astype(np.float32))
+
+
+def seen_change(square: Square, change: FloatArray) -> FloatArray:
+    """TᵀWT δ, (height, width, 3)."""
+    found = np.zeros_like(change)
+    _lit(square, change, np.zeros((square.trust.size, 3)), found)
+    return found
+
+
 @kept(nogil=True, error_model="numpy")
 def descend(
     square: Square, drive: FloatArray, slope: FloatArray, ahead: FloatArray, made: int, most: int
-) -> tuple[FloatArray, FloatArray, int]:
+) -> tuple[FloatArray, int]:
     """Steps of refinement.py inside a square; drive, slope, ahead : p, d − P p and y − p, (height, width, 3).
 
     made : steps before these, whose schedule goes on for `most` steps; or TO_THE_END: momentum of Nesterov's, begun
     anew where it leads uphill, until the square has SETTLED, or for `most` steps.
-    Returns δ, TᵀWT δ and the steps.
+    Returns δ and the steps.
     """
     change, at, bent = np.zeros_like(drive), ahead.copy(), np.zeros_like(drive)
     seen, pace, momentum = np.zeros((square.trust.size, 3)), np.ones(3), np.zeros(3)
@@ -100,9 +124,7 @@ def descend(
             if gained - before <= SETTLED * gained:
                 break
             before = gained
-    bent[:] = 0
-    _lit(square, change, seen, bent)
-    return change, bent, steps
+    return change, steps
 
 
 @kept(nogil=True, error_model="numpy")

@@ -1,4 +1,4 @@
-"""Where a picture stands below the best one, estimated: its squares solved to the end, or a sample of them.
+"""Where a picture stands below the unweighted optimum, estimated: its squares solved to the end, or a sample of them.
 
 A certificate (refinement.py) is a bound, and far from the truth. Errors that steps leave are of high frequency, for the
 low ones go first: a square that is solved with its surroundings held beyond a halo (squares.py) gains what it would
@@ -6,7 +6,9 @@ gain among the others, to a few percent. Where the maps are too large for all sq
 those where one step would gain much, and what they gain is divided by their chances.
 
 For far light squares change together, which none of them knows of. So their changes go through it at last, and as much
-of them is taken as is best for all: α ≤ 1 of a change δ gains 2 α dᵀδ − α² ‖√W T δ‖², T with far light.
+of them is taken as is best for all: α ≤ 1 of a change δ gains 2 α dᵀδ − α² ‖T δ‖², T with far light. The error is the
+unweighted one over the lit camera pixels, d = Tᵀ (b − T p). Steps seek what refinement seeks, and this error judges
+them.
 """
 
 from dataclasses import dataclass
@@ -18,7 +20,15 @@ from counterlight.maps.room_maps import RoomMaps
 from counterlight.pipeline.operators import chained
 from counterlight.pipeline.reference import block_sum, pull
 from counterlight.pipeline.shortfall import Shortfall, Snapshot
-from counterlight.pipeline.squares import MOST_STEPS, TO_THE_END, Square, descend, square_of
+from counterlight.pipeline.squares import (
+    MOST_STEPS,
+    TO_THE_END,
+    Square,
+    descend,
+    seen_change,
+    square_of,
+    unweighted,
+)
 
 FloatArray = NDArray[np.float64]
 Picture = NDArray[np.float32]
@@ -33,8 +43,8 @@ FAINTEST = 1e-6  # of white²: an error 60 dB below white counts as none
 class _Change:
     """What a square, without its halo, would have changed, (height, width, 3).
 
-    outer : with the halo, in the projector's picture.  inner : the square in that.  weight : how many it stands for.
-    lit : TᵀWT of the change and its halo's, of near light.
+    square : of the unweighted error.  outer : with the halo, in the projector's picture.  inner : the square in that.
+    weight : how many it stands for.  lit : TᵀT of the change and its halo's, of near light.
     """
 
     square: Square
@@ -55,12 +65,11 @@ class Survey:
     def __init__(self, maps: RoomMaps, white: float) -> None:
         assert maps.refinement is not None
         self._maps, self._far = maps.refinement, chained(maps.far)
-        weights = self._maps.weights
-        self._floor = FAINTEST * white**2 * 3 * float(weights.sum(dtype=np.float64))
+        self._floor = FAINTEST * white**2 * 3 * float(self._maps.lit.sum(dtype=np.float64))
         entries = block_sum(self._maps.dual.lookup[..., 2].astype(np.int64), SIDE)
         self._shape, self._entries = entries.shape, int(entries.sum() * (1 + 2 * HALO / SIDE) ** 2)
         self._whole = self._entries <= MOST_ENTRIES
-        self._squares: dict[int, Square] = {}  # kept where all are solved every time
+        self._squares: dict[int, tuple[Square, Square]] = {}  # kept where all are solved every time
         self._lots = np.random.default_rng(0)
 
     def of(self, snapshot: Snapshot) -> Shortfall:
@@ -70,7 +79,7 @@ class Survey:
         promised = block_sum(_promise(p, slope, self._maps.step_size), SIDE).ravel()
         drawn = self._draw(self._chances(np.array(promised, np.float64)))
         solved = [self._solve(snapshot, slope, *each) for each in drawn]
-        error, descent = float(snapshot.certificate.error.sum()), snapshot.descent
+        error, descent = float(snapshot.certificate.squared_error.sum()), snapshot.unweighted
         best, again = ([pair[i] for pair in solved] for i in range(2))
         least = max(error - self._gain(best, descent, shortened=True), 0.0)
         doubled = max(error - self._gain(again, descent, shortened=False), 0.0)
@@ -84,21 +93,21 @@ class Survey:
         )
 
     def _gain(self, changes: list[_Change], descent: Picture, *, shortened: bool) -> float:
-        """What Σ w (T p − b)² loses by all changes; shortened : or by the best share of them."""
+        """What Σ (T p − b)² loses by all changes; shortened : or by the best share of them."""
         along = sum(each.weight * each.along(descent[each.outer]) for each in changes)
         bent = sum(each.weight * each.along(each.lit) for each in changes) + self._bent_by_far_light(changes)
         share = min(max(along / bent, 0.0), 1.0) if shortened and bent > 0 else 1.0
         return float(2 * share * along - share**2 * bent)
 
     def _bent_by_far_light(self, changes: list[_Change]) -> float:
-        """‖√W T δ‖² less that of the near light."""
+        """‖T δ‖² less that of the near light."""
         if self._far is None:
             return 0.0
         drive = np.zeros((*self._maps.dual.output_shape, 3))
         for each in changes:
             drive[each.outer][each.inner] = each.weight * each.change[each.inner]
         light = self._far.apply(drive)
-        own = float(np.sum(self._maps.weights[..., None] * light**2))
+        own = float(np.sum(self._maps.lit[..., None] * light**2))
         seen = (each.square.gathered(light.reshape(-1, 3)).reshape(each.change.shape) for each in changes)
         return own + 2 * sum(each.weight * each.along(picture) for each, picture in zip(changes, seen, strict=True))
 
@@ -120,15 +129,22 @@ class Survey:
     def _solve(self, snapshot: Snapshot, slope: Picture, number: int, weight: float) -> tuple[_Change, _Change]:
         """A square to the end, and by as many steps again."""
         outer, inner = self._part(number)
-        square = self._squares.get(number) or square_of(self._maps, outer)
+        sought, judged = self._squares.get(number) or self._square(outer)
         if self._whole:
-            self._squares[number] = square
-        pictures = snapshot.drive, snapshot.ahead, slope
-        p, y, s = (np.ascontiguousarray(picture[outer], np.float64) for picture in pictures)
-        to_the_end = descend(square, p, s, np.zeros_like(p), TO_THE_END, MOST_STEPS)
-        again = descend(square, p, s, y - p, snapshot.made, max(snapshot.steps, 1))
-        best, further = (_Change(square, outer, inner, weight, *found[:2]) for found in (to_the_end, again))
+            self._squares[number] = sought, judged
+        pictures = snapshot.drive, snapshot.ahead, slope, snapshot.unweighted
+        p, y, s, d = (np.ascontiguousarray(picture[outer], np.float64) for picture in pictures)
+        to_the_end = descend(judged, p, d, np.zeros_like(p), TO_THE_END, MOST_STEPS)[0]
+        again = descend(sought, p, s, y - p, snapshot.made, max(snapshot.steps, 1))[0]
+        best, further = (
+            _Change(judged, outer, inner, weight, change, seen_change(judged, change)) for change in (to_the_end, again)
+        )
         return best, further
+
+    def _square(self, part: Part) -> tuple[Square, Square]:
+        """Of what steps seek, and of the unweighted error."""
+        sought = square_of(self._maps, part)
+        return sought, unweighted(sought, self._maps.lit)
 
     def _part(self, number: int) -> tuple[Part, Part]:
         """A square with its halo, and where in that the square is."""

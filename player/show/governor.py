@@ -7,7 +7,7 @@ from statistics import median
 from typing import Literal, TypeAlias
 
 from counterlight.command import tell
-from counterlight.pipeline.refinement import MOST_STEPS, Offer, StepBudget
+from counterlight.pipeline.refinement import GOOD_ENOUGH_DB, MOST_OFFERED, MOST_STEPS, Offer, StepBudget
 from counterlight.pipeline.shortfall import Shortfall
 
 Steps: TypeAlias = int | Literal["auto"]
@@ -24,7 +24,7 @@ class Governor:
 
     usual : steps that the room needs.  refine : steps, "auto", or None: the usual ones, fewer where frames would come
     too late.  budget : milliseconds that drawing a frame may take.  within : dB below the optimum that are allowed.
-    start : where refinement starts.  offers : starts to choose from if there is a budget or a promise.
+    start : where refinement starts.  offers : starts to choose from if nobody says how many steps.
     quick : whether the map's picture takes less than one step from elsewhere: a budget may then have no step at all.
 
     bare : what a frame without a step shows: "map", or "direct" where the map's picture does not fit into a budget.
@@ -159,7 +159,7 @@ class Governor:
         self._failed, self._misses, self._late, self._said = 0, 0, 0, False
         self._rests_s.clear()
         self.bare = "map"
-        self._chosen = not (self.governs and self._offers)
+        self._chosen = not (self._offers and (self.governs or self._hurries))
         self._wish = self._first_wish()
         timed = self.refine == "auto" or (self._hurries and self._usual > 0)
         most = None if self._wish == MOST_STEPS else self._wish
@@ -178,13 +178,19 @@ class Governor:
             self._time.most = steps
 
     def _choose(self, rest_s: float, start_s: float, step_s: float) -> None:
-        """Once for every wish: the start that gets nearer within the budget, or sooner to what was promised.
+        """Once for every wish, choose the start.
+
+        Without a wish, T⁺ unless it does not fit into a frame. With a budget or a promise, the start that gets nearer
+        within the budget, or sooner to what was promised.
 
         rest_s : of a frame without start and steps.
         """
         if self._chosen:
             return
         self._chosen = True
+        if not self.governs:
+            self._leave_what_is_late(rest_s + start_s)
+            return
 
         def rated(offer: Offer) -> tuple[float, float]:
             began_s = start_s if offer.start == self.start else offer.in_steps * step_s
@@ -197,6 +203,17 @@ class Governor:
             return max(offer.curve.at(steps), self.within), began_s + steps * step_s
 
         self.start = min(self._offers, key=rated).start
+
+    def _leave_what_is_late(self, seconds: float) -> None:
+        """Start from direct mapping, with as many steps as that needs, where T⁺ takes too long for a frame.
+
+        seconds : of a frame without steps.
+        """
+        direct = next((offer for offer in self._offers if offer.start == "previous-direct"), None)
+        if direct is None or self.start == direct.start or self._time is None or self._time.fits(seconds):
+            return
+        self.start = direct.start
+        self._want(min(direct.curve.least(GOOD_ENOUGH_DB), MOST_OFFERED))
 
     def _bare_beside(self, rest_s: float, step_s: float) -> str:
         in_steps = {offer.start: offer.in_steps for offer in self._offers}

@@ -69,7 +69,7 @@ def _opengl(stack: ExitStack, *, chosen: bool) -> Any:
     from counterlight.gl.context import headless_context, in_software
 
     try:
-        context = stack.enter_context(headless_context())
+        context = stack.enter_context(headless_context("use --backend cpu"))
     except InputError:
         if chosen:
             raise

@@ -98,8 +98,9 @@ class RoomInUse:
         return write_placement(self._folder, corners)
 
     def psnr(self, certificate: Certificate) -> float:
-        """10 log₁₀(white² / mean (T p − b)²) over the camera pixels that count and their channels."""
-        values = 3 * np.count_nonzero(self._seen.calibration.mask)
+        """10 log₁₀(white² / mean (T p − b)²) over the lit camera pixels and their channels."""
+        assert self._seen.maps.refinement is not None  # or there would be no certificate
+        values = 3 * np.count_nonzero(self._seen.maps.refinement.lit)
         return psnr(float(certificate.squared_error.sum()) / max(int(values), 1) / self._room.white**2)
 
     def pointed_at(self, points: Points, view: str) -> Points:

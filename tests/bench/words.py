@@ -23,6 +23,8 @@ CAMERA, PROJECTOR = "128x96", "96x72"
 TIMED = "glass"
 COLUMNS = (
     "room",
+    "T⁺",
+    "its entries, millions",
     "start",
     "steps",
     "MB in entries of 16 bytes",
@@ -57,7 +59,8 @@ def line(name: str, built: BuiltRoom) -> str:
     long_bytes, small_bytes = (frame_bytes(maps, found, made) for made in ({}, maps.in_words(maps.white)))
     used = "none" if maps.words is None else f"{maps.words.used:.2f}"
     sizes = f"{long_bytes / 1e6:.1f} | {small_bytes / 1e6:.1f} | {100 * small_bytes / long_bytes:.0f} %"
-    return f"| {name} | {found.start} | {found.steps} | {sizes} | {used} |"
+    inverse = f"{built.inverse.chosen} | {maps.correction.count / 1e6:.2f}"
+    return f"| {name} | {inverse} | {found.start} | {found.steps} | {sizes} | {used} |"
 
 
 def frame_bytes(maps: RoomMaps, played: Recommendation, words: Mapping[int, WordMap]) -> int:

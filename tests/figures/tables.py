@@ -90,7 +90,7 @@ TABLES = (
         "a frame in the projector's view",
         ("processor ms, fastest of 7 in turns",),
     ),
-    table("docs/gpu.md", "python -m tests.bench --only words", 3, "room | start | steps | MB"),
+    table("docs/gpu.md", "python -m tests.bench --only words", 3, "room | T⁺ | its entries"),
     table(
         "docs/gpu.md",
         "python -m tests.bench --only frames",

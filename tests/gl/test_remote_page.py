@@ -54,12 +54,9 @@ def test_a_show_is_seen_and_commanded(tabs: Callable[[], Page], xvfb: str, small
         choose = "(e => { e.value = 'split'; e.onchange(); })(document.querySelector('#set-view'))"
         page.ask(choose)
         wait_until(lambda: visitor.get("view") == "split", "the view", process)
-        x, y = page.middle("#set-brightness")
-        width = page.ask("document.querySelector('#set-brightness').getBoundingClientRect().width")
-        page.drag((x, y), (x + width / 4, y))
+        page.slide("#set-brightness", 1 / 4)
         wait_until(lambda: 30 < visitor.get("brightness") < 70, "half of the way to the end", process)
-        x, y = page.middle("#seek")
-        page.drag((x, y))
+        page.click("#seek")
         wait_until(lambda: abs(visitor.get("time-pos") - 2.5) < 0.3, "the middle of five seconds", process)
 
         visitor.ask("set_property", "contrast", -20)

@@ -32,16 +32,16 @@ TOLERANCE = 1e-5
 def rows(folder: Path) -> Iterator[tuple[str, str, int, float, float, float, str]]:
     """Picture, start, steps, dB below the optimum in truth, estimated, certified; and the squares solved."""
     room, stored = read_room(folder, None), calibration.read(folder)
-    objective = objective_of(read_transport(stored), stored.calibration, DEFAULT_AIMS)
+    objective = objective_of(read_transport(stored), stored.calibration, DEFAULT_AIMS).unweighted
     assert room.maps.refinement is not None
     box, survey = Box(objective, tolerance=TOLERANCE), Survey(room.maps, room.white)
     for picture in find_pictures(PICTURES):
         radiance = (room.white * picture.at(stored.calibration.camera.shape)).astype(np.float32)
-        b = drawn(room, radiance, "grey", 1)[1]
-        least = objective.certificate(box.solve(b).drive, b).error.sum()
+        b = (radiance - room.ambient).reshape(-1, 3).astype(np.float64)
+        least = objective.certificate(box.solve(b).drive, b).squared_error.sum()
         for start, steps in DRAWN:
             found, _ = drawn(room, radiance, start, steps)
-            error = objective.certificate(found.drive.reshape(-1, 3).astype(float), b).error.sum()
+            error = objective.certificate(found.drive.reshape(-1, 3).astype(float), b).squared_error.sum()
             estimate = survey.of(found)
             truth, bound = 10 * np.log10(error / least), found.certificate.decibels
             solved = f"{estimate.solved} of {estimate.squares}"

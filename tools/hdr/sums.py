@@ -69,5 +69,6 @@ def summing(estimator: Estimator, shape: tuple[int, int, int], *, gpu: bool) -> 
     from counterlight.gl.context import headless_context  # here: without it, OpenGL is not needed
     from counterlight.gl.exposure_sums import GlSums
 
-    with headless_context() as context, GlSums(context, estimator.table, shape, estimator.exponential, SLACK) as sums:
+    told = estimator.table, shape, estimator.exponential, SLACK
+    with headless_context("leave --gpu out") as context, GlSums(context, *told) as sums:
         yield sums

@@ -80,7 +80,8 @@ class BuiltRoom:
             return f"{words}; play makes no step"
         return (
             f"{words}; in simulation {found.after(0):.1f} dB below the optimum without a step, "
-            f"{found.after(found.steps):.2f} after the {found.steps} that play makes from {STARTED[found.start]}"
+            f"{found.after(found.steps):.2f} after the {found.steps} that play makes from {STARTED[found.start]}, of "
+            f"which priors cost {found.priors:.2f}"
         )
 
 
@@ -131,13 +132,13 @@ def build_maps(
     reach = np.asarray(tier.mixing.brightest(white, tier.ambient), np.float64).reshape(-1, 3)
     objective = objective_of(tier.transport, tier.calibration, aims, tier.mixing)
     common = projector, reach, white, options
-    if transport.blurred is not None:
+    if options.inverse == "thesis":
+        inverse = invert_as_the_thesis(transport, camera, *common)
+    elif transport.blurred is not None:
         inverse = mapped_directly(objective, options)
-    elif options.method == "thesis":
-        inverse = invert_as_the_thesis(transport, calibration.mask, *common)
     else:
         mask = (objective.weights > 0).reshape(camera)
-        told = calibration.regions, objective.weights, objective.prior, _step(transport) if refine else 0.0
+        told = calibration.regions, objective.weights, objective.prior
         more = pictures_of(calibration), elsewhere, entry_bytes
         inverse = invert_near_light(transport.near, mask, *common, *told, *more)
     if aims.outside == "continue" and inverse.chosen != "thesis":
@@ -148,7 +149,8 @@ def build_maps(
     further = refinement_maps(objective, camera, projector) if refine else None
     observe = pack(transport.near, camera, projector)
     blurred = None if transport.blurred is None else pack_blurred(transport.blurred, camera, projector)
-    packed = RoomMaps(correction, observe, far, undo, white, details, further, tier.mixing, blurred=blurred)
+    bounded = inverse.chosen != "thesis"
+    packed = RoomMaps(correction, observe, far, undo, white, details, further, tier.mixing, bounded, blurred=blurred)
     outside = _light_outside(objective, inverse, tier)
     found = None
     if further is not None:
@@ -159,19 +161,13 @@ def build_maps(
     return BuiltRoom(tier, inverse, packed, _summary(inverse, packed, outside), outside, found)
 
 
-def _step(transport: Transport) -> float:
-    """Entries that a step of refinement reads: of T and of its transpose."""
-    return 2.0 * (transport.near.indices.size + (transport.far.entries if transport.far else 0))
-
-
 def _recommended(
     objective: Objective, inverse: Inverse, packed: RoomMaps, further: RefinementMaps, calibration: Calibration
 ) -> Recommendation:
     if inverse.chosen == "thesis":
         return AS_THE_THESIS
     direct, T_pinv = unpack(further.direct), None if inverse.chosen == "none" else inverse.T_pinv
-    told = packed.correction_in_steps, packed.white, calibration.camera.shape, pictures_of(calibration)
-    return recommended(objective, direct, T_pinv, *told)
+    return recommended(objective, direct, T_pinv, packed.white, calibration.camera.shape, pictures_of(calibration))
 
 
 def _light_outside(objective: Objective, inverse: Inverse, tier: Tier) -> float | None:
@@ -203,6 +199,7 @@ def _details(
             "max_error_codes": options.max_error,
             "method": options.method,
             "inverse": options.inverse,
+            **({} if options.tau is None else {"tau": options.tau}),
             "noise": options.noise,
             **asdict(aims),
             **({} if options.max_cluster is None else {"max_cluster": options.max_cluster}),

@@ -63,9 +63,9 @@ def check_room(near: int, blurred: int, pixels: int) -> None:
 
 
 def check_in_one(camera_pixels: int, projector_pixels: int) -> None:
-    """Before near and far light are written out in one T, (almost) dense.  camera_pixels : inside the mask."""
+    """Before near and far light are written out in one T, (almost) dense."""
     what = f"near and far light in one T, of {camera_pixels}x{projector_pixels} entries,"
-    remedy = "leave --method thesis out, or use a smaller camera or projector"
+    remedy = "give --tau, or use a smaller camera or projector"
     check(IN_ONE_BYTES * float(camera_pixels) * projector_pixels, what, remedy)
 
 

@@ -33,7 +33,7 @@ class Method:
 def choose_method(clusters: Clusters, asked: str, damping: float | None) -> Method:
     """Clusters are inverted whole as far as time and memory allow, and through windows beyond.
 
-    asked : of INVERSE_METHODS; `clustered` and `windowed` do so with all clusters, `thesis` has no windows.
+    asked : of INVERSE_METHODS; `clustered` and `windowed` do so with all clusters.
     damping : λ/σ₁, None if to be chosen.
     Raises InputError where windows would be needed for an (almost) undamped inverse, whose rows do not decay.
     """
@@ -46,13 +46,10 @@ def choose_method(clusters: Clusters, asked: str, damping: float | None) -> Meth
     windowed = np.ones(clusters.count, bool) if asked == "windowed" else wide | heavy
     if windowed.any() and not damped:
         size = int(clusters.projector_sizes[windowed].max())
-        option, remedy = f"--regularize {damping or 'none'}", f"--regularize auto, a number from {LEAST_DAMPING:g}"
-        if asked == "thesis":
-            option, remedy = "--method thesis", "a larger --radius or --tau-1"
         raise InputError(
-            f"{option}: a cluster of {size} projector pixels needs windows, and those need "
-            f"damping (at most {LARGEST_PLAIN}, or {LARGEST_BLOCK >> 20} million entries, are inverted whole without); "
-            f"use {remedy}, or --max-cluster"
+            f"undamped inverse: a cluster of {size} projector pixels needs windows, and those need damping (at most "
+            f"{LARGEST_PLAIN} pixels, or {LARGEST_BLOCK >> 20} million entries, are inverted whole without); use "
+            f"--regularize auto, a number from {LEAST_DAMPING:g}, or cut smaller clusters with --max-cluster"
         )
     if asked == "windowed":
         return Method(windowed, "as asked")

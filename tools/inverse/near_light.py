@@ -32,10 +32,11 @@ from counterlight.tools.inverse.super_blocks import Elsewhere
 from counterlight.tools.inverse.windows import FINEST_TOLERANCE, WindowedChannel, Windows, plan_windows, windowed_jobs
 from counterlight.tools.jobs import run_jobs
 from counterlight.tools.transport.objective import Objective
-from counterlight.tools.transport.transport import CHANNELS, Csr, Transport, channels, in_one, luminance_matrix
+from counterlight.tools.transport.transport import CHANNELS, Csr, Shape, Transport, channels, in_one, luminance_matrix
 
 MAX_CLUSTER = 1000  # of a cut, projector pixels (thesis 4.2.2); smaller ones are worth no more than direct mapping
-THESIS_CLUSTER = 200  # of its own way: what its plain inverses bear (docs/hard_cases.md)
+THESIS_CLUSTER = 200  # of `thesis`: what its plain inverses bear (docs/hard_cases.md)
+USUAL_TAU = 1e-3  # of `thesis` in rooms with far light, whose T is dense without a threshold
 GOLDEN_RATIO = (np.sqrt(5) - 1) / 2
 
 
@@ -47,12 +48,12 @@ class InverseOptions:
     max_error : certified change of a pixel by truncation, in 8-bit code values of linear drive; 0 keeps everything.
     inverse : of choices.INVERSES. `whole` inverts T as it is; `cut` decomposes it into clusters first (thesis 4.2.2);
     `none` leaves direct mapping, one entry a row, in the place of T⁺; `auto` is whole where that pays (price.py), else
-    cut, else none.
+    cut, else none; `thesis` is chapter 5 to the letter (invert_as_the_thesis).
+    tau : of `thesis`, entries of T below this share of white are dropped; None for USUAL_TAU with far light, else 0.
     max_cluster : of a cut, projector pixels of a cluster at most; None for 1000, 200 as the thesis. A number asks for a
     cut.  parameters : of a cut, instead of those found for a size.
     noise : of T's entries, relative, standard deviation (0.01 is 1 %); 0 if unknown: then float32 rounding counts.
-    method : clusters inverted whole, through windows, or as their sizes allow; or all as the thesis does: near and far
-    light in one T, cut, and plain pseudo-inverses of the clusters (choices.INVERSE_METHODS).
+    method : clusters inverted whole, through windows, or as their sizes allow (choices.INVERSE_METHODS).
     """
 
     damping: float | None = None
@@ -62,6 +63,7 @@ class InverseOptions:
     method: str = "auto"
     inverse: str = "auto"
     parameters: Parameters | None = None
+    tau: float | None = None
 
     def __post_init__(self) -> None:
         if self.inverse not in INVERSES:
@@ -73,10 +75,13 @@ class InverseOptions:
                 f"--radius {self.parameters.radius:g}: --max-cluster {self.max_cluster} finds its own; leave one of "
                 "them out"
             )
-        if self.method == "thesis" and self.damping:
-            raise InputError(
-                f"--regularize {self.damping:g}: --method thesis takes plain pseudo-inverses; leave one of them out"
-            )
+        if self.inverse == "thesis" and (self.damping or self.method != "auto"):
+            option = f"--regularize {self.damping:g}" if self.damping else f"--method {self.method}"
+            raise InputError(f"{option}: --inverse thesis takes plain pseudo-inverses of clusters; leave it out")
+        if self.tau is not None and self.inverse != "thesis":
+            raise InputError(f"--tau {self.tau:g}: the threshold of --inverse thesis; leave it out, or add that")
+        if self.tau is not None and not 0 <= self.tau < 1:
+            raise InputError(f"--tau {self.tau:g}: expected 0 up to 1, a share of white")
         if self.damping is not None and not 0 <= self.damping <= 1:
             raise InputError(f"--regularize {self.damping}: expected auto, none, or a number from 0 to 1")
         if not 0 <= self.max_error <= 255:
@@ -90,7 +95,6 @@ class InverseOptions:
 
     def _check_uncut(self) -> None:
         cutting = {
-            "--method thesis": self.method == "thesis",
             f"--max-cluster {self.max_cluster}": self.max_cluster is not None,
             "--radius": self.parameters is not None,
         }
@@ -100,19 +104,17 @@ class InverseOptions:
 
     @property
     def settled(self) -> "InverseOptions":
-        """With what follows from the method: the thesis damps nothing."""
-        return replace(self, damping=0.0) if self.method == "thesis" else self
+        """With what follows: the thesis damps nothing."""
+        return replace(self, damping=0.0) if self.inverse == "thesis" else self
 
     @property
     def largest(self) -> int:
         """Projector pixels of a cluster of a cut."""
-        return self.max_cluster or (THESIS_CLUSTER if self.method == "thesis" else MAX_CLUSTER)
+        return self.max_cluster or (THESIS_CLUSTER if self.inverse == "thesis" else MAX_CLUSTER)
 
     @property
     def asked(self) -> str:
         """Which inverse, where the other options leave no choice."""
-        if self.method == "thesis":
-            return "thesis"
         if self.inverse != "auto":
             return self.inverse
         if self.max_cluster is not None or self.parameters is not None:
@@ -163,20 +165,25 @@ class Inverse:
 
 def invert_as_the_thesis(
     transport: Transport,
-    mask: NDArray[np.bool_],
-    projector_shape: tuple[int, int],
+    camera: Shape,
+    projector: Shape,
     reach: FloatArray,
     white: float,
     options: InverseOptions,
 ) -> Inverse:
-    """T⁺ of near and far light in one T, cut, its energy fitted (thesis 4.2.2, 4.2.3, 5.1): no far light is left.
+    """T⁺ of chapter 5: T from the threshold τ up (3.4.2), cut (4.2.2), energy fitted (4.2.3), plainly inverted (5.1).
 
-    Arguments as of `invert_near_light`; no weights but the mask's, and no prior: the thesis knows none.
+    Energy adds up to the floodlit room: what is below the threshold goes to the rest of its row, too.
+    Near, blurred and far light in one T; every camera pixel that it lights counts, without mask, weights or prior.
+    camera, projector : (height, width).  Other arguments as of `invert_near_light`.
     """
-    inside = transport.inside(mask)
-    if inside.far is not None:
-        memory.check_in_one(int(mask.sum()), inside.shape[1])
-    return invert_near_light(in_one(inside), mask, projector_shape, reach, white, options)
+    tau = (0.0 if transport.far is None else USUAL_TAU) if options.tau is None else options.tau
+    if transport.far is not None and not tau:
+        memory.check_in_one(*transport.shape)
+    T, whole = in_one(transport, tau * white), transport.composition()
+    kept = T.apply(np.ones((T.columns, len(CHANNELS))))
+    T = T.scaled(np.divide(whole, kept, out=np.ones_like(whole), where=kept > 0)) if tau else T
+    return invert_near_light(T, np.ones(camera, bool), projector, reach, white, options)
 
 
 def invert_near_light(
@@ -189,7 +196,6 @@ def invert_near_light(
     regions: Sequence[Region] = (),
     weights: FloatArray | None = None,
     prior: Prior | None = None,
-    step: float = 0.0,
     pictures: Sequence[FloatArray] | None = None,
     elsewhere: Elsewhere | None = None,
     entry_bytes: float = memory.ENTRY_BYTES,
@@ -200,7 +206,7 @@ def invert_near_light(
     reach : (camera pixels, 3), the largest |c − e| of a picture; within it the certified bound holds.
     white : the radiance of a white picture.  regions : of several projectors in one raster.
     weights : W's diagonal, (camera pixels,), 1 if nobody says; 0 outside the mask.
-    prior : P; the plain inverse (λ = 0) knows none.  step : entries that a step of refinement reads, if play makes any.
+    prior : P; the plain inverse (λ = 0) knows none.
     pictures : by which λ is chosen, (camera height, camera width) each; None for the typical ones.
     elsewhere : who inverts windows; None for this process.
     entry_bytes : of memory that an entry of T⁺ takes, with what will be made of it.
@@ -213,16 +219,16 @@ def invert_near_light(
     if whole.nnz == 0:
         raise InputError("no camera pixel inside the mask sees the projector; check the mask and the transport")
     _check_max_cluster(options, near.columns)
-    given = reach * roots[:, None], white, options, regions, roots, prior, step, pictures, elsewhere, entry_bytes
+    given = reach * roots[:, None], white, options, regions, roots, prior, pictures, elsewhere, entry_bytes
     work = _Work(scaled, whole, mask, projector_shape, *given)
     chosen, reason, found = options.asked, "", None
     if chosen in ("auto", "whole"):
         found = work.inverted(scaled, None, must_pay=chosen == "auto")
-        chosen, reason = (found.instead, found.reason) if isinstance(found, Objection) else ("whole", "")
+        chosen, reason = ("cut", found) if isinstance(found, Objection) else ("whole", "")
     if chosen in ("cut", "thesis"):
         found = work.cut(must_pay=options.asked == "auto")
         if isinstance(found, Objection):
-            chosen, reason = "none", f"{reason}; cut, {found.reason}"
+            chosen, reason = "none", f"{reason}; cut, {found}"
     if not isinstance(found, Inverse):
         light = Transport(near.inside(roots > 0))
         found = _directly_mapped(Objective(light, weights, prior, np.ones(near.columns)), find_clusters(whole))
@@ -266,7 +272,6 @@ class _Work:
     regions: Sequence[Region]
     roots: FloatArray
     prior: Prior | None
-    step: float
     pictures: Sequence[FloatArray] | None
     elsewhere: Elsewhere | None
     entry_bytes: float
@@ -286,7 +291,7 @@ class _Work:
         if given is not None:
             return given, decompose(self.near, *shapes, given)
         size, named = min(self.options.largest, self.near.columns), self.options.max_cluster is not None
-        return decompose_to(self.near, *shapes, size, or_smallest=self.options.method == "thesis" and not named)
+        return decompose_to(self.near, *shapes, size, or_smallest=self.options.inverse == "thesis" and not named)
 
     def inverted(
         self, near: SparseRows, decomposition: tuple[Parameters, Report] | None, *, must_pay: bool
@@ -315,7 +320,7 @@ class _Work:
             if must_pay:
                 green = matrices[1], float(lambdas[1]), None if priors is None else priors[1]
                 price = price + price_of_windows(*green, member, truncation, tolerance, self.regions)
-                if objection := price.objection(self.step):
+                if objection := price.objection():
                     return objection
             plan = _windowed(matrices, lambdas, priors, member, tolerance, self.regions)
             if self.elsewhere is None:

@@ -1,7 +1,6 @@
 """What the whole T⁺ of a room would take on this machine, and whether that pays (docs/size.md).
 
-Refinement's steps bring a picture further than any inverse of equal bytes, so T⁺ may cost a minute, not an hour, and
-no more of each frame than the steps that play makes.
+Refinement's steps bring a picture further than any inverse of equal bytes, so T⁺ may cost a minute, not an hour.
 """
 
 import os
@@ -22,47 +21,27 @@ from counterlight.tools.transport.transport import CHANNELS, Csr
 MOST_SECONDS = 60.0
 SHARE_OF_MEMORY = 0.5  # of what is available
 MOST_FAILING = 0.2  # of the sampled windows
-MOST_IN_STEPS = 16.0  # the most that play makes by default; 4.9 on `wall`, 13.6 out of focus, 44 of two projectors
 OPERATIONS_A_SECOND = 5e9  # of one core, in blocks inverted whole: solving, truncating, joining
 SECONDS_A_CLUSTER = 10e-6  # beside
 
 
-@dataclass(frozen=True)
-class Objection:
-    """reason : in words.  instead : of choices.INVERSES, what may be better."""
-
-    reason: str
-    instead: str = "cut"
+class Objection(str):
+    """Why an inverse does not pay, in words."""
 
 
 @dataclass(frozen=True)
 class Price:
-    """seconds : of this machine's cores together.  entries : of T⁺ through windows.  needed : bytes.
-
-    failing : share of the windows.
-    """
+    """seconds : of this machine's cores together.  needed : bytes.  failing : share of the windows."""
 
     seconds: float = 0.0
-    entries: float = 0.0
     needed: float = 0.0
     failing: float = 0.0
 
     def __add__(self, other: "Price") -> "Price":
-        return Price(
-            self.seconds + other.seconds,
-            self.entries + other.entries,
-            self.needed + other.needed,
-            max(self.failing, other.failing),
-        )
+        return Price(self.seconds + other.seconds, self.needed + other.needed, max(self.failing, other.failing))
 
-    def objection(self, step: float = 0.0) -> Objection | None:
-        """What speaks against it, None if nothing does.
-
-        step : entries that a step of refinement reads, 0 where none is made.
-        """
-        if step and self.entries > MOST_IN_STEPS * step:
-            reads = f"a frame would read as much of it as of {self.entries / step:.0f} steps of refinement"
-            return Objection(f"{reads}, which come nearer", "none")
+    def objection(self) -> Objection | None:
+        """What speaks against it, None if nothing does."""
         if self.failing > MOST_FAILING:
             return Objection(f"{100 * self.failing:.0f} % of its windows would miss their tolerance")
         if self.seconds > MOST_SECONDS:
@@ -104,7 +83,7 @@ def price_of_windows(
     channel = WindowedChannel(local, damping, prior, int(np.count_nonzero(np.diff(T.indptr))))
     sampled = plan_windows(channel, member, tolerance, regions, truncation)
     needed = ENTRY_BYTES * sampled.entries + at_work
-    return Price(sampled.seconds / _cores(), sampled.entries, needed, sampled.failing)
+    return Price(sampled.seconds / _cores(), needed, sampled.failing)
 
 
 def spoken(seconds: float) -> str:

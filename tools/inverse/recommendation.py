@@ -1,7 +1,7 @@
-"""How a room is best played: where refinement starts, and the steps that it needs (docs/refinement.md).
+"""How a room is best played: from T⁺ where there is one, and the steps that it needs (docs/refinement.md).
 
-Measured when the maps are built, on a few squares of the camera's picture (squares.py) and the typical pictures, by the
-player's own steps. Far light is left aside, and ties between projector rows: both change what a step gains by little.
+The build measures, on a few squares of the camera's picture (squares.py) and the typical pictures, what the player's
+own steps leave. Far light is left aside, and ties between projector rows: both change what a step gains by little.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,28 +14,32 @@ import numpy as np
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import SparseRows
+from counterlight.pipeline.refinement import GOOD_ENOUGH_DB, MOST_OFFERED
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.inverse.squares import squares_of
 from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import Transport
 
 MEASURED = (0, 2, 4, 8, 16)
-OFFERED = (4, 8, 16)  # steps that a window is asked for
-GOOD_ENOUGH_DB = 0.1  # below the optimum: nobody could tell
+OFFERED = (4, 8, MOST_OFFERED)  # steps that a window is asked for
 MANY_STEPS = 64  # what stands for the optimum
 FAINTEST_ERROR = 1e-5  # of white², below which more does not show: 50 dB
 
 
 @dataclass(frozen=True)
 class Recommendation:
-    """start : of the player's STARTS.  steps : a frame.  below_optimum : dB after MEASURED steps from each start.
+    """How play makes a frame.
 
-    Nothing is measured for the thesis' own T⁺: far light, which is left aside here, is in it.
+    start : of the player's STARTS.  steps : a frame.
+    below_optimum : dB below the unweighted optimum after MEASURED steps from each start.
+    priors : dB of that which weights and priors cost, after MANY_STEPS.
+    Nothing is measured for the T⁺ of chapter 5: far light, which is left aside here, is in it.
     """
 
     start: str
     steps: int
     below_optimum: dict[str, tuple[float, ...]]
+    priors: float = 0.0
 
     def after(self, steps: int) -> float:
         """dB below the optimum after some of the MEASURED steps from the start."""
@@ -44,7 +48,8 @@ class Recommendation:
     def to_toml(self) -> dict[str, Any]:
         """For the maps' manifest."""
         curves = {name: [round(value, 3) for value in curve] for name, curve in self.below_optimum.items()}
-        measured = {"below_optimum_db": {"steps": list(MEASURED), **curves}} if curves else {}
+        costs = {"steps": list(MEASURED), **curves, "priors": round(self.priors, 3)}
+        measured = {"below_optimum_db": costs} if curves else {}
         return {"play": {"start": self.start, "steps": self.steps, **measured}}
 
 
@@ -55,14 +60,13 @@ def recommended(
     objective: Objective,
     direct: SparseRows,
     T_pinv: SparseRows | None,
-    map_in_steps: float,
     white: float,
     camera: tuple[int, int],
     pictures: Sequence[FloatArray] | None = None,
 ) -> Recommendation:
-    """Where to start and how many steps to make, so that the least is read a frame.
+    """Where to start, and the fewest steps from there that end within GOOD_ENOUGH_DB.
 
-    direct : direct mapping.  T_pinv : of the near light, None if there is none.  map_in_steps : what T⁺ b takes.
+    direct : direct mapping.  T_pinv : of the near light, None if there is none.
     white : radiance of a white picture.  camera : (height, width).  pictures : to try; None for the typical ones.
     """
     squares = squares_of((objective.weights > 0).reshape(camera), objective.T.entries)
@@ -70,43 +74,56 @@ def recommended(
     columns = np.flatnonzero(within.lit[:, 1])
     local, share = _local(objective, within, squares.rows, columns), _share_of_near(objective)
     direct = direct.at(columns)
-    costs = {"previous-direct": direct.indices.size / max(2 * objective.T.entries, 1)}
-    if T_pinv is not None:
-        costs["previous"], T_pinv = map_in_steps, T_pinv.at(columns)
-    errors, least = {name: np.zeros(len(MEASURED)) for name in costs}, 0.0
+    T_pinv = None if T_pinv is None else T_pinv.at(columns)
+    start = "previous-direct" if T_pinv is None else "previous"
+    names = dict.fromkeys((start, "previous-direct"))
+    errors, least, settled = {name: np.zeros(len(MEASURED)) for name in names}, 0.0, 0.0
+    judge = _Judge(local.unweighted, squares.inner)
     for picture in typical_pictures(camera) if pictures is None else pictures:
-        b = objective.bounded(np.repeat(white * picture.reshape(-1, 1), 3, axis=1))
-        drives = {"previous-direct": direct.apply(b)} | (
-            {} if T_pinv is None else {"previous": T_pinv.apply(b * share)}
-        )
-        wanted = (b * share)[squares.rows]
+        asked = np.repeat(white * picture.reshape(-1, 1), 3, axis=1)
+        b, wanted = objective.bounded(asked), (asked * share)[squares.rows]
+        drives = {"previous-direct": direct.apply(b)}
+        if T_pinv is not None:
+            drives["previous"] = T_pinv.apply(b * share)
+        sought, last = (b * share)[squares.rows], list[FloatArray]()
         for name, drive in drives.items():
-            errors[name] += list(_errors(local, np.clip(drive, 0, 1), wanted, squares.inner, MEASURED))
-        nearest = np.clip(drives[min(drives, key=lambda name: errors[name][-1])], 0, 1)
-        least += min(_errors(local, nearest, wanted, squares.inner, (*MEASURED, MANY_STEPS)))
+            steps = _marked(local.steps(np.clip(drive, 0, 1), sought), (*MEASURED, MANY_STEPS))
+            errors[name] += [judge.error(p, wanted) for p in steps[:-1]]
+            last.append(steps[-1])
+        nearest = min(last, key=lambda p: judge.error(p, wanted))
+        settled += judge.error(nearest, wanted)
+        least += judge.error(_marked(judge.objective.steps(nearest, wanted), (MANY_STEPS,))[0], wanted)
     floor = FAINTEST_ERROR * white**2 * 3 * np.count_nonzero(squares.inner)
-    below = {
-        name: tuple(float(max(each, 0)) for each in 10 * np.log10((curve + floor) / (least + floor)))
-        for name, curve in errors.items()
-    }
-    steps = {name: _steps(curve) for name, curve in below.items()}
-    start = min(steps, key=lambda name: costs[name] + steps[name])
-    return Recommendation(start, steps[start], below)
+
+    def below(error: float) -> float:
+        return float(max(10 * np.log10((error + floor) / (least + floor)), 0))
+
+    curves = {name: tuple(below(float(error)) for error in curve) for name, curve in errors.items()}
+    return Recommendation(start, _steps(curves[start], below(settled)), curves, below(settled))
 
 
-def _steps(curve: tuple[float, ...]) -> int:
-    enough = [steps for steps in OFFERED if curve[MEASURED.index(steps)] <= GOOD_ENOUGH_DB]
+def _steps(curve: tuple[float, ...], priors: float) -> int:
+    """The fewest that end within GOOD_ENOUGH_DB of where steps lead."""
+    enough = [steps for steps in OFFERED if curve[MEASURED.index(steps)] <= priors + GOOD_ENOUGH_DB]
     return enough[0] if enough else OFFERED[-1]
 
 
-def _errors(
-    objective: Objective, drive: FloatArray, b: FloatArray, inner: BoolArray, marks: tuple[int, ...]
-) -> Iterator[float]:
-    """Σ w (T p − b)² of the inner camera pixels after so many of the player's steps from a drive."""
-    for step, p in enumerate(islice(objective.steps(drive, b), marks[-1] + 1)):
-        if step in marks:
-            squared = objective.weights[:, None] * (objective.T.apply(p) - b) ** 2
-            yield float(squared[inner].sum())
+@dataclass(frozen=True)
+class _Judge:
+    """objective : the unweighted one.  inner : camera pixels that are judged."""
+
+    objective: Objective
+    inner: BoolArray
+
+    def error(self, p: FloatArray, b: FloatArray) -> float:
+        """Σ (T p − b)² of the inner lit camera pixels."""
+        lit = self.inner if self.objective.lit is None else self.inner & self.objective.lit
+        return float(np.sum((self.objective.T.apply(p) - b)[lit] ** 2))
+
+
+def _marked(steps: Iterator[FloatArray], marks: tuple[int, ...]) -> list[FloatArray]:
+    """What is there after so many steps."""
+    return [p for step, p in enumerate(islice(steps, marks[-1] + 1)) if step in marks]
 
 
 def _local(objective: Objective, within: Transport, rows: IntArray, columns: IntArray) -> Objective:
@@ -121,7 +138,8 @@ def _local(objective: Objective, within: Transport, rows: IntArray, columns: Int
         damping = prior.damping.reshape(-1, 3)[columns]
         prior = Prior(*(each[None].astype(np.float32) for each in (damping, right, np.zeros_like(right))))
     T, weights, seen = within.of_columns(columns), objective.weights[rows], objective.seen[columns]
-    return replace(objective, T=T, weights=weights, prior=prior, seen=seen)
+    lit = None if objective.lit is None else objective.lit[rows]
+    return replace(objective, T=T, weights=weights, prior=prior, seen=seen, lit=lit)
 
 
 def _share_of_near(objective: Objective) -> FloatArray:

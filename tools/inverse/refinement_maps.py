@@ -74,5 +74,6 @@ def refinement_maps(objective: Objective, camera: tuple[int, int], projector: tu
         Prior.none(projector) if prior is None else prior,
         objective.weights.astype(np.float32).reshape(camera),
         objective.seen.astype(np.float32).reshape(projector),
+        (objective.weights > 0 if objective.lit is None else objective.lit).astype(np.float32).reshape(camera),
         None if dual.blurred is None else pack_blurred(dual.blurred, projector, camera),
     )

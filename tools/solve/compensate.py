@@ -43,7 +43,7 @@ class CompensateOptions:
     solvers : of COMPENSATIONS.
     max_cluster : for qr, svd and nnls, decompose T into clusters of at most so many projector pixels (thesis 4.2.2).
     white : radiance of a white picture, None for what most of the room can reach.  colour : of COLOURS.
-    aims : of the box.
+    priors : whether the box seeks what play seeks, with its weights and priors, `aims`; else least squares alone.
     """
 
     solvers: tuple[str, ...]
@@ -51,6 +51,7 @@ class CompensateOptions:
     white: float | None = None
     colour: str = "auto"
     aims: ObjectiveOptions = DEFAULT_AIMS
+    priors: bool = False
 
     def __post_init__(self) -> None:
         if self.white is not None and not RADIANCE[0] <= self.white <= RADIANCE[1]:
@@ -67,7 +68,7 @@ class Compensated:
     """What one solver did.
 
     drive : (projector height, projector width, 3), 0..1.  clipped : share of the lit projector pixels' values that
-    the solver asked for beyond 0..1.  below_optimum : decibels that the box optimum's PSNR is above this one's.
+    the solver asked for beyond 0..1.  below_optimum : decibels that the unweighted optimum's PSNR is above this one's.
     outside : light that the camera does not see, as a share of the uncorrected picture's; None where it sees it all.
     """
 
@@ -116,9 +117,15 @@ class CompensationTask:
                 "into clusters; leave the option out"
             )
         sizes = tier.calibration.camera.shape, tier.calibration.projector.shape
-        self._inside = replace(tier.transport.inside(tier.calibration.mask), camera=sizes[0], projector=sizes[1])
-        self._lit = self._inside.lit
         self._objective = objective_of(tier.transport, tier.calibration, options.aims, tier.mixing)
+        self._counts = self._objective.lit_picture(tier.calibration)
+        self._inside = replace(tier.transport.inside(self._counts), camera=sizes[0], projector=sizes[1])
+        self._lit = self._inside.lit
+
+    @property
+    def counted(self) -> int:
+        """Lit camera pixels, which are solved for and judged."""
+        return int(self._counts.sum())
 
     def run(self, plain: FloatArray) -> Iterator[Compensated]:
         """Every solver of the options, in their order.
@@ -126,7 +133,7 @@ class CompensationTask:
         plain : (projector height, projector width, 3), the picture as the projector would show it uncorrected.
         """
         for name in self._options.solvers:
-            found = self._optimum if name == "box" else self._found(name, plain)
+            found = self._optimum if name == "box" and not self._options.priors else self._found(name, plain)
             drives = (each.reshape(-1, 3) for each in (found.drive, plain))
             yield replace(found, outside=self._objective.light_outside(*drives))
 
@@ -138,7 +145,7 @@ class CompensationTask:
     @cached_property
     def _optimum(self) -> Compensated:
         start = time.perf_counter()
-        best = self._prepared("box").solve(self._target)
+        best = prepare("box", self._inside, self._counts).solve(self._target)
         found = self._judge("box", best.unclamped, time.perf_counter() - start, best.notes, float("nan"))
         return replace(found, below_optimum=0.0)
 
@@ -164,14 +171,14 @@ class CompensationTask:
         return np.asarray(self._wanted * self.white, np.float64)
 
     def _prepared(self, name: str) -> Prepared:
-        return prepare(name, self._inside, self._calibration.mask, self._objective)
+        return prepare(name, self._inside, self._counts, self._objective if self._options.priors else None)
 
     def _solve_decomposed(self, name: str, max_cluster: int) -> tuple[FloatArray, tuple[str, ...]]:
         """Clusters of the near light; far light is that of the clamped drive, until the drive stops changing."""
         shapes = self._calibration.camera.shape, self._calibration.projector.shape
         parameters, cut = decompose_to(self._inside.near, *shapes, max_cluster)
         note = f"T cut to clusters of at most {max_cluster} (radius {parameters.radius:g}, τ₁ {parameters.tau_1:g})"
-        prepared, far = prepare(name, Transport(cut.near), self._calibration.mask), self._inside.far
+        prepared, far = prepare(name, Transport(cut.near), self._counts), self._inside.far
         drives, far_notes = np.zeros(self._lit.shape), list[str]()
         for rounds in range(1, FAR_ROUNDS + 1):
             target, before = self._target.reshape(-1, 3), drives
@@ -189,7 +196,7 @@ class CompensationTask:
         self, name: str, unclamped: FloatArray, seconds: float, notes: tuple[str, ...], best: float
     ) -> Compensated:
         drive = np.clip(unclamped, 0, 1)
-        quality = measure(self._desired, self._tier.seen(drive), self._calibration.mask, self.white)
+        quality = measure(self._desired, self._tier.seen(drive), self._counts, self.white)
         beyond = np.abs(unclamped - drive) > FAR_TOLERANCE
         clipped = float(np.mean(beyond[self._lit])) if self._lit.any() else 0.0
         shape = *self._calibration.projector.shape, 3
@@ -214,7 +221,7 @@ def compensate(folder: Path, picture: Path, output: Path | None, options: Compen
     given = np.asarray(tier.mixing.on_screen(wanted), np.float64) if radiance else wanted
     plain = _uncorrected(picture, given, radiance, calibration.projector.shape, task.white)
     yield f"{tier}"
-    yield f"white is a camera radiance of {task.white:.4g}; {int(calibration.mask.sum())} camera pixels count"
+    yield f"white is a camera radiance of {task.white:.4g}; {task.counted} camera pixels are lit"
     yield HEADER
     for found in task.run(plain):
         if found.solver in outputs:

@@ -1,4 +1,4 @@
-"""What a frame costs in the player: one picture as radiance, through either backend."""
+"""What a frame costs in the player: one picture as radiance, by the backend that users get on this machine."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -82,18 +82,14 @@ class Player:
 
 
 class Bench:
-    """A room's maps in both backends of the player, kept while methods share them; close() at the end.
+    """A room's maps in the player, kept while methods share them; close() at the end.
 
     room : maps, and where refinement starts.
     """
 
     def __init__(self, room: Room) -> None:
         self._room, self._stack = room, ExitStack()
-        self.gl = self._stack.enter_context(player("gl", room))
-
-    @cached_property
-    def cpu(self) -> Player:
-        return self._stack.enter_context(player("cpu", self._room))
+        self.player = self._stack.enter_context(player("cpu" if in_software() else "gl", room))
 
     @cached_property
     def T_pinv(self) -> Compensation:  # noqa: N802 - as the thesis calls it

@@ -69,7 +69,7 @@ class Trial:
 
     def of(self, methods: Iterable[Method]) -> RoomFigures:
         room = self.room
-        found = RoomFigures(room.name, _facts(room), room.calibration.mask)
+        found = RoomFigures(room.name, _facts(room), room.counts)
         for task in self._tasks[:SHOWN_PICTURES]:
             found.seen[task.name] = {"desired": task.desired / room.white}
         for method in methods:
@@ -92,16 +92,13 @@ def study_room(room: StudyRoom, pictures: Sequence[Picture], methods: Sequence[M
 
 
 def _rows(method: Method, ready: Prepared, tasks: Sequence[Task]) -> Iterator[tuple[Row, FloatArray]]:
-    """The time of a frame is the first picture's, and that of the CPU, too, unless solving is what it times."""
-    cpu_s: float | None = None
+    """The time of a frame is the first picture's; each picture has its own time of a solver."""
     frame_s: float | None = None
     for index, task in enumerate(tasks):
         driven = ready.drive(task)
-        judged = task.judge(driven.drive)
+        judged = task.judge(driven.drive, any_exposure=driven.any_exposure)
         if index == 0:
             frame_s = ready.frame_s()
-        if index == 0 or frame_s is None:
-            cpu_s = ready.cpu_s(task)
         yield (
             Row(
                 room=task.room.name,
@@ -119,8 +116,8 @@ def _rows(method: Method, ready: Prepared, tasks: Sequence[Task]) -> Iterator[tu
                 certified_db=judged.certified if np.isfinite(judged.certified) else None,
                 bound_codes=None if ready.bound is None else 255 * ready.bound,
                 preparation_s=ready.preparation_s,
-                cpu_s=cpu_s,
-                gl_ms=None if frame_s is None else 1000 * frame_s,
+                cpu_s=ready.cpu_s(task),
+                frame_ms=None if frame_s is None else 1000 * frame_s,
                 map_mib=None if ready.map_bytes is None else ready.map_bytes / 2**20,
             ),
             judged.seen,

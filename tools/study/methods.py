@@ -5,7 +5,6 @@ A new method is a new object in `catalogue`: everything else, figures, plots and
 
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -14,7 +13,6 @@ from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.maps.room_maps import RoomMaps
 from counterlight.maps.row_map import RowMap
-from counterlight.maps.short_map import in_half
 from counterlight.pipeline.refinement import DEFAULT_STEPS
 from counterlight.tools.inverse.method import LARGEST_DENSE
 from counterlight.tools.inverse.near_light import InverseOptions
@@ -22,10 +20,9 @@ from counterlight.tools.solve import solution
 from counterlight.tools.solve.box import Box
 from counterlight.tools.solve.clusterwise import LARGEST_BLOCK
 from counterlight.tools.solve.registry import SOLVERS
-from counterlight.tools.study.frames import Bench, repeated_s
+from counterlight.tools.study.frames import Bench
 from counterlight.tools.study.rooms import StudyRoom, Task, processor_seconds
 
-FLOAT32_ENTRY, HALF_ENTRY = 16, 10  # bytes: three weights of 4 or 2 and an index of 4
 NNLS_STEPS = 200  # where clusters are too large to pivot; only drives far above 1, clamped anyway, need more
 STEPS = (1, 2, 4, 8, 16, 32, 64)
 DIRECT_STEPS = (4, 16, 64)
@@ -35,15 +32,19 @@ MAX_ERRORS = (2.0, 8.0, 32.0)  # beside the default
 DAMPINGS = (0.01, 0.03, 0.1, 0.3)
 UNCUT = "T⁺"
 DEFAULTS = InverseOptions(inverse="whole")
-THESIS = InverseOptions(method="thesis")  # clusters of at most 200
+THESIS = InverseOptions(inverse="thesis")  # clusters of at most 200
 
 
 @dataclass(frozen=True)
 class Drive:
-    """drive : (projector pixels, 3), 0..1.  clipped : share of the lit values that were asked for beyond."""
+    """drive : (projector pixels, 3), 0..1.  clipped : share of the lit values that were asked for beyond.
+
+    any_exposure : the camera is exposed so that the picture is as close as it can be.
+    """
 
     drive: FloatArray
     clipped: float
+    any_exposure: bool = False
 
 
 @dataclass(frozen=True)
@@ -52,8 +53,8 @@ class Prepared:
 
     preparation_s : processor seconds.  map_bytes : of all row maps that a frame reads, None without any.
     bound : certified change of a pixel's drive by what was left out of the map or rounded, None without a map.
-    drive : a task's drive.  cpu_s : processor seconds of a task's picture on the CPU, None if nothing is computed.
-    frame_s : seconds a frame on the GPU for the picture driven last, None if the method does not run there.
+    drive : a task's drive.  cpu_s : processor seconds of a solver for a task's picture, None of what the player does.
+    frame_s : seconds of a frame in the player for the picture driven last, None of a solver.
     """
 
     preparation_s: float
@@ -96,13 +97,13 @@ class Uncompensated:
     made: str = "direct"
 
     def prepare(self, room: StudyRoom) -> Prepared:
-        gl = _direct_bench(room, DIRECT.family, room.direct[0]).gl
+        player = _direct_bench(room, DIRECT.family, room.direct[0]).player
 
         def drive(task: Task) -> Drive:
-            gl.show(task.desired, compensate=False, steps=0)  # for its time
-            return Drive(task.plain, 0.0)
+            player.show(task.desired, compensate=False, steps=0)  # for its time
+            return Drive(task.plain, 0.0, any_exposure=True)
 
-        return Prepared(0.0, None, None, drive, lambda task: None, gl.frame_s)
+        return Prepared(0.0, None, None, drive, lambda task: None, player.frame_s)
 
 
 @dataclass(frozen=True)
@@ -128,8 +129,7 @@ class Direct:
 class Map:
     """The correction map of counterlight build, then steps of refinement by the player.
 
-    start : where refinement begins.  half : weights rounded to 16 bits; the cost in accuracy is measured by rounding,
-    the size computed. The player does so by compute shaders where the bound stays within --max-error.
+    start : where refinement begins.
     """
 
     family: str
@@ -138,7 +138,6 @@ class Map:
     options: InverseOptions = DEFAULTS
     steps: int = 0
     start: str = "map"
-    half: bool = False
 
     @property
     def made(self) -> Hashable:
@@ -151,13 +150,12 @@ class Map:
             words.append(f"--method {self.options.method}")
         if self.options.damping is not None:
             words.append(f"--regularize {self.options.damping:g}" if self.options.damping else "--regularize none")
+        if self.options.inverse != "auto":
+            words.append(f"--inverse {self.options.inverse}")
         if self.options.max_cluster is not None:
             words.append(f"--max-cluster {self.options.max_cluster}")
-        elif self.options.inverse != "auto":
-            words.append(f"--inverse {self.options.inverse}")
         start = f" --refine-from {self.start}" if self.steps else ""
-        half = " --path compute" if self.half else ""
-        return f"{' '.join(['counterlight build', *words])}; counterlight play --refine {self.steps}{start}{half}"
+        return f"{' '.join(['counterlight build', *words])}; counterlight play --refine {self.steps}{start}"
 
     def prepare(self, room: StudyRoom) -> Prepared:
         if self.options.damping == 0 and self.options.max_cluster is None and room.largest_cluster > LARGEST_DENSE:
@@ -169,13 +167,7 @@ class Map:
         refinement, further = room.refinement
         maps, bound = replace(built.maps, refinement=refinement), float(built.inverse.truncation.max(initial=0.0))
         size = frame_bytes(maps, self.steps, self.start)
-        if self.half:
-            rounded, error = in_half(
-                maps.correction, room.tier.mixing.brightest(room.white, room.tier.ambient).reshape(-1, 3)
-            )
-            maps, bound = replace(maps, correction=rounded), bound + error
-            size -= rounded.entries.nbytes * (FLOAT32_ENTRY - HALF_ENTRY) // FLOAT32_ENTRY
-        bench = room.bench((self.options, self.half, self.start), lambda: maps, self.start)
+        bench = room.bench((self.options, self.start), lambda: maps, self.start)
         if self.steps:
             return _prepared(bench, self.steps, seconds + further, size, None)
         return _prepared(bench, 0, seconds, size, bound)
@@ -228,8 +220,7 @@ PLAIN = Map("T⁺ of the thesis", "max-cluster", THESIS.largest, THESIS)
 def catalogue() -> list[Method]:
     """Every method that inverts the uncut transport at most once; those that share a map follow each other."""
     methods: list[Method] = [Solver("box", "box optimum"), Solver("nnls", "NNLS"), Uncompensated()]
-    methods += [DIRECT, TRIANGULATED]
-    methods += [Map(UNCUT, "max-error", DEFAULTS.max_error), Map("T⁺, 16-bit weights", "", None, half=True)]
+    methods += [DIRECT, TRIANGULATED, Map(UNCUT, "max-error", DEFAULTS.max_error)]
     methods += [replace(OURS, value=steps, steps=steps) for steps in STEPS]
     methods += [Map("T⁺, cut", "max-cluster", size, InverseOptions(max_cluster=size)) for size in (50, 1000, 200)]
     methods += [replace(CUT, value=steps, steps=steps) for steps in CUT_STEPS]
@@ -266,13 +257,10 @@ def _prepared(bench: Bench, steps: int, preparation_s: float, size: int, bound: 
     """What runs in the player, compensating with so many steps."""
 
     def drive(task: Task) -> Drive:
-        found = bench.gl.show(task.desired, compensate=True, steps=steps)
+        found = bench.player.show(task.desired, compensate=True, steps=steps)
         return Drive(found, 0.0 if steps else task.clipped(bench.T_pinv.apply(task.target).reshape(-1, 3)))
 
-    def cpu_s(task: Task) -> float:
-        return repeated_s(partial(bench.cpu.show, task.desired, compensate=True, steps=steps))
-
-    return Prepared(preparation_s, size, bound, drive, cpu_s, bench.gl.frame_s)
+    return Prepared(preparation_s, size, bound, drive, lambda task: None, bench.player.frame_s)
 
 
 def _direct_bench(room: StudyRoom, family: str, mapped: RowMap) -> Bench:

@@ -80,7 +80,7 @@ def _overview(files: dict[str, str], averages: Sequence[Mean]) -> Section:
             )
         )
     front = {
-        point.label for point in pareto([point for point in averages if point.on_gpu], lambda point: point.picture_ms)
+        point.label for point in pareto([point for point in averages if point.played], lambda point: point.picture_ms)
     }
     table = _mean_table(averages, front)
     return Section("What accuracy costs", figures, f"<p class='note'>{FORMULAS}</p>{table}", wide=True)
@@ -170,7 +170,7 @@ def _mean_table(averages: Sequence[Mean], front: set[str]) -> str:
         "worst room",
         "CIEDE2000",
         "ms a picture",
-        "on",
+        "by",
         "MiB of maps",
         "preparation, s",
         "",
@@ -182,7 +182,7 @@ def _mean_table(averages: Sequence[Mean], front: set[str]) -> str:
             f"{point.worst_db:.2f}",
             f"{point.ciede2000:.2f}",
             number(point.picture_ms),
-            "GPU" if point.on_gpu else "CPU",
+            "player" if point.played else "solver",
             number(point.map_mib),
             number(point.preparation_s or None),
             "Pareto" if point.label in front else "",
@@ -203,8 +203,8 @@ ROW_HEADER = (
     "certified, dB",
     "bound, codes",
     "preparation, s",
-    "CPU, s",
-    "GPU, ms",
+    "solver, s",
+    "player, ms",
     "MiB",
 )
 
@@ -222,6 +222,6 @@ def _row(row: Row) -> list[str]:
         number(row.bound_codes),
         number(row.preparation_s or None),
         number(row.cpu_s),
-        number(row.gl_ms),
+        number(row.frame_ms),
         number(row.map_mib),
     ]

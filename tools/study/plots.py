@@ -28,7 +28,6 @@ STYLES = {  # colour, marker
     "T⁺, cut": ("#ff7f0e", "s"),
     "T⁺": ("#1f77b4", "o"),
     "T⁺, λ given": ("#17becf", "d"),
-    "T⁺, 16-bit weights": ("#1f77b4", "*"),
     "refined from direct": ("#9467bd", "<"),
     "refined from T⁺, cut": ("#bcbd22", ">"),
     "refined from T⁺": ("#2ca02c", "^"),
@@ -56,7 +55,7 @@ def draw_all(folder: Path, rows: Sequence[Row], time_note: str) -> dict[str, str
         ),
         "preparation": save(
             folder / "error_preparation.png",
-            _overview([m for m in averages if m.on_gpu], _preparation, "seconds to prepare a room, of processor time"),
+            _overview([m for m in averages if m.played], _preparation, "seconds to prepare a room, of processor time"),
         ),
         "size": save(
             folder / "error_size.png",
@@ -91,20 +90,20 @@ def _overview(points: Sequence[Mean], cost: Cost, across: str, vertical: float |
 
 
 def _scatter(axes: Axes, points: Sequence[Mean], cost: Cost, *, small: bool = False) -> None:
-    """Methods as marks, families as thin lines, the Pareto front as a staircase; hollow marks do not run on the GPU."""
+    """Methods as marks, families as thin lines, the Pareto front as a staircase; hollow marks are solvers."""
     for family in dict.fromkeys(point.family for point in points):
         colour, marker = STYLES.get(family, OTHER)
         members = _by_value([point for point in points if point.family == family])
         x, y = _places(members, cost)
         if not x:
             continue
-        on_gpu = members[0].on_gpu
+        played = members[0].played
         axes.plot(x, y, color=colour, linewidth=0.7, alpha=0.5)
-        words, face = (family, colour) if on_gpu else (f"{family} (CPU)", "none")
+        words, face = (family, colour) if played else (f"{family} (solver)", "none")
         axes.scatter(x, y, 22 if small else 45, marker=marker, facecolor=face, edgecolor=colour, label=words, zorder=3)
-    front = pareto([point for point in points if point.on_gpu], cost)
+    front = pareto([point for point in points if point.played], cost)
     x, y = _places(front, cost)
-    axes.step(x, y, where="post", color="#000000", linewidth=1.2, alpha=0.6, zorder=2, label="Pareto front (GPU)")
+    axes.step(x, y, where="post", color="#000000", linewidth=1.2, alpha=0.6, zorder=2, label="Pareto front (player)")
     for point, place in zip(front, zip(x, y, strict=True), strict=True):
         if point.value is not None and not small:
             axes.annotate(f"{point.value:g}", place, (4, 5), "data", "offset points", fontsize=7)

@@ -24,7 +24,7 @@ def wishes(points: Sequence[Mean]) -> list[Wish]:
 
     points : methods that were used in every room.
     """
-    playable = [point for point in points if point.on_gpu and point.picture_ms is not None]
+    playable = [point for point in points if point.played and point.picture_ms is not None]
     close = [point for point in playable if point.below_optimum_db <= CLOSE_DB]
     smooth = [point for point in playable if _ms(point) <= FRAME_MS]
     return [

@@ -22,8 +22,8 @@ class Row:
     rmse, psnr_db, ssim, ciede2000 : as tools/solve/quality.py says.  clipped : share of the projector's lit values.
     below_optimum_db : decibels of PSNR to the box optimum; certified_db : that it can be at most, by the gradient.
     bound_codes : certified change of a drive by truncation or rounding, in 8-bit code values of linear drive.
-    preparation_s, cpu_s : processor seconds to prepare the room, and for a picture on the CPU.
-    gl_ms : a frame on the GPU; processor time where OpenGL runs on the processor.
+    preparation_s : processor seconds to prepare the room.  cpu_s : of a solver for the picture.
+    frame_ms : in the player: by OpenGL on a GPU, else by compiled passes, whose processor time it is.
     map_mib : of all maps that a frame reads.
     """
 
@@ -43,7 +43,7 @@ class Row:
     bound_codes: float | None
     preparation_s: float
     cpu_s: float | None
-    gl_ms: float | None
+    frame_ms: float | None
     map_mib: float | None
 
     @property
@@ -52,8 +52,8 @@ class Row:
 
     @property
     def picture_ms(self) -> float | None:
-        """Milliseconds a picture where it is shown: on the GPU, or on the CPU for what does not run there."""
-        return self.gl_ms if self.gl_ms is not None else None if self.cpu_s is None else 1000 * self.cpu_s
+        """Milliseconds of a frame in the player, or of a solver's picture."""
+        return self.frame_ms if self.frame_ms is not None else None if self.cpu_s is None else 1000 * self.cpu_s
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Mean:
     preparation_s: float
     picture_ms: float | None
     map_mib: float | None
-    on_gpu: bool
+    played: bool
     rooms: int
 
 
@@ -121,7 +121,7 @@ def _mean(name: str, rows: list[Row]) -> Mean:
         geometric([row.preparation_s for row in rows]) or 0.0,
         geometric([row.picture_ms for row in rows]),
         geometric([row.map_mib for row in rows]),
-        first.gl_ms is not None,
+        first.frame_ms is not None,
         len(rooms),
     )
 

@@ -36,8 +36,9 @@ from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport, channel, channels
 
 R = TypeVar("R")
-ENTRY_BYTES = 170  # of T⁺, per entry: its maps, both backends, its inverse written out, half weights (146 measured)
+ENTRY_BYTES = 170  # of T⁺, per entry: its maps, the player's, its inverse written out (146 measured with both backends)
 BEYOND = 0.1 / 255  # drive; less than this outside 0..1 is rounding, not clipping
+TINY = 1e-300
 
 
 def processor_seconds(work: Callable[[], R]) -> tuple[R, float]:
@@ -104,17 +105,19 @@ class StudyRoom:
     tier : of colour.  simulation_s : processor seconds of its simulation.  given : T as it is stored in the user's own
     room, of white light; None for a scene.  white : radiance of a white picture, as the
     player takes it.
-    inside : T of the camera pixels that count.  lit : (projector pixels, 3), whether near light leaves them.
-    objective : what the player's maps, refinement and `box` minimise.
+    counts : the lit camera pixels, which figures refer to.  inside : their T.
+    lit : (projector pixels, 3), whether near light leaves them.
+    objective : what the player's maps and refinement minimise.  box : the unweighted optimum.
     Holds the last maps and the last bench, so methods that share them should follow each other; close() at the end.
     """
 
     def __init__(self, name: str, tier: Tier, simulation_s: float, given: Transport | None = None) -> None:
         self.name, self.tier, self.simulation_s, self.given = name, tier, simulation_s, given
         self.calibration, self.transport, self.white = tier.calibration, tier.transport, tier.white
-        self.inside = self.transport.inside(self.calibration.mask)
         self.objective = objective_of(tier.transport, tier.calibration, DEFAULT_AIMS, tier.mixing)
-        self.lit, self.box = self.inside.lit, Box(self.objective)
+        self.counts = self.objective.lit_picture(tier.calibration)
+        self.inside = self.transport.inside(self.counts)
+        self.lit, self.box = self.inside.lit, Box(self.objective.unweighted)
         self._built: tuple[InverseOptions, BuiltRoom | InputError, float] | None = None
         self._bench: tuple[object, Bench] | None = None
 
@@ -204,7 +207,7 @@ class Judged:
     """How good a drive is.
 
     seen : (camera height, camera width, 3), in screen primaries.  below_optimum : decibels of PSNR to the box optimum.
-    certified : decibels that it can be below the optimum at most, from its gradient alone.
+    certified : decibels that it can be below the optimum at most, from its gradient alone; or infinite.
     """
 
     seen: FloatArray
@@ -217,7 +220,7 @@ class Task:
     """One picture in one room.
 
     desired : (camera height, camera width, 3), in screen primaries.  asked : b, (camera pixels, 3).
-    counts : (camera pixels, 1), inside the mask.
+    counts : (camera pixels, 1), whether lit.
     plain : (projector pixels, 3), the picture uncorrected.
     """
 
@@ -227,7 +230,7 @@ class Task:
         self.desired = room.white * on_cameras(picture.at(calibration.placed_on), calibration)
         self.plain = picture.at(calibration.projector.shape).reshape(-1, 3)
         self.target = room.tier.asked(self.desired)
-        self.asked, self.counts = self.target.reshape(-1, 3), calibration.mask.reshape(-1, 1)
+        self.asked, self.counts = self.target.reshape(-1, 3), room.counts.reshape(-1, 1)
 
     @cached_property
     def optimum(self) -> tuple[FloatArray, float]:
@@ -237,19 +240,27 @@ class Task:
 
     @cached_property
     def _best(self) -> Quality:
-        return self._quality(self.optimum[0])[1]
+        return self._quality(self.room.tier.seen(self.optimum[0]))
 
-    def judge(self, drive: FloatArray) -> Judged:
-        """Through the undecomposed T, near and far light; drive : (projector pixels, 3), 0..1."""
-        seen, quality = self._quality(drive)
-        bound = self.room.objective.certificate(drive, self.asked)
-        return Judged(seen, quality, self._best.psnr - quality.psnr, bound.decibels)
+    def judge(self, drive: FloatArray, *, any_exposure: bool = False) -> Judged:
+        """Through the undecomposed T, near and far light.
+
+        drive : (projector pixels, 3), 0..1.  any_exposure : of the camera; the one of least error is taken.
+        """
+        seen = self.room.tier.seen(drive)
+        certified = self.room.objective.unweighted.certificate(drive, self.asked).decibels
+        if any_exposure:
+            lit = self.room.counts
+            light = seen[lit]
+            seen = seen * float(np.vdot(light, self.desired[lit]) / (np.vdot(light, light) + TINY))
+            certified = np.inf
+        quality = self._quality(seen)
+        return Judged(seen, quality, self._best.psnr - quality.psnr, certified)
 
     def clipped(self, unclamped: FloatArray) -> float:
         """Share of the lit projector pixels' values beyond 0..1; unclamped : (projector pixels, 3)."""
         beyond = np.abs(unclamped - np.clip(unclamped, 0, 1)) > BEYOND
         return float(np.mean(beyond[self.room.lit])) if self.room.lit.any() else 0.0
 
-    def _quality(self, drive: FloatArray) -> tuple[FloatArray, Quality]:
-        seen = self.room.tier.seen(drive)
-        return seen, measure(self.desired, seen, self.room.calibration.mask, self.room.white)
+    def _quality(self, seen: FloatArray) -> Quality:
+        return measure(self.desired, seen, self.room.counts, self.room.white)

@@ -44,9 +44,9 @@ def sheet(path: Path, room: RoomFigures) -> str:
 
 
 def figure_5_2(path: Path, room: RoomFigures) -> str:
-    """A picture by NNLS on the CPU and by T⁺ on the GPU, in colour and grey, and the difference's lowest quarter."""
+    """A picture by NNLS and by T⁺ in the player, in colour and grey, and the difference's lowest quarter."""
     views = next(iter(room.seen.values()))
-    names = {"NNLS": "NNLS on the CPU", THESIS_LABEL: "plain T⁺, cut, on the GPU", OURS_LABEL: "ours on the GPU"}
+    names = {"NNLS": "NNLS", THESIS_LABEL: "plain T⁺, cut, in the player", OURS_LABEL: "ours in the player"}
     figure, grid = subplots(3, len(names), room.mask.shape)
     for column, (name, words) in enumerate(names.items()):
         _show(grid[0, column], views[name], _title(words, views, name, room.mask))

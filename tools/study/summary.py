@@ -26,7 +26,7 @@ def _line(point: Mean, rows: Sequence[Row]) -> str:
     rmse, ssim, clipped = (np.mean([getattr(row, name) for row in rows]) for name in ("rmse", "ssim", "clipped"))
     costs = " | ".join(_short(value) for value in (point.picture_ms, point.map_mib, point.preparation_s))
     return (
-        f"| {point.label}{'' if point.on_gpu else ' (CPU)'} | {point.below_optimum_db:.2f} | {point.worst_db:.2f} "
+        f"| {point.label}{'' if point.played else ' (solver)'} | {point.below_optimum_db:.2f} | {point.worst_db:.2f} "
         f"| {100 * rmse:.2f} | {ssim:.3f} | {point.ciede2000:.2f} | {100 * clipped:.1f} | {costs} |\n"
     )
 

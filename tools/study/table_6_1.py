@@ -8,10 +8,10 @@ from counterlight.tools.inverse.near_light import InverseOptions
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.simulation.scene import load_scene
 from counterlight.tools.solve.box import Box
-from counterlight.tools.study.measure import RoomFigures, study_room
+from counterlight.tools.study.measure import THESIS_LABEL, RoomFigures, study_room
 from counterlight.tools.study.methods import CUT, PLAIN, TRIANGULATED, Map, Method, Solver
 from counterlight.tools.study.pictures import Picture, find_pictures
-from counterlight.tools.study.questions.acquiring import MULTIPLEXED, acquire_again, tier_of_acquired
+from counterlight.tools.study.questions.acquiring import HIERARCHICAL, MULTIPLEXED, Way, acquire_again, tier_of_acquired
 from counterlight.tools.study.results import Row, label
 from counterlight.tools.study.rooms import StudyRoom, Task, processor_seconds, simulated_room
 from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
@@ -45,7 +45,7 @@ HEADER = (
     "frames/s",
     "ours: camera, projector",
     "simulated in",
-    f"acquired ({MULTIPLEXED.words}, simulated): pictures; computed; below optimum",
+    *(f"acquired ({way.words}, simulated): pictures; computed; below optimum" for way in (MULTIPLEXED, HIERARCHICAL)),
     "NNLS picture",
     "direct, triangulated: computed; frame; below optimum",
     "T⁺ as the thesis: computed; frame; below optimum",
@@ -77,8 +77,8 @@ THESIS_ROWS = (
 class Spent:
     """What a way took and gave.
 
-    computed_s : processor seconds.  pictures : shown, of an acquisition.  frame_ms : on the GPU; processor time in
-    software.  below_db : PSNR below the box optimum.
+    computed_s : processor seconds.  pictures : shown, of an acquisition.  frame_ms : in the player;
+    processor time without a GPU.  below_db : PSNR below the box optimum.
     """
 
     computed_s: float
@@ -94,10 +94,11 @@ class Spent:
 
 @dataclass(frozen=True)
 class OurRow:
-    """Ours for a scene. Times are processor time; None where a method is not for the room.
+    """Ours for a scene. Times are processor time; None where a method is not for the room, or why not.
 
-    acquired : by a simulated camera.  nnls_s : a picture, T whole.  direct : triangulated.  thesis : T⁺ as the thesis
-    computes it, plain and cut.  stepped : refined in every frame, from direct mapping.  ours : from T⁺ damped and cut.
+    acquired, by_hierarchy : by a simulated camera, multiplexed and by the thesis' scheme.  nnls_s : a picture, T whole.
+    direct : triangulated.  thesis : T⁺ as the thesis computes it, plain and cut.  stepped : refined in every frame from
+    direct mapping.  ours : from T⁺ damped and cut.
     """
 
     scene: str
@@ -105,35 +106,40 @@ class OurRow:
     projector: str
     simulation_s: float
     acquired: Spent | None
+    by_hierarchy: Spent | None
     nnls_s: float | None
     direct: Spent | None
-    thesis: Spent | None
+    thesis: Spent | str | None
     stepped: Spent | None
     ours: Spent | None
 
 
-def table_row(figures: RoomFigures, acquired: Spent | None = None) -> OurRow:
+def table_row(figures: RoomFigures, multiplexed: Spent | None = None, hierarchical: Spent | None = None) -> OurRow:
     """A row from the first picture that was studied in a room."""
     first = {row.label: row for row in reversed(figures.rows)}
-    nnls, *others = (first.get(label(m.family, m.knob, m.value)) for m in METHODS)
+    nnls, direct, thesis, *others = (first.get(label(m.family, m.knob, m.value)) for m in METHODS)
+    refused = next((entry.reason for entry in figures.skipped if entry.method == THESIS_LABEL), None)
     return OurRow(
         figures.name,
         str(figures.facts["camera"]),
         str(figures.facts["projector"]),
         float(figures.facts["simulation_s"]),
-        acquired,
+        multiplexed,
+        hierarchical,
         None if nnls is None else nnls.cpu_s,
-        *(None if row is None else _played(row) for row in others),
+        _played(direct),
+        _played(thesis) or refused,
+        *map(_played, others),
     )
 
 
-def _played(row: Row) -> Spent:
-    return Spent(row.preparation_s, row.below_optimum_db, frame_ms=row.gl_ms)
+def _played(row: Row | None) -> Spent | None:
+    return None if row is None else Spent(row.preparation_s, row.below_optimum_db, frame_ms=row.frame_ms)
 
 
-def acquired(room: StudyRoom, picture: Picture) -> Spent:
+def acquired(room: StudyRoom, picture: Picture, way: Way) -> Spent:
     """The room acquired by a simulated camera, and what the best drive by its T gives in the room as it is."""
-    again, seconds = processor_seconds(lambda: acquire_again(room.calibration, room.transport, MULTIPLEXED))
+    again, seconds = processor_seconds(lambda: acquire_again(room.calibration, room.transport, way))
     tier, task = tier_of_acquired(room.calibration, again), Task(room, picture)
     box = Box(objective_of(tier.transport, tier.calibration, DEFAULT_AIMS))
     drive = box.solve(tier.asked(task.desired).reshape(-1, len(CHANNELS))).drive
@@ -151,7 +157,8 @@ def measure_at_thesis_size(scene: str, picture: str) -> OurRow:
     resized = load_scene(shipped_scenes()[scene]).resized(camera, projector)
     with closing(simulated_room(resized, scene)) as room:
         (shown,) = find_pictures([picture])
-        return table_row(study_room(room, [shown], METHODS), acquired(room, shown))
+        figures = study_room(room, [shown], METHODS)
+        return table_row(figures, *(acquired(room, shown, way) for way in (MULTIPLEXED, HIERARCHICAL)))
 
 
 def to_markdown(ours: Sequence[OurRow]) -> str:
@@ -173,6 +180,7 @@ def cells(thesis: ThesisRow, ours: OurRow | None) -> list[str]:
         f"{ours.camera}, {ours.projector}",
         _seconds(ours.simulation_s),
         _spent(ours.acquired),
+        _spent(ours.by_hierarchy),
         _seconds(ours.nnls_s),
         *map(_spent, (ours.direct, ours.thesis, ours.stepped, ours.ours)),
     ]
@@ -182,5 +190,7 @@ def _seconds(value: float | None) -> str:
     return "n.a." if value is None else f"{value:.3g} s"
 
 
-def _spent(way: Spent | None) -> str:
-    return "n.a." if way is None else str(way)
+def _spent(way: Spent | str | None) -> str:
+    if way is None:
+        return "n.a."
+    return str(way) if isinstance(way, Spent) else f"n.a.: {way.split(';')[0]}"

@@ -167,7 +167,7 @@ class _Room:
         result = simulate(scene, needs, without=without)
         self.tier = tier_of(simulated_calibration(scene, result), result.transport)
         objective = objective_of(self.tier.transport, self.tier.calibration, DEFAULT_AIMS, self.tier.mixing)
-        self._box = Box(objective, tolerance=GAP, most_steps=MOST_STEPS)
+        self._box = Box(objective.unweighted, tolerance=GAP, most_steps=MOST_STEPS)
 
     def drive(self, asked: FloatArray) -> FloatArray:
         """(projector pixels, 3) for (camera height, camera width, 3), in screen primaries."""

@@ -15,7 +15,7 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.arrays import FloatArray
+from counterlight.arrays import BoolArray, FloatArray
 from counterlight.calibration import Calibration
 from counterlight.errors import InputError
 from counterlight.maps.mixing import Mixing
@@ -29,13 +29,16 @@ from counterlight.tools.transport.gloss import glossy
 from counterlight.tools.transport.overlap import overlap
 from counterlight.tools.transport.shares import shares
 from counterlight.tools.transport.transport import Transport
-from counterlight.tools.transport.trust import beside_most, camera_pixels, trust
+from counterlight.tools.transport.trust import LEAST_TRUST, camera_pixels, seen, trust
 
 FAINTEST = 1e-12  # of the largest: a projector pixel whose d is below lights nothing, and its step would overflow
 FINEST = 1e-6  # of ½ Σ w b²: an error 60 dB below the target needs no finer certificate
 HARDLY_SEEN = 0.02  # of what is seen of most projector pixels: the prior is then as strong as what the camera says
 FALL = 4  # the power by which the prior vanishes where more is seen: 2e-7 of d where all is
-STRONGEST = 1e6  # times what the camera says
+HARDLY_LIT = 3e-4  # of the usual d: pixels of a bright room have 0.001 to 0.15 by far light alone, noise 0.00001
+BY_FAR_LIGHT = 1e-3  # of d: 0.005 costs folded_cards 0.5 dB of an even grey, this 0.2
+ALONE = 0.9  # of d: a mere rest is direct
+TINY, LARGEST = 1e-30, 1e6
 AVOIDED = 0.05  # of d, where all light is gloss: nothing where others can light it, a twentieth less where none can
 STIFFNESS = 0.03  # of d: what ties pixels that nobody sees to their neighbours (--outside continue)
 
@@ -47,7 +50,7 @@ class ObjectiveOptions:
     avoid_highlights : let another projector light what the camera sees by gloss (gloss.py).
     """
 
-    drift: float = 0.1
+    drift: float = 0.05
     outside: str = "black"
     avoid_highlights: bool = False
 
@@ -67,7 +70,8 @@ class Objective:
     """One room's; p is (projector pixels, 3), b (camera pixels, 3).
 
     T : the rows of camera pixels without weight are empty.  weights : w, (camera pixels,).
-    seen : (projector pixels,), how much of each trusted camera pixels see, 1 for most.
+    seen : (projector pixels,), how well trusted camera pixels see each, 1 for as well as most.
+    lit : (camera pixels,), those that figures refer to; None for all.
     bounds : no camera pixel is asked for what it cannot have by itself: its neighbours would be spoiled in vain.
     mixing : of the camera's colours, in which what it is asked for instead is nearest.
     """
@@ -78,11 +82,22 @@ class Objective:
     seen: FloatArray
     bounds: bool = True
     mixing: Mixing = INDEPENDENT
+    lit: BoolArray | None = None
 
     @classmethod
     def plain(cls, T: Transport) -> "Objective":
         """½‖T p − b‖² alone, whatever b is."""
         return cls(T, np.ones(T.shape[0]), None, np.ones(T.shape[1]), bounds=False)
+
+    @cached_property
+    def unweighted(self) -> "Objective":
+        """½‖T p − b‖² over the lit camera pixels: its optimum is the zero of every "dB below the best"."""
+        return replace(self.plain(self.T if self.lit is None else self.T.inside(self.lit)), lit=self.lit)
+
+    def lit_picture(self, calibration: Calibration) -> BoolArray:
+        """The lit camera pixels, (camera height, camera width)."""
+        lit = np.ones(self.T.shape[0], bool) if self.lit is None else self.lit
+        return lit.reshape(calibration.camera.shape)
 
     @cached_property
     def dual(self) -> Transport:
@@ -145,7 +160,7 @@ class Objective:
             p = q
 
     def certificate(self, p: FloatArray, b: FloatArray, upper: float = 1.0) -> Certificate:
-        """The bound at any 0 ≤ p ≤ upper."""
+        """The bound at any 0 ≤ p ≤ upper; of weighted errors where there are weights, the prior's share left out."""
         residual = self.bounded(b) - self.T.apply(p)
         gradient = self._pull(p) - self.dual.apply(residual)
         reach = upper if np.isfinite(upper) else np.maximum(1.0, 2 * p.max(axis=0, initial=0.0))
@@ -176,11 +191,11 @@ def objective_of(
 ) -> Objective:
     """A calibrated room's.  mixing : between T's light and the camera's colours."""
     projector, regions = calibration.projector.shape, calibration.regions
-    weights = _trust(transport, calibration) * shares(transport.near, calibration)
-    T = transport.inside(weights > 0)
-    made = camera_pixels(T, weights > 0)
-    unaided = Objective(T, weights, None, beside_most(made), mixing=mixing)
-    prior = _prior(unaided, made, projector, regions, options)
+    trusted = _trust(transport, calibration)
+    T = transport.inside(trusted > 0)
+    lit, weights = trusted > LEAST_TRUST, trusted * shares(transport.near, calibration)
+    unaided = Objective(T, weights, None, seen(T, lit), mixing=mixing, lit=lit)
+    prior = _prior(unaided, projector, regions, options)
     return replace(unaided, prior=_off_highlights(unaided, prior, calibration) if options.avoid_highlights else prior)
 
 
@@ -208,18 +223,18 @@ def _trust(T: Transport, calibration: Calibration) -> FloatArray:
 
 def _prior(
     objective: Objective,
-    made: FloatArray,
     projector: tuple[int, int],
     regions: Sequence[Region],
     options: ObjectiveOptions,
 ) -> Prior:
     d, diagonal = objective.curvature, _diagonal(objective.T, objective.weights)
-    hold = _hold(d, objective.seen)
+    near = objective.dual.without_far.apply(objective.T.composition())
+    hold = _hold(d, np.maximum(d - near, 0), objective.seen)
     black = options.outside == "black"
     stiff = np.zeros_like(hold) if black else np.minimum(hold, STIFFNESS * hold.max(axis=0))
     ties = [each.reshape(*projector, 3) for each in (options.drift * np.sqrt(diagonal), stiff)]
     owner = owners(projector, regions)
-    apart = _apart(objective, made, projector)
+    apart = _apart(objective, projector)
     right, down = (_ties(ties[0], ties[1], each, owner, axis) for each, axis in zip(apart, (1, 0), strict=True))
     damping = hold if black else np.zeros_like(hold)
     return Prior(damping.reshape(*projector, 3).astype(np.float32), right, down)
@@ -243,21 +258,28 @@ def _squares(rows: SparseRows, weights: FloatArray) -> FloatArray:
     return np.stack(squares, axis=1)
 
 
-def _hold(d: FloatArray, shown: FloatArray) -> FloatArray:
-    """How strongly a projector pixel is held for want of being seen, (projector pixels, 3).
+def _hold(d: FloatArray, far: FloatArray, shown: FloatArray) -> FloatArray:
+    """How strongly a projector pixel is held for want of being seen, (projector pixels, 3); at most as d usually is.
 
-    d (0.02 / shown)⁴, at most what d is where all is seen; that of what nobody sees.
+    Seen directly: d (0.02 / shown)⁴. By far light alone: d (0.0003 / d)⁴, in shares of the usual d, and at least
+    0.001 d: many such pixels together may brighten a room, and noise may not.
+
+    far : the part of d that is far light.
     """
-    typical = np.median(d[shown > 0.5], axis=0) if np.any(shown > 0.5) else d.max(axis=0, initial=0.0)
-    share = np.divide(HARDLY_SEEN, shown, out=np.full_like(shown, np.inf), where=shown > 0)[:, None]
-    return np.where(shown[:, None] > 0, np.minimum(np.minimum(share**FALL, STRONGEST) * d, typical), typical)
+    usual = np.median(d[shown > 0.5], axis=0) if np.any(shown > 0.5) else d.max(axis=0, initial=0.0)
+    light = np.divide(d, usual, out=np.zeros_like(d), where=usual > 0)
+    alone = far > ALONE * d
+    hardly = np.where(alone, HARDLY_LIT / np.maximum(light, TINY), HARDLY_SEEN / np.maximum(shown, TINY)[:, None])
+    strength = np.minimum(hardly, LARGEST) ** FALL
+    return np.asarray(np.minimum(np.where(alone, np.maximum(strength, BY_FAR_LIGHT), strength) * d, usual))
 
 
-def _apart(objective: Objective, made: FloatArray, projector: tuple[int, int]) -> Iterator[FloatArray]:
+def _apart(objective: Objective, projector: tuple[int, int]) -> Iterator[FloatArray]:
     """1 − κ of pixels and their neighbours on the right, and below; 1 where too little is seen to know κ.
 
-    Where `made`, the camera pixels of each projector pixel, is below 1, neighbours look alike for want of pixels.
+    Where a projector pixel makes up less than a camera pixel, neighbours look alike for want of pixels.
     """
+    made = camera_pixels(objective.T, objective.weights > 0)
     known = np.minimum(np.minimum(objective.seen, made), 1).reshape(projector)
     for alike, axis in zip(overlap(objective.T, objective.weights, projector), (1, 0), strict=True):
         yield 1 - np.minimum(known, np.roll(known, -1, axis)) * alike

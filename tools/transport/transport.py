@@ -193,22 +193,31 @@ class Transport:
         return self.by_rows(lambda rows: rows.scaled(factors))
 
 
-def in_one(transport: Transport) -> SparseRows:
-    """S + B P + U M D entry by entry, float32, nothing left out but zeros: with far light, (almost) dense."""
+def in_one(transport: Transport, threshold: float = 0.0) -> SparseRows:
+    """S + B P + U M D entry by entry, float32, without zeros and entries of a luminance below `threshold`.
+
+    With far light and no threshold it is (almost) dense.
+    """
     if transport.blurred is not None:
         factors = zip(*(channels(part) for part in (transport.blurred.scatter, transport.blurred.gather)), strict=True)
         wide = [Csr(B @ P + S) for (B, P), S in zip(factors, channels(transport.near), strict=True)]
-        return in_one(replace(transport, near=stacked(wide), blurred=None))
+        return in_one(replace(transport, near=stacked(wide), blurred=None), threshold)
     if transport.far is None:
-        return transport.near
+        return _from(transport.near, threshold)
     near, gather = (channels(part) for part in (transport.near, transport.far.gather))
     bases = [U @ M for U, M in zip(channels(transport.far.scatter), transport.far.mix, strict=True)]
     blocks = []
     for start in range(0, transport.shape[0], ROWS_AT_ONCE):
         some = slice(start, start + ROWS_AT_ONCE)
         sums = [base[some] @ D + S[some].toarray() for base, D, S in zip(bases, gather, near, strict=True)]
-        blocks.append(dense_rows(np.stack(sums).astype(np.float32)).inside(np.ones(sums[0].shape[0], bool)))
+        rows = dense_rows(np.stack(sums).astype(np.float32)).inside(np.ones(sums[0].shape[0], bool))
+        blocks.append(_from(rows, threshold))
     return below_each_other(blocks)
+
+
+def _from(rows: SparseRows, threshold: float) -> SparseRows:
+    """Entries of at least that luminance."""
+    return rows.where(luminance(rows.weights) >= threshold) if threshold else rows
 
 
 def stacked(matrices: Sequence[Csr]) -> SparseRows:

@@ -15,7 +15,10 @@ from counterlight.arrays import FloatArray
 from counterlight.maps.row_map import SparseRows
 from counterlight.tools.transport.transport import Csr, Transport, channel, luminance
 
-LEAST_TRUST = 0.01
+LEAST_TRUST = 0.01  # of what the mask leaves out
+CUT_TRUST = 0.1  # of what the raster cuts; with 0.05 a corner falls below direct mapping, over all that is lit
+CLEAR = 0.01  # of the bright pixels' light: what is darker may be noise
+BRIGHT_PERCENTILE = 99
 CUT, WIDE_AND_CUT, FALL = 1.1, 1.3, 0.5  # of what a whole footprint can have in one line
 UNTOUCHED = 0.05  # share of a row's light at the edge, below which its footprint is whole for certain
 NEARBY = 9  # camera pixels a side, over which whole footprints are averaged
@@ -72,18 +75,22 @@ def _over_lines(matrix: Csr, places: NDArray[np.int32], count: int) -> Csr:
 
 
 def trust(T: Transport, counts: NDArray[np.bool_], projector: tuple[int, int]) -> FloatArray:
-    """w, (camera pixels,): 1 inside the mask, little where else near or blurred light falls, 0 where none does.
+    """w, (camera pixels,): how much each camera pixel counts; 0 where no near or blurred light falls.
 
-    Those of little trust are satisfied where no trusted pixel objects: the rim of the picture, what the camera could
-    not measure, what somebody's mask leaves out. Where an edge cuts a footprint, w falls from 0.4 to LEAST_TRUST over
-    `cut_by_edges` of 1.1 to 1.3: narrow footprints, of which nearly all is one line, disturb no others.
+    1 inside the mask. Where the raster's edge cuts the footprint of a clearly lit pixel, w falls from 0.46 to CUT_TRUST
+    over `cut_by_edges` of 1.1 to 1.3: narrow footprints, of which nearly all is one line, disturb no others. Elsewhere
+    outside the mask LEAST_TRUST: what the camera could not measure, or somebody's mask leaves out, is satisfied where
+    no trusted pixel objects.
 
     counts : (camera height, camera width), the mask.  projector : (height, width).
     """
-    lit = _light(T) > 0
+    light = _light(T)
+    lit = light > 0
+    clear = lit & (light > CLEAR * np.percentile(light[lit], BRIGHT_PERCENTILE)) if lit.any() else lit
     cut = cut_by_edges(T, (counts.shape[0], counts.shape[1]), projector)
-    narrow = (cut >= CUT) * np.clip((WIDE_AND_CUT - cut) / FALL, 0, 1)
-    return np.where(counts.ravel(), 1.0, (LEAST_TRUST + (1 - LEAST_TRUST) * narrow) * lit)
+    narrow = np.clip((WIDE_AND_CUT - cut) / FALL, 0, 1)
+    outside = np.where(clear & (cut >= CUT), CUT_TRUST + (1 - CUT_TRUST) * narrow, LEAST_TRUST * lit)
+    return np.where(counts.ravel(), 1.0, outside)
 
 
 def cut_by_edges(T: Transport, camera: tuple[int, int], projector: tuple[int, int]) -> FloatArray:
@@ -123,11 +130,25 @@ def _around(largest: FloatArray, untouched: NDArray[np.bool_], camera: tuple[int
 
 
 def seen(T: Transport, trusted: NDArray[np.bool_]) -> FloatArray:
-    """How much of a projector pixel trusted camera pixels see, 1 where as much as of most: (projector pixels,).
+    """How well trusted camera pixels see a projector pixel, 1 for as well as most: (projector pixels,).
+
+    Counts the camera pixels to which projector pixel j contributes, each by how its contribution compares with the
+    usual one there: Σ_i min(1, T_ij / m_i), m_i = Σ_k T_ik² / Σ_k T_ik. Paint cancels. Fifty pixels that a lens gathers
+    into one camera pixel are all seen; a pixel of which only the rim of its footprint is in view is not.
 
     trusted : (camera pixels,).
     """
-    return beside_most(camera_pixels(T, trusted))
+    total, squares = _light(T), _squares(T)
+    total[~trusted] = 0
+    usual = np.divide(squares, total, out=np.zeros_like(total), where=total > 0)
+    count = _contributions(T.near, luminance(T.near.weights), usual)
+    if T.blurred is not None:
+        # All pixels of a cell contribute alike.
+        gather, scatter = T.blurred.gather, T.blurred.scatter
+        share = _largest_of_rows(gather)
+        cells = _contributions(scatter, luminance(scatter.weights) * share[scatter.indices], usual)
+        count += np.bincount(gather.indices, cells[gather.rows], gather.columns)
+    return _beside_most(count)
 
 
 def camera_pixels(T: Transport, trusted: NDArray[np.bool_]) -> FloatArray:
@@ -145,10 +166,34 @@ def camera_pixels(T: Transport, trusted: NDArray[np.bool_]) -> FloatArray:
     return made
 
 
-def beside_most(made: FloatArray) -> FloatArray:
+def _squares(T: Transport) -> FloatArray:
+    """Σ_k T_ik² of luminance without far light, (camera pixels,)."""
+    found = np.bincount(T.near.rows, luminance(T.near.weights) ** 2, T.near.shape[0])
+    if T.blurred is not None:
+        gather, scatter = T.blurred.gather, T.blurred.scatter
+        of_cell = np.bincount(gather.rows, gather.weights[:, 0].astype(np.float64) ** 2, gather.shape[0])
+        found += np.bincount(scatter.rows, luminance(scatter.weights) ** 2 * of_cell[scatter.indices], found.size)
+    return np.asarray(found, np.float64)
+
+
+def _contributions(rows: SparseRows, light: FloatArray, usual: FloatArray) -> FloatArray:
+    """Σ_i min(1, light / usual) of every column, (columns,); rows of which nothing is usual count nothing."""
+    expected = usual[rows.rows]
+    compared = np.divide(light, expected, out=np.zeros_like(light), where=expected > 0)
+    return np.bincount(rows.indices, np.minimum(compared, 1), rows.columns).astype(np.float64)
+
+
+def _largest_of_rows(rows: SparseRows) -> FloatArray:
+    """The largest weight of each row, (rows,)."""
+    largest = np.zeros(rows.shape[0])
+    np.maximum.at(largest, rows.rows, rows.weights[:, 0])
+    return largest
+
+
+def _beside_most(count: FloatArray) -> FloatArray:
     """Shares of what most have, which is 1."""
-    most = made[made > FEW * made.max(initial=0.0)]
-    return np.asarray(made / np.median(most) if most.size else made)
+    most = count[count > FEW * count.max(initial=0.0)]
+    return np.asarray(count / np.median(most) if most.size else count)
 
 
 def _made(rows: SparseRows, total: FloatArray) -> FloatArray:

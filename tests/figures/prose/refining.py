@@ -57,14 +57,6 @@ PROSE = (
         ),
     ),
     said(
-        "docs/mathematics.md",
-        STILLS,
-        (
-            "what stays after [64 steps](refinement.md#figures), {} to {} dB",
-            lambda t: ends(t(r": map$", "64 steps")),
-        ),
-    ),
-    said(
         "docs/refinement.md",
         tabled("docs/refinement.md", " | 1 step"),
         ("the error never falls below {} dB", lambda t: (t.one("near light alone", "64 steps"),)),

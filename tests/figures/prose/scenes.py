@@ -96,11 +96,6 @@ PROSE = (
         ),
     ),
     said(
-        "docs/accuracy.md",
-        RADII,
-        ("uncut and with a rank cut off, {}]", lambda t: (t.one(r": 0 \| uncut", HUNDREDTH),)),
-    ),
-    said(
         "docs/colour.md",
         COLOUR,
         ("worth {} dB on the wall and {} in the corner", lambda t: [by_pixel(t, room) for room in ("wall", "corner")]),

@@ -51,13 +51,14 @@ def _finest() -> MakeScheme:
 
 
 MULTIPLEXED = Way("multiplexed", "--scheme multiplexed --shots 1", MultiplexedScheme)
+HIERARCHICAL = Way("hierarchical, τ = 4 σ", "--shots 1", _finest)
 WAYS = (
     *(Way(f"pictures first, {count}", f"--pictures {count}", pictures=count) for count in FIRST),
     Way("Gray code", "--scheme graycode --shots 1", GrayCodeScheme),
     MULTIPLEXED,
     Way(f"multiplexed, {SHOTS} shots", f"--scheme multiplexed --shots {SHOTS}", MultiplexedScheme, shots=SHOTS),
     Way("hierarchical, τ = 16 σ", "--threshold 16 --shots 1", lambda: HierarchicalScheme(Threshold(16))),
-    Way("hierarchical, τ = 4 σ", "--shots 1", _finest),
+    HIERARCHICAL,
     Way(f"hierarchical, τ = 4 σ, {SHOTS} shots", f"--shots {SHOTS}", _finest, shots=SHOTS),
     Way("hierarchical, averaged", "", _finest, averaged=True),
 )

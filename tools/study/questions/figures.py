@@ -7,7 +7,7 @@ from counterlight.tools.study.results import Mean, Row, means
 from counterlight.tools.study.tables import number
 
 STEPPED = ("refined from direct", "refined from T⁺, cut", "refined from T⁺")
-MAPPED = ("T⁺, cut", "T⁺", "T⁺ of the thesis", "direct", "T⁺, 16-bit weights")
+MAPPED = ("T⁺, cut", "T⁺", "T⁺ of the thesis", "direct")
 
 
 def steps(rows: Sequence[Row]) -> Question:

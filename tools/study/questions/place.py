@@ -14,7 +14,7 @@ from counterlight.tools.colour.tiers import Tier, tier_of
 from counterlight.tools.solve.box import Box
 from counterlight.tools.study.pictures import Picture
 from counterlight.tools.transport.coarser import Blocks, below, coarser
-from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions, objective_of
+from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of
 from counterlight.tools.transport.transport import Transport
 
 MOST_PIXELS = 160 * 120  # of the camera
@@ -46,13 +46,18 @@ class Place:
 
     @cached_property
     def best(self) -> list[FloatArray]:
-        """The drive of each picture, (projector pixels, 3)."""
+        """The drive of each picture as the player seeks it, (projector pixels, 3)."""
         return self.drives(self.tier)
 
     @cached_property
     def reached(self) -> list[float]:
-        """PSNR of each picture by its best drive."""
-        return self.psnr(self.best)
+        """PSNR of each picture by the unweighted optimum."""
+        box = Box(self._objective.unweighted, tolerance=GAP)
+        return self.psnr([box.solve(self.tier.asked(each).reshape(-1, 3)).drive for each in self.desired])
+
+    @cached_property
+    def _objective(self) -> Objective:
+        return objective_of(self.tier.transport, self.tier.calibration, DEFAULT_AIMS, self.tier.mixing)
 
     @property
     def size(self) -> str:
@@ -64,7 +69,7 @@ class Place:
     def drives(
         self, tier: Tier, aims: ObjectiveOptions = DEFAULT_AIMS, desired: Sequence[FloatArray] | None = None
     ) -> list[FloatArray]:
-        """What a room in a tier of colour, this or what was made of it, takes for the best of each picture.
+        """What the player seeks for each picture by a room in a tier of colour, this or what was made of it.
 
         desired : the pictures, if its camera has other pixels.
         """
@@ -73,8 +78,8 @@ class Place:
 
     def psnr(self, drives: Sequence[FloatArray], seen: Callable[[FloatArray], FloatArray] | None = None) -> list[float]:
         """Of each picture's drive here.  seen : what the camera sees of a drive, if not as calibrated."""
-        mask, look = self.calibration.mask, seen or self.tier.seen
-        errors = [(look(p) - each)[mask] / self.tier.white for p, each in zip(drives, self.desired, strict=True)]
+        lit, look = self._objective.lit_picture(self.calibration), seen or self.tier.seen
+        errors = [(look(p) - each)[lit] / self.tier.white for p, each in zip(drives, self.desired, strict=True)]
         return [psnr(float(np.mean(np.square(error)))) for error in errors]
 
     def below(self, drives: Sequence[FloatArray], seen: Callable[[FloatArray], FloatArray] | None = None) -> float:

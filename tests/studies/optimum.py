@@ -1,0 +1,113 @@
+"""Direct mapping, the product and the unweighted optimum in shipped rooms, the rig's and random ones: docs/rig.md.
+
+    python -m tests.studies.optimum [--random N]
+
+T is exact. Decibels against white over lit pixels, and in parentheses inside the border; scipy finds the optimum
+(tests/unweighted.py). The product has its defaults: a still picture in a file, and the first frame in a window.
+"""
+
+import argparse
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+import counterlight as cl
+from counterlight.pipeline.refinement import STEPS_OF_A_STILL
+from counterlight.tools.shipped import shipped_scenes
+from counterlight.tools.study.pictures import find_pictures
+from counterlight.tools.transport.transport import channel, in_one
+from tests.random_rooms import random_room
+from tests.rig.rig import Devices, Rig
+from tests.rig.rooms import ROOMS
+from tests.unweighted import Judge
+
+CAMERA, PROJECTOR = (48, 64), (36, 48)
+RIG_SCALE = 0.5
+RANDOM = 10
+COLUMNS = ("room", "picture", "direct mapping", "optimum", "file", "window")
+
+
+class Tried(NamedTuple):
+    """T : of each channel alike."""
+
+    name: str
+    room: cl.Room
+    T: sparse.csr_array
+
+
+def shipped() -> Iterator[Tried]:
+    for name, scene in shipped_scenes().items():
+        if "[[views]]" in scene.read_text():
+            continue
+        room = cl.simulate(name, camera=CAMERA, projector=PROJECTOR)
+        T = channel(in_one(room.transport), 1).astype(np.float64)
+        yield Tried(name, grey(T, room.camera, room.projector, float(np.median(room.ambient[..., 1]))), T)
+
+
+def of_the_rig() -> Iterator[Tried]:
+    """One primary as one channel sees it."""
+    for name, make in ROOMS.items():
+        rig = Rig(make(RIG_SCALE), Devices())
+        pixels, lamps = (size[0] * size[1] for size in (rig.camera, rig.raster))
+        part = slice(pixels, 2 * pixels), slice(lamps, 2 * lamps)
+        T = rig.transport.near[part].toarray().astype(np.float64)
+        if rig.transport.far is not None:
+            U, G, D = rig.transport.far
+            patches = G.shape[1] // 3
+            columns = slice(patches, 2 * patches)
+            T += U[part[0]] @ (G[:, columns] @ D[columns, part[1]].toarray())
+        made = sparse.csr_array(T)
+        yield Tried(f"rig: {name}", grey(made, rig.camera, rig.raster, float(np.median(rig.ambient))), made)
+
+
+def random(count: int) -> Iterator[Tried]:
+    for seed in range(count):
+        given = random_room(seed)
+        name = f"random {seed}: {given.kind}, {_size(given.camera)} and {_size(given.projector)}"
+        yield Tried(name, grey(given.T, given.camera, given.projector, given.ambient), given.T)
+
+
+def grey(T: sparse.csr_array, camera: tuple[int, int], projector: tuple[int, int], ambient: float) -> cl.Room:
+    return cl.Room.from_matrices(T, T, T, camera=camera, projector=projector, ambient=ambient, response="linear")
+
+
+def pictures(camera: tuple[int, int]) -> dict[str, np.ndarray]:
+    """Grey, in shares of white."""
+    x = (np.arange(camera[1]) + 0.5) / camera[1]
+    found = {picture.name: picture.at(camera)[..., 1] for picture in find_pictures(("photograph", "film"))}
+    return {"white": np.ones(camera), "half": np.full(camera, 0.5), "ramp": np.tile(x, (camera[0], 1)), **found}
+
+
+def rows(tried: Tried) -> Iterator[dict[str, str]]:
+    maps, judge = cl.build_maps(tried.room), Judge(tried.T, tried.room.camera)
+    for name, picture in pictures(tried.room.camera).items():
+        b = (maps.white * picture - tried.room.ambient[..., 1]).ravel()
+        best, direct = judge.optimum(b), judge.direct(b)
+        drives = {"optimum": best, "direct mapping": direct}
+        for way, steps in (("file", STEPS_OF_A_STILL), ("window", None)):
+            with cl.Renderer(tried.room, maps, backend="cpu") as renderer:
+                shown = renderer.render(np.repeat(picture[..., None], 3, axis=2), refine=steps)
+            drives[way] = shown[..., 1].ravel()
+        found = {way: "{:.1f} ({:.1f})".format(*judge.psnr(p, b, maps.white)) for way, p in drives.items()}
+        yield {"room": tried.name, "picture": name, **found}
+
+
+def _size(shape: tuple[int, int]) -> str:
+    return f"{shape[1]}x{shape[0]}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser("python -m tests.studies.optimum", description=__doc__)
+    parser.add_argument("--random", type=int, default=RANDOM, metavar="N", help=f"rooms (default {RANDOM})")
+    count = parser.parse_args().random
+    print("| " + " | ".join(COLUMNS) + " |\n" + "|---" * len(COLUMNS) + "|")
+    for group in (shipped(), of_the_rig(), random(count)):
+        for tried in group:
+            for row in rows(tried):
+                print("| " + " | ".join(row[column] for column in COLUMNS) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""The default in random rooms, judged by scipy: near the unweighted optimum, never below direct mapping.
+
+Rooms and judge share no code with the product (random_rooms.py, unweighted.py).
+"""
+
+import numpy as np
+import pytest
+
+import counterlight as cl
+from counterlight.pipeline.refinement import STEPS_OF_A_STILL
+from counterlight.tools.transport.transport import channel, in_one
+from tests.random_rooms import KINDS, RandomRoom, random_room
+from tests.unweighted import Judge
+
+NEAR_DB = 0.3  # the promise: inside the border, below the optimum
+TIE_DB = 0.01  # float32 light
+ROWS = 26  # of the projector, at most
+
+
+def pictures(camera: tuple[int, int]) -> dict[str, np.ndarray]:
+    """Grey, in shares of white."""
+    tiles = np.random.default_rng(1).uniform(0.05, 0.95, (camera[0] // 8 + 1, camera[1] // 8 + 1))
+    ramp = np.tile((np.arange(camera[1]) + 0.5) / camera[1], (camera[0], 1))
+    return {
+        "even": np.full(camera, 0.5),
+        "ramp": ramp,
+        "tiles": np.kron(tiles, np.ones((8, 8)))[: camera[0], : camera[1]],
+    }
+
+
+def cards() -> RandomRoom:
+    """Cards that light each other, as one dense matrix: bounces are all that is seen of many projector pixels."""
+    made = cl.simulate("folded_cards", camera=(36, 48), projector=(27, 36))
+    T = channel(in_one(made.transport), 1).astype(np.float64)
+    return RandomRoom("cards", T, made.camera, made.projector, float(np.median(made.ambient)))
+
+
+@pytest.mark.parametrize("seed", [*range(2 * len(KINDS)), None])
+def test_a_still_is_near_the_optimum_and_not_below_direct_mapping(seed: int | None) -> None:
+    given = cards() if seed is None else random_room(seed, ROWS)
+    sizes = {"camera": given.camera, "projector": given.projector}
+    room = cl.Room.from_matrices(given.T, given.T, given.T, **sizes, ambient=given.ambient, response="linear")
+    maps, judge = cl.build_maps(room), Judge(given.T, given.camera)
+    for name, picture in pictures(given.camera).items():
+        with cl.Renderer(room, maps, backend="cpu") as renderer:
+            product = renderer.render(np.repeat(picture[..., None], 3, axis=2), refine=STEPS_OF_A_STILL)[..., 1].ravel()
+        b = (maps.white * picture - given.ambient).ravel()
+        drives = product, judge.optimum(b), judge.direct(b)
+        (over_all, within), (best, best_within), (direct, _) = (judge.psnr(p, b, maps.white) for p in drives)
+        assert within >= best_within - NEAR_DB, (given.kind, name)
+        assert over_all >= direct - TIE_DB, (given.kind, name)
+        assert best >= over_all - TIE_DB  # of the judge itself
