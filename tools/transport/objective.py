@@ -271,7 +271,8 @@ def _hold(d: FloatArray, far: FloatArray, shown: FloatArray) -> FloatArray:
     alone = far > ALONE * d
     hardly = np.where(alone, HARDLY_LIT / np.maximum(light, TINY), HARDLY_SEEN / np.maximum(shown, TINY)[:, None])
     strength = np.minimum(hardly, LARGEST) ** FALL
-    return np.asarray(np.minimum(np.where(alone, np.maximum(strength, BY_FAR_LIGHT), strength) * d, usual))
+    held = np.minimum(np.where(alone, np.maximum(strength, BY_FAR_LIGHT), strength) * d, usual)
+    return np.where(d > 0, held, usual)  # factors of a dense T may leave a little less than nothing
 
 
 def _apart(objective: Objective, projector: tuple[int, int]) -> Iterator[FloatArray]:
