@@ -24,7 +24,7 @@ from counterlight.tools.shipped import CLIP, parse_scene
 from counterlight.writing.replacing import replacing_file
 
 SHOWN_AT_S = 2.0
-FILM_FRAMES = 72  # of the clip that are rendered without a screen: half a minute of llvmpipe would be too much
+FILM_FRAMES = 48  # of the clip that are rendered without a screen: llvmpipe takes a third of a second for each
 TIMED_FRAMES = 12
 
 
