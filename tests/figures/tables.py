@@ -132,6 +132,7 @@ TABLES = (
     explained("glass", "--camera 320x240 --projector 192x144", 3, "2"),
     explained("skull", "--camera 240x320 --projector 192x192", 2, "2"),
     table("docs/simulation.md", "python -m tests.studies.worth", 9, "scene | camera", ("CPU s whole, with these",)),
+    table("docs/rig.md", "python -m tests.studies.optimum", 25, "room | direct mapping | optimum"),
     rigged("--fault known crosstalk home wheel drift", 15, f"{RIG} | whole footprints, dB | blurred"),
     rigged(f"--room wall --fault {' '.join(ALONE)}", 8, f"{RIG} | whole footprints, dB | ΔE"),
     rigged("--quick --fault segment", 2, f"{RIG} | blurred"),

@@ -2,8 +2,9 @@
 
     python -m tests.studies.optimum [--random N]
 
-T is exact. Decibels against white over lit pixels, and in parentheses inside the border; scipy finds the optimum
-(tests/unweighted.py). The product has its defaults: a still picture in a file, and the first frame in a window.
+T is exact. Decibels against white over lit pixels, and in parentheses inside the border, means of five pictures; scipy
+finds the optimum (tests/unweighted.py). The product has its defaults: a still picture in a file, and the first frame
+in a window.
 """
 
 import argparse
@@ -26,7 +27,8 @@ from tests.unweighted import Judge
 CAMERA, PROJECTOR = (48, 64), (36, 48)
 RIG_SCALE = 0.5
 RANDOM = 10
-COLUMNS = ("room", "picture", "direct mapping", "optimum", "file", "window")
+WAYS = ("direct mapping", "optimum", "file", "window")
+LOSSES = ("most below the optimum inside, dB", "least above direct mapping, dB")
 
 
 class Tried(NamedTuple):
@@ -80,18 +82,23 @@ def pictures(camera: tuple[int, int]) -> dict[str, np.ndarray]:
     return {"white": np.ones(camera), "half": np.full(camera, 0.5), "ramp": np.tile(x, (camera[0], 1)), **found}
 
 
-def rows(tried: Tried) -> Iterator[dict[str, str]]:
+def line(tried: Tried) -> str:
+    """A room's row: means over the pictures; for files how far the worst picture is below the optimum."""
     maps, judge = cl.build_maps(tried.room), Judge(tried.T, tried.room.camera)
-    for name, picture in pictures(tried.room.camera).items():
+    found = {way: list[tuple[float, float]]() for way in WAYS}
+    for picture in pictures(tried.room.camera).values():
         b = (maps.white * picture - tried.room.ambient[..., 1]).ravel()
-        best, direct = judge.optimum(b), judge.direct(b)
-        drives = {"optimum": best, "direct mapping": direct}
+        drives = {"optimum": judge.optimum(b), "direct mapping": judge.direct(b)}
         for way, steps in (("file", STEPS_OF_A_STILL), ("window", None)):
             with cl.Renderer(tried.room, maps, backend="cpu") as renderer:
                 shown = renderer.render(np.repeat(picture[..., None], 3, axis=2), refine=steps)
             drives[way] = shown[..., 1].ravel()
-        found = {way: "{:.1f} ({:.1f})".format(*judge.psnr(p, b, maps.white)) for way, p in drives.items()}
-        yield {"room": tried.name, "picture": name, **found}
+        for way, drive in drives.items():
+            found[way].append(judge.psnr(drive, b, maps.white))
+    means = ["{:.1f} ({:.1f})".format(*np.mean(found[way], axis=0)) for way in WAYS]
+    direct, best, file, _ = (np.array(found[way]) for way in WAYS)
+    losses = f"{np.max(best[:, 1] - file[:, 1]):.1f} | {np.min(file[:, 0] - direct[:, 0]):.1f}"
+    return f"| {tried.name} | {' | '.join(means)} | {losses} |"
 
 
 def _size(shape: tuple[int, int]) -> str:
@@ -102,11 +109,11 @@ def main() -> None:
     parser = argparse.ArgumentParser("python -m tests.studies.optimum", description=__doc__)
     parser.add_argument("--random", type=int, default=RANDOM, metavar="N", help=f"rooms (default {RANDOM})")
     count = parser.parse_args().random
-    print("| " + " | ".join(COLUMNS) + " |\n" + "|---" * len(COLUMNS) + "|")
+    columns = ("room", *WAYS, *LOSSES)
+    print(f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|")
     for group in (shipped(), of_the_rig(), random(count)):
         for tried in group:
-            for row in rows(tried):
-                print("| " + " | ".join(row[column] for column in COLUMNS) + " |", flush=True)
+            print(line(tried), flush=True)
 
 
 if __name__ == "__main__":
