@@ -240,14 +240,22 @@ def test_the_room_has_what_was_measured(
     assert calibration.read(tmp_path / "out").calibration.projector.response == Response("gamma", gamma=2.2)
 
 
+def acquired_by_an_older_version(
+    its_format: int, folder: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> list[str]:
+    """Returns the words of the command."""
+    write_blurred_room(folder / "room", rng, CAMERA, PROJECTOR)
+    words = arguments(folder / "room", folder / "out")
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "FORMAT", its_format)
+        assert acquire_transport.main(words) == 0
+    return words
+
+
 def test_captures_from_before_response_was_measured_are_gone_on_with(
     tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_blurred_room(tmp_path / "room", rng, CAMERA, PROJECTOR)
-    words = arguments(tmp_path / "room", tmp_path / "out")
-    with monkeypatch.context() as patch:
-        patch.setattr(store, "FORMAT", store.COLOURLESS)
-        assert acquire_transport.main(words) == 0
+    words = acquired_by_an_older_version(store.COLOURLESS, tmp_path, rng, monkeypatch)
     assert "54 pictures" in capsys.readouterr().out
     kept = tmp_path / "out.captures"
     for path in sorted((kept / "captures").iterdir())[40:]:
@@ -265,11 +273,7 @@ def test_captures_from_before_response_was_measured_are_gone_on_with(
 def test_captures_from_before_the_linearity_of_the_camera_was_checked_are_gone_on_with(
     tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_blurred_room(tmp_path / "room", rng, CAMERA, PROJECTOR)
-    words = arguments(tmp_path / "room", tmp_path / "out")
-    with monkeypatch.context() as patch:
-        patch.setattr(store, "FORMAT", store.UNHALVED)
-        assert acquire_transport.main(words) == 0
+    words = acquired_by_an_older_version(store.UNHALVED, tmp_path, rng, monkeypatch)
     assert "163 pictures" in capsys.readouterr().out
     unfinished(tmp_path / "out.captures")
     assert acquire_transport.main([*words, "--force"]) == 0

@@ -13,7 +13,7 @@ from counterlight import app, calibration
 from counterlight.command import Parser, run
 from counterlight.errors import InputError
 from counterlight.files.png import write_png
-from counterlight.gl.context import headless_context
+from counterlight.gl.probe import probe_opengl
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.content import camera_psnr
 from counterlight.pipeline.room import Room, read_room
@@ -34,8 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
-    with headless_context() as context:  # before the work: without OpenGL there is nothing to show
-        drawn_by = context.info["GL_RENDERER"]
+    drawn_by = probe_opengl()["renderer"]  # before the work: without OpenGL there is nothing to show
     folder = options.folder / options.scene.stem
     prepare(options.scene, folder)
     room = read_room(folder, None)

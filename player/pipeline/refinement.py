@@ -26,7 +26,7 @@ from counterlight.files.tables import Table
 STARTS = ("previous", "previous-direct", "map", "direct", "grey")
 DEFAULT_STEPS, STEPS_WITHOUT_MAP = 4, 8
 STEPS_OF_A_STILL = 128  # where no frame is waited for: with 64, coarse cameras out of focus are 0.7 dB short
-GOOD_ENOUGH_DB = 0.1  # below the optimum: nobody could tell
+GOOD_ENOUGH_DB = 0.1  # below the optimum: not visible
 MOST_OFFERED = 16  # steps that a window is asked for
 GREY = 0.5
 OVER_RELAXATION = 0.6

@@ -180,9 +180,10 @@ def invert_as_the_thesis(
     tau = (0.0 if transport.far is None else USUAL_TAU) if options.tau is None else options.tau
     if transport.far is not None and not tau:
         memory.check_in_one(*transport.shape)
-    T, whole = in_one(transport, tau * white), transport.composition()
-    kept = T.apply(np.ones((T.columns, len(CHANNELS))))
-    T = T.scaled(np.divide(whole, kept, out=np.ones_like(whole), where=kept > 0)) if tau else T
+    T = in_one(transport, tau * white)
+    if tau:
+        kept = Transport(T).composition()
+        T = T.scaled(np.divide(transport.composition(), kept, out=np.ones_like(kept), where=kept > 0))
     return invert_near_light(T, np.ones(camera, bool), projector, reach, white, options)
 
 

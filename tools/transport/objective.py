@@ -140,6 +140,13 @@ class Objective:
         """d = TᵀW T·1."""
         return self.dual.apply(self._most)
 
+    @property
+    def by_far_light(self) -> FloatArray:
+        """The part of d that is far light, (projector pixels, 3)."""
+        if self.T.far is None:
+            return np.zeros_like(self._sums)
+        return np.maximum(self._sums - self.dual.without_far.apply(self._most), 0)
+
     @cached_property
     def step_size(self) -> FloatArray:
         """1 / curvature; 0 where nothing is lit and nothing draws."""
@@ -228,8 +235,7 @@ def _prior(
     options: ObjectiveOptions,
 ) -> Prior:
     d, diagonal = objective.curvature, _diagonal(objective.T, objective.weights)
-    near = objective.dual.without_far.apply(objective.T.composition())
-    hold = _hold(d, np.maximum(d - near, 0), objective.seen)
+    hold = _hold(d, objective.by_far_light, objective.seen)
     black = options.outside == "black"
     stiff = np.zeros_like(hold) if black else np.minimum(hold, STIFFNESS * hold.max(axis=0))
     ties = [each.reshape(*projector, 3) for each in (options.drift * np.sqrt(diagonal), stiff)]
