@@ -144,12 +144,12 @@ def test_the_optimum_is_scipy_s(rng: np.random.Generator) -> None:
     T = np.where(rng.uniform(size=(90, 24)) < 0.4, rng.uniform(size=(90, 24)), 0)
     target, counted = rng.uniform(0, 4, (30, 3)), rng.uniform(size=30) < 0.8
     transport = Transport(sparse.csr_array(T, dtype=np.float32))
-    found = box_optimum(Problem(transport, target, target, counted, 0.01, 1.0), 1e-7)
+    found = box_optimum(Problem(transport, target, counted, 0.01, 1.0), 1e-7)
     rows = np.tile(counted, 3)
     best = lsq_linear(T[rows], target.T.ravel()[rows], (0.01, 1.0), tol=1e-12)
     assert found.half_squares == pytest.approx(best.cost, rel=1e-5)  # float32 products
     assert found.drive.T.ravel() == pytest.approx(best.x, abs=2e-3)
-    early = box_optimum(Problem(transport, target, target, counted, 0.01, 1.0), 0.05)
+    early = box_optimum(Problem(transport, target, counted, 0.01, 1.0), 0.05)
     assert early.half_squares - early.gap <= best.cost <= early.half_squares * (1 + 1e-6)
 
 
@@ -169,12 +169,13 @@ def test_the_optimum_is_well_above_what_is_projected_plainly_and_darkness_is_no_
     question = judge.asks(picture, 0.25, plain)
     asked = question.near
     projector = room_rig.devices.projector
-    low, high = (limit - room_rig.ambient for limit in (asked.least, asked.most))
-    best = box_optimum(Problem(room_rig.transport, low, high, asked.counted, projector.black, 1.0), 0.01)
+    target = asked.most - room_rig.ambient
+    best = box_optimum(Problem(room_rig.transport, target, asked.counted, projector.black, 1.0), 0.01)
     codes = projector.nearest_codes(best.drive, room_rig.raster)
     shown, plainly = (judge.figures(question, each) for each in (codes, plain))
-    assert shown.psnr > 30 > 15 > plainly.psnr
-    assert shown.delta_e < 3 < plainly.delta_e
+    assert shown.psnr > 25 > 15 > plainly.psnr
+    assert shown.inside > 30
+    assert shown.delta_e < 4 < plainly.delta_e
     assert plainly.everywhere >= plainly.psnr  # beyond the view whatever is thrown plainly will do
     black = np.zeros_like(codes)
     assert judge.outside(question, black).flare == pytest.approx(0, abs=1e-6)
@@ -205,7 +206,7 @@ def test_pictures_stand_where_the_product_puts_them() -> None:
 
 
 def test_the_table_has_a_row_of_means_for_each_room_and_condition() -> None:
-    good, bad = Figures(40, 38, 41, 50, 1), Figures(20, 18, 21, 30, 9)
+    good, bad = Figures(40, 41, 38, 50, 1), Figures(20, 21, 18, 30, 9)
     calm = Outside(0.01, 0.2)
     swept = Verdict("wall", "known", "astronaut", good, good, calm, calm, {0: good, 4: bad}, {0: calm, 4: calm})
     plain = Verdict("wall", "known", "coffee", bad, good, calm, calm, {}, {})

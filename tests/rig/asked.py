@@ -1,11 +1,9 @@
 """What a picture asks of a room, pixel by pixel.
 
-A picture x is stated in the projector's primaries, as on a white screen: it asks a camera pixel for white · M₀ x, with
-M₀ what the camera sees of the primaries there, and darkness beside itself. Asked is as much of it as the pixel can show
-by itself, by some drive of the three floodlights. At the raster's border, where a share a of its footprint is lit,
-anything from a share a of the picture to all of it will do; beyond the calibrated view, anything from darkness to what
-the picture throws there without compensation. What no drive can give is so no one's fault, and what is spoiled next to
-it is. Nothing here knows a mask.
+A picture x is stated in the projector's primaries, as on a white screen. It asks a camera pixel for white · M₀ x, where
+M₀ is what the camera sees of the primaries there, and for darkness where no picture stands. The target is as much of
+white · M₀ x as the pixel can show by itself, by some drive of the three floodlights. Beyond the calibrated view, any
+light is right from darkness to what the picture throws there without compensation. No mask is read.
 """
 
 from dataclasses import dataclass
@@ -26,7 +24,6 @@ Codes = NDArray[np.uint8]
 LIT = 0.01  # of the 99th percentile of direct light
 GLIMMER = 0.001  # likewise, of all light: where light outside is looked for
 BRIGHT = 99.0
-WHOLE = 0.99  # coverage
 NEARBY = 8  # audience's pixels a side: the light of plain projection may stand so far from where it is
 PIXEL_STEPS = 100  # of three unknowns each
 
@@ -65,26 +62,21 @@ class Question:
 class Limits:
     """What each pixel of one camera can show.
 
-    dark : (pixels, 3), under the projector's black.  flood : (pixels, camera channel, primary).  coverage, lit :
-    (pixels,).
+    dark : (pixels, 3), under the projector's black.  flood : (pixels, camera channel, primary).  lit : (pixels,).
     """
 
     def __init__(self, rig: Rig, view: View, dark: FloatArray) -> None:
         projector = rig.devices.projector
         span = projector.brightest - projector.lamp * projector.black
         primaries = [np.tile(row, (rig.raster[0] * rig.raster[1], 1)) for row in span * np.eye(3)]
-        self.dark, self.coverage = dark, view.coverage()
+        self.dark = dark
         self.flood = rig.exposure * np.stack([view.rise(each) for each in primaries], axis=2)
         self.lit = _above(view.direct_rise(), LIT)
         self._of_white = rig.light.of_white()
 
-    def of(self, wanted: FloatArray, white: float) -> tuple[FloatArray, FloatArray]:
-        """Least and most that will do of a linear picture (height, width, 3) over the whole view."""
-        light = white * wanted.reshape(-1, 3) @ self._of_white.T
-        whole = reachable(light, self.dark, self.flood)
-        cut = np.where(self.coverage > WHOLE, 1, self.coverage)[:, None]
-        share = reachable(self.dark + cut * (light - self.dark), self.dark, self.flood)
-        return np.minimum(share, whole), np.maximum(share, whole)
+    def of(self, wanted: FloatArray, white: float) -> FloatArray:
+        """What each pixel can show of a linear picture (height, width, 3) over the whole view: (pixels, 3)."""
+        return reachable(white * wanted.reshape(-1, 3) @ self._of_white.T, self.dark, self.flood)
 
     @property
     def glimmer(self) -> BoolArray:
@@ -109,12 +101,13 @@ class Questions:
         beyond = self._glimmer & ~view
         thrown = self._rig.seen_by_audience(plain).reshape(*audience, 3)
         nearby = ndimage.maximum_filter(thrown, (NEARBY, NEARBY, 1)).reshape(-1, 3)
-        least, most = self.wide.of(_framed(wanted, audience), white)
-        least = np.where(beyond[:, None], self.wide.dark, least)
-        most = np.where(beyond[:, None], np.maximum(nearby, least), most)
+        target = self.wide.of(_framed(wanted, audience), white)
+        least = np.where(beyond[:, None], self.wide.dark, target)
+        most = np.where(beyond[:, None], np.maximum(nearby, self.wide.dark), target)
         counted = self.wide.lit & view
         beside = self._glimmer & ~(counted & stands)
-        near = Asked(*self.near.of(wanted, white), self.near.lit, white)
+        target = self.near.of(wanted, white)
+        near = Asked(target, target, self.near.lit, white)
         return Question(near, Asked(least, most, counted, white), beyond, beside.reshape(audience))
 
 

@@ -6,13 +6,14 @@ import colour
 import numpy as np
 from scipy import ndimage
 
-from tests.rig.asked import BRIGHT, WHOLE, Asked, BoolArray, Codes, Question, Questions
+from tests.rig.asked import BRIGHT, Asked, BoolArray, Codes, Question, Questions
 from tests.rig.lattice import FINE
 from tests.rig.pictures import Picture
 from tests.rig.rays import FloatArray
 from tests.rig.rig import Rig
 
 BLUR = 2.0  # σ in camera pixels
+BORDER = 4  # camera pixels
 BLOCK = 8  # audience's pixels a side, for flares
 SRGB_WHITE = 0.9505, 1.0, 1.089
 
@@ -21,13 +22,13 @@ SRGB_WHITE = 0.9505, 1.0, 1.089
 class Figures:
     """Of what counts: dB against white, and mean CIEDE2000.
 
-    psnr : in the calibrated view.  everywhere : beyond it, too.  whole : where no footprint is cut by the raster's
-    border.  smooth : of the error blurred by two pixels.
+    psnr : over all lit pixels of the calibrated view.  inside : over those at least four pixels within the lit area.
+    everywhere : beyond the view, too.  smooth : of the error blurred by two pixels.
     """
 
     psnr: float
+    inside: float
     everywhere: float
-    whole: float
     smooth: float
     delta_e: float
 
@@ -56,16 +57,16 @@ class Judge:
     def figures(self, question: Question, codes: Codes) -> Figures:
         """Of what is seen of code values without noise: (height, width, 3)."""
         asked, seen = question.near, self.rig.seen(codes)
-        error, whole = asked.error(seen), asked.counted & (self._questions.near.coverage > WHOLE)
+        error, within = asked.error(seen), _within(asked.counted, self.rig.camera)
         beyond = question.wide.error(self.rig.seen_by_audience(codes))[question.beyond]
-        inside, share = error[asked.counted], 1 / FINE**2  # of a calibrated pixel that an audience's pixel is
-        everywhere = np.concatenate([inside, beyond])
-        weights = np.repeat([1, share], [len(inside), len(beyond)])
+        lit, share = error[asked.counted], 1 / FINE**2  # of a calibrated pixel that an audience's pixel is
+        everywhere = np.concatenate([lit, beyond])
+        weights = np.repeat([1, share], [len(lit), len(beyond)])
         smooth = _blurred(error, asked.counted, self.rig.camera)
         return Figures(
-            decibels(inside, asked.white),
+            decibels(lit, asked.white),
+            decibels(error[within], asked.white),
             decibels(everywhere, asked.white, weights),
-            decibels(error[whole], asked.white),
             decibels(smooth[asked.counted], asked.white),
             self._delta_e(asked, seen),
         )
@@ -98,6 +99,11 @@ def decibels(error: FloatArray, white: float, weights: FloatArray | None = None)
     """10 log₁₀(white² / mean error²): (pixels, 3), weights (pixels,)."""
     mean = float(np.average(np.mean(error**2, axis=1), weights=weights))
     return float(10 * np.log10(white**2 / max(mean, 1e-30)))
+
+
+def _within(lit: BoolArray, size: tuple[int, int]) -> BoolArray:
+    """Lit pixels at least BORDER from any other and from the view's edges, (pixels,).  size : (height, width)."""
+    return ndimage.binary_erosion(lit.reshape(size), np.ones((3, 3)), iterations=BORDER).ravel()
 
 
 def _blurred(error: FloatArray, counted: BoolArray, size: tuple[int, int]) -> FloatArray:

@@ -1,6 +1,6 @@
 """The best that the rig's projector can show, from the true T: the least ½ Σ r² over what counts, darkest ≤ p ≤ 1.
 
-The error r of a pixel is how far its light T p is from what will do there, least ≤ b ≤ most.
+The error of a pixel is r = T p − b, b the light that is asked of it.
 Accelerated projected gradient (Beck and Teboulle 2009) with restarts (O'Donoghue and Candès 2015). With g the gradient
 at p, no picture is better by more than G = Σ max(g (p − low), g (p − high)): the certificate that ends it.
 """
@@ -30,20 +30,18 @@ class Optimum:
 class Problem:
     """What is solved.
 
-    least, most : (camera pixels, 3), light of the projector.  counted : (camera pixels,).  darkest, brightest : drive.
+    target : b, (camera pixels, 3), light of the projector.  counted : (camera pixels,).  darkest, brightest : drive.
     """
 
     transport: Transport
-    least: FloatArray
-    most: FloatArray
+    target: FloatArray
     counted: NDArray[np.bool_]
     darkest: float
     brightest: float
 
     def error(self, drive: FloatArray) -> FloatArray:
         """r, (camera pixels, 3)."""
-        light = self.transport.apply(drive)
-        return np.where(self.counted[:, None], light - np.clip(light, self.least, self.most), 0)
+        return np.where(self.counted[:, None], self.transport.apply(drive) - self.target, 0)
 
     def clamped(self, drive: FloatArray) -> FloatArray:
         return np.clip(drive, self.darkest, self.brightest)

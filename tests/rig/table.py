@@ -14,7 +14,7 @@ COLUMNS = {
     "optimum, dB": "{optimum_psnr:.1f}",
     "captured, dB": "{product_psnr:.1f}",
     "below, dB": "{below:.1f}",
-    "whole footprints, dB": "{product_whole:.1f}",
+    "inside (optimum), dB": "{product_inside:.1f} ({optimum_inside:.1f})",
     "blurred, dB": "{product_smooth:.1f}",
     "ΔE2000 (optimum)": "{product_delta_e:.1f} ({optimum_delta_e:.1f})",
     "everywhere, dB": "{product_everywhere:.1f}",

@@ -157,5 +157,5 @@ class _Seen:
 def _best(rig: Rig, asked: Asked) -> NDArray[np.uint8]:
     projector = rig.devices.projector
     limits = projector.lamp * projector.black, projector.lamp
-    problem = Problem(rig.transport, asked.least - rig.ambient, asked.most - rig.ambient, asked.counted, *limits)
+    problem = Problem(rig.transport, asked.most - rig.ambient, asked.counted, *limits)
     return projector.nearest_codes(box_optimum(problem, TOLERANCE).drive, rig.raster)

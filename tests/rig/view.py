@@ -101,14 +101,6 @@ class View:
         """The room's own light, white being 1: (camera pixels, 3)."""
         return np.asarray(self._pixels @ (self._paint @ self._truth.light.seen(room_light(), pigments())), np.float64)
 
-    def coverage(self) -> FloatArray:
-        """(camera pixels,), 0..1: of the direct light of a raster without borders, what the raster gives."""
-        white = self._paint.sum(axis=1)
-        given, all_ = (
-            self._pixels @ (white * light) for light in (self._truth.direct.sum(axis=1), self._truth.unbounded)
-        )
-        return np.asarray(np.divide(given, all_, out=np.zeros(len(given)), where=all_ > 0), np.float64)
-
     def direct_rise(self) -> FloatArray:
         """Under full drive, without what has bounced: (camera pixels, 3)."""
         light = self._truth.direct.sum(axis=1)[:, None]
