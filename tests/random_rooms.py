@@ -6,10 +6,11 @@ displacements bend the rays: they gather the light of many pixels in a place, sp
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
+
+from tests.grey_rooms import GreyRoom
 
 KINDS = ("plain", "glass", "lens", "fold", "ghost")
 RATIOS = (0.6, 0.8, 1.3, 1.8, 2.5)  # camera pixels per projector pixel, along a side
@@ -20,17 +21,7 @@ WAVES = 6
 Bend = Callable[[np.ndarray], np.ndarray]
 
 
-class RandomRoom(NamedTuple):
-    """T : of every channel, (camera pixels, projector pixels).  camera, projector : (height, width)."""
-
-    kind: str
-    T: sparse.csr_array
-    camera: tuple[int, int]
-    projector: tuple[int, int]
-    ambient: float
-
-
-def random_room(seed: int, most_rows: int = 50) -> RandomRoom:
+def random_room(seed: int, most_rows: int = 50) -> GreyRoom:
     """The kinds by turns. most_rows : of the projector, whose width is at most 1.6 times as much."""
     rng, kind = np.random.default_rng(seed), KINDS[seed % len(KINDS)]
     height = int(rng.integers(3 * most_rows // 5, most_rows))
@@ -48,7 +39,7 @@ def random_room(seed: int, most_rows: int = 50) -> RandomRoom:
     seen = _rays(camera, cells, rng.choice([0.3, 0.5]), of_camera)
     density = cells[0] * cells[1] / (projector[0] * projector[1])
     T = sparse.csr_array(density * (seen @ sparse.diags_array(_paint(rng, cells)) @ lit.T))
-    return RandomRoom(kind, T, camera, projector, rng.uniform(0.001, 0.008))
+    return GreyRoom(kind, T, camera, projector, rng.uniform(0.001, 0.008))
 
 
 def _bends(rng: np.random.Generator, kind: str) -> tuple[Bend, Bend]:

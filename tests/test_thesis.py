@@ -75,11 +75,14 @@ def test_the_drive_is_the_pseudo_inverse_clamped(
 def test_a_cut_has_the_pseudo_inverse_of_the_cut_and_fitted_transport(
     rng: np.random.Generator, room: Path, backend: str
 ) -> None:
-    """By the commands, with far light: from the threshold up, cut by hand."""
+    """By the commands and in Python, with far light: from the threshold up, cut by hand."""
     cut = "--radius", 5, "--tau-1", 0.3, "--tau-2", 0.9
     succeed("build", room, "--inverse", "thesis", "--max-error", 0, "--tau", TAU, *cut)
     known = cl.read_room(room)
     maps = cl.read_maps(room)
+    in_python = cl.build_maps(known, inverse="thesis", max_error=0, tau=TAU, parameters=BY_HAND)
+    for name, packed in maps.named().items():
+        np.testing.assert_array_equal(in_python.named()[name].entries, packed.entries)
     kept = in_one(known.transport, TAU * maps.white)
     assert luminance(kept.weights).min() >= TAU * maps.white
     floodlights = (each.apply(np.ones((kept.columns, 3))) for each in (known.transport, kept))

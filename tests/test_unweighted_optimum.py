@@ -8,8 +8,8 @@ import pytest
 
 import counterlight as cl
 from counterlight.pipeline.refinement import STEPS_OF_A_STILL
-from counterlight.tools.transport.transport import channel, in_one
-from tests.random_rooms import KINDS, RandomRoom, random_room
+from tests.grey_rooms import GreyRoom, shipped_in_green
+from tests.random_rooms import KINDS, random_room
 from tests.unweighted import Judge
 
 NEAR_DB = 0.3  # the promise: inside the border, below the optimum
@@ -28,18 +28,15 @@ def pictures(camera: tuple[int, int]) -> dict[str, np.ndarray]:
     }
 
 
-def cards() -> RandomRoom:
+def cards() -> GreyRoom:
     """Cards that light each other, as one dense matrix: bounces are all that is seen of many projector pixels."""
-    made = cl.simulate("folded_cards", camera=(36, 48), projector=(27, 36))
-    T = channel(in_one(made.transport), 1).astype(np.float64)
-    return RandomRoom("cards", T, made.camera, made.projector, float(np.median(made.ambient)))
+    return shipped_in_green("folded_cards", (36, 48), (27, 36))
 
 
 @pytest.mark.parametrize("seed", [*range(2 * len(KINDS)), None])
 def test_a_still_is_near_the_optimum_and_not_below_direct_mapping(seed: int | None) -> None:
     given = cards() if seed is None else random_room(seed, ROWS)
-    sizes = {"camera": given.camera, "projector": given.projector}
-    room = cl.Room.from_matrices(given.T, given.T, given.T, **sizes, ambient=given.ambient, response="linear")
+    room = given.in_product
     maps, judge = cl.build_maps(room), Judge(given.T, given.camera)
     for name, picture in pictures(given.camera).items():
         with cl.Renderer(room, maps, backend="cpu") as renderer:
@@ -47,6 +44,6 @@ def test_a_still_is_near_the_optimum_and_not_below_direct_mapping(seed: int | No
         b = (maps.white * picture - given.ambient).ravel()
         drives = product, judge.optimum(b), judge.direct(b)
         (over_all, within), (best, best_within), (direct, _) = (judge.psnr(p, b, maps.white) for p in drives)
-        assert within >= best_within - NEAR_DB, (given.kind, name)
-        assert over_all >= direct - TIE_DB, (given.kind, name)
+        assert within >= best_within - NEAR_DB, (given.name, name)
+        assert over_all >= direct - TIE_DB, (given.name, name)
         assert best >= over_all - TIE_DB  # of the judge itself

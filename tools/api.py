@@ -318,6 +318,7 @@ def build_maps(
     noise: float | None = None,
     method: str | None = None,
     inverse: str | None = None,
+    tau: float | None = None,
     parameters: Parameters | None = None,
 ) -> RoomMaps:
     """The maps that the player multiplies with, as `counterlight build` makes them.
@@ -340,6 +341,7 @@ def build_maps(
         "noise": (noise, arguments.number, 0, 1),
         "method": (method, arguments.choice, INVERSE_METHODS),
         "inverse": (inverse, arguments.choice, INVERSES),
+        "tau": (tau, arguments.number, 0, 1),
     }
     given = {name: check(value, name, *known) for name, (value, check, *known) in checks.items() if value is not None}
     if parameters is not None:

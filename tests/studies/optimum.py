@@ -9,7 +9,6 @@ in a window.
 
 import argparse
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -18,7 +17,7 @@ import counterlight as cl
 from counterlight.pipeline.refinement import STEPS_OF_A_STILL
 from counterlight.tools.shipped import shipped_scenes
 from counterlight.tools.study.pictures import find_pictures
-from counterlight.tools.transport.transport import channel, in_one
+from tests.grey_rooms import GreyRoom, shipped_in_green
 from tests.random_rooms import random_room
 from tests.rig.rig import Devices, Rig
 from tests.rig.rooms import ROOMS
@@ -31,24 +30,13 @@ WAYS = ("direct mapping", "optimum", "file", "window")
 LOSSES = ("most below the optimum inside, dB", "least above direct mapping, dB")
 
 
-class Tried(NamedTuple):
-    """T : of each channel alike."""
-
-    name: str
-    room: cl.Room
-    T: sparse.csr_array
-
-
-def shipped() -> Iterator[Tried]:
+def shipped() -> Iterator[GreyRoom]:
     for name, scene in shipped_scenes().items():
-        if "[[views]]" in scene.read_text():
-            continue
-        room = cl.simulate(name, camera=CAMERA, projector=PROJECTOR)
-        T = channel(in_one(room.transport), 1).astype(np.float64)
-        yield Tried(name, grey(T, room.camera, room.projector, float(np.median(room.ambient[..., 1]))), T)
+        if "[[views]]" not in scene.read_text():
+            yield shipped_in_green(name, CAMERA, PROJECTOR)
 
 
-def of_the_rig() -> Iterator[Tried]:
+def of_the_rig() -> Iterator[GreyRoom]:
     """One primary as one channel sees it."""
     for name, make in ROOMS.items():
         rig = Rig(make(RIG_SCALE), Devices())
@@ -60,19 +48,13 @@ def of_the_rig() -> Iterator[Tried]:
             patches = G.shape[1] // 3
             columns = slice(patches, 2 * patches)
             T += U[part[0]] @ (G[:, columns] @ D[columns, part[1]].toarray())
-        made = sparse.csr_array(T)
-        yield Tried(f"rig: {name}", grey(made, rig.camera, rig.raster, float(np.median(rig.ambient))), made)
+        yield GreyRoom(f"rig: {name}", sparse.csr_array(T), rig.camera, rig.raster, float(np.median(rig.ambient)))
 
 
-def random(count: int) -> Iterator[Tried]:
+def random(count: int) -> Iterator[GreyRoom]:
     for seed in range(count):
         given = random_room(seed)
-        name = f"random {seed}: {given.kind}, {_size(given.camera)} and {_size(given.projector)}"
-        yield Tried(name, grey(given.T, given.camera, given.projector, given.ambient), given.T)
-
-
-def grey(T: sparse.csr_array, camera: tuple[int, int], projector: tuple[int, int], ambient: float) -> cl.Room:
-    return cl.Room.from_matrices(T, T, T, camera=camera, projector=projector, ambient=ambient, response="linear")
+        yield given._replace(name=f"random {seed}: {given.name}, {_size(given.camera)} and {_size(given.projector)}")
 
 
 def pictures(camera: tuple[int, int]) -> dict[str, np.ndarray]:
@@ -82,15 +64,16 @@ def pictures(camera: tuple[int, int]) -> dict[str, np.ndarray]:
     return {"white": np.ones(camera), "half": np.full(camera, 0.5), "ramp": np.tile(x, (camera[0], 1)), **found}
 
 
-def line(tried: Tried) -> str:
+def line(given: GreyRoom) -> str:
     """A room's row: means over the pictures; for files how far the worst picture is below the optimum."""
-    maps, judge = cl.build_maps(tried.room), Judge(tried.T, tried.room.camera)
+    room, judge = given.in_product, Judge(given.T, given.camera)
+    maps = cl.build_maps(room)
     found = {way: list[tuple[float, float]]() for way in WAYS}
-    for picture in pictures(tried.room.camera).values():
-        b = (maps.white * picture - tried.room.ambient[..., 1]).ravel()
+    for picture in pictures(given.camera).values():
+        b = (maps.white * picture - given.ambient).ravel()
         drives = {"optimum": judge.optimum(b), "direct mapping": judge.direct(b)}
         for way, steps in (("file", STEPS_OF_A_STILL), ("window", None)):
-            with cl.Renderer(tried.room, maps, backend="cpu") as renderer:
+            with cl.Renderer(room, maps, backend="cpu") as renderer:
                 shown = renderer.render(np.repeat(picture[..., None], 3, axis=2), refine=steps)
             drives[way] = shown[..., 1].ravel()
         for way, drive in drives.items():
@@ -98,7 +81,7 @@ def line(tried: Tried) -> str:
     means = ["{:.1f} ({:.1f})".format(*np.mean(found[way], axis=0)) for way in WAYS]
     direct, best, file, _ = (np.array(found[way]) for way in WAYS)
     losses = f"{np.max(best[:, 1] - file[:, 1]):.1f} | {np.min(file[:, 0] - direct[:, 0]):.1f}"
-    return f"| {tried.name} | {' | '.join(means)} | {losses} |"
+    return f"| {given.name} | {' | '.join(means)} | {losses} |"
 
 
 def _size(shape: tuple[int, int]) -> str:
@@ -112,8 +95,8 @@ def main() -> None:
     columns = ("room", *WAYS, *LOSSES)
     print(f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|")
     for group in (shipped(), of_the_rig(), random(count)):
-        for tried in group:
-            print(line(tried), flush=True)
+        for given in group:
+            print(line(given), flush=True)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from counterlight.maps.row_map import SparseRows
 from counterlight.tools.transport.transport import Csr, Transport, channel, luminance
 
 LEAST_TRUST = 0.01  # of what the mask leaves out
-CUT_TRUST = 0.1  # of what the raster cuts; with 0.05 a corner falls below direct mapping, over all that is lit
+CUT_TRUST = 0.1  # 0.05: a corner falls below direct mapping over lit pixels; 1: twice the light outside its view
 CLEAR = 0.01  # of the bright pixels' light: what is darker may be noise
 BRIGHT_PERCENTILE = 99
 CUT, WIDE_AND_CUT, FALL = 1.1, 1.3, 0.5  # of what a whole footprint can have in one line
