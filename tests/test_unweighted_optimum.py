@@ -30,7 +30,7 @@ def pictures(camera: tuple[int, int]) -> dict[str, np.ndarray]:
 
 def cards() -> RandomRoom:
     """Cards that light each other, as one dense matrix: bounces are all that is seen of many projector pixels."""
-    made = cl.simulate("folded_cards", camera=(36, 48), projector=(27, 36))
+    made = cl.simulate("folded_cards", camera=(30, 40), projector=(22, 30))
     T = channel(in_one(made.transport), 1).astype(np.float64)
     return RandomRoom("cards", T, made.camera, made.projector, float(np.median(made.ambient)))
 
