@@ -41,6 +41,10 @@ def _keeps_files(folder: Path) -> bool:
 if _keeps_files(MEMORY):
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(MEMORY))
 
+# The threads of BLAS wait for each other by spinning, which takes a small matrix ten times as long on a busy core, and
+# a program on an idle machine a third of its processor time. test_wheel.py runs commands with as many as a user's.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 log_natively(av.logging.ERROR)  # tests encode in their own process
 
 # Run in the background of a script, pytest and all that it starts would ignore Ctrl-C, which tests send.
@@ -58,10 +62,7 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def one_blas_thread() -> Iterator[None]:
-    """In this process; programs that tests start have as many as a user's.
-
-    The threads of BLAS wait for each other by spinning, which takes a small matrix ten times as long on a busy core.
-    """
+    """In this process, too, which has imported numpy before it set OPENBLAS_NUM_THREADS."""
     with threadpool_limits(limits=1, user_api="blas"):
         yield
 

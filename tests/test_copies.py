@@ -13,7 +13,7 @@ from tests.copies import Copy, read_early
 
 SCRIPT = """
 import counterlight.maps.products
-import json, multiprocessing.process, os, resource, signal, sys, tempfile, threading
+import atexit, json, multiprocessing.process, os, resource, signal, sys, tempfile, threading
 print(json.dumps({
     "name": __name__, "file": __file__, "words": sys.argv, "path": sys.path, "flags": list(sys.flags),
     "folder": [os.getcwd(), multiprocessing.process.ORIGINAL_DIR], "temporary": tempfile.gettempdir(),
@@ -24,6 +24,8 @@ print(json.dumps({
     "tests": [name for name in sys.modules if name.partition(".")[0] == "tests"],
 }))
 print("to stderr", file=sys.stderr)
+atexit.register(print, "at exit", file=sys.stderr)
+threading.Thread(target=lambda: (threading.main_thread().join(), print("a thread", file=sys.stderr))).start()
 sys.exit(int(sys.argv[1]))
 """
 
@@ -59,5 +61,5 @@ def test_a_copy_that_is_killed_says_so_and_its_text_is_there(tmp_path: Path) -> 
 
 
 def test_what_is_read_during_import_needs_a_new_interpreter() -> None:
-    assert read_early(os.environ | {"OPENBLAS_NUM_THREADS": "1"})
+    assert read_early(os.environ | {"OPENBLAS_NUM_THREADS": "3"})
     assert read_early({})

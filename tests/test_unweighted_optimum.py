@@ -30,7 +30,7 @@ def pictures(camera: tuple[int, int]) -> dict[str, np.ndarray]:
 
 def cards() -> GreyRoom:
     """Cards that light each other, as one dense matrix: bounces are all that is seen of many projector pixels."""
-    return shipped_in_green("folded_cards", (36, 48), (27, 36))
+    return shipped_in_green("folded_cards", (30, 40), (22, 30))
 
 
 @pytest.mark.parametrize("seed", [*range(2 * len(KINDS)), None])

@@ -7,6 +7,7 @@ as Python does and ends as Python does. The server has imported modules and call
 nothing of the tests. FRESH=1 runs every command in a new interpreter; test_wheel.py does so always.
 """
 
+import atexit
 import contextlib
 import gc
 import importlib
@@ -21,6 +22,7 @@ import signal
 import socket
 import sys
 import tempfile
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +119,26 @@ def become(request: Request, streams: list[int], imported: dict[str, str]) -> No
     tempfile.tempdir = None
     sys.argv = request["words"]
     sys.path[0] = os.path.dirname(sys.argv[0])
-    runpy.run_path(sys.argv[0], run_name="__main__")
+    try:
+        runpy.run_path(sys.argv[0], run_name="__main__")
+    except SystemExit as ending:
+        _end(ending)
+        raise
+
+
+def _end(ending: SystemExit) -> None:
+    """End as Python does, except for the release of every object: that copies the server's pages, for 0.2 s.
+
+    Returns where Python has something to say at the end.
+    """
+    code = 0 if ending.code is None else ending.code
+    if isinstance(code, int):
+        threading._shutdown()  # type: ignore[attr-defined]
+        atexit._run_exitfuncs()
+        with contextlib.suppress(OSError, ValueError):  # a full disk, a reader that has gone, or a closed stream
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(code & 0xFF)
 
 
 def main() -> None:
