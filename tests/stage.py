@@ -128,8 +128,12 @@ class Screen:
     certified: int = 0
     identified: int = 0
     opened: int = 0
+    prepared: list[str] = field(default_factory=list)
     released: bool = False
     path: PathReport = MEASURED
+
+    def prepare(self, pixels: Any) -> None:
+        self.prepared.append(pixels.path)
 
     def open(self, pixels: Any) -> None:
         self.opened += 1

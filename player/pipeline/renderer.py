@@ -6,7 +6,7 @@ Which view is shown, what drives the projector and how far from the best one tha
 (a view, an adjustment of the picture); a frame allocates nothing.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.company import Company
 from counterlight.pipeline.content import SceneCuts
 from counterlight.pipeline.damper import Damper
-from counterlight.pipeline.device import Device, Light, Owner, Pass
+from counterlight.pipeline.device import Device, Light, Owner, Pass, Planes
 from counterlight.pipeline.drift import Drift
 from counterlight.pipeline.eye import Asked, Eye
 from counterlight.pipeline.laps import Laps
@@ -44,9 +44,10 @@ class Renderer:
 
     def __init__(self, device: Device, room: Room, path: str) -> None:
         self._device, self._room = device, room
-        self._owner, self._medium = Owner(), Owner()
+        self._owner = Owner()
         self._adjustments = NEUTRAL
-        self._opened = False
+        self._medium: _Medium | None = None
+        self._prepared: _Medium | None = None
         self._view = ""  # that was rendered last; none since a medium was opened
         self._damper: Damper | None = None
         self._laps = Laps(device.finish)
@@ -90,16 +91,32 @@ class Renderer:
         """
         self._company.start_from(start, bare)
 
-    def open(self, pixels: PixelFormat) -> None:
-        """Prepare for frames of one format; raises InputError if they do not suit the room."""
+    def prepare(self, pixels: PixelFormat) -> None:
+        """Make what `open` will need, before the medium before has ended; raises InputError as `open` does."""
+        if any(made is not None and made.pixels == pixels for made in (self._medium, self._prepared)):
+            return
         check_radiance(pixels, self._room)
-        self._medium.release()
-        self._planes = self._medium.own(self._device.planes(pixels))
-        self._planes.adjust(self._adjustments)
-        for eye in self._eyes:
-            eye.request.open(pixels, self._adjustments)
+        self._leave_prepared()
+        self._prepared = _Medium(self._device, self._eyes, pixels)
+
+    def open(self, pixels: PixelFormat) -> None:
+        """Take frames of one format from now on; raises InputError if they do not suit the room."""
+        self.prepare(pixels)
+        if self._medium is None or self._medium.pixels != pixels:
+            if self._medium is not None:
+                self._medium.release()
+            self._medium, self._prepared = self._prepared, None
+        assert self._medium is not None
+        self._medium.planes.adjust(self._adjustments)
+        for eye, placed in zip(self._eyes, self._medium.placed, strict=True):
+            eye.request.open(placed, self._adjustments)
         self._cuts = SceneCuts()
-        self._opened, self._view = True, ""
+        self._view = ""
+
+    def _leave_prepared(self) -> None:
+        if self._prepared is not None:
+            self._prepared.release()
+        self._prepared = None
 
     def adjust(self, adjustments: Adjustments) -> None:
         """Take over what the viewer changed, from the next render on; stays when another medium is opened.
@@ -110,8 +127,8 @@ class Renderer:
         if adjustments.viewpoint != previous.viewpoint:
             self._stand(adjustments.viewpoint)
         self._adjustments = adjustments
-        if self._opened and adjustments != replace(previous, viewpoint=adjustments.viewpoint):
-            self._planes.adjust(adjustments)
+        if self._medium is not None and adjustments != replace(previous, viewpoint=adjustments.viewpoint):
+            self._medium.planes.adjust(adjustments)
             for eye in self._eyes:
                 eye.request.adjust(adjustments)
         if adjustments.flicker and self._damper is None:
@@ -128,6 +145,12 @@ class Renderer:
         self._company.advance(cut=cut)
         if self._damper is not None:
             self._damper.advance(cut=cut)
+
+    @property
+    def _planes(self) -> Planes:
+        """Of the medium that is open."""
+        assert self._medium is not None
+        return self._medium.planes
 
     def _stand(self, viewpoint: Viewpoint) -> None:
         """Who has a share in the drive from now on; `_eye`, who has most, is whose view is shown.
@@ -222,7 +245,9 @@ class Renderer:
 
     def release(self) -> None:
         """Give back what the renderer holds."""
-        self._medium.release()
+        self._leave_prepared()
+        if self._medium is not None:
+            self._medium.release()
         self._owner.release()
 
     def _shown(self, view: str, *, compensate: bool, steps: int) -> Light:
@@ -298,6 +323,22 @@ class _Compensated(NamedTuple):
     def refiner(self) -> Refiner | None:
         """None between views."""
         return self.asked[0].eye.refiner if len(self.asked) == 1 else None
+
+
+class _Medium:
+    """The passes of a format: planes -> linear picture, and its place in each eye's view."""
+
+    def __init__(self, device: Device, eyes: Sequence[Eye], pixels: PixelFormat) -> None:
+        self.pixels, self._owner = pixels, Owner()
+        try:
+            self.planes = self._owner.own(device.planes(pixels))
+            self.placed = [self._owner.own(eye.request.make(pixels)) for eye in eyes]
+        except BaseException:
+            self.release()
+            raise
+
+    def release(self) -> None:
+        self._owner.release()
 
 
 class _Moved:

@@ -6,7 +6,6 @@ told and passed over; a list of which nothing plays is tried again after 1 s, 2 
 
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from typing import NamedTuple
 
@@ -69,7 +68,8 @@ class Programme:
         self.over, self.done, self.on = True, False, playlist.position
         self.failure: InputError | None = None
         self._opening: Opening | None = None
-        self._ahead: Opening | None = None  # what comes after that which plays
+        self._ahead: Opening | None = None  # opened before its turn
+        self._failed_ahead: list[tuple[Medium, InputError]] = []  # media before that one which cannot be opened
         self._list: tuple[LookUp[list[Medium]], float] | None = None  # being read, until when
         self._error: InputError | None = None  # why the list's current medium cannot be opened
         self._returns: list[_Return] = []  # from wish to wish; the first is what plays
@@ -83,17 +83,21 @@ class Programme:
         """A medium whose first frame waits to be shown in place of what plays; `plays` or `refused` is to follow."""
         if self._open_at_s is not None and self._clock() >= self._open_at_s:
             self._open()
-        try:
-            if self._error is not None:
-                raise self._error
-            if self._list is not None:
-                self._unfold(*self._list)
-            elif self._opening is not None and self._opening.reader.ready():
-                opening, self._opening = self._opening, None
-                return opening
-        except InputError as error:
-            self.refused(error)
-        return None
+        while True:  # past all media that are known to fail
+            try:
+                return self._ready()
+            except InputError as error:
+                self.refused(error)
+
+    def _ready(self) -> Opening | None:
+        if self._error is not None:
+            raise self._error
+        if self._list is not None:
+            self._unfold(*self._list)
+        if self._opening is None or not self._opening.reader.ready():
+            return None
+        opening, self._opening = self._opening, None
+        return opening
 
     def plays(self) -> None:
         """What was ready is shown from now on."""
@@ -107,13 +111,29 @@ class Programme:
             self._failures = self._rounds = 0
             self._go_on()
 
-    def look_ahead(self) -> None:
-        """What plays will end soon: begin to open what comes then."""
-        target = self.playlist.after(1)
-        if target is None or self._ahead is not None or self._is_busy or is_list(self.playlist.media[target]):
-            return
-        with suppress(InputError):  # which is told when its turn has come
-            self._ahead = self._begin(self.playlist.media[target])
+    def look_ahead(self) -> Opening | None:
+        """Open the medium that comes next, past media that fail; returns it once its first frame waits.
+
+        An error is told when the turn of its medium has come.
+        """
+        target = None if self._is_busy else self.playlist.after(1 + len(self._failed_ahead))
+        if target is None or len(self._failed_ahead) >= len(self.playlist.media):
+            return None
+        medium = self.playlist.media[target]
+        if self._ahead is not None and self._ahead.medium != medium:  # the list is another one by now
+            self._forget_ahead()
+        if is_list(medium):
+            return None
+        try:
+            if self._ahead is None:
+                self._ahead = self._begin(medium)
+            return self._ahead if self._ahead.reader.ready() else None
+        except InputError as error:
+            if self._ahead is not None:
+                self._ahead.reader.close()
+            self._ahead = None
+            self._failed_ahead.append((medium, error))
+            return None
 
     def broke(self, error: InputError) -> None:
         """What plays cannot be decoded any further."""
@@ -199,6 +219,9 @@ class Programme:
     def _open(self) -> None:
         """Begin to open the list's current medium; a list is read first."""
         medium, self._open_at_s, self._opened_at_s = self.playlist.current, None, self._clock()
+        if self._failed_ahead and self._failed_ahead[0][0] == medium:
+            self._error = self._failed_ahead.pop(0)[1]
+            return
         try:
             if is_list(medium):
                 self._list = LookUp(partial(self.opener.find, medium)), self._clock() + LIST_S
@@ -217,7 +240,7 @@ class Programme:
     def _forget_ahead(self) -> None:
         if self._ahead is not None:
             self._ahead.reader.close()
-            self._ahead = None
+        self._ahead, self._failed_ahead = None, []
 
     def _unfold(self, look: LookUp[list[Medium]], until_s: float) -> None:
         found = look.result()

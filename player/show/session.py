@@ -6,6 +6,7 @@ handed in.
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from counterlight.command import tell
@@ -34,7 +35,7 @@ from counterlight.show.stats import Stats
 TIMED_INTERVAL_S = 0.5  # between frames whose stages are timed
 MOST_REDRAWS = 12  # of a picture that stays, until its steps are what they should be
 LONGEST_WAIT_S = 0.05  # between looks at the decoder and the remotes; keys wake the window at once
-AHEAD_S = 3.0  # before a medium ends the next one is opened
+AHEAD_S = 10.0  # before a medium ends the next one is opened; a decoder takes 0.3 s of a processor to start
 OPENING_WAIT_S = 0.01  # while a medium is being opened
 FADE_WAIT_S = 0.03
 
@@ -101,6 +102,8 @@ class Session:
         self._start: tuple[Medium, float] | None = playlist.current, start_s
         self._pixels: PixelFormat | None = None  # that the renderer is open for
         self._lateness: Lateness | None = None
+        self._prepared: Opening | None = None  # comes next
+        self._follows_s: float | None = None  # when the first frame should stand on the screen that comes next
         self.programme = Programme(
             playlist,
             opener,
@@ -128,6 +131,7 @@ class Session:
     def close(self) -> None:
         """End the decoders, and release the renderer: it has been the session's since that began."""
         self.programme.close()
+        self._hearing.close()
         if self.playback is not None:
             self.playback.close()
             self._collect_notices()
@@ -141,17 +145,23 @@ class Session:
         page : what is written over the picture; asked when that has been rendered.
         """
         self._collect_notices()
-        opening = self.programme.poll()
-        if opening is not None:
-            self._change_to(opening)
-        frame = None if self.playback is None or self.programme.over else self._due(self.playback)
+        frame = self._due()
+        if frame is None and self.programme.over:  # perhaps only now: the next medium's first frame is due at once
+            frame = self._due()
         self.done = self.done or self.programme.done
         if not self.done:
             self._draw(frame, page)
             self._appraise()
+            self._look_ahead()
 
-    def _due(self, playback: Playback) -> Frame | None:
+    def _due(self) -> Frame | None:
         """The frame that is due, uploaded; the medium's end and its damage are the programme's to act on."""
+        opening = self.programme.poll()
+        if opening is not None:
+            self._change_to(opening)
+        playback = self.playback
+        if playback is None or self.programme.over:
+            return None
         try:
             frame = playback.due()
             self.stats.dropped, playback.dropped = self.stats.dropped + playback.dropped, 0
@@ -160,12 +170,19 @@ class Session:
                 self._upload(frame, playback)
             elif playback.finished:
                 self.programme.ended()
-            elif playback.ends_within(AHEAD_S):
-                self.programme.look_ahead()
             return frame
         except InputError as error:
             self.programme.broke(error)
             return None
+
+    def _look_ahead(self) -> None:
+        """Prepare the next medium before the present one ends, at whatever rate frames are due."""
+        if self.playback is None or self.programme.over or not self.playback.ends_within(AHEAD_S):
+            return
+        opening = self.programme.look_ahead()
+        if opening is not None and opening != self._prepared:
+            self._prepared = opening
+            self._prepare(opening)
 
     def say(self, text: str, seconds: float | None = None) -> None:
         """Write a line over the picture for a while."""
@@ -222,6 +239,7 @@ class Session:
         """Play what has been opened; what it replaces stays on the screen until its first frame is due."""
         medium, reader, loop = opening
         before, manner = self.playback, self.manner
+        follows_s = before.ended_at_s if before is not None and self.programme.over else None
         try:
             self._open_renderer(reader.info.format)
         except InputError as error:
@@ -237,7 +255,9 @@ class Session:
             paused=manner.paused,
             speed=manner.speed,
             sound=self._hearing.track(reader.info, medium),
+            begins_s=follows_s,
         )
+        self._follows_s = follows_s
         if before is not None:
             before.close()
             for text in before.reader.notices():
@@ -255,7 +275,16 @@ class Session:
         self.appraisal.forget()
         self._lateness = None if rate is None else Lateness(self.stats, rate, self.clock())
         self.stats.interrupted()
+        if follows_s is not None:
+            self.stats.changed()
         self.display.set_title(printable(f"{Path(medium.name).name} - Counterlight"))
+
+    def _prepare(self, opening: Opening) -> None:
+        """What else a medium needs that comes next: passes of its format, and its sound."""
+        info = opening.reader.info
+        with suppress(InputError):  # which `open` raises again
+            self.renderer.prepare(info.format)
+        self._hearing.prepare(info, opening.medium)
 
     def _open_renderer(self, pixels: PixelFormat) -> None:
         """Have frames of a format drawn from now on; what is on the screen stays until one comes."""
@@ -360,10 +389,13 @@ class Session:
             self.display.present(shown[0], black=shown[1])
             self.stats.add("present", time.perf_counter() - start)
             self._shown, self._uncovered = shown, False
-        due_s = None if frame is None or self.playback is None else self.playback.due_at(frame)
+        if frame is None or self.playback is None:
+            return
+        follows_s, self._follows_s = self._follows_s, None
+        due_s = self.playback.due_at(frame) if follows_s is None else follows_s
         if due_s is not None:
             self.stats.shown(self.clock(), due_s)
-        elif frame is not None:
+        else:
             self.stats.interrupted()
 
     def _render(self) -> None:

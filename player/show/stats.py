@@ -15,6 +15,8 @@ RECENT = 10_000  # frames whose times are kept: minutes of playback, a fixed amo
 MOST_NOTICES, LATEST_NOTICES = 1000, 20
 STAGES = ("decode", "upload", "gpu", "present")
 DRAWING = (*(stage for stage in laps.STAGES if stage != "steps"), "step")  # of "gpu"; a step, not all of them
+CHANGE = 3  # frames that a change of media may delay
+PERCENTILES = {"median": 50, "p95": 95, "p99": 99, "max": 100}
 FEW = 120  # the frames that the rate is measured over
 LATE_EDGES_MS = (1, 2, 4, 8, 16, 32, 64)
 LATE_LABELS = ("<1 ms", "1-2", "2-4", "4-8", "8-16", "16-32", "32-64", ">64")
@@ -24,6 +26,7 @@ class Stats:
     """Frames shown and dropped, when they were shown, and milliseconds per stage of the most recent frames.
 
     late : how long after its time each frame stood on the screen.
+    change : the same of each medium's first CHANGE frames, whose time counts from the end of the medium before.
     stalled_s : how long the show's time stood still, since the decoder could not keep up.
     judder : how much the interval between two frames on the screen differed from that between their times.
     """
@@ -37,6 +40,7 @@ class Stats:
         self._stages: dict[str, deque[float]] = {}
         self._late_counts = [0] * len(LATE_LABELS)
         self._last_late_s: float | None = None
+        self._changing = 0  # frames of CHANGE that are still to come
         self._shown_at: deque[float] = deque(maxlen=FEW)
 
     def add(self, stage: str, seconds: float) -> None:
@@ -66,12 +70,17 @@ class Stats:
     def shown(self, at_s: float, due_s: float) -> None:
         """A frame that was due at clock time `due_s` stands on the screen at `at_s`."""
         late_s = at_s - due_s
-        self.add("late", late_s)
+        self.add("change" if self._changing else "late", late_s)
+        self._changing = max(self._changing - 1, 0)
         self._late_counts[int(np.searchsorted(LATE_EDGES_MS, 1000 * late_s, side="right"))] += 1
         if self._last_late_s is not None:
             self.add("judder", abs(late_s - self._last_late_s))
         self._last_late_s = late_s
         self._shown_at.append(at_s)
+
+    def changed(self) -> None:
+        """The next frame follows the last one of another medium."""
+        self._changing = CHANGE
 
     def interrupted(self) -> None:
         """Pause, a seek or another medium: the next frame's interval is not the one before's."""
@@ -100,10 +109,10 @@ class Stats:
         return float(np.percentile(self._stages[stage], percent)) if stage in self._stages else 0.0
 
     def to_dict(self) -> dict[str, Any]:
-        """Counts, facts, and median and 95th percentile of every stage in milliseconds."""
+        """Counts, facts, and PERCENTILES of every stage in milliseconds."""
         stages = {
-            f"{stage}_ms": {"median": float(np.median(values)), "p95": float(np.percentile(values, 95))}
-            for stage, values in self._stages.items()
+            f"{stage}_ms": {name: self.percentile_ms(stage, percent) for name, percent in PERCENTILES.items()}
+            for stage in self._stages
         }
         late = {"late_frames": dict(zip(LATE_LABELS, self._late_counts, strict=True))} if self._shown_at else {}
         counts = {"frames": self.frames, "dropped": self.dropped, "stalled_s": round(self.stalled_s, 3)}
