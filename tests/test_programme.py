@@ -61,12 +61,12 @@ def test_what_plays_goes_on_until_the_next_medium_has_its_first_frame() -> None:
 
 
 def test_the_next_medium_is_opened_before_its_turn() -> None:
-    stage = playing(Reader("a", count=100), Reader("b", count=50, opens_s=2.0))
+    stage = playing(Reader("a", count=400), Reader("b", count=50, opens_s=2.0))
     assert stage.begun == ["a"]
-    stage.advance(3.9 + 0.2)  # a lasts 4 s
+    stage.advance(15.9 + 0.2)  # a lasts 16 s
     assert stage.begun == ["a", "b"]
     assert position(stage) == ("b", 1, 1)
-    assert stage.screen.uploaded[:103] == [*range(100), 0, 1, 2]
+    assert stage.screen.uploaded[:403] == [*range(400), 0, 1, 2]
 
 
 def test_the_next_medium_is_opened_before_its_turn_even_if_a_frame_is_due_in_every_loop() -> None:
@@ -260,8 +260,9 @@ def test_what_makes_a_show_last(kind: dict[str, object]) -> None:
 
 
 def test_the_last_frame_stays_and_a_wish_is_met_at_once_while_a_list_is_waited_for() -> None:
-    stage = playing(Reader("a", count=5), Reader("x", error="x: gone"), Reader("c", count=1000), lasting=True)
+    stage = playing(Reader("a", count=5), Reader("x", error="x: gone"), Reader("c", count=1000), loop_list=True)
     stage.session.playlist.media.pop()
+    stage.readers["a"].error = "a: gone"
     stage.advance(10.0)
     assert stage.screen.uploaded == list(range(5))
     assert not any(black for _, _, black in stage.screen.shown[1:])

@@ -11,7 +11,7 @@ from counterlight.pipeline.device import Adapter, Device, Light, NearLight, Owne
 from counterlight.pipeline.fitting import Axes
 from counterlight.pipeline.map_views import MapViews
 from counterlight.pipeline.mixer import Mixer
-from counterlight.pipeline.placed import Placed
+from counterlight.pipeline.placed import Crossfade, Placed
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.test_cards import card
 
@@ -35,7 +35,7 @@ class Request:
         self._maps, self._near_light, self._mixer = maps, near_light, mixer
         self._camera, self._projector = room.calibration.camera.shape, room.calibration.projector.shape
         self._owner = Owner()
-        self._adjustments, self._unit = NEUTRAL, 1.0
+        self._adjustments, self._unit, self._level = NEUTRAL, 1.0, 1.0
         own = self._owner.own
         try:
             self._rows, self._defines = mixer.rows, mixer.defines
@@ -53,19 +53,37 @@ class Request:
         """The passes of a format, for `open`; the caller releases them."""
         return Placed(self._device, self._room, self._mixer, self._axes, pixels)
 
-    def open(self, placed: Placed, adjustments: Adjustments) -> None:
+    def open(self, placed: Placed | Crossfade, adjustments: Adjustments) -> None:
         """Take pictures of a format from now on."""
-        self._placed, self._unit = placed, placed.unit
-        self._desired.set(white=1.0 if placed.radiance else self._room.white)
-        self._plain.set(white=self._unit)
+        self.take(placed)
         self._adjustments = NEUTRAL
         if self._limits:
             _ = self._maps.full  # made now, so that no frame makes it
         self.adjust(adjustments)
 
+    def take(self, placed: Placed | Crossfade) -> None:
+        """Take pictures that another one places, as a part of the same medium."""
+        self._placed, self._unit = placed, placed.unit
+        self._tell_white()
+
+    def fade(self, level: float) -> None:
+        """Ask for that share of the light, from 0, black, to 1."""
+        self._level = level
+        self._tell_white()
+
+    def _tell_white(self) -> None:
+        """What 1 of a placed picture stands for, in every pass that is told; those with a tone count in white's."""
+        white, level = self._room.white, self._level
+        self._desired.set(white=level if self._placed.radiance else level * white)
+        self._plain.set(white=level * self._unit)
+        if self._toned:
+            self._toned_desired.set(white=level * white)
+            self._toned_plain.set(white=level)
+
     def adjust(self, adjustments: Adjustments) -> None:
         previous, self._adjustments = self._adjustments, adjustments
         self._placed.pin(adjustments.corners)
+        self._tell_white()
         if self._toned:
             self._toned_desired.set(unit=self._unit, black_level=adjustments.black_level)
             self._toned_plain.set(unit=self._unit, black_level=adjustments.black_level)
@@ -90,7 +108,7 @@ class Request:
     def unbounded(self, picture: Light) -> Light:
         """c − e as it is: what the views tell of."""
         placed, asked = self._placed.in_view(picture), self._toned_unbounded
-        asked.set(unit=self._unit, black_level=self._adjustments.black_level)
+        asked.set(white=self._level * self._room.white, unit=self._unit, black_level=self._adjustments.black_level)
         return asked.run(picture=placed, ambient=self._ambient, tone=self._tone(placed), **self._rows)
 
     def plain(self, picture: Light) -> Light:
@@ -106,7 +124,7 @@ class Request:
         """c, (camera height, camera width, 3), in screen primaries."""
         if self._toned or self._placed.pinned:
             return self._device.read(self._mixer.on_screen(self.unbounded(picture)), np.float32) + self._room.ambient
-        white = 1.0 if self._placed.radiance else self._room.white
+        white = self._level * (1.0 if self._placed.radiance else self._room.white)
         return np.float32(white) * self._device.read(self._placed.in_view(picture), np.float32)
 
     def release(self) -> None:

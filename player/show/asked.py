@@ -17,8 +17,8 @@ from counterlight.show.output import is_film
 
 WINDOW_ONLY = (
     *("fullscreen", "monitor", "any_size", "vsync", "bits", "hwdec", "volume", "mute", "blackout", "osd"),
-    *("screenshot_directory", "speed", "image_display_duration", "playlist_start"),
-    *("control", "remote", "osc", "heartbeat", "lead", "follow", "timecode", "at", "schedule"),
+    *("screenshot_directory", "speed", "image_display_duration", "playlist_start", "keep_open", "fade"),
+    *("crossfade", "control", "remote", "osc", "heartbeat", "lead", "follow", "timecode", "at", "schedule"),
 )
 
 

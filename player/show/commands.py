@@ -233,7 +233,7 @@ class _Actions:
         return f"projector{'s' if which is None else f' {which}'} {'on' if on else 'off'}"
 
     def quit(self) -> None:
-        self._session.done = True
+        self._session.quit()
 
     def placing(self) -> Placing:
         if self._session.placing is None:

@@ -113,7 +113,7 @@ def _add_what(parser: argparse.ArgumentParser) -> None:
     _number(parser, "frames", Number(1, 1e9, whole=True, noun="a number of frames"), "N", "stop after N frames")
     rate = Number(1e-3, 1e3, noun="frames per second")
     _number(parser, "fps", rate, "RATE", "frames per second of a numbered sequence (default 25)")
-    _offer(parser, "speed", "image-display-duration")
+    _offer(parser, "speed", "image-display-duration", "keep-open", "fade", "crossfade")
     text = f"what decodes films: no, the processor (default); auto; or a GPU as FFmpeg\nnames it: {', '.join(TYPES)}"
     parser.add_argument("--hwdec", type=_device, default=PROCESSOR, metavar="TYPE[:DEVICE]", help=text)
 

@@ -149,15 +149,15 @@ class Playback:
             return self.hold_s
         return self._taken_until_s if self._exhausted else None
 
-    def ends_within(self, seconds: float) -> bool:
-        """Whether the end will come so soon; True for a medium of unknown length."""
+    def ends_within(self, seconds: float, *, unknown: bool = False) -> bool:
+        """Whether the end will come so soon.  unknown : what a medium of unknown length gives."""
         info, ahead_s = self.reader.info, seconds * self._speed
         if self._paused or info.live or self.loops:
             return False
         if info.still:
             now_s = self._media_time()
             return self.hold_s is not None and now_s is not None and now_s + ahead_s >= self.hold_s
-        return info.duration_s is None or self._seconds + ahead_s >= info.duration_s
+        return unknown if info.duration_s is None else self._seconds + ahead_s >= info.duration_s
 
     def due(self) -> Frame | None:
         """The newest frame whose time has come; older ones that were not shown in time are dropped and counted."""

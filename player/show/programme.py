@@ -46,9 +46,12 @@ class _Return(NamedTuple):
 class Programme:
     """Says what plays, to a session that tells how it goes.
 
-    lasting : whether nothing but a person ends the show.  looping : whether media are to begin again at their end.
+    lasting : whether nothing but a person ends the show.  keep : what the end leaves, as `keep-open` says but "auto".
+    begins_again : whether the list or the medium starts again at its end.
+    looping : whether media are to begin again at their end.
     notice : takes a line for the user.  clock : seconds, monotonic.
 
+    at_end : whether the end is held, until somebody wishes for a medium or seeks.
     on : the position in the list of what plays.  over : whether that has nothing more to show, or nothing plays.
     done : whether the show has come to its end.  failure : why, if that was not as it should.
     """
@@ -59,12 +62,15 @@ class Programme:
         opener: Media,
         *,
         lasting: Callable[[], bool],
+        begins_again: Callable[[], bool],
+        keep: Callable[[], str],
         looping: Callable[[], bool],
         notice: Callable[[str], None],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.playlist, self.opener, self._notice, self._clock = playlist, opener, notice, clock
-        self._lasting, self._looping = lasting, looping
+        self._lasting, self._looping, self._keep = lasting, looping, keep
+        self._begins_again, self.at_end = begins_again, False
         self.over, self.done, self.on = True, False, playlist.position
         self.failure: InputError | None = None
         self._opening: Opening | None = None
@@ -101,15 +107,33 @@ class Programme:
 
     def plays(self) -> None:
         """What was ready is shown from now on."""
-        self.over, self.on, self._began_s = False, self.playlist.position, self._clock()
+        self.at_end, self.over, self.on, self._began_s = False, False, self.playlist.position, self._clock()
         self._returns = []
 
     def ended(self) -> None:
         """What plays has come to its end."""
         self.over = True
-        if not self._is_busy:
-            self._failures = self._rounds = 0
+        if self._is_busy or self.at_end:
+            return
+        self._failures = self._rounds = 0
+        if self._keep() == "always":
+            self.at_end = True
+        else:
             self._go_on()
+
+    def resume(self) -> None:
+        """Somebody has gone back in the medium whose end was held."""
+        self.at_end = self.over = False
+
+    @property
+    def is_last(self) -> bool:
+        """Whether nothing comes after the medium that plays."""
+        return not self._is_busy and self.playlist.after(1) is None
+
+    @property
+    def next_waits(self) -> bool:
+        """Whether the next medium is open, and its first frame waits."""
+        return not self._is_busy and self._ahead is not None and self._ahead.reader.ready()
 
     def look_ahead(self) -> Opening | None:
         """Open the medium that comes next, past media that fail; returns it once its first frame waits.
@@ -261,8 +285,10 @@ class Programme:
     def _go_on(self) -> None:
         if self.playlist.step(1):
             self._open()
-        else:
+        elif self._keep() == "no":
             self.done = True
+        else:
+            self.at_end = True
 
     def _go_back(self, before: _Return) -> None:
         """A wish cannot be met: the list is as before, and so is what plays."""
@@ -282,6 +308,10 @@ class Programme:
         if self._failures < len(self.playlist.media) and self.playlist.step(1):
             self._notice(str(error))
             self._open()
+        elif self._began_s > float("-inf") and not self._begins_again():
+            self._notice(str(error))
+            self.failure = error if self._keep() == "no" and not self._lasting() else None
+            self._go_on()
         elif self._lasting():
             wait_s = min(RETRY_S * 2 ** min(self._rounds, 10), LONGEST_RETRY_S)
             self._notice(f"{error}; trying again in {wait_s:g} s")

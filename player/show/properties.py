@@ -85,6 +85,10 @@ def _playing(session: Session) -> dict[str, Property]:
             lambda: "inf" if session.image_display_duration is None else session.image_display_duration,
             hold,
         ),
+        "keep-open": named("keep-open", *_attribute(lambda: session, "keep_open")),
+        "fade": named("fade", *_attribute(lambda: session.fade, "seconds")),
+        "crossfade": named("crossfade", *_attribute(lambda: session, "crossfade_s")),
+        "eof-reached": Property("whether the end is held (keep-open)", lambda: session.programme.at_end),
         "in-step": Property(
             "how a leader or a follower is doing, null if neither", lambda: session.stats.facts.get("in_step")
         ),

@@ -21,6 +21,7 @@ from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.renderer import Renderer
 from counterlight.show.appraisal import INTERVAL_S, Appraisal
 from counterlight.show.display import Display
+from counterlight.show.fading import FADE_WAIT_S, Fade, Leaving
 from counterlight.show.governor import Governor
 from counterlight.show.hearing import Hearing
 from counterlight.show.lateness import Lateness
@@ -37,7 +38,6 @@ MOST_REDRAWS = 12  # of a picture that stays, until its steps are what they shou
 LONGEST_WAIT_S = 0.05  # between looks at the decoder and the remotes; keys wake the window at once
 AHEAD_S = 10.0  # before a medium ends the next one is opened; a decoder takes 0.3 s of a processor to start
 OPENING_WAIT_S = 0.01  # while a medium is being opened
-FADE_WAIT_S = 0.03
 
 
 class Session:
@@ -70,6 +70,9 @@ class Session:
         start_s: float = 0.0,
         image_display_duration: float | None = None,
         blackout: bool = False,
+        keep_open: str = "auto",
+        fade_s: float = 0.0,
+        crossfade_s: float = 0.0,
         osd: str = "on",
         unattended: bool = False,
         screenshots: Path = Path(),
@@ -103,11 +106,17 @@ class Session:
         self._pixels: PixelFormat | None = None  # that the renderer is open for
         self._lateness: Lateness | None = None
         self._prepared: Opening | None = None  # comes next
+        self.keep_open, self.fade, self.crossfade_s = keep_open, Fade(fade_s, clock), crossfade_s
+        self._leaving: Leaving | None = None
+        self._faded = 1.0, 0.0  # as rendered: the share of light, and of it the share of the medium that leaves
+        self._quitting = False
         self._follows_s: float | None = None  # when the first frame should stand on the screen that comes next
         self.programme = Programme(
             playlist,
             opener,
             lasting=lambda: self._lasting or self.playlist.loop or self.manner.loop,
+            begins_again=lambda: self.playlist.loop or self.manner.loop,
+            keep=self._keep,
             looping=lambda: self.manner.loop,
             notice=self.notice,
             clock=clock,
@@ -132,6 +141,7 @@ class Session:
         """End the decoders, and release the renderer: it has been the session's since that began."""
         self.programme.close()
         self._hearing.close()
+        self._end_crossfade()
         if self.playback is not None:
             self.playback.close()
             self._collect_notices()
@@ -160,6 +170,8 @@ class Session:
         if opening is not None:
             self._change_to(opening)
         playback = self.playback
+        if playback is not None and self.programme.at_end and not playback.finished:
+            self.programme.resume()
         if playback is None or self.programme.over:
             return None
         try:
@@ -168,16 +180,73 @@ class Session:
             self.stats.stalled_s, playback.stalled_s = self.stats.stalled_s + playback.stalled_s, 0.0
             if frame is not None:
                 self._upload(frame, playback)
-            elif playback.finished:
+            elif playback.finished or self._fades_over(playback):
                 self.programme.ended()
+                if self.programme.at_end:
+                    playback.paused = True
             return frame
         except InputError as error:
             self.programme.broke(error)
             return None
 
+    def _ends_within(self, seconds: float) -> bool:
+        return self.playback is not None and self.playback.ends_within(seconds, unknown=True)
+
+    def _fades_over(self, playback: Playback) -> bool:
+        """Whether it is time that the next medium fades in."""
+        soon = self.crossfade_s > 0 and self._leaving is None and self._keep() != "always"
+        return soon and playback.ends_within(self.crossfade_s) and self.programme.next_waits
+
+    def _keep(self) -> str:
+        """What the end leaves: "no", "yes", "always" or "black"."""
+        usual = "black" if self.display.fullscreen else "no"
+        return usual if self.keep_open == "auto" else self.keep_open
+
+    def quit(self) -> None:
+        """End the show, once it has faded; the second time at once."""
+        self._quitting = not self._quitting and self._draws > 0 and self.fade.seconds > 0 and self.fade.level > 0
+        self.done = not self._quitting
+
+    def _dark(self) -> bool:
+        """Whether the show is to be black, or on its way there."""
+        keep, playback = self._keep(), self.playback
+        if self.blackout or self._quitting or (self.programme.at_end and keep == "black"):
+            return True
+        ends = playback is not None and not self.programme.over and self.programme.is_last and keep in ("no", "black")
+        return ends and playback is not None and self.fade.seconds > 0 and playback.ends_within(self.fade.seconds)
+
+    def _play_leaving(self) -> None:
+        """Draw the next frame of the medium that fades out; leave it in the end."""
+        leaving = self._leaving
+        if leaving is None:
+            return
+        try:
+            frame = leaving.playback.due()
+            if frame is not None:
+                self.renderer.upload_before(frame)
+                leaving.playback.reader.release(frame)
+                self._changed = True
+        except InputError as error:
+            self.notice(str(error))
+            self._end_crossfade()
+        if leaving.weight == 0:
+            self._end_crossfade()
+
+    def _end_crossfade(self) -> None:
+        leaving, self._leaving = self._leaving, None
+        if leaving is not None:
+            self.renderer.end_crossfade()
+            self._left(leaving.playback)
+
+    def _left(self, playback: Playback) -> None:
+        """A medium plays no longer."""
+        playback.close()
+        for text in playback.reader.notices():
+            self.notice(text)
+
     def _look_ahead(self) -> None:
         """Prepare the next medium before the present one ends, at whatever rate frames are due."""
-        if self.playback is None or self.programme.over or not self.playback.ends_within(AHEAD_S):
+        if self.playback is None or self.programme.over or not self._ends_within(AHEAD_S):
             return
         opening = self.programme.look_ahead()
         if opening is not None and opening != self._prepared:
@@ -240,8 +309,9 @@ class Session:
         medium, reader, loop = opening
         before, manner = self.playback, self.manner
         follows_s = before.ended_at_s if before is not None and self.programme.over else None
+        fades = self.crossfade_s > 0 and before is not None and self._uploaded and not self.programme.at_end
         try:
-            self._open_renderer(reader.info.format)
+            self._open_renderer(reader.info.format, crossfade=fades)
         except InputError as error:
             reader.close()
             self.programme.refused(error)
@@ -258,10 +328,10 @@ class Session:
             begins_s=follows_s,
         )
         self._follows_s = follows_s
-        if before is not None:
-            before.close()
-            for text in before.reader.notices():
-                self.notice(text)
+        if before is not None and fades:
+            self._leaving = Leaving(before, self.crossfade_s, self.clock)
+        elif before is not None:
+            self._left(before)
         if self._start is not None:
             start_s = self._start[1] if self._start[0] == medium and not reader.info.still else 0.0
             if start_s:
@@ -283,14 +353,15 @@ class Session:
         """What else a medium needs that comes next: passes of its format, and its sound."""
         info = opening.reader.info
         with suppress(InputError):  # which `open` raises again
-            self.renderer.prepare(info.format)
+            self.renderer.prepare(info.format, crossfade=self.crossfade_s > 0)
         self._hearing.prepare(info, opening.medium)
 
-    def _open_renderer(self, pixels: PixelFormat) -> None:
+    def _open_renderer(self, pixels: PixelFormat, *, crossfade: bool = False) -> None:
         """Have frames of a format drawn from now on; what is on the screen stays until one comes."""
+        self._end_crossfade()
         self._pixels, self._uploaded = None, False
         for renderer in filter(None, (self.renderer, self._incoming)):
-            renderer.open(pixels)
+            renderer.open(pixels, crossfade=crossfade and renderer is self.renderer)
             renderer.adjust(self.adjustments)
         self._pixels = pixels
 
@@ -372,6 +443,7 @@ class Session:
             incoming.release()
             self.notice(self.not_reloaded(error))
             return False
+        self._end_crossfade()
         self.renderer.release()
         self.renderer = incoming
         self.appraisal.forget()
@@ -380,10 +452,16 @@ class Session:
 
     def _draw(self, frame: Frame | None, page: Callable[[], Page | None]) -> None:
         """Render if the view has changed, and present if that or the page over it has; black before the first frame."""
-        render = self._changed and self._uploaded
+        self._play_leaving()
+        level = self.fade.towards(0.0 if self._dark() else 1.0) if self._draws or not self.fade.seconds else 0.0
+        self.done = self.done or (self._quitting and level == 0)
+        faded = level or 1.0, 0.0 if self._leaving is None else self._leaving.weight
+        render = (self._changed or faded != self._faded) and self._uploaded
         if render:
+            self._faded = faded
+            self.renderer.fade(*faded)
             self._render()
-        shown = page(), self.blackout or not self._draws
+        shown = page(), level == 0 or not self._draws
         if render or self._uncovered or shown != self._shown:
             start = time.perf_counter()
             self.display.present(shown[0], black=shown[1])
@@ -423,7 +501,8 @@ class Session:
             return 0.0
         wait = LONGEST_WAIT_S if self.playback is None else self.playback.wait_s(LONGEST_WAIT_S)
         wait = min(wait, OPENING_WAIT_S) if self.programme.is_opening else wait
-        return min(wait, FADE_WAIT_S) if self.message.opacity else wait
+        fades = self.message.opacity or self._leaving is not None or self.fade.level != (not self._dark())
+        return min(wait, FADE_WAIT_S) if fades else wait
 
     def _collect_notices(self) -> None:
         readers = [] if self.playback is None else self.playback.reader.notices()
