@@ -220,6 +220,11 @@ class Playback:
         self._anchor = self._taken_s = None
         self._wanted, self._cut_off = True, False
 
+    def end(self) -> None:
+        """Show nothing more, as after the last frame; a seek goes on."""
+        self._drop_pending()
+        self._cut_off, self._wanted = True, False
+
     def refresh(self) -> None:
         """Ask for the frame that is on the screen once more."""
         self.seek(self._seconds)

@@ -4,8 +4,9 @@ Nothing here waits, and nothing that a medium, a list or a remote does ends a la
 told and passed over; a list of which nothing plays is tried again after 1 s, 2 s, 4 s … 30 s.
 """
 
+import random
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -196,20 +197,77 @@ class Programme:
         before, self.playlist.position = self._here(), position
         self._wish(before)
 
-    def load(self, name: str, *, replace: bool) -> Medium:
-        """Somebody wants a medium or a list in place of the whole list, or at its end; InputError if that cannot be.
+    def load(self, name: str, *, replace: bool, follows: bool = False, play: bool = False) -> Medium:
+        """Somebody wants a medium or a list in place of the whole list, or in it; InputError if that cannot be.
 
-        If it turns out later that nothing of it can be played, the list is as before.
+        If it turns out later that nothing of it can be played, a list that was replaced is as before.
+
+        follows : after the present medium instead of at the end.  play : at once if the end is held.
         """
         medium = self.opener.medium(name)
         media = LookUp(partial(self.opener.find, medium)).result(LOOK_S) or [medium]
         before = self._here()._replace(media=self.playlist.media)
-        self.playlist.add(media, replace=replace)
+        at = self.playlist.position + 1 if follows else len(self.playlist.media)
+        self.playlist.add(media, replace=replace, at=at)
         if replace:
             self._wish(before)
+            return medium
+        self._renumber(lambda old: old + len(media) * (old >= at))
+        if play and self.at_end:
+            self.select(at)
         elif self._open_at_s is not None:
             self._open_at_s = self._clock()
         return medium
+
+    def remove(self, position: int) -> bool:
+        """Take a medium from the list; if it plays or is being opened, the next one does. False if none comes next.
+
+        InputError for the only medium.
+        """
+        media = self.playlist.media
+        if len(media) == 1:
+            raise InputError(f"{media[0]}: the only medium of the list; load another one, or quit")
+        present = position == self.playlist.position
+        self._reorder([old for old in range(len(media)) if old != position])
+        if not present:
+            return True
+        follows = position < len(self.playlist.media) or self.playlist.loop
+        if follows:
+            self.select(position % len(self.playlist.media))
+        else:
+            self._stop_opening()
+        return follows
+
+    def clear(self) -> None:
+        """Take everything from the list but the present medium."""
+        self._reorder([self.playlist.position])
+
+    def move(self, position: int, before: int) -> None:
+        """Put a medium where another one is, before that."""
+        others = [old for old in range(len(self.playlist.media)) if old != position]
+        at = before - (before > position)
+        self._reorder([*others[:at], position, *others[at:]])
+
+    def shuffle(self) -> None:
+        order = list(range(len(self.playlist.media)))
+        random.shuffle(order)
+        self._reorder(order)
+
+    def _reorder(self, order: Sequence[int]) -> None:
+        """order : old positions in their new order; those left out are removed."""
+        self.playlist.media = [self.playlist.media[old] for old in order]
+        places, last = {old: new for new, old in enumerate(order)}, len(order) - 1
+        self._renumber(lambda old: places.get(old, min(old, last)))
+
+    def _renumber(self, place: Callable[[int], int]) -> None:
+        """Media have other positions in the list now.  place : from an old position to the new one."""
+        self.on, self.playlist.position = place(self.on), place(self.playlist.position)
+        self._first_failed = place(self._first_failed)
+        kept = (
+            each if each.media is not None else each._replace(position=place(each.position)) for each in self._returns
+        )
+        self._returns = list(kept)
+        self._forget_ahead()
 
     def close(self) -> None:
         self._stop_opening()
