@@ -31,7 +31,7 @@ class Parameter:
 LISTED_IMAGE_S = 5.0  # how long a picture in a list is shown if nobody says
 LUT_TYPES = ("native", "conversion")
 TONE_MAPPINGS = ("bt.2390", "clip")
-OSD = ("off", "on", "notices")
+OSD = ("auto", "off", "on", "notices")
 KEEP_OPEN = ("auto", "no", "yes", "always", "black")
 FLAG, CONTROL = Flag(), Number(-100, 100, whole=True)
 STEPS = Number(0, MOST_STEPS, whole=True, words=("auto",), noun="a number of steps")
@@ -125,9 +125,10 @@ PARAMETERS = {
         "no",
     ),
     "osd": Parameter(
-        "on: what keys change, and in a window what went wrong; notices: that always; off: neither",
+        "what is written over the picture. on: what keys change, and in a window what went wrong; "
+        "notices: that always; off: neither; auto: on in a window, off in full screen",
         Choice(OSD),
-        "on",
+        "auto",
     ),
     "fullscreen": Parameter("whether the monitor is filled", FLAG, False),
 }

@@ -73,7 +73,7 @@ class Session:
         keep_open: str = "auto",
         fade_s: float = 0.0,
         crossfade_s: float = 0.0,
-        osd: str = "on",
+        osd: str = "auto",
         unattended: bool = False,
         screenshots: Path = Path(),
         audio: AudioOutput | None = None,
@@ -176,7 +176,9 @@ class Session:
             return None
         try:
             frame = playback.due()
-            self.stats.dropped, playback.dropped = self.stats.dropped + playback.dropped, 0
+            if playback.dropped:
+                self.stats.drop(playback.dropped, self.clock())
+                playback.dropped = 0
             self.stats.stalled_s, playback.stalled_s = self.stats.stalled_s + playback.stalled_s, 0.0
             if frame is not None:
                 self._upload(frame, playback)
@@ -253,6 +255,11 @@ class Session:
             self._prepared = opening
             self._prepare(opening)
 
+    @property
+    def writes(self) -> bool:
+        """Whether messages and legends are written over the picture."""
+        return not self.display.fullscreen if self.osd == "auto" else self.osd != "off"
+
     def say(self, text: str, seconds: float | None = None) -> None:
         """Write a line over the picture for a while."""
         self.message.say(text, *([] if seconds is None else [seconds]))
@@ -289,8 +296,22 @@ class Session:
 
     @property
     def steps(self) -> int:
-        """Of refinement, a frame."""
+        """Of refinement, for the next frame."""
         return self.governor.steps
+
+    @property
+    def steps_made(self) -> int:
+        """Of refinement, for the picture on the screen; 0 without compensation."""
+        made = self.compensation and self.adjustments.card is None and self._draws > 0
+        return self._steps_drawn if made else 0
+
+    @property
+    def rates(self) -> tuple[float, float]:
+        """Frames per second that the medium asks for, and that came to the screen; 0 where time stands still."""
+        playback = self.playback
+        if playback is None or playback.paused or playback.reader.info.still:
+            return 0.0, 0.0
+        return playback.reader.info.frames_per_second * playback.speed, self.stats.frames_per_second
 
     @property
     def manner(self) -> Playback | Manner:
@@ -472,7 +493,7 @@ class Session:
         follows_s, self._follows_s = self._follows_s, None
         due_s = self.playback.due_at(frame) if follows_s is None else follows_s
         if due_s is not None:
-            self.stats.shown(self.clock(), due_s)
+            self.stats.shown(self.clock(), due_s, frame.duration_s / self.playback.speed)
         else:
             self.stats.interrupted()
 

@@ -1,6 +1,8 @@
 """Counting and timing frames: what `i` shows and `--stats FILE` writes."""
 
 import json
+import math
+import time
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,6 +19,7 @@ STAGES = ("decode", "upload", "gpu", "present")
 DRAWING = (*(stage for stage in laps.STAGES if stage != "steps"), "step")  # of "gpu"; a step, not all of them
 CHANGE = 3  # frames that a change of media may delay
 PERCENTILES = {"median": 50, "p95": 95, "p99": 99, "max": 100}
+RECENT_S = 10  # that the remote's figures are of
 FEW = 120  # the frames that the rate is measured over
 LATE_EDGES_MS = (1, 2, 4, 8, 16, 32, 64)
 LATE_LABELS = ("<1 ms", "1-2", "2-4", "4-8", "8-16", "16-32", "32-64", ">64")
@@ -42,6 +45,10 @@ class Stats:
         self._last_late_s: float | None = None
         self._changing = 0  # frames of CHANGE that are still to come
         self._shown_at: deque[float] = deque(maxlen=FEW)
+        self._recent: deque[tuple[float, dict[str, int]]] = (
+            deque()
+        )  # clock time, and frames shown, late and dropped then
+        self._events: deque[tuple[float, str]] = deque(maxlen=LATEST_NOTICES)
 
     def add(self, stage: str, seconds: float) -> None:
         self._stages.setdefault(stage, deque(maxlen=RECENT)).append(1000 * seconds)
@@ -62,13 +69,38 @@ class Stats:
     def notice(self, text: str) -> None:
         """Something went wrong without stopping the show; the most recent lines are kept."""
         self.notices.append(text)
+        self._events.append((time.time(), text))
         del self.notices[:-MOST_NOTICES]
 
     def latest_notices(self) -> list[str]:
         return self.notices[-LATEST_NOTICES:]
 
-    def shown(self, at_s: float, due_s: float) -> None:
-        """A frame that was due at clock time `due_s` stands on the screen at `at_s`."""
+    def events(self) -> list[dict[str, Any]]:
+        """The latest notices with their times, seconds since 1970."""
+        return [{"time": round(at, 3), "text": text} for at, text in self._events]
+
+    def drop(self, frames: int, at_s: float) -> None:
+        """Frames were left out, up to clock time `at_s`."""
+        self.dropped += frames
+        self._recall(at_s, dropped=frames)
+
+    def recent(self, now_s: float) -> dict[str, Any]:
+        """Frames shown, late and dropped in the last RECENT_S; a frame is late once the next one is due."""
+        self._forget(now_s)
+        sums = {name: sum(counts[name] for _, counts in self._recent) for name in ("shown", "late", "dropped")}
+        return {"seconds": RECENT_S, **sums}
+
+    def _recall(self, at_s: float, **counts: int) -> None:
+        self._recent.append((at_s, {"shown": 0, "late": 0, "dropped": 0} | counts))
+        self._forget(at_s)
+
+    def _forget(self, now_s: float) -> None:
+        while self._recent and self._recent[0][0] < now_s - RECENT_S:
+            self._recent.popleft()
+
+    def shown(self, at_s: float, due_s: float, duration_s: float = math.inf) -> None:
+        """A frame stands on the screen at clock time `at_s`, due at `due_s`; the next one is due `duration_s` later."""
+        self._recall(at_s, shown=1, late=int(at_s - due_s > duration_s))
         late_s = at_s - due_s
         self.add("change" if self._changing else "late", late_s)
         self._changing = max(self._changing - 1, 0)
