@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import socket
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
@@ -171,6 +172,7 @@ def play_in_window(
             checks=checks_of(options),
             beside=in_step_of(options, session, stack),
             lamps=lamps_of(options, stack),
+            on_interrupt=lambda stats: None if options.stats is None else stats.write(options.stats),
         )
         return show.run(options.frames)
 
@@ -179,6 +181,11 @@ def _check_window(options: argparse.Namespace) -> None:
     for name, value in (("--segments", options.segments), ("--cluster", options.cluster)):
         if value is not None:
             raise InputError(f"{name} {value}: is for --output; leave it out, or add --output FILE")
+    if options.follow is not None and not options.supervised:
+        try:
+            socket.getaddrinfo(*options.follow)
+        except OSError as error:
+            raise InputError(f"--follow {options.follow[0]}: {error.strerror}; check the leader's name") from None
     if not options.screenshot_directory.is_dir():
         raise InputError(f"{options.screenshot_directory}: no such folder for --screenshot-directory; make it first")
 

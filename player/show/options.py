@@ -10,6 +10,7 @@ from typing import Any
 
 from counterlight.calibration import RADIANCE
 from counterlight.command import Parser
+from counterlight.errors import InputError
 from counterlight.media.decoding.devices import ANY, PROCESSOR, TYPES
 from counterlight.media.medium import Border, Medium
 from counterlight.pipeline.device import PATHS
@@ -48,11 +49,19 @@ def read_options(argv: Sequence[str] | None, description: str) -> argparse.Names
     options.given = {name for name, value in vars(options).items() if value != parser.get_default(name)}
     options.keys, options.lists = keys, [Medium(name) for name in options.media]
     roots = [options.media_root] if isinstance(options.media_root, Path) else options.media_root or []
+    if not options.supervised:  # a folder that is mounted later is worth waiting for
+        _check_folders(roots)
     options.border = Border.around(options.lists, roots, live=options.allow_live)
     remotes = options.control, options.remote, options.osc
     options.lasting = options.loop or options.supervised or any(remote is not None for remote in remotes)
     options.media = expand(options.lists, options.border, patient=options.lasting)
     return options
+
+
+def _check_folders(roots: Sequence[Path]) -> None:
+    for root in roots:
+        if not root.is_dir():
+            raise InputError(f"--media-root {root}: no such folder; make it first, or check its name")
 
 
 def _parser(description: str) -> argparse.ArgumentParser:

@@ -8,6 +8,7 @@ from counterlight.pipeline.refinement import Certificate
 from counterlight.show.session import Session
 from counterlight.show.stats import DRAWING, LATE_LABELS, STAGES
 
+NAMES = {"gpu": "draw"}  # the key of --stats has the name of what draws on most machines
 BARE = {"map": "the map's picture", "direct": "direct mapping"}
 
 
@@ -26,7 +27,7 @@ def stats_page(session: Session, message: str) -> Page:
         f"view\t{session.view}, compensation {compensation}, {screen}",
         f"frames\t{stats.frames} shown at {_rates(session)}, {stats.dropped} dropped"
         + (f", {stats.stalled_s:.1f} s stood still for the decoder" if stats.stalled_s else ""),
-        "time\t" + ", ".join(f"{stage} {stats.median_ms(stage):.1f} ms" for stage in STAGES),
+        "time\t" + ", ".join(f"{NAMES.get(stage, stage)} {stats.median_ms(stage):.1f} ms" for stage in STAGES),
         *_drawing(session),
         f"GPU path\t{session.renderer.path}",
         *_refinement(session, certificate),

@@ -93,9 +93,9 @@ def test_a_list_is_edited_by_hand(tabs: Callable[[], Page], xvfb: str, small_roo
             page.wait(f"{shown} === '{','.join(names)}'")
 
         page.click("#browse")
-        page.wait("document.querySelector('#files li button')")
+        page.wait("document.querySelector('#files li button') !== null")
         page.click("#files li button")
-        page.wait("document.querySelector('#files [title$=\"other.mkv\"]')")
+        page.wait("document.querySelector('#files [title$=\"other.mkv\"]') !== null")
         page.ask("document.querySelector('#files li:has([title$=\"other.mkv\"])').lastChild.click()")
         page.click("#close-browser")
         listed("clip.mkv", "other.mkv")
