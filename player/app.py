@@ -22,6 +22,7 @@ from counterlight.pipeline.room import Room
 from counterlight.show.asked import (
     adjustments_of,
     check_of,
+    coding_of,
     governor_of,
     image_display_duration,
     monitors_of,
@@ -44,6 +45,8 @@ from counterlight.show.stats import Stats
 from counterlight.unattended.heartbeat import Heartbeat, Notifier
 from counterlight.unattended.supervisor import supervise
 from counterlight.writing.outputs import check_apart, check_file, check_log
+
+OF_FILES = "segments", "cluster", "codec", "pix-fmt", "crf"
 
 if TYPE_CHECKING:
     from counterlight.gl.displays import Displays
@@ -103,7 +106,7 @@ def _check_outputs(options: argparse.Namespace) -> None:
     inputs = [path for medium in (*options.lists, *options.media) for path in files_of(medium)]
     inputs += [] if options.lut is None else [options.lut]
     if options.output is not None:
-        check_output(options.output, inputs=inputs)
+        check_output(options.output, inputs=inputs, coding=coding_of(options))
     if options.stats is not None:
         check_file(options.stats, inputs=inputs)
     if heartbeat is not None:
@@ -178,9 +181,10 @@ def play_in_window(
 
 
 def _check_window(options: argparse.Namespace) -> None:
-    for name, value in (("--segments", options.segments), ("--cluster", options.cluster)):
+    for name in OF_FILES:
+        value = getattr(options, name.replace("-", "_"))
         if value is not None:
-            raise InputError(f"{name} {value}: is for --output; leave it out, or add --output FILE")
+            raise InputError(f"--{name} {value}: is for --output; leave it out, or add --output FILE")
     if options.follow is not None and not options.supervised:
         try:
             socket.getaddrinfo(*options.follow)

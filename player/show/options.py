@@ -253,6 +253,11 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
         "the start and keeps the fastest (default: auto in a window with a GPU;\n"
         "fragment with --output, so that its result repeats)",
     )
+    add("--codec", metavar="NAME", help="of a video, FFmpeg's encoder (default libx264; .webm libvpx-vp9; .mkv ffv1)")
+    text = "FFmpeg's pixel format, such as yuv444p\n(default yuv420p, yuv444p for odd sizes; ffv1 bgr0)"
+    add("--pix-fmt", metavar="NAME", help=text)
+    text = "FFmpeg's quality, lower is better; 0 to 63 (default 14, which looks\nlossless)"
+    _number(parser, "crf", Number(0, 63), "N", text)
     whole = Number(1, 999, whole=True, noun="a number of segments")
     text = "render a film in N segments at a time, each in a process of its own,\nand join them (docs/size.md)"
     _number(parser, "segments", whole, "N", text)
