@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import socket
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
@@ -21,6 +22,7 @@ from counterlight.pipeline.room import Room
 from counterlight.show.asked import (
     adjustments_of,
     check_of,
+    coding_of,
     governor_of,
     image_display_duration,
     monitors_of,
@@ -43,6 +45,8 @@ from counterlight.show.stats import Stats
 from counterlight.unattended.heartbeat import Heartbeat, Notifier
 from counterlight.unattended.supervisor import supervise
 from counterlight.writing.outputs import check_apart, check_file, check_log
+
+OF_FILES = "segments", "cluster", "codec", "pix-fmt", "crf"
 
 if TYPE_CHECKING:
     from counterlight.gl.displays import Displays
@@ -102,7 +106,7 @@ def _check_outputs(options: argparse.Namespace) -> None:
     inputs = [path for medium in (*options.lists, *options.media) for path in files_of(medium)]
     inputs += [] if options.lut is None else [options.lut]
     if options.output is not None:
-        check_output(options.output, inputs=inputs)
+        check_output(options.output, inputs=inputs, coding=coding_of(options))
     if options.stats is not None:
         check_file(options.stats, inputs=inputs)
     if heartbeat is not None:
@@ -171,14 +175,21 @@ def play_in_window(
             checks=checks_of(options),
             beside=in_step_of(options, session, stack),
             lamps=lamps_of(options, stack),
+            on_interrupt=lambda stats: None if options.stats is None else stats.write(options.stats),
         )
         return show.run(options.frames)
 
 
 def _check_window(options: argparse.Namespace) -> None:
-    for name, value in (("--segments", options.segments), ("--cluster", options.cluster)):
+    for name in OF_FILES:
+        value = getattr(options, name.replace("-", "_"))
         if value is not None:
-            raise InputError(f"{name} {value}: is for --output; leave it out, or add --output FILE")
+            raise InputError(f"--{name} {value}: is for --output; leave it out, or add --output FILE")
+    if options.follow is not None and not options.supervised:
+        try:
+            socket.getaddrinfo(*options.follow)
+        except OSError as error:
+            raise InputError(f"--follow {options.follow[0]}: {error.strerror}; check the leader's name") from None
     if not options.screenshot_directory.is_dir():
         raise InputError(f"{options.screenshot_directory}: no such folder for --screenshot-directory; make it first")
 
@@ -259,6 +270,9 @@ def _session(
         speed=options.speed,
         start_s=options.start,
         image_display_duration=image_display_duration(options),
+        keep_open=options.keep_open,
+        fade_s=options.fade,
+        crossfade_s=options.crossfade,
         blackout=options.blackout,
         osd=options.osd,
         unattended=options.supervised,

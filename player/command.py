@@ -19,8 +19,8 @@ from counterlight.errors import InputError, nearest, printable
 DONE, FAULT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 SCRIPTS = {"play": "play-corrected", "build": "build-correction-map"}  # verbs that have one
 LOG_INTERVAL_S = 10.0
-BAR = "{desc}: {percentage:3.0f} %|{bar:20}| {n_fmt} of {total_fmt}, {elapsed}, {remaining} left{postfix}"
-ROOM_BESIDE_LABEL = 70  # columns
+BAR = "{desc}: {percentage:3.0f} %|{bar:20}| {n_fmt} of {total_fmt}, {elapsed}, {rate_fmt}, {remaining} left{postfix}"
+ROOM_BESIDE_LABEL = 82  # columns
 CLEARED = b"\r\x1b[K"  # to the beginning of the line, of which nothing is left
 LAST_WORDS_S = 1.0  # how long the reader of a command's last line is waited for
 
@@ -170,6 +170,15 @@ def progress_bar(label: str, total: int | None) -> Any:
     return tqdm(desc=short, total=total, leave=False, ncols=columns, nrows=lines, bar_format=shown)
 
 
+def _progress(count: int, total: int | None, seconds: float) -> str:
+    """`30 of 100, 11 s, 2.7 per second, 26 s left`."""
+    told = f"{count}{'' if total is None else f' of {total}'}, {seconds:.0f} s"
+    if not count or total is None:
+        return told
+    rate = count / seconds
+    return f"{told}, {rate:.3g} per second, {max(total - count, 0) / rate:.0f} s left"
+
+
 def track(items: Iterable[T], label: str, total: int | None = None) -> Iterator[T]:
     """Yield `items` with a progress bar on a terminal, otherwise with a log line now and then (stderr)."""
     if sys.stderr.isatty():
@@ -182,7 +191,6 @@ def track(items: Iterable[T], label: str, total: int | None = None) -> Iterator[
     for count, item in enumerate(items):
         now = time.monotonic()
         if now - last >= LOG_INTERVAL_S:
-            of = f" of {total}" if total is not None else ""
-            print(f"{label}: {count}{of}, {now - start:.0f} s", file=sys.stderr)
+            print(f"{label}: {_progress(count, total, now - start)}", file=sys.stderr)
             last = now
         yield item

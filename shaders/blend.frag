@@ -1,15 +1,16 @@
 #version 330 core
-// A picture between two.
+// A picture between two, in linear light.
 //
 // Inputs: `now`, `before`, of one size.
-// Output: (1 − weight) now + weight before.
+// Output: (1 − weight) now + weight gain before.
 // CPU twin: blend in player/pipeline/reference.py.
 uniform sampler2D now, before;
 uniform float weight;
+uniform float gain = 1.0;  // units of `now` in one of `before`
 
 out vec4 result;
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
-    result = vec4((1.0 - weight) * texelFetch(now, at, 0).rgb + weight * texelFetch(before, at, 0).rgb, 1.0);
+    result = vec4((1.0 - weight) * texelFetch(now, at, 0).rgb + weight * gain * texelFetch(before, at, 0).rgb, 1.0);
 }

@@ -106,8 +106,17 @@ def mouse(display: str, *events: tuple[str, int, int]) -> None:
     connection.close()
 
 
-def click(display: str, button: int, count: int = 1) -> None:
-    mouse(display, ("move", 12, 9), *[("press", button, 0), ("release", button, 0)] * count)
+def click(display: str, button: int, count: int = 1, *, held: tuple[str, ...] = ()) -> None:
+    """Clicks of a mouse button while keys are held."""
+    with contextlib.closing(Display(display)) as connection:
+        codes = [connection.keysym_to_keycode(XK.string_to_keysym(name)) for name in held]
+        for code in codes:
+            xtest.fake_input(connection, X.KeyPress, code)
+        connection.sync()
+        mouse(display, ("move", 12, 9), *[("press", button, 0), ("release", button, 0)] * count)
+        for code in codes:
+            xtest.fake_input(connection, X.KeyRelease, code)
+        connection.sync()
 
 
 def xrandr(display: str, *arguments: str) -> None:

@@ -8,6 +8,8 @@ PAGE = (ROOT / "docs" / "player.md").read_text()
 ARGUMENTS: dict[str, list[object]] = {
     "seek": [1],
     "loadfile": ["clip.mkv", "append"],
+    "playlist-remove": [1],
+    "playlist-move": [0, 1],
     "show-text": ["hello", 200],
     "place-move": [0.1, 0],
     "place-scale": [0.9],

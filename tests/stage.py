@@ -128,10 +128,24 @@ class Screen:
     certified: int = 0
     identified: int = 0
     opened: int = 0
+    prepared: list[str] = field(default_factory=list)
+    fades: list[tuple[float, float]] = field(default_factory=list)
+    uploaded_before: list[int] = field(default_factory=list)
     released: bool = False
     path: PathReport = MEASURED
 
-    def open(self, pixels: Any) -> None:
+    def prepare(self, pixels: Any, *, crossfade: bool = False) -> None:
+        self.prepared.append(pixels.path)
+
+    def fade(self, level: float, weight: float = 0.0) -> None:
+        self.fades.append((level, weight))
+
+    def upload_before(self, frame: Any) -> None:
+        self.uploaded_before.append(frame.index)
+
+    def end_crossfade(self) -> None: ...
+
+    def open(self, pixels: Any, *, crossfade: bool = False) -> None:
         self.opened += 1
 
     def adjust(self, adjustments: Adjustments) -> None:

@@ -17,6 +17,7 @@ from counterlight.media.audio import MISSING, AudioOutput, Pull, open_audio
 from counterlight.media.decoding.audio_decoder import RATE, decoded
 from counterlight.media.medium import Medium
 from counterlight.media.video import MediaReader
+from counterlight.show.hearing import Hearing
 from counterlight.show.playback import Playback
 from tests.ffmpeg_frames import ffmpeg_frame
 from tests.stage import Clock, Reader, Stage
@@ -77,6 +78,7 @@ class Show:
         self.sink = ClockedSink(self.clock, rate)
         self.output = AudioOutput(self.sink, self.clock)
         self.track = self.output.open(str(clip))
+        self.output.hear(self.track)
         self.reader = MediaReader.open(clip, loop=loop)
         self.playback = Playback(self.reader, self.clock, loop=loop, seamless=loop, sound=self.track)
         self.shown: list[tuple[float, float]] = []  # clock time, time of the frame
@@ -214,3 +216,20 @@ def test_without_a_device_one_line_says_so() -> None:
     assert line is not None
     assert line.startswith("no sound: ")
     assert "\n" not in line
+
+
+def test_the_next_mediums_sound_is_prepared_while_the_present_one_is_heard(clip: Path) -> None:
+    show = Show(clip)
+    hearing = Hearing(show.output, None, pytest.fail)
+    hearing.prepare(show.reader.info, Medium(str(clip)))
+    show.run(0.5)
+    assert show.sink.heard[-1][1] == pytest.approx(0.5 / SECONDS, rel=0.2)
+    track = hearing.track(show.reader.info, Medium(str(clip)))
+    assert track is not None
+    track.play(0.0, show.clock.now)
+    while track.ready < BLOCK:
+        time.sleep(0.001)
+    pairs = show.output.pull(BLOCK, show.clock.now)
+    np.testing.assert_allclose(pairs[:, 0], np.arange(BLOCK) / SAMPLES, atol=1e-6)  # float32 of a ramp to 1
+    track.close()
+    show.close()

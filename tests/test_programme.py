@@ -61,12 +61,56 @@ def test_what_plays_goes_on_until_the_next_medium_has_its_first_frame() -> None:
 
 
 def test_the_next_medium_is_opened_before_its_turn() -> None:
-    stage = playing(Reader("a", count=100), Reader("b", count=50, opens_s=2.0))
+    stage = playing(Reader("a", count=400), Reader("b", count=50, opens_s=2.0))
     assert stage.begun == ["a"]
-    stage.advance(3.9 + 0.2)  # a lasts 4 s
+    stage.advance(15.9 + 0.2)  # a lasts 16 s
     assert stage.begun == ["a", "b"]
     assert position(stage) == ("b", 1, 1)
-    assert stage.screen.uploaded[:103] == [*range(100), 0, 1, 2]
+    assert stage.screen.uploaded[:403] == [*range(400), 0, 1, 2]
+
+
+def test_the_next_medium_is_opened_before_its_turn_even_if_a_frame_is_due_in_every_loop() -> None:
+    stage = playing(Reader("a", count=100), Reader("b", count=50, opens_s=1.0))
+    stage.advance(3.0, step=0.04)
+    assert (stage.begun, stage.screen.prepared) == (["a", "b"], ["b"])
+
+
+def test_a_change_past_media_that_fail_takes_no_loop() -> None:
+    """The end of a at 104 s: the last frame of a, then the first of b, in consecutive loops."""
+    broken = [Reader(name, error=f"{name}: gone", opens_s=0.5) for name in "xyz"]
+    stage = Stage(Reader("a", count=100), *broken, Reader("b", count=50))
+    stage.show.step()
+    stage.advance(3.98, step=0.02)
+    assert stage.screen.uploaded == list(range(100))
+    assert stage.session.stats.notices == []
+    stage.clock.now = 104.001
+    stage.show.step()
+    assert stage.screen.uploaded[100:] == [0]
+    assert position(stage) == ("b", 4, 4)
+    assert stage.session.stats.notices == ["x: gone", "y: gone", "z: gone"]
+    assert stage.session.stats.percentile_ms("change", 100) == pytest.approx(1)
+
+
+def test_a_change_is_as_late_as_the_first_frame_of_the_next_medium() -> None:
+    """a ends at 101 s; b, which opens in 1.5 s though looked for 1 s ahead, begins at 101.5 s."""
+    stage = Stage(Reader("a", count=25), Reader("b", count=50, opens_s=1.5))
+    stage.show.step()
+    stage.advance(2.0)
+    assert position(stage) == ("b", 1, 1)
+    assert stage.session.stats.percentile_ms("change", 100) == pytest.approx(500, abs=20)
+
+
+def test_times_go_on_from_the_end_of_the_medium_before() -> None:
+    """a ends at 101.00 s, which is noticed at 101.015: b's frames are due at 101.00, 101.04, …."""
+    stage = Stage(Reader("a", count=25), Reader("b", count=50))
+    stage.show.step()
+    stage.advance(0.99)
+    stage.clock.now = 101.015
+    stage.show.step()
+    playback = stage.session.playback
+    assert playback is not None
+    assert playback.media_s == pytest.approx(0.015)
+    assert stage.session.stats.percentile_ms("change", 100) == pytest.approx(15)
 
 
 def test_a_medium_that_was_opened_before_its_turn_is_left_for_another() -> None:
@@ -216,8 +260,9 @@ def test_what_makes_a_show_last(kind: dict[str, object]) -> None:
 
 
 def test_the_last_frame_stays_and_a_wish_is_met_at_once_while_a_list_is_waited_for() -> None:
-    stage = playing(Reader("a", count=5), Reader("x", error="x: gone"), Reader("c", count=1000), lasting=True)
+    stage = playing(Reader("a", count=5), Reader("x", error="x: gone"), Reader("c", count=1000), loop_list=True)
     stage.session.playlist.media.pop()
+    stage.readers["a"].error = "a: gone"
     stage.advance(10.0)
     assert stage.screen.uploaded == list(range(5))
     assert not any(black for _, _, black in stage.screen.shown[1:])

@@ -11,6 +11,7 @@ import pytest
 
 from counterlight.media.medium import Medium
 from counterlight.show.registry import CommandError
+from counterlight.show.stats import Stats
 from tests.stage import Reader, Stage
 
 
@@ -242,3 +243,49 @@ def test_collections_pass_over_what_was_there_before_the_show() -> None:
     stage.show.run()
     assert min(frozen) > 10_000  # numpy alone
     assert gc.get_freeze_count() == 0
+
+
+def test_the_figures_of_the_last_ten_seconds_are_of_frames_that_missed_their_time() -> None:
+    """Drawn 30 ms after their times all frames are in time; what a standstill drops is late or dropped, for 10 s."""
+    stage = Stage(Reader(count=10_000))
+    stage.show.step()
+    stage.clock.now += 0.03
+    stage.advance(5.0, step=0.04)
+    recent = stage.commands.get("recent")
+    assert (recent["late"], recent["dropped"], recent["requested"]) == (0, 0, 25)
+    assert recent["shown"] == pytest.approx(125, abs=2)
+    assert recent["fps"] == pytest.approx(25, rel=0.02)
+    stage.clock.now += 0.4
+    stage.show.step()
+    assert stage.commands.get("recent")["dropped"] in (9, 10)
+    stage.advance(10.1, step=0.04)
+    assert stage.commands.get("recent")["dropped"] == 0
+    stage.commands.set("pause", True)
+    assert stage.commands.get("recent")["requested"] == 0
+
+
+def test_a_frame_is_late_once_the_next_one_is_due() -> None:
+    stats = Stats()
+    for late_s in (0.0, 0.039, 0.041):
+        stats.shown(100 + late_s, 100, 0.04)
+    assert stats.recent(101) == {"seconds": 10, "shown": 3, "late": 1, "dropped": 0}
+
+
+def test_events_have_the_times_at_which_they_happened(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = Stage()
+    for at in (1000.0, 1060.5):
+        monkeypatch.setattr("time.time", lambda at=at: at)
+        stage.session.notice("the decoder stumbled")
+    monkeypatch.setattr("time.time", lambda: 5000.0)
+    told = [{"time": at, "text": "the decoder stumbled"} for at in (1000.0, 1060.5)]
+    assert stage.commands.get("events") == told
+
+
+def test_steps_are_those_of_the_picture_on_the_screen() -> None:
+    stage = Stage(refine=4)
+    assert stage.commands.get("steps") == 0
+    stage.advance(0.1)
+    assert stage.commands.get("steps") == 4
+    stage.commands.set("compensation", False)
+    stage.advance(0.1)
+    assert stage.commands.get("steps") == 0

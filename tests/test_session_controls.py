@@ -372,3 +372,26 @@ def test_remotes_are_polled_and_the_heartbeat_told_when_it_is_due() -> None:
     assert {"fps", "frames", "dropped", "gap", "gpu_ms", "time_pos"} <= beats[-1].keys()
     assert "seek" in polls[0].names()
     assert not polls[0].writable("frames")
+
+
+@pytest.mark.parametrize(("osd", "writes"), [("auto", False), ("on", True)])
+def test_a_filled_screen_has_no_text_unless_somebody_asks(osd: str, writes: bool) -> None:
+    stage = Stage(osd=osd)
+    stage.screen.fullscreen = True
+    stage.advance(0.05)
+    for key in ("ctrl+wheel-up", "c", "b", "b", "x"):
+        stage.press(key)
+        stage.advance(0.05)
+        assert (stage.screen.pages[-1] is not None) is writes
+    stage.commands.run("show-text", "hello")
+    stage.advance(0.05)
+    assert (stage.screen.pages[-1] is not None) is writes
+
+
+def test_the_mouse_alone_changes_nothing(stage: Stage) -> None:
+    stage.advance(0.05)
+    for key in ("double-click", "wheel-up", "wheel-left"):
+        assert stage.press(key) == ""
+    assert not stage.screen.fullscreen
+    stage.press("ctrl+double-click")
+    assert stage.screen.fullscreen

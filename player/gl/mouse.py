@@ -1,4 +1,7 @@
-"""The mouse in a window: what its left button does over the picture, double clicks and the wheel as keys."""
+"""The mouse in a window: what its left button does over the picture, double clicks and the wheel as keys.
+
+A key that the mouse stands for begins with `ctrl+` while Ctrl is held (player/show/keys.py).
+"""
 
 import time
 from collections.abc import Callable
@@ -45,7 +48,7 @@ class Mouse:
         (before_s, there), now_s, here = self._clicked, time.monotonic(), glfw.get_cursor_pos(self._handle)
         near = max(abs(here[0] - there[0]), abs(here[1] - there[1])) <= DOUBLE_CLICK_PIXELS
         if near and now_s - before_s <= DOUBLE_CLICK_S:
-            self._key("double-click")
+            self._key(self._with_ctrl("double-click"))
             now_s = float("-inf")  # a third is the first of two again
         self._clicked = now_s, here
 
@@ -53,7 +56,12 @@ class Mouse:
         """A key for every notch; touch pads send parts of one, which count as soon as they come."""
         for amount, names in ((left, ("wheel-right", "wheel-left")), (up, ("wheel-down", "wheel-up"))):
             for _ in range(max(round(abs(amount)), 1) if amount else 0):
-                self._key(names[amount > 0])
+                self._key(self._with_ctrl(names[amount > 0]))
+
+    def _with_ctrl(self, name: str) -> str:
+        keys = glfw.KEY_LEFT_CONTROL, glfw.KEY_RIGHT_CONTROL
+        held = any(glfw.get_key(self._handle, key) == glfw.PRESS for key in keys)
+        return f"ctrl+{name}" if held else name
 
     def _point(self, action: Literal["press", "move", "release"]) -> None:
         width, height = glfw.get_window_size(self._handle)

@@ -43,9 +43,12 @@ class AudioOutput:
         sink.start(self.pull)
 
     def open(self, medium: Medium | str) -> "Track":
-        """The sound of a file; it replaces the one before. Raises InputError when the system has no process for it."""
-        self._track = Track(Medium.of(medium), self._clock)
-        return self._track
+        """The sound of a file, for `hear`. Raises InputError when the system has no process for it."""
+        return Track(Medium.of(medium), self._clock)
+
+    def hear(self, track: "Track") -> None:
+        """Let a track be heard in place of the one before."""
+        self._track = track
 
     def pull(self, count: int, heard_at_s: float) -> Samples:
         track = self._track

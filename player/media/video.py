@@ -213,6 +213,11 @@ class MediaReader:
         return fresh
 
     @property
+    def index(self) -> int:
+        """Number of the next frame."""
+        return self._index - (self._first is not None)
+
+    @property
     def decoder_pid(self) -> int:
         return self._child.process.pid
 

@@ -5,7 +5,7 @@ Pages are data; `draw` makes pixels of them, which the window shows at its upper
 
 import textwrap
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -85,8 +85,10 @@ def scale_for(window: tuple[int, int]) -> float:
 def draw(page: Page, window: tuple[int, int]) -> NDArray[np.uint8]:
     """White text on a dark, half transparent ground: (height, width, RGBA), no larger than the window (height, width).
 
-    A page that is too large for the window is drawn smaller, down to SMALLEST_SCALE, and then cut off.
+    A page that is too large for the window is drawn smaller, down to SMALLEST_SCALE; lines that are still too wide are
+    broken, and lines that are too many cut off.
     """
+    page = replace(page, lines=_fitting(page.lines, window[1]))
     scale = page.size * scale_for(window)
     high, wide = _extent(page, scale)
     fitting = min(1.0, window[0] / high, window[1] / wide)
@@ -148,6 +150,22 @@ def _broken(cells: Sequence[str], most: int) -> tuple[str, ...]:
         first, *rest = textwrap.wrap(meaning, letters) or [""]
         lines += [f"{name}\t{first}", *(f"\t{part}" for part in rest)]
     return tuple(lines)
+
+
+def _fitting(lines: tuple[str, ...], most: int) -> tuple[str, ...]:
+    """Lines whose last cells go on below where they are wider than `most` pixels leave."""
+    columns, fitting = _columns(lines, SMALLEST_SCALE), []
+    for line in lines:
+        *before, last = plain(line).split("\t")
+        left = columns[min(len(before), len(columns) - 1)]
+        room = most - left - MARGIN * SMALLEST_SCALE
+        if width(last, SMALLEST_SCALE) <= room:
+            fitting.append(line)
+            continue
+        letters = max(int(room / width("n", SMALLEST_SCALE)), FEWEST_LETTERS)
+        first, *rest = textwrap.wrap(last, letters) or [""]
+        fitting += ["\t".join((*before, first)), *("\t" * len(before) + part for part in rest)]
+    return tuple(fitting)
 
 
 def _baseline(row: int) -> int:

@@ -65,8 +65,8 @@ def combine(out: Picture, *, first: Picture, second: Picture, factor: float, cla
     compiled.combined(np.float32(1), flat(first), np.float32(factor), flat(second), clamp, flat(out))
 
 
-def blend(out: Picture, *, now: Picture, before: Picture, weight: float) -> None:
-    compiled.combined(np.float32(1 - weight), flat(now), np.float32(weight), flat(before), False, flat(out))
+def blend(out: Picture, *, now: Picture, before: Picture, weight: float, gain: float = 1.0) -> None:
+    compiled.combined(np.float32(1 - weight), flat(now), np.float32(weight * gain), flat(before), False, flat(out))
 
 
 def resample(out: Picture, *, source: Picture, axis: int, origin: float, extent: float) -> None:

@@ -5,7 +5,6 @@ shaders; what is done in which order is written once, in renderer.py and what th
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeAlias, TypeVar
 
@@ -57,16 +56,23 @@ class Owner:
     """Holds what must be released, and releases it, the last first; arrays need no release."""
 
     def __init__(self) -> None:
-        self._stack = ExitStack()
+        self._owned: list[Any] = []
 
     def own(self, resource: T) -> T:
-        release = getattr(resource, "release", None)
-        if release is not None:
-            self._stack.callback(release)
+        if hasattr(resource, "release"):
+            self._owned.append(resource)
         return resource
 
+    def give_up(self, resource: object) -> None:
+        """Release one resource now; None is nothing."""
+        for index, owned in enumerate(self._owned):
+            if owned is resource:
+                self._owned.pop(index).release()
+                return
+
     def release(self) -> None:
-        self._stack.close()
+        while self._owned:
+            self._owned.pop().release()
 
 
 class Operation(Protocol):

@@ -31,7 +31,8 @@ class Parameter:
 LISTED_IMAGE_S = 5.0  # how long a picture in a list is shown if nobody says
 LUT_TYPES = ("native", "conversion")
 TONE_MAPPINGS = ("bt.2390", "clip")
-OSD = ("off", "on", "notices")
+OSD = ("auto", "off", "on", "notices")
+KEEP_OPEN = ("auto", "no", "yes", "always", "black")
 FLAG, CONTROL = Flag(), Number(-100, 100, whole=True)
 STEPS = Number(0, MOST_STEPS, whole=True, words=("auto",), noun="a number of steps")
 PARAMETERS = {
@@ -43,6 +44,16 @@ PARAMETERS = {
         unit="s",
         unsaid=f"inf, in a list {LISTED_IMAGE_S:g}",
     ),
+    "keep-open": Parameter(
+        "at the end: no, end; yes, pause on the last frame; always, that after every medium of a list; "
+        "black, hold black; auto, black in full screen, else no",
+        Choice(KEEP_OPEN),
+        "auto",
+    ),
+    "fade": Parameter(
+        "from black at the start, to black at the end and for blackout", Number(0, 600), 0.0, "SECONDS", "s"
+    ),
+    "crossfade": Parameter("from a medium to the next", Number(0, 600), 0.0, "SECONDS", "s"),
     "volume": Parameter("loudness of the sound in percent; an error without audio", Number(0, 130), 100.0, "PERCENT"),
     "mute": Parameter("whether sound is off; an error without audio", FLAG, False),
     "brightness": Parameter("as in mpv", CONTROL, 0),
@@ -114,9 +125,10 @@ PARAMETERS = {
         "no",
     ),
     "osd": Parameter(
-        "on: what keys change, and in a window what went wrong; notices: that always; off: neither",
+        "what is written over the picture. on: what keys change, and in a window what went wrong; "
+        "notices: that always; off: neither; auto: on in a window, off in full screen",
         Choice(OSD),
-        "on",
+        "auto",
     ),
     "fullscreen": Parameter("whether the monitor is filled", FLAG, False),
 }

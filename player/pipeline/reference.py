@@ -375,9 +375,9 @@ def _upsample(plane: FloatArray, size: tuple[int, ...], decoding: Decoding) -> N
     return result
 
 
-def blend(now: FloatArray, before: FloatArray, weight: float) -> FloatArray:
-    """(1 − weight) now + weight before (blend.frag)."""
-    return np.asarray((1 - weight) * now + weight * before)
+def blend(now: FloatArray, before: FloatArray, weight: float, gain: float = 1.0) -> FloatArray:
+    """(1 − weight) now + weight gain before (blend.frag)."""
+    return np.asarray((1 - weight) * now + weight * gain * before)
 
 
 def inverse(picture: FloatArray) -> FloatArray:

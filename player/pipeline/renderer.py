@@ -6,7 +6,7 @@ Which view is shown, what drives the projector and how far from the best one tha
 (a view, an adjustment of the picture); a frame allocates nothing.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
@@ -20,10 +20,11 @@ from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.company import Company
 from counterlight.pipeline.content import SceneCuts
 from counterlight.pipeline.damper import Damper
-from counterlight.pipeline.device import Device, Light, Owner, Pass
+from counterlight.pipeline.device import Device, Light, Owner, Pass, Planes
 from counterlight.pipeline.drift import Drift
 from counterlight.pipeline.eye import Asked, Eye
 from counterlight.pipeline.laps import Laps
+from counterlight.pipeline.placed import Crossfade, Placed, Two
 from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.refiner import Goal, Refiner
 from counterlight.pipeline.room import Room
@@ -44,9 +45,11 @@ class Renderer:
 
     def __init__(self, device: Device, room: Room, path: str) -> None:
         self._device, self._room = device, room
-        self._owner, self._medium = Owner(), Owner()
+        self._owner = Owner()
         self._adjustments = NEUTRAL
-        self._opened = False
+        self._medium: _Medium | None = None
+        self._prepared: _Medium | None = None
+        self._leaving: _Leaving | None = None
         self._view = ""  # that was rendered last; none since a medium was opened
         self._damper: Damper | None = None
         self._laps = Laps(device.finish)
@@ -90,16 +93,57 @@ class Renderer:
         """
         self._company.start_from(start, bare)
 
-    def open(self, pixels: PixelFormat) -> None:
-        """Prepare for frames of one format; raises InputError if they do not suit the room."""
+    def prepare(self, pixels: PixelFormat, *, crossfade: bool = False) -> None:
+        """Make what `open` will need, before the medium before has ended; raises InputError as `open` does."""
+        here = None if crossfade else self._medium
+        if any(made is not None and made.pixels == pixels for made in (here, self._prepared)):
+            return
         check_radiance(pixels, self._room)
-        self._medium.release()
-        self._planes = self._medium.own(self._device.planes(pixels))
-        self._planes.adjust(self._adjustments)
-        for eye in self._eyes:
-            eye.request.open(pixels, self._adjustments)
+        self._owner.give_up(self._prepared)
+        self._prepared = self._owner.own(_Medium(self._device, self._eyes, pixels))
+
+    def open(self, pixels: PixelFormat, *, crossfade: bool = False) -> None:
+        """Take frames of one format from now on; raises InputError if they do not suit the room.
+
+        crossfade : keep the medium before, which fades out (`fade`), until `end_crossfade`.
+        """
+        self.end_crossfade()
+        crossfade = crossfade and self._medium is not None
+        self.prepare(pixels, crossfade=crossfade)
+        if self._prepared is not None and self._prepared.pixels == pixels:
+            before, self._medium, self._prepared = self._medium, self._prepared, None
+            if crossfade and before is not None:
+                self._leaving = self._owner.own(_Leaving(self._device, self._medium, before))
+            else:
+                self._owner.give_up(before)
+        assert self._medium is not None
+        self._medium.planes.adjust(self._adjustments)
+        shown: Sequence[Placed | Crossfade] = self._medium.placed if self._leaving is None else self._leaving.crossfades
+        for eye, placed in zip(self._eyes, shown, strict=True):
+            eye.request.open(placed, self._adjustments)
         self._cuts = SceneCuts()
-        self._opened, self._view = True, ""
+        self._view = ""
+
+    def fade(self, level: float, weight: float = 0.0) -> None:
+        """Ask for that share of the light, from 0, black, to 1, from the next render on.
+
+        weight : share of the medium before in a crossfade.
+        """
+        for eye in self._eyes:
+            eye.request.fade(level)
+        if self._leaving is not None:
+            for crossfade in self._leaving.crossfades:
+                crossfade.set(weight)
+
+    def end_crossfade(self) -> None:
+        """Leave the medium before."""
+        leaving, self._leaving = self._leaving, None
+        if leaving is None or self._medium is None:
+            return
+        for eye, placed in zip(self._eyes, self._medium.placed, strict=True):
+            eye.request.take(placed)
+        self._owner.give_up(leaving)
+        self._owner.give_up(leaving.medium)
 
     def adjust(self, adjustments: Adjustments) -> None:
         """Take over what the viewer changed, from the next render on; stays when another medium is opened.
@@ -110,8 +154,10 @@ class Renderer:
         if adjustments.viewpoint != previous.viewpoint:
             self._stand(adjustments.viewpoint)
         self._adjustments = adjustments
-        if self._opened and adjustments != replace(previous, viewpoint=adjustments.viewpoint):
-            self._planes.adjust(adjustments)
+        if self._medium is not None and adjustments != replace(previous, viewpoint=adjustments.viewpoint):
+            self._medium.planes.adjust(adjustments)
+            if self._leaving is not None:
+                self._leaving.medium.planes.adjust(adjustments)
             for eye in self._eyes:
                 eye.request.adjust(adjustments)
         if adjustments.flicker and self._damper is None:
@@ -119,15 +165,26 @@ class Renderer:
         if self._damper is not None and not previous.flicker:
             self._damper.restart()
 
+    def upload_before(self, frame: Frame) -> None:
+        """Take a frame of the medium that fades out."""
+        if self._leaving is not None:
+            self._leaving.medium.planes.upload(frame.planes)
+
     def upload(self, frame: Frame) -> None:
         """Take a frame's planes; the frame may be released afterwards."""
         self._planes.upload(frame.planes)
-        cut = self._cuts.starts_with(frame)
+        cut = self._cuts.starts_with(frame) and self._leaving is None
         for eye in self._eyes:
             eye.request.advance(cut=cut, duration_s=frame.duration_s)
         self._company.advance(cut=cut)
         if self._damper is not None:
             self._damper.advance(cut=cut)
+
+    @property
+    def _planes(self) -> Planes:
+        """Of the medium that is open."""
+        assert self._medium is not None
+        return self._medium.planes
 
     def _stand(self, viewpoint: Viewpoint) -> None:
         """Who has a share in the drive from now on; `_eye`, who has most, is whose view is shown.
@@ -150,7 +207,7 @@ class Renderer:
         if view not in VIEWS or steps < 0:
             raise ValueError(f"view {view!r}, {steps} steps: expected one of {', '.join(VIEWS)}, and no steps below 0")
         self._laps.begin(timed=timed)
-        self._decoded = self._planes.run()
+        self._decoded = self._run_planes()
         self._laps.end("linear")
         self._compensated: _Compensated | None = None
         self._sent: Light | None = None
@@ -175,7 +232,12 @@ class Renderer:
 
     def desired(self) -> NDArray[np.float32]:
         """What is asked for, as adapted and placed: (camera height, camera width, 3), in screen primaries."""
-        return self._eye.request.desired(self._planes.run())
+        return self._eye.request.desired(self._run_planes())
+
+    def _run_planes(self) -> Light | Two:
+        """The decoded picture, or two in a crossfade."""
+        now = self._planes.run()
+        return now if self._leaving is None else Two(now, self._leaving.medium.planes.run())
 
     def small(self) -> NDArray[np.uint8] | None:
         """The rendered view as a small sRGB picture; None before the first frame of a medium.
@@ -222,7 +284,6 @@ class Renderer:
 
     def release(self) -> None:
         """Give back what the renderer holds."""
-        self._medium.release()
         self._owner.release()
 
     def _shown(self, view: str, *, compensate: bool, steps: int) -> Light:
@@ -298,6 +359,39 @@ class _Compensated(NamedTuple):
     def refiner(self) -> Refiner | None:
         """None between views."""
         return self.asked[0].eye.refiner if len(self.asked) == 1 else None
+
+
+class _Medium:
+    """The passes of a format: planes -> linear picture, and its place in each eye's view."""
+
+    def __init__(self, device: Device, eyes: Sequence[Eye], pixels: PixelFormat) -> None:
+        self.pixels, self._owner = pixels, Owner()
+        try:
+            self.planes = self._owner.own(device.planes(pixels))
+            self.placed = [self._owner.own(eye.request.make(pixels)) for eye in eyes]
+        except BaseException:
+            self.release()
+            raise
+
+    def release(self) -> None:
+        self._owner.release()
+
+
+class _Leaving:
+    """A medium that fades out while another fades in.  crossfades : one per eye."""
+
+    def __init__(self, device: Device, now: "_Medium", before: "_Medium") -> None:
+        self.medium, self._owner = before, Owner()
+        try:
+            self.crossfades = [
+                self._owner.own(Crossfade(device, *pair)) for pair in zip(now.placed, before.placed, strict=True)
+            ]
+        except BaseException:
+            self.release()
+            raise
+
+    def release(self) -> None:
+        self._owner.release()
 
 
 class _Moved:

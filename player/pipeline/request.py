@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from counterlight.media.frames import PixelFormat
 from counterlight.pipeline.adjustments import NEUTRAL, Adjustments
 from counterlight.pipeline.device import Adapter, Device, Light, NearLight, Owner, Pass
-from counterlight.pipeline.fitting import Axes, Fitter, Pinner
+from counterlight.pipeline.fitting import Axes
 from counterlight.pipeline.map_views import MapViews
 from counterlight.pipeline.mixer import Mixer
-from counterlight.pipeline.placement import shown_shape
+from counterlight.pipeline.placed import Crossfade, Placed
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.test_cards import card
 
@@ -34,8 +34,8 @@ class Request:
         self._device, self._room, self._ambient = device, room, ambient
         self._maps, self._near_light, self._mixer = maps, near_light, mixer
         self._camera, self._projector = room.calibration.camera.shape, room.calibration.projector.shape
-        self._owner, self._medium = Owner(), Owner()
-        self._adjustments, self._unit = NEUTRAL, 1.0
+        self._owner = Owner()
+        self._adjustments, self._unit, self._level = NEUTRAL, 1.0, 1.0
         own = self._owner.own
         try:
             self._rows, self._defines = mixer.rows, mixer.defines
@@ -49,34 +49,41 @@ class Request:
             self._owner.release()
             raise
 
-    def open(self, pixels: PixelFormat, adjustments: Adjustments) -> None:
-        self._medium.release()
-        own, self._pixels = self._medium.own, pixels
-        self._radiance = pixels.layout == "radiance"
-        self._fitter = own(self._make_fitter(pixels))
-        self._plain_fitter = own(Fitter(self._device, pixels, self._projector))
-        shown = shown_shape(pixels)
-        self._recolour = own(self._mixer.recolour(shown)) if self._radiance else None
-        self._unit = 1 / self._room.white if self._radiance else 1.0
-        self._desired.set(white=1.0 if self._radiance else self._room.white)
-        self._plain.set(white=self._unit)
+    def make(self, pixels: PixelFormat) -> Placed:
+        """The passes of a format, for `open`; the caller releases them."""
+        return Placed(self._device, self._room, self._mixer, self._axes, pixels)
+
+    def open(self, placed: Placed | Crossfade, adjustments: Adjustments) -> None:
+        """Take pictures of a format from now on."""
+        self.take(placed)
         self._adjustments = NEUTRAL
         if self._limits:
             _ = self._maps.full  # made now, so that no frame makes it
         self.adjust(adjustments)
 
-    def _make_fitter(self, pixels: PixelFormat) -> Fitter | Pinner:
-        """Into the camera's view, or onto the screen of several; radiance is the camera's, pixel by pixel."""
-        if self._axes is None or self._radiance:
-            return Fitter(self._device, pixels, self._camera)
-        fitter = Pinner(self._device, self._camera, self._axes)
-        fitter.fit(pixels)
-        return fitter
+    def take(self, placed: Placed | Crossfade) -> None:
+        """Take pictures that another one places, as a part of the same medium."""
+        self._placed, self._unit = placed, placed.unit
+        self._tell_white()
+
+    def fade(self, level: float) -> None:
+        """Ask for that share of the light, from 0, black, to 1."""
+        self._level = level
+        self._tell_white()
+
+    def _tell_white(self) -> None:
+        """What 1 of a placed picture stands for, in every pass that is told; those with a tone count in white's."""
+        white, level = self._room.white, self._level
+        self._desired.set(white=level if self._placed.radiance else level * white)
+        self._plain.set(white=level * self._unit)
+        if self._toned:
+            self._toned_desired.set(white=level * white)
+            self._toned_plain.set(white=level)
 
     def adjust(self, adjustments: Adjustments) -> None:
         previous, self._adjustments = self._adjustments, adjustments
-        if adjustments.corners is not None:
-            self._pinner.pin(adjustments.corners, shown_shape(self._pixels))
+        self._placed.pin(adjustments.corners)
+        self._tell_white()
         if self._toned:
             self._toned_desired.set(unit=self._unit, black_level=adjustments.black_level)
             self._toned_plain.set(unit=self._unit, black_level=adjustments.black_level)
@@ -91,7 +98,7 @@ class Request:
 
     def light(self, picture: Light) -> Light:
         """b = c − e of a decoded picture: what a drive is sought for. Within 0 to T·1 where the maps bound it."""
-        placed, told = self._placed(picture), {"ambient": self._ambient, **self._rows}
+        placed, told = self._placed.in_view(picture), {"ambient": self._ambient, **self._rows}
         if self._limits:
             told["full"] = self._maps.full
         if not self._toned:
@@ -100,57 +107,40 @@ class Request:
 
     def unbounded(self, picture: Light) -> Light:
         """c − e as it is: what the views tell of."""
-        placed, asked = self._placed(picture), self._toned_unbounded
-        asked.set(unit=self._unit, black_level=self._adjustments.black_level)
+        placed, asked = self._placed.in_view(picture), self._toned_unbounded
+        asked.set(white=self._level * self._room.white, unit=self._unit, black_level=self._adjustments.black_level)
         return asked.run(picture=placed, ambient=self._ambient, tone=self._tone(placed), **self._rows)
 
     def plain(self, picture: Light) -> Light:
         """The drive without compensation: the test card, or the picture as it fits the projector."""
         if self._adjustments.card is not None:
             return self._card
-        placed = self._plain_fitter.run(self._on_screen(picture))
+        placed = self._placed.on_projector(picture)
         if not self._adjustments.black_level:
             return self._plain.run(picture=placed, ambient=self._black)
         return self._toned_plain.run(picture=placed, ambient=self._black, tone=self._no_tone)
 
     def desired(self, picture: Light) -> NDArray[np.float32]:
         """c, (camera height, camera width, 3), in screen primaries."""
-        if self._toned or self._pinned:
+        if self._toned or self._placed.pinned:
             return self._device.read(self._mixer.on_screen(self.unbounded(picture)), np.float32) + self._room.ambient
-        white = 1.0 if self._radiance else self._room.white
-        return np.float32(white) * self._device.read(self._fitter.run(self._on_screen(picture)), np.float32)
+        white = self._level * (1.0 if self._placed.radiance else self._room.white)
+        return np.float32(white) * self._device.read(self._placed.in_view(picture), np.float32)
 
     def release(self) -> None:
-        self._medium.release()
         self._owner.release()
-
-    def _placed(self, picture: Light) -> Light:
-        return (self._pinner if self._pinned else self._fitter).run(self._on_screen(picture))
 
     def _tone(self, placed: Light) -> Light:
         return self._adapter.run(placed) if self._adjustments.adapt else self._no_tone
-
-    def _on_screen(self, picture: Light) -> Light:
-        """A decoded picture in screen primaries; only radiance is in others."""
-        return picture if self._recolour is None else self._recolour.run(picture=picture)
 
     @property
     def _toned(self) -> bool:
         return bool(self._adjustments.adapt or self._adjustments.black_level)
 
-    @property
-    def _pinned(self) -> bool:
-        """Whether corners place the picture; radiance of several cameras has none on their screen."""
-        return self._adjustments.corners is not None and not (self._radiance and self._axes is not None)
-
     @cached_property
     def _axes(self) -> Axes | None:
         screen = self._room.calibration.screen
         return None if screen is None else self._owner.own(Axes(self._device, screen))
-
-    @cached_property
-    def _pinner(self) -> Pinner:
-        return self._owner.own(Pinner(self._device, self._camera, self._axes))
 
     @cached_property
     def _adapter(self) -> Adapter:

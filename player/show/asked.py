@@ -13,12 +13,12 @@ from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.parameters import LISTED_IMAGE_S
 from counterlight.pipeline.room import Room, read_room
 from counterlight.show.governor import Governor
-from counterlight.show.output import is_film
+from counterlight.show.output import Coding, is_film
 
 WINDOW_ONLY = (
     *("fullscreen", "monitor", "any_size", "vsync", "bits", "hwdec", "volume", "mute", "blackout", "osd"),
-    *("screenshot_directory", "speed", "image_display_duration", "playlist_start"),
-    *("control", "remote", "osc", "heartbeat", "lead", "follow", "timecode", "at", "schedule"),
+    *("screenshot_directory", "speed", "image_display_duration", "playlist_start", "keep_open", "fade"),
+    *("crossfade", "control", "remote", "osc", "heartbeat", "lead", "follow", "timecode", "at", "schedule"),
 )
 
 
@@ -79,6 +79,11 @@ def check_of(options: argparse.Namespace) -> tuple[list[str], float] | None:
     except ValueError as error:
         raise InputError(f"--check-with {options.check_with}: {error}; quote it as for a shell") from None
     return words, math.inf if options.check_every is None else 60 * options.check_every
+
+
+def coding_of(options: argparse.Namespace) -> Coding:
+    """How a video is written."""
+    return Coding(options.codec, options.pix_fmt, options.crf)
 
 
 def one_medium(options: argparse.Namespace) -> Medium:

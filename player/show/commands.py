@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from counterlight.command import tell
-from counterlight.pipeline.kinds import Choice, Number
+from counterlight.pipeline.kinds import Choice, Number, UnreadError
 from counterlight.pipeline.parameters import FLAG
 from counterlight.show.look import read_again
 from counterlight.show.output import write_picture
@@ -23,7 +23,7 @@ from counterlight.writing.replacing import replacing_file
 
 ANY_NUMBER = Number(-1e9, 1e9)
 SEEKS = Choice(("relative", "absolute", "absolute-percent"))
-LOADS = Choice(("replace", "append"))
+LOADS = Choice(("replace", "append", "append-play", "insert-next", "insert-next-play"))
 
 
 def commands_of(
@@ -33,10 +33,10 @@ def commands_of(
 
     check : begins a check of the room.  checking : whether one runs.  lamps : projectors that can be switched.
     """
-    return Commands(_commands(_Actions(session, lamps), check), properties_of(session, checking, lamps))
+    return Commands(_commands(session, _Actions(session, lamps), check), properties_of(session, checking, lamps))
 
 
-def _commands(do: "_Actions", check: Callable[[], object]) -> dict[str, Command]:
+def _commands(session: Session, do: "_Actions", check: Callable[[], object]) -> dict[str, Command]:
     return {
         "seek": Command(
             "go forward, or back, or to a time or a percentage", do.seek, "SECONDS [relative|absolute|absolute-percent]"
@@ -45,7 +45,18 @@ def _commands(do: "_Actions", check: Callable[[], object]) -> dict[str, Command]
         "frame-back-step": Command("show the frame before and pause", lambda: do.step(-1)),
         "playlist-next": Command("play the next medium of the list", lambda: do.playlist(1)),
         "playlist-prev": Command("play the medium before", lambda: do.playlist(-1)),
-        "loadfile": Command("play a medium or a list, or put it at the end", do.load, "PATH [replace|append]"),
+        "loadfile": Command(
+            "play a medium or a list, or put it at the end or after the present one; -play: play it if the end is held",
+            do.load,
+            "PATH [replace|append|append-play|insert-next|insert-next-play]",
+        ),
+        "playlist-remove": Command("take a medium from the list", do.playlist_remove, "POSITION|current"),
+        "playlist-clear": Command("take every medium from the list but the present one", session.programme.clear),
+        "playlist-move": Command("put a medium before another one", do.playlist_move, "FROM TO"),
+        "playlist-shuffle": Command("put the list into a random order", session.programme.shuffle),
+        "browse": Command(
+            "folders and files below a folder that remotes may name, or those folders: an object", do.browse, "[FOLDER]"
+        ),
         "ab-loop": Command("set point A, then B, then clear both", do.ab_loop),
         "preview": Command(
             "a small picture of what the screen shows, or of what the camera will see; null if it is that of SERIAL, "
@@ -110,8 +121,31 @@ class _Actions:
         )
 
     def load(self, path: object, how: object = "replace") -> str:
-        medium = self._session.programme.load(str(path), replace=LOADS.read(how) == "replace")
-        return Path(medium.name).name
+        word = LOADS.read(how)
+        told = {"replace": word == "replace", "follows": word.startswith("insert"), "play": word.endswith("-play")}
+        return Path(self._session.programme.load(str(path), **told).name).name
+
+    def playlist_remove(self, position: object) -> None:
+        session = self._session
+        present = session.playlist.position
+        index = present if position == "current" else self._position("playlist-remove", position)
+        if not session.programme.remove(index) and session.playback is not None:
+            session.playback.end()
+
+    def playlist_move(self, position: object, before: object) -> None:
+        """As in mpv, `before` may be one more than the last position."""
+        first = self._position("playlist-move", position)
+        self._session.programme.move(first, self._position("playlist-move", before, more=1))
+
+    def _position(self, name: str, value: object, *, more: int = 0) -> int:
+        last = len(self._session.playlist.media) - 1 + more
+        try:
+            return int(Number(0, last, whole=True).read(value))
+        except UnreadError:
+            raise CommandError(f"{name}: expected a position from 0 to {last}, found {value!r}") from None
+
+    def browse(self, folder: object = "") -> object:
+        return self._session.programme.opener.browse(str(folder))
 
     def ab_loop(self) -> str:
         playback = playback_of(self._session)
@@ -233,7 +267,7 @@ class _Actions:
         return f"projector{'s' if which is None else f' {which}'} {'on' if on else 'off'}"
 
     def quit(self) -> None:
-        self._session.done = True
+        self._session.quit()
 
     def placing(self) -> Placing:
         if self._session.placing is None:

@@ -19,7 +19,7 @@ from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Shortfall
 from counterlight.show.governor import Governor
-from counterlight.show.output import open_output, write_picture
+from counterlight.show.output import USUAL, Coding, open_output, write_picture
 from counterlight.show.rendering import WHOLE, Stretch
 from counterlight.show.stats import Stats
 
@@ -124,10 +124,11 @@ def render_to_file(
     quiet: bool = False,
     appraised: bool = False,
     sound: Path | None = None,
+    coding: Coding = USUAL,
 ) -> Stats:
     """Render a stretch of an open medium into `output`; returns what was counted and timed.
 
-    before : takes the picture of the frame before the stretch, if that was drawn.  sound : see open_output.
+    before : takes the picture of the frame before the stretch, if that was drawn.  sound, coding : see open_output.
 
     For the camera's view the stats hold the mean PSNR against the desired picture inside the mask; where the room has
     the maps for it, the steps of refinement, how far the last frame can be from the optimum and, if there is a promise
@@ -137,10 +138,12 @@ def render_to_file(
     stats, quality = Stats(), list[float]()
     _pass_over(reader, stretch.lead)
     drawing = _Drawing(renderer, room, governor, {"view": view, "compensate": compensate}, still=reader.info.still)
-    with open_output(output, reader.info.frames_per_second, sound) as sink:
+    with open_output(output, reader.info.frames_per_second, sound, coding) as sink:
         wanted = 1 if sink.single else stretch.end
         numbers = range(stretch.lead, ENDLESS if wanted is None else wanted)
-        for index in numbers if quiet else track(numbers, "rendering", None if wanted is None else len(numbers)):
+        left = reader.info.frames and max(reader.info.frames - reader.index, 0)
+        total = left if wanted is None else min(len(numbers), left or len(numbers))
+        for index in numbers if quiet else track(numbers, "rendering", total or None):
             start = time.perf_counter()
             frame = reader.next_frame(FRAME_TIMEOUT_S)
             if frame is None:

@@ -16,7 +16,7 @@ from counterlight.media.video import MediaReader
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.refinement import STEPS_OF_A_STILL
 from counterlight.pipeline.room import Room
-from counterlight.show.asked import governor_of, ignored, one_medium
+from counterlight.show.asked import coding_of, governor_of, ignored, one_medium
 from counterlight.show.headless import chosen_backend, headless_renderer, render_to_file
 from counterlight.show.output import is_film, is_video
 from counterlight.show.rendering import Rendering, Stretch
@@ -112,6 +112,7 @@ def _render_whole(
             governor=governor_of(options, room, _steps_into_file(options, room, still=reader.info.still)),
             appraised=options.stats is not None,
             sound=sound,
+            coding=coding_of(options),
         )
 
 
@@ -151,7 +152,9 @@ def _render_segments(
     )
     with _segment_workers(options, reader) as workers:
         count = options.segments or SEGMENTS_A_WORKER * workers.count
-        stats = render_in_segments(rendering, reader, options.output, workers, count, options.lead_in, sound)
+        stats = render_in_segments(
+            rendering, reader, options.output, workers, count, options.lead_in, sound, coding_of(options)
+        )
     for joint in stats.facts["segments"]["within_shots"]:
         frame, differing, of, most = joint.values()
         print(f"divided within a shot at frame {frame}: {differing} of {of} codes differ there, by at most {most:g}")

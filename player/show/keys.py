@@ -2,8 +2,9 @@
 
 A key's name is the character that it types, "space", "left", "right", "up", "down", "escape", "enter", "tab",
 "backspace", "pageup", "pagedown", "home", "end", or one of these after "ctrl+" or "shift+" (characters after "ctrl+"
-only: shift is in the character); "double-click" and "wheel-up", "-down", "-left", "-right" are the mouse's. While the
-picture is being placed, PLACING comes first.
+only: shift is in the character); "double-click" and "wheel-up", "-down", "-left", "-right" are the mouse's.
+The default bindings of the mouse need Ctrl: an accidental touch must not change a show. While the picture is being
+placed, PLACING comes first.
 """
 
 import shlex
@@ -33,7 +34,7 @@ KEYS = {
     "L": "cycle loop-file",
     "f": "cycle fullscreen",
     "escape": "set fullscreen no",
-    "double-click": "cycle fullscreen",
+    "ctrl+double-click": "cycle fullscreen",
     "s": "screenshot",
     "o": "show-progress",
     "i": "cycle stats",
@@ -48,10 +49,10 @@ KEYS = {
     "8": "add saturation 1",
     "9": "add volume -2",
     "0": "add volume 2",
-    "wheel-down": "add volume -2",
-    "wheel-up": "add volume 2",
-    "wheel-left": "seek -5",
-    "wheel-right": "seek 5",
+    "ctrl+wheel-down": "add volume -2",
+    "ctrl+wheel-up": "add volume 2",
+    "ctrl+wheel-left": "seek -5",
+    "ctrl+wheel-right": "seek 5",
     "m": "cycle mute",
     "c": "cycle compensation",
     "v": "cycle view",

@@ -1,12 +1,31 @@
 """The media of a show: found within a border, opened by processes of their own."""
 
+from functools import partial
 from pathlib import Path
 
+from counterlight.errors import InputError
 from counterlight.files.cube import Cube, read_cube
 from counterlight.media.decoding.devices import PROCESSOR
 from counterlight.media.medium import Border, Medium
 from counterlight.media.video import MediaReader
+from counterlight.show.lookup import LookUp
 from counterlight.show.playlist import is_list, read_list
+
+BROWSE_S = 0.1  # that a show waits for a folder
+MOST_LISTED = 2000  # paths of a folder
+
+
+def _listed(medium: Medium) -> dict[str, list[str]]:
+    medium.check()
+    folder = Path(medium.name)
+    try:
+        entries = sorted(each for each in medium.inside(folder).iterdir() if not each.name.startswith("."))[
+            :MOST_LISTED
+        ]
+    except OSError as error:
+        raise InputError(f"{folder}: {error.strerror}; check its name and its rights") from None
+    folders = [str(folder / each.name) for each in entries if each.is_dir()]
+    return {"folders": folders, "files": [str(folder / each.name) for each in entries if each.is_file()]}
 
 
 class Media:
@@ -27,6 +46,18 @@ class Media:
             return read_list(medium, self._border)
         medium.look()
         return [medium]
+
+    def browse(self, folder: str) -> dict[str, list[str]]:
+        """Paths of the folders and files in a folder; of the border's folders if that has no name.
+
+        Names that begin with a dot are left out. InputError for a folder beyond the border, or a slow disk.
+        """
+        if not folder:
+            return {"folders": list(self._border.roots), "files": []}
+        found = LookUp(partial(_listed, self._border.medium(folder))).result(BROWSE_S)
+        if found is None:
+            raise InputError(f"{folder}: not listed within {BROWSE_S:g} s; copy it to a local disk")
+        return found
 
     def cube(self, name: str) -> Cube:
         """The colour table that a key or a remote names; InputError for none, or one that it may not name."""

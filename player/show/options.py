@@ -10,6 +10,7 @@ from typing import Any
 
 from counterlight.calibration import RADIANCE
 from counterlight.command import Parser
+from counterlight.errors import InputError
 from counterlight.media.decoding.devices import ANY, PROCESSOR, TYPES
 from counterlight.media.medium import Border, Medium
 from counterlight.pipeline.device import PATHS
@@ -48,11 +49,19 @@ def read_options(argv: Sequence[str] | None, description: str) -> argparse.Names
     options.given = {name for name, value in vars(options).items() if value != parser.get_default(name)}
     options.keys, options.lists = keys, [Medium(name) for name in options.media]
     roots = [options.media_root] if isinstance(options.media_root, Path) else options.media_root or []
+    if not options.supervised:  # a folder that is mounted later is worth waiting for
+        _check_folders(roots)
     options.border = Border.around(options.lists, roots, live=options.allow_live)
     remotes = options.control, options.remote, options.osc
     options.lasting = options.loop or options.supervised or any(remote is not None for remote in remotes)
     options.media = expand(options.lists, options.border, patient=options.lasting)
     return options
+
+
+def _check_folders(roots: Sequence[Path]) -> None:
+    for root in roots:
+        if not root.is_dir():
+            raise InputError(f"--media-root {root}: no such folder; make it first, or check its name")
 
 
 def _parser(description: str) -> argparse.ArgumentParser:
@@ -113,7 +122,7 @@ def _add_what(parser: argparse.ArgumentParser) -> None:
     _number(parser, "frames", Number(1, 1e9, whole=True, noun="a number of frames"), "N", "stop after N frames")
     rate = Number(1e-3, 1e3, noun="frames per second")
     _number(parser, "fps", rate, "RATE", "frames per second of a numbered sequence (default 25)")
-    _offer(parser, "speed", "image-display-duration")
+    _offer(parser, "speed", "image-display-duration", "keep-open", "fade", "crossfade")
     text = f"what decodes films: no, the processor (default); auto; or a GPU as FFmpeg\nnames it: {', '.join(TYPES)}"
     parser.add_argument("--hwdec", type=_device, default=PROCESSOR, metavar="TYPE[:DEVICE]", help=text)
 
@@ -244,6 +253,11 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
         "the start and keeps the fastest (default: auto in a window with a GPU;\n"
         "fragment with --output, so that its result repeats)",
     )
+    add("--codec", metavar="NAME", help="of a video, FFmpeg's encoder (default libx264; .webm libvpx-vp9; .mkv ffv1)")
+    text = "FFmpeg's pixel format, such as yuv444p\n(default yuv420p, yuv444p for odd sizes; ffv1 bgr0)"
+    add("--pix-fmt", metavar="NAME", help=text)
+    text = "FFmpeg's quality, lower is better; 0 to 63 (default 14, which looks\nlossless)"
+    _number(parser, "crf", Number(0, 63), "N", text)
     whole = Number(1, 999, whole=True, noun="a number of segments")
     text = "render a film in N segments at a time, each in a process of its own,\nand join them (docs/size.md)"
     _number(parser, "segments", whole, "N", text)

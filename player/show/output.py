@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from fractions import Fraction
 from math import isnan
 from pathlib import Path
@@ -28,10 +29,44 @@ from counterlight.writing.replacing import replacing_file, replacing_sequence
 
 PICTURES, VIDEOS = (".png", ".exr"), (".mp4", ".mov", ".mkv", ".webm")
 CLOCK = Fraction(1, 90_000)  # ticks of a written video: each frame keeps the time that it had
+USUAL_CRF = 14
 PART_TIMEOUT_S = 120.0
 BT709 = 1  # FFmpeg's number for the primaries, the transfer and the matrix of ITU-R BT.709
 
 log_natively(av.logging.ERROR)
+
+
+@dataclass(frozen=True)
+class Coding:
+    """How a video is coded, in FFmpeg's words; None for the default of the container, which looks lossless.
+
+    crf : 0, lossless or nearly so, to 63.
+    """
+
+    codec: str | None = None
+    pix_fmt: str | None = None
+    crf: float | None = None
+
+    def chosen(self, path: Path) -> str:
+        """The codec of a file; InputError for what FFmpeg cannot write there."""
+        suffix = path.suffix.lower()
+        given = {name: value for name, value in vars(self).items() if value is not None}
+        if given and suffix not in VIDEOS:
+            raise InputError(f"--{next(iter(given)).replace('_', '-')}: {path} is no video; leave it out")
+        usual = "ffv1" if suffix == ".mkv" else "libvpx-vp9" if suffix == ".webm" else "libx264"
+        name = self.codec or usual
+        try:
+            formats = [each.name for each in av.Codec(name, "w").video_formats or ()]
+        except av.codec.codec.UnknownCodecError:
+            raise InputError(f"--codec {name}: FFmpeg has no such encoder; see ffmpeg -encoders") from None
+        if self.pix_fmt is not None and self.pix_fmt not in formats:
+            raise InputError(f"--pix-fmt {self.pix_fmt}: {name} takes {', '.join(formats) or 'no pictures'}")
+        if self.crf is not None and name == "ffv1":
+            raise InputError(f"--crf {self.crf:g}: ffv1 has no loss; leave it out, or add --codec libx264")
+        return name
+
+
+USUAL = Coding()
 
 
 class Rendered(Protocol):
@@ -59,7 +94,9 @@ class FilmOutput(Output, Protocol):
 
 
 @contextmanager
-def open_output(path: Path, frames_per_second: float, sound: Path | None = None) -> Iterator[Output]:
+def open_output(
+    path: Path, frames_per_second: float, sound: Path | None = None, coding: Coding = USUAL
+) -> Iterator[Output]:
     """Open `path` for rendered frames; whatever was written is removed again if the block fails.
 
     sound : what a video takes beside its pictures, of copied_sound; a line says where its container cannot.
@@ -67,9 +104,9 @@ def open_output(path: Path, frames_per_second: float, sound: Path | None = None)
     `.png` holds the encoded view, `.exr` the linear one, `name%05d.png` numbers them, a video holds the encoded view.
     Raises InputError as `check_output` does, and where another process is writing it.
     """
-    check_output(path)
+    check_output(path, coding=coding)
     if path.suffix.lower() in VIDEOS:
-        with replacing_file(path) as temporary, _VideoOutput(temporary, frames_per_second, sound) as video:
+        with replacing_file(path) as temporary, _VideoOutput(temporary, frames_per_second, sound, coding) as video:
             yield video
     elif is_numbered(path):
         with replacing_sequence(path) as stage:
@@ -79,9 +116,14 @@ def open_output(path: Path, frames_per_second: float, sound: Path | None = None)
             yield _PictureOutput(temporary)
 
 
-def check_output(path: Path, *, inputs: Iterable[Path] = ()) -> None:
-    """InputError for a suffix that is not written, a place where nothing can be, and what would overwrite an input."""
+def check_output(path: Path, *, inputs: Iterable[Path] = (), coding: Coding = USUAL) -> None:
+    """InputError for a suffix that is not written, a place where nothing can be, and what would overwrite an input.
+
+    Also for a coding that FFmpeg does not offer.
+    """
     check_file(path, suffixes=PICTURES + VIDEOS, inputs=inputs)
+    if coding != USUAL:
+        coding.chosen(path)
     if is_numbered(path):
         suffix = path.suffix.lower()
         if suffix in VIDEOS:
@@ -144,15 +186,16 @@ class _SequenceOutput:
 
 
 class _VideoOutput:
-    """H.264 in BT.709 limited range, or lossless FFV1 for .mkv."""
+    """H.264 in BT.709 limited range, VP9 for .webm, or lossless FFV1 for .mkv, unless the coding says otherwise."""
 
     single = False
 
-    def __init__(self, path: Path, frames_per_second: float, sound: Path | None) -> None:
+    def __init__(self, path: Path, frames_per_second: float, sound: Path | None, coding: Coding) -> None:
+        self._codec, self._coding = coding.chosen(path), coding
         self._stack = ExitStack()
         self._container = av.open(f"file:{path}", "w")  # else a colon in the name would be taken for a protocol
         self._rate = Fraction(frames_per_second).limit_denominator(1001)
-        self._lossless = path.suffix.lower() == ".mkv"
+        self._pix_fmt = coding.pix_fmt or ("bgr0" if self._codec == "ffv1" else "")
         self._stream: av.VideoStream | None = None
         self._first_s, self._last_s = float("nan"), float("nan")
         self._sound_file = sound
@@ -176,7 +219,7 @@ class _VideoOutput:
     def _encode(self, picture: NDArray[np.uint8], time_s: float) -> None:
         stream = self._stream or self._add_stream(picture)
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
-        if not self._lossless:
+        if self._is_yuv(stream):
             # Without this, FFmpeg converts with BT.601 whatever the stream's tags say.
             frame = frame.reformat(
                 format=stream.pix_fmt, dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG
@@ -192,23 +235,25 @@ class _VideoOutput:
 
     def _add_stream(self, picture: NDArray[np.uint8]) -> av.VideoStream:
         height, width = picture.shape[:2]
-        codec = "ffv1" if self._lossless else "libvpx-vp9" if self._container.format.name == "webm" else "libx264"
-        stream = self._container.add_stream(codec, rate=self._rate)
+        stream = self._container.add_stream(self._codec, rate=self._rate)
         assert isinstance(stream, av.VideoStream)
         stream.width, stream.height = width, height
         stream.codec_context.time_base = CLOCK
-        if self._lossless:
-            stream.pix_fmt = "bgr0"
-        else:
-            even = width % 2 == 0 and height % 2 == 0
-            stream.pix_fmt = "yuv420p" if even else "yuv444p"
-            stream.options = {"crf": "14"}
+        even = width % 2 == 0 and height % 2 == 0
+        stream.pix_fmt = self._pix_fmt or ("yuv420p" if even else "yuv444p")
+        if self._codec != "ffv1":
+            stream.options = {"crf": f"{USUAL_CRF if self._coding.crf is None else self._coding.crf:g}"}
+        if self._is_yuv(stream):
             context = stream.codec_context
             context.colorspace = context.color_primaries = context.color_trc = BT709
             context.color_range = int(ColorRange.MPEG)
         self._stream = stream
         self._sound = self._sound_beside()
         return stream
+
+    @staticmethod
+    def _is_yuv(stream: av.VideoStream) -> bool:
+        return str(stream.pix_fmt).startswith("yuv")
 
     def _sound_beside(self) -> SoundTrack | None:
         if self._sound_file is None:

@@ -54,7 +54,7 @@ class Overlay:
         if session.placing is not None:
             line = f"placing the {session.placing.selected}; ? lists the keys"
             return Page((line, *([text] if text else [])), legends=legends)
-        if session.osd == "off":
+        if not session.writes:
             return None
         if legends:
             return Page((text,) if text else (), legends=legends)
@@ -64,7 +64,7 @@ class Overlay:
         """What the colours of the view stand for."""
         session = self._session
         showing = session.adjustments.card is None and session.rendered and not session.blackout
-        if session.osd == "off" or not showing:
+        if not session.writes or not showing:
             return ()
         told = session.compensation or session.view != "projector"
         clipping = CLIPPING_LEGEND if session.adjustments.clipping and told and session.view != "impossible" else ()

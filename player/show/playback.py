@@ -32,6 +32,7 @@ class Playback:
 
     clock : seconds, monotonic.  hold_s : how long a still is shown; None for ever.
     sound : the medium's; while it is heard, its clock leads.
+    begins_s : clock time at which the first frame should stand on the screen; None for as soon as it can.
     seamless : the reader itself begins again at the end, as long as `loop` stays on.
     """
 
@@ -46,6 +47,7 @@ class Playback:
         paused: bool = False,
         speed: float = 1.0,
         sound: Track | None = None,
+        begins_s: float | None = None,
     ) -> None:
         self.reader, self.loop, self.hold_s = reader, loop, hold_s
         self.dropped = 0
@@ -59,6 +61,7 @@ class Playback:
         self._taken_s: float | None = None  # time of the frame that was taken last
         self._taken_until_s = self._seconds = 0.0
         self._paused, self._speed = paused, speed
+        self._begins_s = begins_s
         self._wanted = True  # a frame that pause does not hold back: the first one, that of a seek, that of a step
         self._cut_off = False
         self._held: Frame | None = None  # has come, but too late; shown if nothing newer does
@@ -126,20 +129,35 @@ class Playback:
         """Whether the last frame has been shown for its time; stills last `hold_s`."""
         if self._wanted and not self._exhausted:
             return False
-        now_s = self._media_time()
-        if self.reader.info.still:
-            return self.hold_s is not None and now_s is not None and now_s >= self.hold_s
-        return self._cut_off or (self._exhausted and (now_s is None or now_s >= self._taken_until_s))
+        now_s, end_s = self._media_time(), self._end_s
+        if self._cut_off or now_s is None:
+            return self._cut_off or (self._exhausted and not self.reader.info.still)
+        return end_s is not None and now_s >= end_s
 
-    def ends_within(self, seconds: float) -> bool:
-        """Whether the end will come so soon, as far as that is known."""
+    @property
+    def ended_at_s(self) -> float | None:
+        """Clock time at which the last frame had been shown for its time; None if the medium was cut off."""
+        if self._anchor is None or self._end_s is None or self._cut_off or self._paused:
+            return None
+        clock_s, media_s = self._anchor
+        return clock_s + (self._end_s - media_s) / self._speed
+
+    @property
+    def _end_s(self) -> float | None:
+        """Media time at which the last frame has been shown for its time; None as long as that is not known."""
+        if self.reader.info.still:
+            return self.hold_s
+        return self._taken_until_s if self._exhausted else None
+
+    def ends_within(self, seconds: float, *, unknown: bool = False) -> bool:
+        """Whether the end will come so soon.  unknown : what a medium of unknown length gives."""
         info, ahead_s = self.reader.info, seconds * self._speed
         if self._paused or info.live or self.loops:
             return False
         if info.still:
             now_s = self._media_time()
             return self.hold_s is not None and now_s is not None and now_s + ahead_s >= self.hold_s
-        return self.reader.ended if info.duration_s is None else self._seconds + ahead_s >= info.duration_s
+        return unknown if info.duration_s is None else self._seconds + ahead_s >= info.duration_s
 
     def due(self) -> Frame | None:
         """The newest frame whose time has come; older ones that were not shown in time are dropped and counted."""
@@ -181,11 +199,12 @@ class Playback:
         self._came_back()
         if self._paused and not self._wanted:
             return longest_s
-        if self._pending is None or self._anchor is None:
+        now_s, next_s = self._media_time(), self._end_s if self._pending is None else self._pending.time_s
+        if now_s is None or next_s is None:
             return longest_s if self.reader.ended and not self._wanted else min(DECODER_WAIT_S, longest_s)
-        now_s = self._media_time()
-        assert now_s is not None
-        return min(max((self._pending.time_s - now_s) / self._speed, 0.0), longest_s)
+        if self._pending is None and now_s >= next_s:  # finished
+            return longest_s
+        return min(max((next_s - now_s) / self._speed, 0.0), longest_s)
 
     def seek(self, time_s: float) -> None:
         """Go on with the frame that is shown at `time_s` of the medium; stills and live sources just go on."""
@@ -200,6 +219,11 @@ class Playback:
             self._sound.seek(self._seconds, self._speed)
         self._anchor = self._taken_s = None
         self._wanted, self._cut_off = True, False
+
+    def end(self) -> None:
+        """Show nothing more, as after the last frame; a seek goes on."""
+        self._drop_pending()
+        self._cut_off, self._wanted = True, False
 
     def refresh(self) -> None:
         """Ask for the frame that is on the screen once more."""
@@ -230,7 +254,7 @@ class Playback:
             pending = self._pending
             assert pending is not None
             if self._anchor is None or (self._paused and self._wanted) or self._is_early(pending):
-                self._put_anchor(pending.time_s)
+                self._begin_at(pending)
                 self._wanted = False
             if not self._has_come(pending.time_s) or self._leaves_loop(pending):
                 break
@@ -332,6 +356,13 @@ class Playback:
             self._anchor = self._clock(), self._lap_s + heard_s
         clock_s, media_s = self._anchor
         return media_s if self._paused else media_s + (self._clock() - clock_s) * self._speed
+
+    def _begin_at(self, frame: Frame) -> None:
+        """A frame's time is now, or, for the first one, when it should be if that is less than a frame ago."""
+        begins_s, self._begins_s, now_s = self._begins_s, None, self._clock()
+        late_s = 0.0 if begins_s is None else now_s - begins_s
+        self._anchor = now_s - late_s if 0 < late_s < frame.duration_s else now_s, frame.time_s
+        self._let_hear()
 
     def _put_anchor(self, media_s: float) -> None:
         self._anchor = self._clock(), media_s

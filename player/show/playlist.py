@@ -37,9 +37,10 @@ class Playlist:
             self.position = target
         return target is not None
 
-    def add(self, media: Sequence[Medium], *, replace: bool) -> None:
-        """Put media at the end, or in place of everything; InputError if that is more than a list holds."""
-        whole = list(media) if replace else [*self.media, *media]
+    def add(self, media: Sequence[Medium], *, replace: bool, at: int | None = None) -> None:
+        """Insert media before a position, None for the end, or replace everything; InputError if that is too many."""
+        at = len(self.media) if at is None else at
+        whole = list(media) if replace else [*self.media[:at], *media, *self.media[at:]]
         if len(whole) > MAX_MEDIA:
             raise InputError(f"{len(whole)} media, a list holds {MAX_MEDIA}; replace the list")
         self.media = whole

@@ -4,9 +4,9 @@ Nothing here waits, and nothing that a medium, a list or a remote does ends a la
 told and passed over; a list of which nothing plays is tried again after 1 s, 2 s, 4 s … 30 s.
 """
 
+import random
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -47,9 +47,12 @@ class _Return(NamedTuple):
 class Programme:
     """Says what plays, to a session that tells how it goes.
 
-    lasting : whether nothing but a person ends the show.  looping : whether media are to begin again at their end.
+    lasting : whether nothing but a person ends the show.  keep : what the end leaves, as `keep-open` says but "auto".
+    begins_again : whether the list or the medium starts again at its end.
+    looping : whether media are to begin again at their end.
     notice : takes a line for the user.  clock : seconds, monotonic.
 
+    at_end : whether the end is held, until somebody wishes for a medium or seeks.
     on : the position in the list of what plays.  over : whether that has nothing more to show, or nothing plays.
     done : whether the show has come to its end.  failure : why, if that was not as it should.
     """
@@ -60,16 +63,20 @@ class Programme:
         opener: Media,
         *,
         lasting: Callable[[], bool],
+        begins_again: Callable[[], bool],
+        keep: Callable[[], str],
         looping: Callable[[], bool],
         notice: Callable[[str], None],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.playlist, self.opener, self._notice, self._clock = playlist, opener, notice, clock
-        self._lasting, self._looping = lasting, looping
+        self._lasting, self._looping, self._keep = lasting, looping, keep
+        self._begins_again, self.at_end = begins_again, False
         self.over, self.done, self.on = True, False, playlist.position
         self.failure: InputError | None = None
         self._opening: Opening | None = None
-        self._ahead: Opening | None = None  # what comes after that which plays
+        self._ahead: Opening | None = None  # opened before its turn
+        self._failed_ahead: list[tuple[Medium, InputError]] = []  # media before that one which cannot be opened
         self._list: tuple[LookUp[list[Medium]], float] | None = None  # being read, until when
         self._error: InputError | None = None  # why the list's current medium cannot be opened
         self._returns: list[_Return] = []  # from wish to wish; the first is what plays
@@ -83,37 +90,75 @@ class Programme:
         """A medium whose first frame waits to be shown in place of what plays; `plays` or `refused` is to follow."""
         if self._open_at_s is not None and self._clock() >= self._open_at_s:
             self._open()
-        try:
-            if self._error is not None:
-                raise self._error
-            if self._list is not None:
-                self._unfold(*self._list)
-            elif self._opening is not None and self._opening.reader.ready():
-                opening, self._opening = self._opening, None
-                return opening
-        except InputError as error:
-            self.refused(error)
-        return None
+        while True:  # past all media that are known to fail
+            try:
+                return self._ready()
+            except InputError as error:
+                self.refused(error)
+
+    def _ready(self) -> Opening | None:
+        if self._error is not None:
+            raise self._error
+        if self._list is not None:
+            self._unfold(*self._list)
+        if self._opening is None or not self._opening.reader.ready():
+            return None
+        opening, self._opening = self._opening, None
+        return opening
 
     def plays(self) -> None:
         """What was ready is shown from now on."""
-        self.over, self.on, self._began_s = False, self.playlist.position, self._clock()
+        self.at_end, self.over, self.on, self._began_s = False, False, self.playlist.position, self._clock()
         self._returns = []
 
     def ended(self) -> None:
         """What plays has come to its end."""
         self.over = True
-        if not self._is_busy:
-            self._failures = self._rounds = 0
+        if self._is_busy or self.at_end:
+            return
+        self._failures = self._rounds = 0
+        if self._keep() == "always":
+            self.at_end = True
+        else:
             self._go_on()
 
-    def look_ahead(self) -> None:
-        """What plays will end soon: begin to open what comes then."""
-        target = self.playlist.after(1)
-        if target is None or self._ahead is not None or self._is_busy or is_list(self.playlist.media[target]):
-            return
-        with suppress(InputError):  # which is told when its turn has come
-            self._ahead = self._begin(self.playlist.media[target])
+    def resume(self) -> None:
+        """Somebody has gone back in the medium whose end was held."""
+        self.at_end = self.over = False
+
+    @property
+    def is_last(self) -> bool:
+        """Whether nothing comes after the medium that plays."""
+        return not self._is_busy and self.playlist.after(1) is None
+
+    @property
+    def next_waits(self) -> bool:
+        """Whether the next medium is open, and its first frame waits."""
+        return not self._is_busy and self._ahead is not None and self._ahead.reader.ready()
+
+    def look_ahead(self) -> Opening | None:
+        """Open the medium that comes next, past media that fail; returns it once its first frame waits.
+
+        An error is told when the turn of its medium has come.
+        """
+        target = None if self._is_busy else self.playlist.after(1 + len(self._failed_ahead))
+        if target is None or len(self._failed_ahead) >= len(self.playlist.media):
+            return None
+        medium = self.playlist.media[target]
+        if self._ahead is not None and self._ahead.medium != medium:  # the list is another one by now
+            self._forget_ahead()
+        if is_list(medium):
+            return None
+        try:
+            if self._ahead is None:
+                self._ahead = self._begin(medium)
+            return self._ahead if self._ahead.reader.ready() else None
+        except InputError as error:
+            if self._ahead is not None:
+                self._ahead.reader.close()
+            self._ahead = None
+            self._failed_ahead.append((medium, error))
+            return None
 
     def broke(self, error: InputError) -> None:
         """What plays cannot be decoded any further."""
@@ -152,20 +197,77 @@ class Programme:
         before, self.playlist.position = self._here(), position
         self._wish(before)
 
-    def load(self, name: str, *, replace: bool) -> Medium:
-        """Somebody wants a medium or a list in place of the whole list, or at its end; InputError if that cannot be.
+    def load(self, name: str, *, replace: bool, follows: bool = False, play: bool = False) -> Medium:
+        """Somebody wants a medium or a list in place of the whole list, or in it; InputError if that cannot be.
 
-        If it turns out later that nothing of it can be played, the list is as before.
+        If it turns out later that nothing of it can be played, a list that was replaced is as before.
+
+        follows : after the present medium instead of at the end.  play : at once if the end is held.
         """
         medium = self.opener.medium(name)
         media = LookUp(partial(self.opener.find, medium)).result(LOOK_S) or [medium]
         before = self._here()._replace(media=self.playlist.media)
-        self.playlist.add(media, replace=replace)
+        at = self.playlist.position + 1 if follows else len(self.playlist.media)
+        self.playlist.add(media, replace=replace, at=at)
         if replace:
             self._wish(before)
+            return medium
+        self._renumber(lambda old: old + len(media) * (old >= at))
+        if play and self.at_end:
+            self.select(at)
         elif self._open_at_s is not None:
             self._open_at_s = self._clock()
         return medium
+
+    def remove(self, position: int) -> bool:
+        """Take a medium from the list; if it plays or is being opened, the next one does. False if none comes next.
+
+        InputError for the only medium.
+        """
+        media = self.playlist.media
+        if len(media) == 1:
+            raise InputError(f"{media[0]}: the only medium of the list; load another one, or quit")
+        present = position == self.playlist.position
+        self._reorder([old for old in range(len(media)) if old != position])
+        if not present:
+            return True
+        follows = position < len(self.playlist.media) or self.playlist.loop
+        if follows:
+            self.select(position % len(self.playlist.media))
+        else:
+            self._stop_opening()
+        return follows
+
+    def clear(self) -> None:
+        """Take everything from the list but the present medium."""
+        self._reorder([self.playlist.position])
+
+    def move(self, position: int, before: int) -> None:
+        """Put a medium where another one is, before that."""
+        others = [old for old in range(len(self.playlist.media)) if old != position]
+        at = before - (before > position)
+        self._reorder([*others[:at], position, *others[at:]])
+
+    def shuffle(self) -> None:
+        order = list(range(len(self.playlist.media)))
+        random.shuffle(order)
+        self._reorder(order)
+
+    def _reorder(self, order: Sequence[int]) -> None:
+        """order : old positions in their new order; those left out are removed."""
+        self.playlist.media = [self.playlist.media[old] for old in order]
+        places, last = {old: new for new, old in enumerate(order)}, len(order) - 1
+        self._renumber(lambda old: places.get(old, min(old, last)))
+
+    def _renumber(self, place: Callable[[int], int]) -> None:
+        """Media have other positions in the list now.  place : from an old position to the new one."""
+        self.on, self.playlist.position = place(self.on), place(self.playlist.position)
+        self._first_failed = place(self._first_failed)
+        kept = (
+            each if each.media is not None else each._replace(position=place(each.position)) for each in self._returns
+        )
+        self._returns = list(kept)
+        self._forget_ahead()
 
     def close(self) -> None:
         self._stop_opening()
@@ -199,6 +301,9 @@ class Programme:
     def _open(self) -> None:
         """Begin to open the list's current medium; a list is read first."""
         medium, self._open_at_s, self._opened_at_s = self.playlist.current, None, self._clock()
+        if self._failed_ahead and self._failed_ahead[0][0] == medium:
+            self._error = self._failed_ahead.pop(0)[1]
+            return
         try:
             if is_list(medium):
                 self._list = LookUp(partial(self.opener.find, medium)), self._clock() + LIST_S
@@ -217,7 +322,7 @@ class Programme:
     def _forget_ahead(self) -> None:
         if self._ahead is not None:
             self._ahead.reader.close()
-            self._ahead = None
+        self._ahead, self._failed_ahead = None, []
 
     def _unfold(self, look: LookUp[list[Medium]], until_s: float) -> None:
         found = look.result()
@@ -238,8 +343,10 @@ class Programme:
     def _go_on(self) -> None:
         if self.playlist.step(1):
             self._open()
-        else:
+        elif self._keep() == "no":
             self.done = True
+        else:
+            self.at_end = True
 
     def _go_back(self, before: _Return) -> None:
         """A wish cannot be met: the list is as before, and so is what plays."""
@@ -259,6 +366,10 @@ class Programme:
         if self._failures < len(self.playlist.media) and self.playlist.step(1):
             self._notice(str(error))
             self._open()
+        elif self._began_s > float("-inf") and not self._begins_again():
+            self._notice(str(error))
+            self.failure = error if self._keep() == "no" and not self._lasting() else None
+            self._go_on()
         elif self._lasting():
             wait_s = min(RETRY_S * 2 ** min(self._rounds, 10), LONGEST_RETRY_S)
             self._notice(f"{error}; trying again in {wait_s:g} s")

@@ -85,6 +85,10 @@ def _playing(session: Session) -> dict[str, Property]:
             lambda: "inf" if session.image_display_duration is None else session.image_display_duration,
             hold,
         ),
+        "keep-open": named("keep-open", *_attribute(lambda: session, "keep_open")),
+        "fade": named("fade", *_attribute(lambda: session.fade, "seconds")),
+        "crossfade": named("crossfade", *_attribute(lambda: session, "crossfade_s")),
+        "eof-reached": Property("whether the end is held (keep-open)", lambda: session.programme.at_end),
         "in-step": Property(
             "how a leader or a follower is doing, null if neither", lambda: session.stats.facts.get("in_step")
         ),
@@ -172,9 +176,22 @@ def _told(session: Session, checking: Callable[[], bool], lamps: Lamps | None) -
     """How the show goes."""
 
     stats = session.stats
+
+    def recent() -> dict[str, Any]:
+        requested, shown = session.rates
+        return stats.recent(session.clock()) | {"requested": round(requested, 2), "fps": round(shown, 2)}
+
     return {
         "frames": Property("frames shown", lambda: stats.frames),
         "dropped": Property("frames dropped", lambda: stats.dropped),
+        "recent": Property(
+            "frames of the last 10 s: shown, late (the next one was due) and dropped, and the rates that the medium "
+            "asks for and that came to the screen: an object",
+            recent,
+        ),
+        "events": Property(
+            "what went wrong lately, at most 20 lines with their times in seconds since 1970: objects", stats.events
+        ),
         "fps": Property("frames a second on the screen", lambda: stats.frames_per_second),
         "stage-ms": Property(
             "median milliseconds of each stage of a frame: an object",

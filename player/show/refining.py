@@ -53,7 +53,7 @@ def refining(session: Session) -> dict[str, Property]:
         "refine": named("refine", lambda: governor.refine, refine),
         "budget": named("budget", lambda: governor.budget, budget),
         "within": named("within", lambda: governor.within, within),
-        "steps": Property("of refinement, a frame, now", lambda: session.steps),
+        "steps": Property("of refinement, for the picture on the screen", lambda: session.steps_made),
         "step-ms": Property("milliseconds of a step, null if unknown", lambda: governor.took_ms(1)),
         "below-optimum": Property(
             "dB below the best picture, estimated; null until that is known", below_optimum, costly=True

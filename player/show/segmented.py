@@ -26,7 +26,7 @@ from counterlight.jobs.workers import Workers
 from counterlight.media.video import MediaReader
 from counterlight.show.governor import Governor
 from counterlight.show.headless import compile_passes, headless_renderer, render_to_file
-from counterlight.show.output import FilmOutput, open_output, read_written
+from counterlight.show.output import USUAL, Coding, FilmOutput, open_output, read_written
 from counterlight.show.rendering import Rendering, Stretch
 from counterlight.show.segments import Film, divide, look_through, within_shots
 from counterlight.show.stats import Stats
@@ -104,12 +104,13 @@ def render_in_segments(
     count: int,
     lead_in: int | None,
     sound: Path | None = None,
+    coding: Coding = USUAL,
 ) -> Stats:
     """Render a film in at most `count` segments; returns what was counted and, of those rendered now, timed.
 
     reader : at the film's first frame.  workers : ended when this returns.
     lead_in : frames that are drawn before a segment which begins within a shot; None for no such segment.
-    sound : see open_output.
+    sound, coding : see open_output.
     """
     film = look_through(reader, rendering.frames)
     stretches = divide(film, count, carries=rendering.carries, lead_in=lead_in)
@@ -118,7 +119,7 @@ def render_in_segments(
     folder = output.absolute().with_name(f"{output.name}.segments")
     segments = [Segment(number, stretch, folder, output) for number, stretch in enumerate(stretches)]
     within = within_shots(stretches, film) if rendering.carries else []
-    with open_output(output, reader.info.frames_per_second, sound) as sink:
+    with open_output(output, reader.info.frames_per_second, sound, coding) as sink:
         assert isinstance(sink, FilmOutput)
         with _kept(folder, _plan(rendering, film, stretches)), workers:
             stats = _rendered(rendering, segments, workers)

@@ -6,6 +6,7 @@ handed in.
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from counterlight.command import tell
@@ -20,6 +21,7 @@ from counterlight.pipeline.refinement import Certificate
 from counterlight.pipeline.renderer import Renderer
 from counterlight.show.appraisal import INTERVAL_S, Appraisal
 from counterlight.show.display import Display
+from counterlight.show.fading import FADE_WAIT_S, Fade, Leaving
 from counterlight.show.governor import Governor
 from counterlight.show.hearing import Hearing
 from counterlight.show.lateness import Lateness
@@ -34,9 +36,8 @@ from counterlight.show.stats import Stats
 TIMED_INTERVAL_S = 0.5  # between frames whose stages are timed
 MOST_REDRAWS = 12  # of a picture that stays, until its steps are what they should be
 LONGEST_WAIT_S = 0.05  # between looks at the decoder and the remotes; keys wake the window at once
-AHEAD_S = 3.0  # before a medium ends the next one is opened
+AHEAD_S = 10.0  # before a medium ends the next one is opened; a decoder takes 0.3 s of a processor to start
 OPENING_WAIT_S = 0.01  # while a medium is being opened
-FADE_WAIT_S = 0.03
 
 
 class Session:
@@ -69,7 +70,10 @@ class Session:
         start_s: float = 0.0,
         image_display_duration: float | None = None,
         blackout: bool = False,
-        osd: str = "on",
+        keep_open: str = "auto",
+        fade_s: float = 0.0,
+        crossfade_s: float = 0.0,
+        osd: str = "auto",
         unattended: bool = False,
         screenshots: Path = Path(),
         audio: AudioOutput | None = None,
@@ -101,10 +105,18 @@ class Session:
         self._start: tuple[Medium, float] | None = playlist.current, start_s
         self._pixels: PixelFormat | None = None  # that the renderer is open for
         self._lateness: Lateness | None = None
+        self._prepared: Opening | None = None  # comes next
+        self.keep_open, self.fade, self.crossfade_s = keep_open, Fade(fade_s, clock), crossfade_s
+        self._leaving: Leaving | None = None
+        self._faded = 1.0, 0.0  # as rendered: the share of light, and of it the share of the medium that leaves
+        self._quitting = False
+        self._follows_s: float | None = None  # when the first frame should stand on the screen that comes next
         self.programme = Programme(
             playlist,
             opener,
             lasting=lambda: self._lasting or self.playlist.loop or self.manner.loop,
+            begins_again=lambda: self.playlist.loop or self.manner.loop,
+            keep=self._keep,
             looping=lambda: self.manner.loop,
             notice=self.notice,
             clock=clock,
@@ -128,6 +140,8 @@ class Session:
     def close(self) -> None:
         """End the decoders, and release the renderer: it has been the session's since that began."""
         self.programme.close()
+        self._hearing.close()
+        self._end_crossfade()
         if self.playback is not None:
             self.playback.close()
             self._collect_notices()
@@ -141,31 +155,110 @@ class Session:
         page : what is written over the picture; asked when that has been rendered.
         """
         self._collect_notices()
-        opening = self.programme.poll()
-        if opening is not None:
-            self._change_to(opening)
-        frame = None if self.playback is None or self.programme.over else self._due(self.playback)
+        frame = self._due()
+        if frame is None and self.programme.over:  # perhaps only now: the next medium's first frame is due at once
+            frame = self._due()
         self.done = self.done or self.programme.done
         if not self.done:
             self._draw(frame, page)
             self._appraise()
+            self._look_ahead()
 
-    def _due(self, playback: Playback) -> Frame | None:
+    def _due(self) -> Frame | None:
         """The frame that is due, uploaded; the medium's end and its damage are the programme's to act on."""
+        opening = self.programme.poll()
+        if opening is not None:
+            self._change_to(opening)
+        playback = self.playback
+        if playback is not None and self.programme.at_end and not playback.finished:
+            self.programme.resume()
+        if playback is None or self.programme.over:
+            return None
         try:
             frame = playback.due()
-            self.stats.dropped, playback.dropped = self.stats.dropped + playback.dropped, 0
+            if playback.dropped:
+                self.stats.drop(playback.dropped, self.clock())
+                playback.dropped = 0
             self.stats.stalled_s, playback.stalled_s = self.stats.stalled_s + playback.stalled_s, 0.0
             if frame is not None:
                 self._upload(frame, playback)
-            elif playback.finished:
+            elif playback.finished or self._fades_over(playback):
                 self.programme.ended()
-            elif playback.ends_within(AHEAD_S):
-                self.programme.look_ahead()
+                if self.programme.at_end:
+                    playback.paused = True
             return frame
         except InputError as error:
             self.programme.broke(error)
             return None
+
+    def _ends_within(self, seconds: float) -> bool:
+        return self.playback is not None and self.playback.ends_within(seconds, unknown=True)
+
+    def _fades_over(self, playback: Playback) -> bool:
+        """Whether it is time that the next medium fades in."""
+        soon = self.crossfade_s > 0 and self._leaving is None and self._keep() != "always"
+        return soon and playback.ends_within(self.crossfade_s) and self.programme.next_waits
+
+    def _keep(self) -> str:
+        """What the end leaves: "no", "yes", "always" or "black"."""
+        usual = "black" if self.display.fullscreen else "no"
+        return usual if self.keep_open == "auto" else self.keep_open
+
+    def quit(self) -> None:
+        """End the show, once it has faded; the second time at once."""
+        self._quitting = not self._quitting and self._draws > 0 and self.fade.seconds > 0 and self.fade.level > 0
+        self.done = not self._quitting
+
+    def _dark(self) -> bool:
+        """Whether the show is to be black, or on its way there."""
+        keep, playback = self._keep(), self.playback
+        if self.blackout or self._quitting or (self.programme.at_end and keep == "black"):
+            return True
+        ends = playback is not None and not self.programme.over and self.programme.is_last and keep in ("no", "black")
+        return ends and playback is not None and self.fade.seconds > 0 and playback.ends_within(self.fade.seconds)
+
+    def _play_leaving(self) -> None:
+        """Draw the next frame of the medium that fades out; leave it in the end."""
+        leaving = self._leaving
+        if leaving is None:
+            return
+        try:
+            frame = leaving.playback.due()
+            if frame is not None:
+                self.renderer.upload_before(frame)
+                leaving.playback.reader.release(frame)
+                self._changed = True
+        except InputError as error:
+            self.notice(str(error))
+            self._end_crossfade()
+        if leaving.weight == 0:
+            self._end_crossfade()
+
+    def _end_crossfade(self) -> None:
+        leaving, self._leaving = self._leaving, None
+        if leaving is not None:
+            self.renderer.end_crossfade()
+            self._left(leaving.playback)
+
+    def _left(self, playback: Playback) -> None:
+        """A medium plays no longer."""
+        playback.close()
+        for text in playback.reader.notices():
+            self.notice(text)
+
+    def _look_ahead(self) -> None:
+        """Prepare the next medium before the present one ends, at whatever rate frames are due."""
+        if self.playback is None or self.programme.over or not self._ends_within(AHEAD_S):
+            return
+        opening = self.programme.look_ahead()
+        if opening is not None and opening != self._prepared:
+            self._prepared = opening
+            self._prepare(opening)
+
+    @property
+    def writes(self) -> bool:
+        """Whether messages and legends are written over the picture."""
+        return not self.display.fullscreen if self.osd == "auto" else self.osd != "off"
 
     def say(self, text: str, seconds: float | None = None) -> None:
         """Write a line over the picture for a while."""
@@ -203,8 +296,22 @@ class Session:
 
     @property
     def steps(self) -> int:
-        """Of refinement, a frame."""
+        """Of refinement, for the next frame."""
         return self.governor.steps
+
+    @property
+    def steps_made(self) -> int:
+        """Of refinement, for the picture on the screen; 0 without compensation."""
+        made = self.compensation and self.adjustments.card is None and self._draws > 0
+        return self._steps_drawn if made else 0
+
+    @property
+    def rates(self) -> tuple[float, float]:
+        """Frames per second that the medium asks for, and that came to the screen; 0 where time stands still."""
+        playback = self.playback
+        if playback is None or playback.paused or playback.reader.info.still:
+            return 0.0, 0.0
+        return playback.reader.info.frames_per_second * playback.speed, self.stats.frames_per_second
 
     @property
     def manner(self) -> Playback | Manner:
@@ -222,8 +329,10 @@ class Session:
         """Play what has been opened; what it replaces stays on the screen until its first frame is due."""
         medium, reader, loop = opening
         before, manner = self.playback, self.manner
+        follows_s = before.ended_at_s if before is not None and self.programme.over else None
+        fades = self.crossfade_s > 0 and before is not None and self._uploaded and not self.programme.at_end
         try:
-            self._open_renderer(reader.info.format)
+            self._open_renderer(reader.info.format, crossfade=fades)
         except InputError as error:
             reader.close()
             self.programme.refused(error)
@@ -237,11 +346,13 @@ class Session:
             paused=manner.paused,
             speed=manner.speed,
             sound=self._hearing.track(reader.info, medium),
+            begins_s=follows_s,
         )
-        if before is not None:
-            before.close()
-            for text in before.reader.notices():
-                self.notice(text)
+        self._follows_s = follows_s
+        if before is not None and fades:
+            self._leaving = Leaving(before, self.crossfade_s, self.clock)
+        elif before is not None:
+            self._left(before)
         if self._start is not None:
             start_s = self._start[1] if self._start[0] == medium and not reader.info.still else 0.0
             if start_s:
@@ -255,13 +366,23 @@ class Session:
         self.appraisal.forget()
         self._lateness = None if rate is None else Lateness(self.stats, rate, self.clock())
         self.stats.interrupted()
+        if follows_s is not None:
+            self.stats.changed()
         self.display.set_title(printable(f"{Path(medium.name).name} - Counterlight"))
 
-    def _open_renderer(self, pixels: PixelFormat) -> None:
+    def _prepare(self, opening: Opening) -> None:
+        """What else a medium needs that comes next: passes of its format, and its sound."""
+        info = opening.reader.info
+        with suppress(InputError):  # which `open` raises again
+            self.renderer.prepare(info.format, crossfade=self.crossfade_s > 0)
+        self._hearing.prepare(info, opening.medium)
+
+    def _open_renderer(self, pixels: PixelFormat, *, crossfade: bool = False) -> None:
         """Have frames of a format drawn from now on; what is on the screen stays until one comes."""
+        self._end_crossfade()
         self._pixels, self._uploaded = None, False
         for renderer in filter(None, (self.renderer, self._incoming)):
-            renderer.open(pixels)
+            renderer.open(pixels, crossfade=crossfade and renderer is self.renderer)
             renderer.adjust(self.adjustments)
         self._pixels = pixels
 
@@ -343,6 +464,7 @@ class Session:
             incoming.release()
             self.notice(self.not_reloaded(error))
             return False
+        self._end_crossfade()
         self.renderer.release()
         self.renderer = incoming
         self.appraisal.forget()
@@ -351,19 +473,28 @@ class Session:
 
     def _draw(self, frame: Frame | None, page: Callable[[], Page | None]) -> None:
         """Render if the view has changed, and present if that or the page over it has; black before the first frame."""
-        render = self._changed and self._uploaded
+        self._play_leaving()
+        level = self.fade.towards(0.0 if self._dark() else 1.0) if self._draws or not self.fade.seconds else 0.0
+        self.done = self.done or (self._quitting and level == 0)
+        faded = level or 1.0, 0.0 if self._leaving is None else self._leaving.weight
+        render = (self._changed or faded != self._faded) and self._uploaded
         if render:
+            self._faded = faded
+            self.renderer.fade(*faded)
             self._render()
-        shown = page(), self.blackout or not self._draws
+        shown = page(), level == 0 or not self._draws
         if render or self._uncovered or shown != self._shown:
             start = time.perf_counter()
             self.display.present(shown[0], black=shown[1])
             self.stats.add("present", time.perf_counter() - start)
             self._shown, self._uncovered = shown, False
-        due_s = None if frame is None or self.playback is None else self.playback.due_at(frame)
+        if frame is None or self.playback is None:
+            return
+        follows_s, self._follows_s = self._follows_s, None
+        due_s = self.playback.due_at(frame) if follows_s is None else follows_s
         if due_s is not None:
-            self.stats.shown(self.clock(), due_s)
-        elif frame is not None:
+            self.stats.shown(self.clock(), due_s, frame.duration_s / self.playback.speed)
+        else:
             self.stats.interrupted()
 
     def _render(self) -> None:
@@ -391,7 +522,8 @@ class Session:
             return 0.0
         wait = LONGEST_WAIT_S if self.playback is None else self.playback.wait_s(LONGEST_WAIT_S)
         wait = min(wait, OPENING_WAIT_S) if self.programme.is_opening else wait
-        return min(wait, FADE_WAIT_S) if self.message.opacity else wait
+        fades = self.message.opacity or self._leaving is not None or self.fade.level != (not self._dark())
+        return min(wait, FADE_WAIT_S) if fades else wait
 
     def _collect_notices(self) -> None:
         readers = [] if self.playback is None else self.playback.reader.notices()

@@ -31,6 +31,7 @@ class Show:
     bindings : of the settings file, see Keys.  checks : of the room; None for none.
     lamps : projectors that remotes may switch.
     beside : what else is done from loop to loop, without waiting.
+    on_interrupt : takes the counts if Ctrl-C or SIGTERM ends the show.
     """
 
     def __init__(
@@ -43,12 +44,13 @@ class Show:
         checks: RoomChecks | None = None,
         lamps: Lamps | None = None,
         beside: Sequence[Callable[[], None]] = (),
+        on_interrupt: Callable[[Stats], None] = lambda _: None,
     ) -> None:
         self.session, self.commands = session, commands_of(session, self._check, self._checking, lamps)
         self._keys = Keys(self.commands, bindings)
         self._overlay = Overlay(session, self._keys)
         self._remotes, self._heartbeat = remotes, heartbeat
-        self._told_at, self._beside = float("-inf"), beside
+        self._told_at, self._beside, self._on_interrupt = float("-inf"), beside, on_interrupt
         self._checked = None if checks is None else CheckedRoom(session, self.commands, checks)
 
     def run(self, limit: int | None = None) -> Stats:
@@ -60,6 +62,9 @@ class Show:
             with short_collections():
                 self._run(limit)
             return self.session.outcome()
+        except KeyboardInterrupt:  # also SIGTERM: what was counted until then counts
+            self._on_interrupt(self.session.outcome())
+            raise
         finally:
             status("")
             if self._checked is not None:
@@ -122,6 +127,10 @@ class Show:
         """Do what a key stands for and say on the screen what it changed; unknown keys do nothing."""
         if key == REDRAW:
             self.session.uncovered()
+            return
+        if key == "escape" and self.session.help_page:
+            self.session.help_page = 0
+            self.session.changed()
             return
         said = self._keys.press(key, placing=self.session.placing is not None)
         if said:

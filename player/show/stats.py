@@ -1,6 +1,8 @@
 """Counting and timing frames: what `i` shows and `--stats FILE` writes."""
 
 import json
+import math
+import time
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +17,9 @@ RECENT = 10_000  # frames whose times are kept: minutes of playback, a fixed amo
 MOST_NOTICES, LATEST_NOTICES = 1000, 20
 STAGES = ("decode", "upload", "gpu", "present")
 DRAWING = (*(stage for stage in laps.STAGES if stage != "steps"), "step")  # of "gpu"; a step, not all of them
+CHANGE = 3  # frames that a change of media may delay
+PERCENTILES = {"median": 50, "p95": 95, "p99": 99, "max": 100}
+RECENT_S = 10  # that the remote's figures are of
 FEW = 120  # the frames that the rate is measured over
 LATE_EDGES_MS = (1, 2, 4, 8, 16, 32, 64)
 LATE_LABELS = ("<1 ms", "1-2", "2-4", "4-8", "8-16", "16-32", "32-64", ">64")
@@ -24,6 +29,7 @@ class Stats:
     """Frames shown and dropped, when they were shown, and milliseconds per stage of the most recent frames.
 
     late : how long after its time each frame stood on the screen.
+    change : the same of each medium's first CHANGE frames, whose time counts from the end of the medium before.
     stalled_s : how long the show's time stood still, since the decoder could not keep up.
     judder : how much the interval between two frames on the screen differed from that between their times.
     """
@@ -37,7 +43,12 @@ class Stats:
         self._stages: dict[str, deque[float]] = {}
         self._late_counts = [0] * len(LATE_LABELS)
         self._last_late_s: float | None = None
+        self._changing = 0  # frames of CHANGE that are still to come
         self._shown_at: deque[float] = deque(maxlen=FEW)
+        self._recent: deque[tuple[float, dict[str, int]]] = (
+            deque()
+        )  # clock time, and frames shown, late and dropped then
+        self._events: deque[tuple[float, str]] = deque(maxlen=LATEST_NOTICES)
 
     def add(self, stage: str, seconds: float) -> None:
         self._stages.setdefault(stage, deque(maxlen=RECENT)).append(1000 * seconds)
@@ -58,20 +69,50 @@ class Stats:
     def notice(self, text: str) -> None:
         """Something went wrong without stopping the show; the most recent lines are kept."""
         self.notices.append(text)
+        self._events.append((time.time(), text))
         del self.notices[:-MOST_NOTICES]
 
     def latest_notices(self) -> list[str]:
         return self.notices[-LATEST_NOTICES:]
 
-    def shown(self, at_s: float, due_s: float) -> None:
-        """A frame that was due at clock time `due_s` stands on the screen at `at_s`."""
+    def events(self) -> list[dict[str, Any]]:
+        """The latest notices with their times, seconds since 1970."""
+        return [{"time": round(at, 3), "text": text} for at, text in self._events]
+
+    def drop(self, frames: int, at_s: float) -> None:
+        """Frames were left out, up to clock time `at_s`."""
+        self.dropped += frames
+        self._recall(at_s, dropped=frames)
+
+    def recent(self, now_s: float) -> dict[str, Any]:
+        """Frames shown, late and dropped in the last RECENT_S; a frame is late once the next one is due."""
+        self._forget(now_s)
+        sums = {name: sum(counts[name] for _, counts in self._recent) for name in ("shown", "late", "dropped")}
+        return {"seconds": RECENT_S, **sums}
+
+    def _recall(self, at_s: float, **counts: int) -> None:
+        self._recent.append((at_s, {"shown": 0, "late": 0, "dropped": 0} | counts))
+        self._forget(at_s)
+
+    def _forget(self, now_s: float) -> None:
+        while self._recent and self._recent[0][0] < now_s - RECENT_S:
+            self._recent.popleft()
+
+    def shown(self, at_s: float, due_s: float, duration_s: float = math.inf) -> None:
+        """A frame stands on the screen at clock time `at_s`, due at `due_s`; the next one is due `duration_s` later."""
+        self._recall(at_s, shown=1, late=int(at_s - due_s > duration_s))
         late_s = at_s - due_s
-        self.add("late", late_s)
+        self.add("change" if self._changing else "late", late_s)
+        self._changing = max(self._changing - 1, 0)
         self._late_counts[int(np.searchsorted(LATE_EDGES_MS, 1000 * late_s, side="right"))] += 1
         if self._last_late_s is not None:
             self.add("judder", abs(late_s - self._last_late_s))
         self._last_late_s = late_s
         self._shown_at.append(at_s)
+
+    def changed(self) -> None:
+        """The next frame follows the last one of another medium."""
+        self._changing = CHANGE
 
     def interrupted(self) -> None:
         """Pause, a seek or another medium: the next frame's interval is not the one before's."""
@@ -100,10 +141,10 @@ class Stats:
         return float(np.percentile(self._stages[stage], percent)) if stage in self._stages else 0.0
 
     def to_dict(self) -> dict[str, Any]:
-        """Counts, facts, and median and 95th percentile of every stage in milliseconds."""
+        """Counts, facts, and PERCENTILES of every stage in milliseconds."""
         stages = {
-            f"{stage}_ms": {"median": float(np.median(values)), "p95": float(np.percentile(values, 95))}
-            for stage, values in self._stages.items()
+            f"{stage}_ms": {name: self.percentile_ms(stage, percent) for name, percent in PERCENTILES.items()}
+            for stage in self._stages
         }
         late = {"late_frames": dict(zip(LATE_LABELS, self._late_counts, strict=True))} if self._shown_at else {}
         counts = {"frames": self.frames, "dropped": self.dropped, "stalled_s": round(self.stalled_s, 3)}

@@ -8,6 +8,7 @@ from counterlight.pipeline.refinement import Certificate
 from counterlight.show.session import Session
 from counterlight.show.stats import DRAWING, LATE_LABELS, STAGES
 
+NAMES = {"gpu": "draw"}  # the key of --stats has the name of what draws on most machines
 BARE = {"map": "the map's picture", "direct": "direct mapping"}
 
 
@@ -24,9 +25,9 @@ def stats_page(session: Session, message: str) -> Page:
         f"medium\t{Path(info.path).name}, {size}, {info.codec}, {info.frames_per_second:.3g} fps",
         f"position\t{position(session)}, medium {session.programme.on + 1} of {len(session.playlist.media)}",
         f"view\t{session.view}, compensation {compensation}, {screen}",
-        f"frames\t{stats.frames} shown at {stats.frames_per_second:.1f} fps, {stats.dropped} dropped"
+        f"frames\t{stats.frames} shown at {_rates(session)}, {stats.dropped} dropped"
         + (f", {stats.stalled_s:.1f} s stood still for the decoder" if stats.stalled_s else ""),
-        "time\t" + ", ".join(f"{stage} {stats.median_ms(stage):.1f} ms" for stage in STAGES),
+        "time\t" + ", ".join(f"{NAMES.get(stage, stage)} {stats.median_ms(stage):.1f} ms" for stage in STAGES),
         *_drawing(session),
         f"GPU path\t{session.renderer.path}",
         *_refinement(session, certificate),
@@ -50,7 +51,9 @@ def _refinement(session: Session, certificate: Certificate | None) -> list[str]:
     governor, found = session.governor, session.appraisal.shortfall
     wanted = {"budget": governor.budget, "within": governor.within}
     limits = "".join(f", {name} {value:g}" for name, value in wanted.items() if value != "no")
-    steps = f"{session.steps} steps from {governor.start}" if session.steps else f"no step, {BARE[governor.bare]}"
+    steps = (
+        f"{session.steps_made} steps from {governor.start}" if session.steps_made else f"no step, {BARE[governor.bare]}"
+    )
     lines = [f"refinement\t{steps}{limits}"]
     if found is not None:
         took_ms = governor.took_ms(found.further)
@@ -79,9 +82,15 @@ def status_line(session: Session) -> str:
     """What a terminal says while a medium plays."""
     stats = session.stats
     listed = f"[{session.programme.on + 1}/{len(session.playlist.media)}] " if len(session.playlist.media) > 1 else ""
-    refined = f", {session.steps} steps" if session.compensation and session.steps else ""
+    refined = f", {session.steps_made} steps" if session.steps_made else ""
     dropped = f", {stats.dropped} dropped" if stats.dropped else ""
-    return f"{listed}{position(session)}, {stats.frames_per_second:.1f} fps{refined}{dropped}"
+    return f"{listed}{position(session)}, {_rates(session)}{refined}{dropped}"
+
+
+def _rates(session: Session) -> str:
+    """`24.8 of 25 fps`."""
+    requested, shown = session.rates
+    return f"{shown:.1f} of {requested:.3g} fps"
 
 
 def facts(session: Session) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """The page of --remote in a real browser: it shows the show, its controls work, and it finds the player again."""
 
 import os
+import shutil
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,6 +15,10 @@ from tests.programs import PATIENCE_S, wait_until
 from tests.web_remote import Place, child, show_with_remote
 
 DESKTOP, PHONE = (1280, 900), (390, 844)
+HANDLES, SLIDERS, BOXES = (
+    f"[...document.querySelectorAll('{what}')].map(each => each.getBoundingClientRect())"
+    for what in ("#handles i", ".number input", "button, input, select, #handles i")
+)
 
 
 @pytest.fixture(scope="module")
@@ -38,9 +43,9 @@ def test_a_show_is_seen_and_commanded(tabs: Callable[[], Page], xvfb: str, small
     ):
         page = opened(tabs, place)
         assert page.ask("document.title") == "clip.mkv"
-        assert page.ask("[...document.querySelectorAll('#playlist button')].map(each => each.textContent)") == [
-            "clip.mkv"
-        ]
+        assert page.ask(
+            "[...document.querySelectorAll('#playlist button:not(.remove)')].map(each => each.textContent)"
+        ) == ["clip.mkv"]
         assert page.ask("document.querySelector('#preview').naturalWidth") == 40  # the camera's view
         page.click("[data-preview=screen]")
         page.wait("document.querySelector('#preview').naturalWidth === 36")
@@ -69,6 +74,50 @@ def test_a_show_is_seen_and_commanded(tabs: Callable[[], Page], xvfb: str, small
         page.click("#check")
         page.wait("document.querySelector('#message').textContent.includes('--check-with')")
         assert page.complaints == []
+
+
+def test_a_list_is_edited_by_hand(tabs: Callable[[], Page], xvfb: str, small_room: Path, folder: Path) -> None:
+    """A file is found in its folder and added, dragged to the front, and removed again."""
+    shutil.copy(folder / "clip.mkv", folder / "other.mkv")
+    with (
+        show_with_remote(xvfb, folder, small_room, "clip.mkv", "--loop") as (process, place),
+        place.visit() as visitor,
+    ):
+        page = opened(tabs, place)
+
+        def listed(*names: str) -> None:
+            wait_until(lambda: [Path(path).name for path in visitor.get("playlist")] == [*names], str(names), process)
+            shown = (
+                "[...document.querySelectorAll('#playlist button:not(.remove)')].map(each => each.textContent).join()"
+            )
+            page.wait(f"{shown} === '{','.join(names)}'")
+
+        page.click("#browse")
+        page.wait("document.querySelector('#files li button') !== null")
+        page.click("#files li button")
+        page.wait("document.querySelector('#files [title$=\"other.mkv\"]') !== null")
+        page.ask("document.querySelector('#files li:has([title$=\"other.mkv\"])').lastChild.click()")
+        page.click("#close-browser")
+        listed("clip.mkv", "other.mkv")
+        x, y = page.middle("#playlist li:last-child .grip")
+        page.drag((x, y), (x, y - 10), (x, page.middle("#playlist li .grip")[1] - 12))
+        listed("other.mkv", "clip.mkv")
+        page.click("#playlist .remove")
+        listed("clip.mkv")
+        assert page.complaints == []
+
+
+def test_what_fingers_touch_is_large_enough(
+    tabs: Callable[[], Page], xvfb: str, small_room: Path, folder: Path
+) -> None:
+    with show_with_remote(xvfb, folder, small_room, "clip.mkv", "--loop") as (_, place):
+        page = opened(tabs, place)
+        page.size(*PHONE, phone=True)
+        page.click("[data-run=place]")
+        page.wait("document.querySelector('#frame').classList.contains('placing')")
+        assert page.ask(f"{BOXES}.filter(box => box.width && Math.min(box.width, box.height) < 43.9).length") == 0
+        assert page.ask(f"{HANDLES}.filter(box => box.left < 0 || box.right > innerWidth).length") == 0
+        assert page.ask(f"{SLIDERS}.filter(box => box.width && box.width < 200).length") == 0
 
 
 def test_projectors_are_switched(tabs: Callable[[], Page], xvfb: str, small_room: Path, folder: Path) -> None:

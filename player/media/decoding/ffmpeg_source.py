@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import av
 from av.codec.hwaccel import HWAccel
@@ -24,6 +25,7 @@ from counterlight.media.decoding.pixels import (
     unpack,
 )
 from counterlight.media.decoding.source import TIME_SLACK_S, Decoded, Sequence, is_wanted
+from counterlight.media.decoding.tiff import known_tags
 from counterlight.media.frames import MediaInfo
 from counterlight.media.medium import Medium
 
@@ -251,6 +253,8 @@ class FfmpegSource:
                 if self._picture and self._codec == "mjpeg" and packet.size and not _jpeg_ends(bytes(packet)):
                     self._tolerate(self._damaged(count, "the JPEG ends before its end marker"))
                     continue
+                if self._codec == "tiff" and packet.size:
+                    packet = _with(packet, known_tags(bytes(packet)))
                 for frame in self._decode(packet, None if resume else count):
                     count += 1
                     yield frame
@@ -349,3 +353,12 @@ def _failing(error: InputError) -> Iterator[Decoded]:
 
 def _throw(error: InputError) -> Decoded:
     raise error
+
+
+def _with(packet: "av.Packet[av.VideoStream]", data: bytes) -> "av.Packet[av.VideoStream]":
+    """A packet of the same stream and times with other bytes."""
+    other: Any = av.Packet(data)
+    other.stream, other.pts, other.dts, other.time_base = packet.stream, packet.pts, packet.dts, packet.time_base
+    other.duration = packet.duration
+    made: av.Packet[av.VideoStream] = other
+    return made

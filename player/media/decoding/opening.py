@@ -70,6 +70,8 @@ def reason(error: BaseException) -> str:
     """FFmpeg's words without the path and the errno, in one line."""
     if isinstance(error, av.ArgumentError):
         return "a list of other media, or of a kind that is not read"
+    if isinstance(error, av.ExitError):  # FFmpeg says "Immediate exit requested" where its time is up
+        return "no answer in time"
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return " ".join(str(text).split()).rstrip(".")
 

@@ -2,8 +2,8 @@
 // The remote of a show. Requests and properties are those of the control socket (docs/unattended.md); which controls
 // there are stands in the page, what each takes is told by the player.
 
-const PICTURE_MS = 250, DRAG_MS = 80, RETRY_MS = 1500, WINDOW_S = 10, REACH_PX = 34;
-const LATE = ["<1", "2", "4", "8", "16", "32", "64", ">64", "drop"], ON_TIME = 5; // labels in ms; the first five are on time
+const PICTURE_MS = 250, DRAG_MS = 80, RETRY_MS = 1500, WINDOW_S = 10, REACH_PX = 44;
+const LATE = ["<1", "2", "4", "8", "16", "32", "64", ">64", "drop"]; // labels in ms
 
 const $ = (id) => document.getElementById(id);
 const make = (tag, settings = {}, ...children) => {
@@ -23,7 +23,7 @@ function connect() {
   if (!token) return ask("");
   let opened = false;
   socket = new WebSocket(location.origin.replace(/^http/, "ws") + "/socket", ["counterlight", token]);
-  socket.onopen = () => { opened = true; over = false; document.body.classList.remove("away"); };
+  socket.onopen = () => { opened = true; over = false; say(""); document.body.classList.remove("away"); };
   socket.onmessage = (message) => hear(JSON.parse(message.data));
   socket.onclose = () => {
     document.body.classList.add("away");
@@ -178,14 +178,60 @@ watch("playlist-playing-pos", () => listMedia(values.playlist || []));
 $("pause").onclick = () => set("pause", !values.pause);
 
 const MOST_LISTED = 500;
+let lifted = null; // position of the medium that is dragged
 function listMedia(media) {
+  if (lifted !== null) return; // until it is dropped
   const first = Math.max(0, Math.min((values["playlist-playing-pos"] || 0) - MOST_LISTED / 2, media.length - MOST_LISTED));
   $("playlist").replaceChildren(...media.slice(first, first + MOST_LISTED).map((path, index) => {
     const button = make("button", { textContent: base(path), title: path, onclick: () => set("playlist-pos", first + index) });
-    button.setAttribute("aria-current", first + index === values["playlist-playing-pos"]);
-    return make("li", {}, button);
+    const place = first + index, grip = make("span", { className: "grip", title: "Drag to move" });
+    button.setAttribute("aria-current", place === values["playlist-playing-pos"]);
+    const remove = make("button", { className: "remove", textContent: "×", title: "Remove", onclick: () => run("playlist-remove", place) });
+    remove.setAttribute("aria-label", `Remove ${base(path)}`);
+    const row = make("li", {}, grip, button, remove);
+    grip.onpointerdown = (event) => { lifted = place; row.classList.add("lifted"); grip.setPointerCapture(event.pointerId); event.preventDefault(); };
+    grip.onpointermove = (event) => { if (lifted !== null) dropAt(event.clientY); };
+    grip.onpointerup = grip.onpointercancel = (event) => {
+      if (lifted === null) return;
+      const [from, to] = [lifted, first + dropAt(event.clientY)];
+      lifted = null;
+      if (event.type === "pointerup" && to !== from && to !== from + 1) run("playlist-move", from, to);
+      listMedia(values.playlist || []);
+    };
+    return row;
   }));
 }
+
+// The row before which a lifted medium would be dropped, marked.
+function dropAt(y) {
+  const rows = [...$("playlist").children];
+  const below = rows.findIndex((row) => { const box = row.getBoundingClientRect(); return y < box.top + box.height / 2; });
+  const at = below < 0 ? rows.length : below;
+  rows.forEach((row, index) => {
+    row.classList.toggle("before", index === at);
+    row.classList.toggle("after", at === rows.length && index === at - 1);
+  });
+  return at;
+}
+
+// Files below the folders that the player may play from
+
+async function browse(folder, above) {
+  const { data } = await run("browse", ...(folder ? [folder] : []));
+  if (!data) return;
+  $("folder").textContent = folder || "Folders";
+  const up = above ? [entry("‹ Back", () => browse(...above))] : [];
+  const folders = data.folders.map((path) => entry(`${folder ? base(path) : path} ›`, () => browse(path, [folder, above])));
+  const files = data.files.map((path) => make("li", {},
+    make("button", { textContent: base(path), title: `Play ${path}`, onclick: () => run("loadfile", path, "replace") }),
+    make("button", { textContent: "Next", title: "Play after the present medium", onclick: () => run("loadfile", path, "insert-next") }),
+    make("button", { textContent: "Add", title: "Put at the end of the list", onclick: () => run("loadfile", path, "append") })));
+  $("files").replaceChildren(...up, ...folders, ...files);
+  if (!$("browser").open) $("browser").showModal();
+}
+const entry = (textContent, onclick) => make("li", {}, make("button", { textContent, onclick }));
+$("browse").onclick = () => browse("");
+$("close-browser").onclick = () => $("browser").close();
 
 $("load").onsubmit = (event) => {
   event.preventDefault();
@@ -300,8 +346,9 @@ function weigh() {
   if (past.length && counts.some((count, index) => count < past[0].counts[index])) past = []; // another player
   past = [...past.filter(({ at }) => now - at < WINDOW_S), { at: now, counts }];
   const recent = counts.map((count, index) => count - past[0].counts[index]);
-  const all = recent.reduce((a, b) => a + b, 0), behind = recent.slice(ON_TIME).reduce((a, b) => a + b, 0);
-  const share = all ? behind / all : 0, still = !all;
+  const told = values.recent || { shown: 0, late: 0, dropped: 0, requested: 0, fps: 0 };
+  const all = told.shown + told.dropped, behind = told.late + told.dropped;
+  const share = all ? behind / all : 0, still = !told.requested;
   if (!document.body.classList.contains("away")) {
     badge(values.pause ? "paused" : still ? "still" : share < 0.02 ? "on time" : share < 0.2 ? "late at times" : "too slow",
       values.pause || still ? "" : share < 0.02 ? "good" : share < 0.2 ? "fair" : "bad");
@@ -313,16 +360,16 @@ function weigh() {
     return make("div", { title: `${count} frames` }, bar, LATE[index]);
   }));
   $("late").ariaLabel = `Frames of the last ${WINDOW_S} s by how many milliseconds late they were: ${recent.join(", ")}`;
-  tellFacts(recent.at(-1), behind, all);
+  tellFacts(told, behind, all);
 }
 
-function tellFacts(dropped, behind, all) {
+function tellFacts(told, behind, all) {
   const drift = values.drift, monitor = values.monitor;
   const rows = {
-    Rate: `${(values.fps || 0).toFixed(1)} frames a second`,
+    Rate: told.requested ? `${told.fps.toFixed(1)} of ${Number(told.requested.toPrecision(3))} frames per second` : "no frame is due",
     Frames: `${values.frames} shown, ${values.dropped} dropped`,
-    "Last 10 s": `${all ? Math.round(100 * behind / all) : 0} % late or dropped (${dropped} dropped)`,
-    Steps: `${values.refine}`,
+    "Last 10 s": `${all ? Math.round(100 * behind / all) : 0} % late or dropped (${told.dropped} dropped)`,
+    Steps: `${values.steps}`,
     Monitor: `${monitor}${values.fullscreen ? ", full screen" : ", in a window"}`,
     Drift: values.checking ? "the room is being checked" : drift ? driftText(drift) : "nobody has checked the room",
   };
@@ -348,11 +395,10 @@ watch("projectors", (lamps) => {
   }));
 });
 
-const heard = new Map(); // a line of the log, and when this page saw it first
-watch("notices", (lines) => {
-  $("log").replaceChildren(...[...(lines || [])].reverse().map((line) => {
-    if (!heard.has(line)) heard.set(line, new Date().toLocaleTimeString());
-    return make("li", {}, make("time", { textContent: heard.get(line) }), line);
+watch("events", (events) => {
+  $("log").replaceChildren(...[...(events || [])].reverse().map(({ time, text }) => {
+    const at = new Date(1000 * time);
+    return make("li", {}, make("time", { dateTime: at.toISOString(), textContent: at.toLocaleTimeString() }), text);
   }));
 });
 

@@ -1,0 +1,78 @@
+"""Changes of media in a window: how late the frames next to a change are, with those between changes for comparison."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from itertools import product
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import av
+import numpy as np
+
+from tests.programs import on, succeed
+from tests.screens import one_screen
+
+RATES, SIZES = (25, 50, 60), ((192, 256), (180, 320))  # frames per second; the sizes alternate: formats change
+SECONDS, ROUNDS, BAD = 4, 2, 2  # of each medium; media of each size; files without a picture before each medium
+BUSY = "while True: pass"
+SCREEN = 1280, 1024
+REFRESH_MS = 1000 / 60
+
+
+def change() -> Iterator[str]:
+    """Frames late at a change of media, 256x192 at 25, 50 and 60 fps, bad media between, idle and busy."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        succeed("simulate", "wall", "--projector", "256x192", "--camera", "256x192", "-o", folder / "room")
+        succeed("build", folder / "room")
+        with one_screen(folder, SCREEN) as display:
+            for rate, loops in product(RATES, (0, 2)):
+                with ExitStack() as stack:
+                    for _ in range(loops):
+                        busy = stack.enter_context(subprocess.Popen([sys.executable, "-c", BUSY]))
+                        stack.callback(busy.kill)
+                    yield line(rate, loops, played(folder, display, rate))
+
+
+def played(folder: Path, display: str, rate: int) -> dict[str, dict[str, float]]:
+    """What `--stats` says of a playlist."""
+    media: list[Path] = []
+    for number, size in enumerate(SIZES * ROUNDS):
+        for bad in range(BAD if number else 0):
+            media.append(folder / f"bad{bad}.mkv")
+            media[-1].write_bytes(b"no film")
+        media.append(folder / f"{size[1]}x{size[0]}-{rate}.mkv")
+        if not media[-1].exists():
+            write_clip(media[-1], size, rate)
+    stats = folder / "stats.json"
+    quiet = "--no-config", "--no-audio", "--osd", "off", "--no-vsync"
+    succeed("play", folder / "room", *media, *quiet, "--stats", stats, **on(display))
+    return dict(json.loads(stats.read_text()))
+
+
+def line(rate: int, loops: int, found: dict[str, dict[str, float]]) -> str:
+    late, at_change = found["late_ms"], found["change_ms"]
+    allowed = late["p99"] + REFRESH_MS
+    verdict = "in time" if at_change["max"] <= allowed else "late"
+    return (
+        f"{rate} fps, {loops} busy loops: at changes at most {at_change['max']:.1f} ms late (median "
+        f"{at_change['median']:.1f}); between them 99 % below {late['p99']:.1f} (median {late['median']:.1f}, "
+        f"at most {late['max']:.1f}); {found['dropped']} dropped: {verdict}"
+    )
+
+
+def write_clip(path: Path, size: tuple[int, int], rate: int) -> None:
+    """A bright bar that moves, H.264."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=rate, options={"preset": "veryfast"})
+        assert isinstance(stream, av.VideoStream)
+        stream.height, stream.width = size
+        stream.pix_fmt = "yuv420p"
+        for index in range(rate * SECONDS):
+            picture = np.full((*size, 3), 60, np.uint8)
+            picture[:, 2 * index % size[1] :][:, :20] = 220
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode(None))
