@@ -109,6 +109,7 @@ def test_every_documented_key(xvfb: str, small_room: Path, folder: Path) -> None
             if key not in ("q", "k"):
                 now = reach(key, arrival(words))
         assert list(folder.glob("counterlight-*.png"))
+        now = reach("escape", lambda before, after: not after["help"])  # which ? has opened
         for key, words, *_ in table("Keys", 1):
             if not now["placing"]:
                 now = reach("k", arrival("place"))
