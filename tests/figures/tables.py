@@ -133,7 +133,7 @@ TABLES = (
     explained("skull", "--camera 240x320 --projector 192x192", 2, "2"),
     table("docs/simulation.md", "python -m tests.studies.worth", 9, "scene | camera", ("CPU s whole, with these",)),
     table("docs/rig.md", "python -m tests.studies.optimum", 25, "room | direct mapping | optimum"),
-    rigged("--fault known crosstalk home wheel drift", 15, f"{RIG} | inside (optimum), dB | blurred"),
+    rigged("--fault known home drift", 10, f"{RIG} | inside (optimum), dB | blurred"),
     rigged(f"--room wall --fault {' '.join(ALONE)}", 8, f"{RIG} | inside (optimum), dB | ΔE"),
     rigged("--quick --fault segment", 2, f"{RIG} | blurred"),
     table("docs/acquisition.md", "python -m tests.studies.pictures_first --fault known", 60, "room | fault"),

@@ -35,7 +35,7 @@ def _row(verdicts: Sequence[Verdict]) -> dict[str, str]:
     means = {name: float(np.mean([figures[name] for figures in every if name in figures])) for name in every[0]}
     row = _named(verdicts[0])
     row |= {heading: form.format_map(means) for heading, form in COLUMNS.items()}
-    row["after one check, dB"] = f"{means['checked_psnr']:.1f}" if "checked_psnr" in means else ""
+    row["inside after one check, dB"] = f"{means['checked_inside']:.1f}" if "checked_inside" in means else ""
     for verdict, figures in zip(verdicts, every, strict=True):
         if verdict.by_steps:
             counts = ", ".join(map(str, verdict.by_steps))
