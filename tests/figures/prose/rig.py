@@ -57,7 +57,7 @@ PROSE = (
             lambda t: [fallen(t, r"\| (?!drift)\w+$", column) for column in SHOWN],
         ),
         (
-            "after a drift and one check, {} dB are missing on the wall, {} in the corner, {} behind glass and {} out of focus",
+            "one check, {} dB are missing on the wall, {} in the corner, {} behind glass and {} out of focus",
             lambda t: [before - after for before, after in (checked(t, room) for room in ROOMS)],
         ),
         ("A pixel costs {} to {} dB", by_drift),
