@@ -316,6 +316,8 @@ def test_options_draw_the_border(media: Path, tmp_path: Path) -> None:
     (media / "list.m3u").write_text("udp://127.0.0.1:5004\nclip.mkv\n")
     config = tmp_path / "player.toml"
     config.write_text(f'media-root = ["{tmp_path / "a"}", "{tmp_path / "b"}"]\nallow-live = true\n')
+    for name in "ab":
+        (tmp_path / name).mkdir()
     options = read_options(["room", str(media / "list.m3u"), "--config", str(config)], "")
     roots = str(tmp_path / "a"), str(tmp_path / "b"), str(media)
     assert options.border == Border(roots, True, frozenset())

@@ -367,8 +367,10 @@ class Programme:
             self._notice(str(error))
             self._open()
         elif self._began_s > float("-inf") and not self._begins_again():
-            self._notice(str(error))
-            self.failure = error if self._keep() == "no" and not self._lasting() else None
+            if self._keep() == "no" and not self._lasting():
+                self.failure = error
+            else:
+                self._notice(str(error))
             self._go_on()
         elif self._lasting():
             wait_s = min(RETRY_S * 2 ** min(self._rounds, 10), LONGEST_RETRY_S)
