@@ -95,7 +95,8 @@ def _on_the_processor(room: Room) -> Renderer:
 
 def compile_passes() -> None:
     """Have the passes of `--backend cpu` compiled, for this process and those that come, where that can be kept."""
-    from counterlight.pipeline import compiled  # Numba takes half a second: not before it is used
+    # Numba takes half a second: not before it is used. cpu_renderer imports every module that has passes.
+    from counterlight.pipeline import compiled, cpu_renderer  # noqa: F401
 
     how = "once" if compiled.is_kept() else "at every start, since no folder can be written (set NUMBA_CACHE_DIR)"
     said = None
