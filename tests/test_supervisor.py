@@ -118,7 +118,7 @@ class Show:
         """Whether what is shown is the program that shows nothing but black."""
         commands = [Path(f"/proc/{child}/cmdline") for child in descendants(self.process.pid)]
         with contextlib.suppress(OSError):
-            return any(b"counterlight.gl.black" in command.read_bytes() for command in commands)
+            return any(b"counterlight.gl.curtain" in command.read_bytes() for command in commands)
         return False
 
     def ended(self) -> tuple[int, str]:
