@@ -245,7 +245,7 @@ class Supervisor:
             else:
                 with Inbox() as inbox:
                     code = self._play(inbox)
-            if self._turns():
+            if self._turns() or code is None:
                 continue
             if self._has_ended(code):
                 self._rest(BACK_OFF_S)
@@ -271,11 +271,11 @@ class Supervisor:
             time.sleep(_POLL_S)
         return DONE if self._signal is None else INTERRUPTED
 
-    def _play(self, inbox: Inbox) -> int:
-        """Run one player to its end; its exit code, negative for a signal."""
+    def _play(self, inbox: Inbox) -> int | None:
+        """Run one player to its end; its exit code, negative for a signal; None if its hours ended, and may be back."""
         self._curtain.keep(up=self._below)
         child = Child(self._players[self._level](self._place.options()), inbox)
-        passed_on = False
+        passed_on = turned = False
         try:
             while child.process.poll() is None:
                 self._hear(child)
@@ -284,6 +284,7 @@ class Supervisor:
                     child.end(self._signal)
                     passed_on = True
                 elif (self._again or self._is_time() != self._open) and not child.ending:
+                    turned = not self._again
                     child.end(signal.SIGTERM)
                 elif child.hangs:
                     _say("the player hangs: ended")
@@ -294,7 +295,7 @@ class Supervisor:
             child.kill()
             child.process.wait()
             _end_orphans(but=self._curtain.pid)
-        return INTERRUPTED if passed_on else child.process.returncode
+        return INTERRUPTED if passed_on else None if turned else child.process.returncode
 
     def _hear(self, child: Child) -> None:
         told = child.listen()
