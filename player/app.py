@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from counterlight.calibration import check_order
+from counterlight.calibration import Device, check_order, read_projectors
 from counterlight.command import run, tell
 from counterlight.errors import InputError
 from counterlight.media.audio import open_audio
@@ -64,9 +64,14 @@ def _main(argv: Sequence[str] | None) -> int | None:
             raise InputError("--supervise keeps a window running; leave out --output")
         arguments = sys.argv[1:] if argv is None else argv
         schedule = None if options.schedule is None else ScheduleFile(options.schedule)
-        notify = os.environ.get("NOTIFY_SOCKET")
-        monitors = monitors_of(options)
-        return supervise(arguments, safe=options.safe, monitors=monitors, notify_socket=notify, schedule=schedule)
+        return supervise(
+            arguments,
+            safe=options.safe,
+            monitors=_monitors_of_room(options),
+            fullscreen=options.fullscreen,
+            notify_socket=os.environ.get("NOTIFY_SOCKET"),
+            schedule=schedule,
+        )
     if options.schedule is not None and not options.supervised and options.output is None:
         raise InputError("--schedule is kept by the supervisor; add --supervise")
     _show(options)
@@ -194,16 +199,29 @@ def _check_window(options: argparse.Namespace) -> None:
         raise InputError(f"{options.screenshot_directory}: no such folder for --screenshot-directory; make it first")
 
 
+def _monitors(options: argparse.Namespace, projectors: Sequence[Device]) -> list[str]:
+    """Name or number of each projector's monitor."""
+    names = [projector.monitor or str(number) for number, projector in enumerate(projectors)]
+    return monitors_of(options) or names
+
+
+def _monitors_of_room(options: argparse.Namespace) -> list[str]:
+    """The same for a room that is not read; those that are named if it cannot be read, which the player will say."""
+    try:
+        return _monitors(options, () if options.calibration is None else read_projectors(options.calibration))
+    except InputError:
+        return monitors_of(options)
+
+
 def _display(options: argparse.Namespace, room: Room) -> AbstractContextManager["Window | Displays"]:
     """A window for each projector."""
     from counterlight.gl.displays import open_display
 
-    named, projectors = monitors_of(options), room.calibration.projectors
     return open_display(
         room.calibration.regions,
         "Counterlight",
-        monitors=named or [projector.monitor or str(number) for number, projector in enumerate(projectors)],
-        there=bool(named),
+        monitors=_monitors(options, room.calibration.projectors),
+        there=bool(monitors_of(options)),
         fullscreen=options.fullscreen,
         exact=not options.any_size,
         vsync=options.vsync,

@@ -251,7 +251,7 @@ def _read(folder: Path) -> StoredCalibration:
     content = read_bytes(path, MAX_TOML_BYTES, REBUILD)
     table = Table(parse_toml(content, path, REBUILD), f"{path}", REBUILD)
     table.format(FORMAT)
-    projectors = tuple(_read_projector(entry) for entry in table.tables("projectors", MOST_PROJECTORS))
+    projectors = _read_projectors(table)
     files = DescribedFiles(folder, table.table("files").values, REBUILD)
     camera, screen = _read_cameras(table, files)
     name, provenance = table.text("name", folder.name), table.text("provenance", "", LONGEST_PROVENANCE)
@@ -262,6 +262,17 @@ def _read(folder: Path) -> StoredCalibration:
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     return StoredCalibration(folder, calibration, hashlib.sha256(content).hexdigest(), files)
+
+
+def read_projectors(folder: Path) -> tuple[Device, ...]:
+    """The projectors of a calibration, or of a set of views, without the pictures; InputError for what is damaged."""
+    path = (folder / viewpoints.FOLDER / "1" if viewpoints.is_set(folder) else folder) / TOML
+    table = Table(parse_toml(read_bytes(path, MAX_TOML_BYTES, REBUILD), path, REBUILD), f"{path}", REBUILD)
+    return _read_projectors(table)
+
+
+def _read_projectors(table: Table) -> tuple[Device, ...]:
+    return tuple(_read_projector(entry) for entry in table.tables("projectors", MOST_PROJECTORS))
 
 
 def check_order(room: Path, others: Iterable[Path | str | None]) -> None:

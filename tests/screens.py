@@ -59,15 +59,22 @@ def one_screen(folder: Path, size: tuple[int, int] = (1280, 720), display: str =
 
 
 @contextmanager
-def two_monitors(folder: Path) -> Iterator[str]:
-    """Run Xorg with DUMMY0 1280x720 at 0,0 (primary) and DUMMY1 1024x768 at 1280,0; yields its DISPLAY."""
+def two_monitors(folder: Path, second: tuple[int, int] = (1024, 768)) -> Iterator[str]:
+    """Run Xorg with DUMMY0 1280x720 at 0,0 (primary) and DUMMY1 at 1280,0; yields its DISPLAY.
+
+    second : (width, height) of DUMMY1.
+    """
     config = folder / "two-monitors.conf"
     config.write_text(TWO_MONITORS)
     command = ["Xorg", "-config", str(config), "-logfile", str(folder / "xorg.0.log")]
     with _server(command, folder / "xorg.log") as display:
         _xrandr(display, "--output", "DUMMY0", "--mode", "1280x720", "--pos", "0x0", "--primary")
-        _xrandr(display, "--addmode", "DUMMY1", "1024x768")
-        _xrandr(display, "--output", "DUMMY1", "--mode", "1024x768", "--pos", "1280x0")
+        width, height = second
+        mode, lines = f"{width}x{height}", (width, width, width, width, height, height, height, height)
+        if second != (1024, 768):  # which the server knows
+            _xrandr(display, "--newmode", mode, "25", *(str(line + 8 * (n % 4)) for n, line in enumerate(lines)))
+        _xrandr(display, "--addmode", "DUMMY1", mode)
+        _xrandr(display, "--output", "DUMMY1", "--mode", mode, "--pos", "1280x0")
         _xrandr(display)  # a full query: GLFW reads the server's cached list, which has one monitor without it
         yield display
 

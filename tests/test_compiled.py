@@ -285,6 +285,22 @@ def test_what_was_prepared_is_what_a_call_finds(monkeypatch: pytest.MonkeyPatch,
     assert not late.stats.cache_misses
 
 
+KNOWN = """
+from counterlight.pipeline import compiled
+from counterlight.show import headless
+compiled.prepare = lambda compiling: known.append(len(compiled.KERNELS))
+known = []
+headless.compile_passes()
+import counterlight.pipeline.cpu_renderer
+print(known == [len(compiled.KERNELS)])
+"""
+
+
+def test_every_pass_is_compiled_before_the_first_frame() -> None:
+    """A supervisor would end a player that compiles instead of beating, before what it compiled is kept."""
+    assert python("-c", KNOWN) == "True\n"
+
+
 @pytest.mark.parametrize(("kept_in", "how"), [("a folder", "once"), (None, "at every start, since no folder")])
 def test_compiling_is_said_only_where_something_is_compiled(
     kept_in: str | None, how: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]

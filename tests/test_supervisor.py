@@ -7,6 +7,7 @@ import os
 import signal
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -118,7 +119,7 @@ class Show:
         """Whether what is shown is the program that shows nothing but black."""
         commands = [Path(f"/proc/{child}/cmdline") for child in descendants(self.process.pid)]
         with contextlib.suppress(OSError):
-            return any(b"counterlight.gl.black" in command.read_bytes() for command in commands)
+            return any(b"counterlight.gl.curtain" in command.read_bytes() for command in commands)
         return False
 
     def ended(self) -> tuple[int, str]:
@@ -309,6 +310,39 @@ def test_out_of_its_hours_a_show_is_black_and_projectors_are_off(
     assert errors.count("the show begins, by its schedule") == 2
     assert errors.count("the show ends, by its schedule: black") == 1
     assert "crash" not in errors
+
+
+SUPERVISED = """
+import sys
+from pathlib import Path
+from counterlight.unattended.heartbeat import Notifier
+from counterlight.unattended.supervisor import Curtain, Supervisor
+folder = Path(sys.argv[1])
+player, curtain = ["sh", folder / "player"], Curtain(["sleep", "60"])
+plays = lambda: not (folder / "closed").exists()
+sys.exit(Supervisor([lambda resume: player], curtain, Notifier(None), plays, below=False).run())
+"""
+SLOW_TO_END = """
+cd "$(dirname "$0")"
+trap 'touch told; while [ ! -e go ]; do sleep 0.02; done; exit 130' TERM
+echo >> started
+while :; do sleep 0.02; done
+"""
+
+
+def test_hours_that_are_back_before_the_player_has_ended(tmp_path: Path) -> None:
+    """The supervisor took the end that it had asked for as the end of the show."""
+    (tmp_path / "player").write_text(SLOW_TO_END)
+    started = tmp_path / "started"
+    with running(sys.executable, "-c", SUPERVISED, tmp_path) as process:
+        wait_until(started.exists, "a player", process)
+        (tmp_path / "closed").touch()
+        wait_until((tmp_path / "told").exists, "its hours have ended", process)
+        (tmp_path / "closed").unlink()
+        (tmp_path / "go").touch()
+        wait_until(lambda: started.read_text().count("\n") == 2, "another player", process)
+        process.terminate()
+        assert process.wait(PATIENCE_S) == 130
 
 
 def test_a_show_that_has_ended_waits_for_its_next_hours(

@@ -62,6 +62,7 @@ TEST = (
     Part("xserver-xorg-core", partial(runs, "Xorg"), "two monitors in tests"),
     Part("xserver-xorg-video-dummy", has_dummy_screen_driver, "two monitors in tests"),
     Part("x11-xserver-utils", partial(runs, "xrandr"), "two monitors in tests"),
+    *(Part(name, partial(runs, name), "window managers in tests") for name in ("openbox", "metacity", "icewm")),
     Part("chromium", partial(runs, "chromium"), "the remote's page in a browser, in tests"),
     Part("strace", partial(runs, "strace"), "the watch over what a show opens, in tests and make fuzz"),
 )

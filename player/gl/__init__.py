@@ -4,3 +4,21 @@ Holds the passes (one object each, built once, released by its maker), the devic
 OpenGL's flipped rows exist only here. Every shader in `shaders/` has a CPU twin in player/pipeline/reference.py.
 Read next: device.py.
 """
+
+import os as _os
+from importlib.util import find_spec as _find_spec
+from pathlib import Path as _Path
+
+
+def _choose_glfw() -> None:
+    """Have the glfw package load its library for X11, on Wayland as well, where windows can otherwise not be placed.
+
+    The package would choose by the kind of session, and ask a child process for the version (0.05 s).
+    """
+    found = _find_spec("glfw")
+    library = _Path(found.origin).parent / "x11" / "libglfw.so" if found is not None and found.origin else None
+    if library is not None and library.is_file():
+        _os.environ.setdefault("PYGLFW_LIBRARY", str(library))
+
+
+_choose_glfw()

@@ -157,7 +157,6 @@ def open_display(
                 vsync=vsync,
                 goal=goal,
                 sharing=windows[0] if windows else None,
-                hides=len(regions) > 1,
                 bits=bits,
             )
             stack.callback(window.release)

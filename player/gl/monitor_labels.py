@@ -7,13 +7,14 @@ from typing import Any
 import glfw
 import moderngl
 
+from counterlight.gl.filling import Layer, detach, put
 from counterlight.gl.monitors import Monitor
 from counterlight.gl.passes import ScreenPass, Uniform
+from counterlight.gl.x11 import Box
 from counterlight.overlay.osd import Page, draw
 
 LETTERS = (2160, 3840)  # as if the window were this large (height, width): the text is read across a room
 HINTS = {
-    glfw.DECORATED: False,
     glfw.FLOATING: True,
     glfw.FOCUSED: False,
     glfw.FOCUS_ON_SHOW: False,
@@ -52,8 +53,8 @@ class MonitorLabels:
             return
         self._windows.append(window)
         x, y = monitor.x + (monitor.width - width) // 2, monitor.y + (monitor.height - height) // 2
-        glfw.set_window_pos(window, x, y)
-        glfw.show_window(window)
+        detach(window, Layer.LABEL)
+        put(window, Box(x, y, width, height))
         glfw.make_context_current(window)
         _paint(moderngl.create_context(require=330), pixels.tobytes(), pixels.shape[1::-1], (width, height))
         glfw.swap_buffers(window)

@@ -3,17 +3,28 @@
 X11 needs libXrandr at run time: without it GLFW sees one monitor named "Display", whatever is plugged in.
 """
 
+import os
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
 import glfw
 
+from counterlight.command import tell
 from counterlight.errors import InputError
-from counterlight.gl import lost_screen
+from counterlight.gl import lost_screen, x11
+from counterlight.gl.x11 import Box
 
 WITHOUT_SCREEN = "use --output FILE to render without one, or start one with: xvfb-run -a COMMAND"
+WITHOUT_XWAYLAND = (
+    "this Wayland session has no X server; install one (apt-get install xwayland) and log in again, "
+    "choose an X11 session at the login, or use --output FILE"
+)
+MANAGER = "_NET_SUPPORTING_WM_CHECK"
+STARTS_S = 1.0  # a window manager that starts needs milliseconds between the two properties
 
 
 @dataclass(frozen=True)
@@ -30,6 +41,11 @@ class Monitor:
     primary: bool
     bits: int = 8
 
+    @property
+    def box(self) -> Box:
+        """Its place on the desktop."""
+        return Box(self.x, self.y, self.width, self.height)
+
     def __str__(self) -> str:
         primary = (f", {self.bits} bits" if self.bits > 8 else "") + (", primary" if self.primary else "")
         return (
@@ -39,6 +55,7 @@ class Monitor:
 
 def start_glfw() -> None:
     """Start GLFW, or do nothing if it runs; InputError if there is no screen to open a window on."""
+    _check_server()
     with raising():
         try:
             started = glfw.init()
@@ -47,6 +64,26 @@ def start_glfw() -> None:
     if not started:
         raise InputError(f"no screen: GLFW does not start and gives no reason; {WITHOUT_SCREEN}")
     lost_screen.watch()
+
+
+@cache
+def _check_server() -> None:
+    """What must hold before GLFW starts; InputError for a Wayland session without an X server.
+
+    GLFW 3.4 fails in an assertion when it opens a window after the window manager has died, since the root window
+    still has a property that names the manager's window. That property is deleted, as the next manager would do.
+    """
+    if os.environ.get("WAYLAND_DISPLAY") and not os.environ.get("DISPLAY"):
+        raise InputError(f"no screen: {WITHOUT_XWAYLAND}")
+    with x11.connection() as display:
+        if display is None:
+            return
+        root, deadline = x11.root_of(display), time.monotonic() + STARTS_S
+        while (named := x11.numbers(display, root, MANAGER)) and not x11.numbers(display, named[0], MANAGER):
+            if time.monotonic() > deadline:
+                x11.forget(display, root, MANAGER)
+                tell("the window manager has died; going on without one")
+            time.sleep(0.05)
 
 
 def list_monitors() -> list[Monitor]:
@@ -82,14 +119,6 @@ def refuse_shared(monitors: Sequence[Monitor]) -> None:
     for number, monitor in enumerate(monitors):
         if monitor in monitors[:number]:
             raise InputError(f"monitor {monitor.name}: named for two projectors; each has its own")
-
-
-def monitor_handle(monitor: Monitor) -> Any:
-    """GLFW's pointer for a monitor of `list_monitors`; InputError if it has gone since."""
-    handles = glfw.get_monitors()
-    if monitor.index >= len(handles):
-        raise InputError(f"monitor {monitor}: no longer connected; plug it in again")
-    return handles[monitor.index]
 
 
 def after_a_change(

@@ -16,10 +16,10 @@ DOUBLE_CLICK_S, DOUBLE_CLICK_PIXELS = 0.4, 8  # between two presses
 
 
 class Mouse:
-    """key : told of every double click and notch of the wheel (player/show/keys.py)."""
+    """key : told of every double click and notch of the wheel (player/show/keys.py).  press : told of every press."""
 
-    def __init__(self, handle: Any, key: Callable[[str], None]) -> None:
-        self._handle, self._key = handle, key
+    def __init__(self, handle: Any, key: Callable[[str], None], press: Callable[[], None]) -> None:
+        self._handle, self._key, self._press = handle, key, press
         self._pointers: list[Pointer] = []
         self._pressed = False
         self._clicked: tuple[float, tuple[float, float]] = float("-inf"), (0.0, 0.0)
@@ -37,6 +37,8 @@ class Mouse:
             self._point("move")
 
     def _on_button(self, _window: object, button: int, action: int, _modifiers: int) -> None:
+        if action == glfw.PRESS:
+            self._press()
         if button != glfw.MOUSE_BUTTON_LEFT:
             return
         self._pressed = action == glfw.PRESS

@@ -36,7 +36,8 @@ class PatternWindow:
     def show(self, codes: NDArray[np.uint8]) -> None:
         """Show (height, width, 3) code values; returns when the driver has swapped.
 
-        Raises InputError if the window was closed, KeyboardInterrupt if Escape was pressed in it.
+        Raises InputError if the window was closed or does not fill its monitor, KeyboardInterrupt if Escape was pressed
+        in it.
         """
         self._window.make_current()  # another may be open
         self._texture.write(np.ascontiguousarray(codes).tobytes())
@@ -45,6 +46,8 @@ class PatternWindow:
             self._window.context.finish()
         if ESCAPE in self._window.poll(0):
             raise KeyboardInterrupt
+        for notice in self._window.notices():
+            raise InputError(f"{notice}; run the same command again to go on")
         if self._window.closed:
             raise InputError("the window of the patterns was closed; run the same command again to go on")
 

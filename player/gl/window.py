@@ -2,12 +2,14 @@
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Any
 
 import glfw
 import moderngl
 
 from counterlight.errors import InputError
+from counterlight.gl.filling import Filling, Layer, take_keys
 from counterlight.gl.monitor_labels import MonitorLabels
 from counterlight.gl.monitors import (
     Monitor,
@@ -15,12 +17,12 @@ from counterlight.gl.monitors import (
     bits_of_code,
     find_monitor,
     list_monitors,
-    monitor_handle,
     raising,
     start_glfw,
 )
 from counterlight.gl.mouse import Mouse
 from counterlight.gl.presenter import Presenter
+from counterlight.gl.x11 import Box
 from counterlight.overlay.osd import Page
 from counterlight.overlay.pointer import Pointer
 from counterlight.raster import Region
@@ -55,7 +57,6 @@ class Window:
     exact : refuse a full screen whose size is not `shape`, since the correction is pixel by pixel.
     goal : name or number of the monitor that set_fullscreen goes to as long as the window has been on none.
     sharing : a window whose textures this one can show.
-    hides : while its monitor is unplugged, so as not to cover what other windows show.
     bits : of a code value, 8 or 10; None for what the monitor is set to. `bits` then says how many there are.
     """
 
@@ -70,13 +71,13 @@ class Window:
         vsync: bool,
         goal: str = "0",
         sharing: "Window | None" = None,
-        hides: bool = False,
         bits: int | None = None,
     ) -> None:
         start_glfw()
-        self._shape, self._vsync, self._goal, self._hides = shape, vsync, goal, hides
+        self._shape, self._vsync, self._goal = shape, vsync, goal
         self._home = None if monitor is None else monitor.name
-        self._fills = self._at_home = False
+        self._filling: Filling | None = None
+        self._at_home = False
         self._keys: list[str] = []
         self._notices: list[str] = []
         self._labels: MonitorLabels | None = None
@@ -96,7 +97,7 @@ class Window:
         glfw.set_key_callback(self._handle, self._on_key)
         glfw.set_char_callback(self._handle, self._on_character)
         glfw.set_cursor_pos_callback(self._handle, self._on_cursor)
-        self._mouse = Mouse(self._handle, lambda key: self._keys.append(key))
+        self._mouse = Mouse(self._handle, lambda key: self._keys.append(key), self._on_press)
         glfw.set_framebuffer_size_callback(self._handle, self._on_change)
         glfw.set_window_refresh_callback(self._handle, self._on_change)
         glfw.set_monitor_callback(self.on_monitor)
@@ -106,9 +107,10 @@ class Window:
             self._at_home = True
         if fullscreen:
             self.set_fullscreen(True)
-        glfw.show_window(self._handle)
-        glfw.focus_window(self._handle)  # a window that is full screen before it is shown does not get it
-        self._set_vsync()
+        else:
+            glfw.show_window(self._handle)
+            glfw.focus_window(self._handle)
+            self._set_vsync()
 
     def attach(self, picture: Callable[[], moderngl.Texture], drive: Callable[[], bool] = lambda: True) -> None:
         """Say where the rendered view is found; the renderer is made after the window, in its context.
@@ -137,7 +139,7 @@ class Window:
 
     @property
     def fullscreen(self) -> bool:
-        return bool(glfw.get_window_monitor(self._handle))
+        return self._filling is not None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -164,8 +166,11 @@ class Window:
     def take_keys(self) -> list[str]:
         """What has arrived, after the window has done what the time and the monitors ask for."""
         if self._monitors_changed:
-            self._monitors_changed = False
-            self._follow_monitor()
+            with suppress(InputError):  # the server is between two settings: again, at the next call
+                self._follow_monitor()
+                self._monitors_changed = False
+        if self._filling is not None and (complaint := self._filling.keep()) is not None:
+            self._notices.append(complaint)
         if self._labels is not None and self._labels.over:
             self._remove_labels()
         if time.monotonic() - self._cursor_moved_at > CURSOR_S:
@@ -226,30 +231,30 @@ class Window:
 
     def set_fullscreen(self, on: bool) -> None:
         """Fill the monitor, or go back to a window. The video mode of the monitor is left as it is."""
-        if on and not self.fullscreen:
+        if on and self._filling is None:
             monitor = self.wanted_monitor
-            handle = monitor_handle(monitor)
-            self._windowed_at = glfw.get_window_pos(self._handle)
+            self._windowed_at = self.position
             self._home, self._at_home = monitor.name, True
-            if (monitor.height, monitor.width) != self._shape:
-                found, needed = f"{monitor.width}x{monitor.height}", f"{self._shape[1]}x{self._shape[0]}"
-                self._notices.append(f"the monitor is {found}, the projector {needed}: centred, so not corrected")
-            glfw.set_window_monitor(self._handle, handle, 0, 0, monitor.width, monitor.height, monitor.refresh_hz)
-        elif not on and self.fullscreen:
-            self._become_window(self._windowed_at)
-        self._fills = on
+            self._note_size(monitor)
+            self._filling = Filling(self._handle, monitor, Layer.PICTURE)
+            take_keys(self._handle)
+        elif not on and self._filling is not None:
+            height, width = self._shape
+            self._filling.end(Box(*self._windowed_at, width, height))
+            self._filling = None
         self._show_cursor(not on)
         self._set_vsync()  # some drivers forget it with the change
 
     def move_to(self, monitor: object) -> None:
         """Go to the monitor of a name or number, filling it if the window fills one now."""
         wanted = find_monitor(list_monitors(), str(monitor))
-        fills = self._fills
-        if self.fullscreen:
-            self._become_window((wanted.x, wanted.y))
         self._home, self._at_home = wanted.name, True
-        glfw.set_window_pos(self._handle, wanted.x, wanted.y)
-        self.set_fullscreen(fills)
+        if self._filling is None:
+            self.place(wanted.x, wanted.y)
+        else:
+            self._note_size(wanted)
+            self._filling.move(wanted)
+            take_keys(self._handle)
 
     def identify(self) -> None:
         """Write its number, name and size on every monitor for a while."""
@@ -266,26 +271,23 @@ class Window:
             self.context.release()
         glfw.destroy_window(self._handle)
 
-    def _become_window(self, position: tuple[int, int]) -> None:
-        height, width = self._shape
-        nowhere: Any = None
-        glfw.set_window_monitor(self._handle, nowhere, *position, width, height, glfw.DONT_CARE)
+    def _note_size(self, monitor: Monitor) -> None:
+        if (monitor.height, monitor.width) != self._shape:
+            found, needed = f"{monitor.width}x{monitor.height}", f"{self._shape[1]}x{self._shape[0]}"
+            self._notices.append(f"the monitor is {found}, the projector {needed}: centred, so not corrected")
 
     def _follow_monitor(self) -> None:
-        """Go back to a monitor that is there again; say so when it has gone (GLFW has made a window of us then)."""
+        """Go where the monitor is now; say when it has gone, and when it is back."""
         monitors = list_monitors()
         act = after_a_change(self._home, monitors, at_home=self._at_home)
         if act == "left":
             self._at_home = False
-            if self._hides:
-                glfw.hide_window(self._handle)
-            meanwhile = "its window is hidden until it is back" if self._hides else "waiting for it in a window"
-            self._notices.append(f"monitor {self._home} has gone; {meanwhile}")
-        elif act == "return" and self._home is not None:
+            self._notices.append(f"monitor {self._home} has gone; its window waits until it is back")
+        elif act == "return":
             self.move_to(self._home)
-            glfw.show_window(self._handle)
-            glfw.focus_window(self._handle)
             self._notices.append(f"monitor {self._home} is back")
+        if self._filling is not None:
+            self._filling.follow(monitors)
         self._keys.append(REDRAW)
 
     def _set_vsync(self) -> None:
@@ -308,6 +310,11 @@ class Window:
 
     def _on_change(self, *_: object) -> None:
         self._keys.append(REDRAW)
+
+    def _on_press(self) -> None:
+        """A mouse button: the keyboard follows it, as a window manager would have it."""
+        if self._filling is not None:
+            take_keys(self._handle)
 
     def on_monitor(self, *_: object) -> None:
         """A monitor has come or gone; GLFW has one listener, the window opened last or who passes it on."""

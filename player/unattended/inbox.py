@@ -34,9 +34,12 @@ class Inbox:
                 told |= dict(line.split("=", 1) for line in lines if "=" in line)
         return told
 
+    def close(self) -> None:
+        self._ours.close()
+        self._theirs.close()
+
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, _: TracebackType | None) -> None:
-        self._ours.close()
-        self._theirs.close()
+        self.close()

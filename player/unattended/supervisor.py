@@ -7,6 +7,7 @@ inbox (inbox.py), and tells systemd in turn. It holds no picture and no codec, s
     back-off     0.1, 0.2, 0.4 … 2 s, doubled with every crash of the last WINDOW_S
     safe picture after MOST_CRASHES of them: the show without compensation ("plain"), or black; SIGHUP tries again
     schedule     out of its hours black is shown, and a show that has ended comes again with the next ones
+    curtain      a process that fills the monitors with black, below a full-screen show from its start to its end
 """
 
 import ctypes
@@ -92,9 +93,9 @@ class Place:
 
 
 class Child:
-    """One player process, and what it says of itself at an inbox."""
+    """One process, the player or the curtain, and what it says of itself at an inbox."""
 
-    def __init__(self, command: Sequence[str], inbox: Inbox) -> None:
+    def __init__(self, command: Sequence[str], inbox: Inbox, *, errors: int | None = None) -> None:
         self.ready = self.ending = self._killed = False
         self._inbox = inbox
         environment = {name: value for name, value in os.environ.items() if name != "WATCHDOG_USEC"}
@@ -102,6 +103,7 @@ class Child:
             command,
             env=environment | {"NOTIFY_SOCKET": inbox.address},
             stdin=subprocess.DEVNULL,
+            stderr=errors,
             pass_fds=[inbox.theirs],
             process_group=0,  # Ctrl-C is for us to pass on
             preexec_fn=_end_with_parent(os.getpid()),
@@ -136,16 +138,85 @@ class Child:
         self.process.kill()
 
 
+class Curtain:
+    """The process that shows black while it is up; one that ends or hangs is started again."""
+
+    def __init__(self, command: Sequence[str]) -> None:
+        self._command = command
+        self._child: Child | None = None
+        self._inbox: Inbox | None = None
+        self._next_s, self._back_off_s = float("-inf"), BACK_OFF_S
+        self._complaint = ""
+
+    @property
+    def ready(self) -> bool:
+        return self._child is not None and self._child.ready
+
+    @property
+    def pid(self) -> int | None:
+        return None if self._child is None else self._child.process.pid
+
+    def keep(self, *, up: bool) -> None:
+        """Have it run, or not, without waiting; passes on what it says, and says how it ended."""
+        if not up:
+            self.close()
+        elif self._child is not None:
+            self._watch(self._child)
+        elif time.monotonic() >= self._next_s:
+            self._inbox = Inbox()
+            self._child = Child(self._command, self._inbox, errors=subprocess.PIPE)
+
+    def close(self) -> None:
+        if self._child is not None and self._inbox is not None:
+            self._child.kill()
+            self._child.process.communicate()
+            self._inbox.close()
+        self._child = self._inbox = None
+
+    def _watch(self, child: Child) -> None:
+        child.listen()
+        ended = child.process.poll()
+        assert child.process.stderr is not None
+        os.set_blocking(child.process.stderr.fileno(), False)
+        lines = (child.process.stderr.read() or b"").decode(errors="replace").splitlines()
+        for line in lines or ([] if ended is None else [f"ended with {_how(ended)}"]):
+            self._complain(line.removeprefix("error: "))
+        if ended is not None:
+            self._next_s = time.monotonic() + self._back_off_s
+            self._back_off_s = min(2 * self._back_off_s, LONGEST_BACK_OFF_S)
+            self.close()
+        elif child.hangs:
+            child.kill()
+        elif child.ready:
+            self._back_off_s = BACK_OFF_S
+
+    def _complain(self, line: str) -> None:
+        """Pass a line on, unless it was the last one."""
+        if line != self._complaint:
+            _say(f"the black curtain: {line}")
+        self._complaint = line
+
+
 class Supervisor:
     """Keeps a show running.
 
-    players : command lines of the show and of the safe pictures, in the order in which they are tried, black the last;
-        each is given the options that take a show on from where it was.
+    players : command lines of the show and of the safe pictures, in the order in which they are tried; each is given
+        the options that take a show on from where it was. After the last one the curtain alone is shown.
+    curtain : shows black.  below : whether it is up while a player runs, too.
     notifier : of the service manager that started us.  plays : whether it is time for the show.
     """
 
-    def __init__(self, players: Sequence[Player], notifier: Notifier, plays: Callable[[], bool] | None = None) -> None:
+    def __init__(
+        self,
+        players: Sequence[Player],
+        curtain: Curtain,
+        notifier: Notifier,
+        plays: Callable[[], bool] | None = None,
+        *,
+        below: bool,
+    ) -> None:
         self._players, self._notifier, self._plays = players, notifier, plays
+        self._curtain, self._below = curtain, below
         self._open, self._over = True, False  # whether it was time for the show; whether it has ended meanwhile
         self._level = 0
         self._crashes, self._place = Crashes(), Place()
@@ -162,10 +233,19 @@ class Supervisor:
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, self._on_signal)
         self._open = self._is_time()
+        try:
+            return self._run()
+        finally:
+            self._curtain.close()
+
+    def _run(self) -> int:
         while True:
-            with Inbox() as inbox:
-                code = self._play(inbox)
-            if self._turns():
+            if self._is_black:
+                code = self._wait_in_black()
+            else:
+                with Inbox() as inbox:
+                    code = self._play(inbox)
+            if self._turns() or code is None:
                 continue
             if self._has_ended(code):
                 self._rest(BACK_OFF_S)
@@ -178,18 +258,33 @@ class Supervisor:
                 return INTERRUPTED
             self._choose()
 
-    def _play(self, inbox: Inbox) -> int:
-        """Run one player to its end; its exit code, negative for a signal."""
-        shown = self._players[self._level] if self._open and not self._over else self._players[-1]
-        child = Child(shown(self._place.options()), inbox)
-        passed_on = False
+    @property
+    def _is_black(self) -> bool:
+        return not self._open or self._over or self._level == len(self._players)
+
+    def _wait_in_black(self) -> int:
+        """Show the curtain alone until it is time for a show or we are told something; 130 if that is to end."""
+        while self._signal is None and not self._again and self._is_time() == self._open:
+            self._curtain.keep(up=True)
+            self._began |= self._curtain.ready
+            self._tell()
+            time.sleep(_POLL_S)
+        return DONE if self._signal is None else INTERRUPTED
+
+    def _play(self, inbox: Inbox) -> int | None:
+        """Run one player to its end; its exit code, negative for a signal; None if its hours ended, and may be back."""
+        self._curtain.keep(up=self._below)
+        child = Child(self._players[self._level](self._place.options()), inbox)
+        passed_on = turned = False
         try:
             while child.process.poll() is None:
                 self._hear(child)
+                self._curtain.keep(up=self._below)
                 if self._signal is not None and not passed_on:
                     child.end(self._signal)
                     passed_on = True
                 elif (self._again or self._is_time() != self._open) and not child.ending:
+                    turned = not self._again
                     child.end(signal.SIGTERM)
                 elif child.hangs:
                     _say("the player hangs: ended")
@@ -199,8 +294,8 @@ class Supervisor:
         finally:
             child.kill()
             child.process.wait()
-            _end_orphans()
-        return INTERRUPTED if passed_on else child.process.returncode
+            _end_orphans(but=self._curtain.pid)
+        return INTERRUPTED if passed_on else None if turned else child.process.returncode
 
     def _hear(self, child: Child) -> None:
         told = child.listen()
@@ -246,10 +341,8 @@ class Supervisor:
             return False
         if code in (DONE, INTERRUPTED) or (code == BAD_INPUT and not self._began):
             return True
-        how = f"signal {-code}" if code < 0 else f"exit code {code}"
-        _say(
-            f"the player has ended with {how} at item {self._place.item}, {self._place.time_s:.1f} s; starting it again"
-        )
+        place = f"item {self._place.item}, {self._place.time_s:.1f} s"
+        _say(f"the player has ended with {_how(code)} at {place}; starting it again")
         return False
 
     def _choose(self) -> None:
@@ -258,7 +351,7 @@ class Supervisor:
             self._again, self._over, self._level = False, False, 0
             self._crashes.forget()
             _say("starting the player again, as told")
-        elif self._crashes.too_many and self._level + 1 < len(self._players):
+        elif self._crashes.too_many:
             self._level += 1
             self._crashes.forget()
             _say(f"{MOST_CRASHES} crashes: going to the safe picture; kill -HUP {os.getpid()} tries again")
@@ -267,6 +360,7 @@ class Supervisor:
         """Wait, but not when told to end."""
         until = time.monotonic() + seconds
         while time.monotonic() < until and self._signal is None and not self._again:
+            self._curtain.keep(up=self._below)
             self._tell()
             time.sleep(min(_POLL_S, max(until - time.monotonic(), 0.0)))
 
@@ -282,6 +376,7 @@ def supervise(
     *,
     safe: str,
     monitors: Sequence[str],
+    fullscreen: bool,
     notify_socket: str | None,
     schedule: Callable[[], Schedule] | None = None,
 ) -> int:
@@ -289,6 +384,7 @@ def supervise(
 
     arguments : the whole command line, `--supervise` included; the player is told behind it that it is supervised.
     safe : one of SAFE.  monitors : where black is shown; none for the primary one.
+    fullscreen : whether the show fills them, above the curtain.
     schedule : as it is when asked; None for a show that always plays.
     """
     python = [sys.executable, "-P", "-m"]
@@ -304,16 +400,14 @@ def supervise(
     def plain(resume: Sequence[str]) -> list[str]:
         return play(resume, *plain_options)
 
-    def black(_: Sequence[str]) -> list[str]:
-        return [*python, "counterlight.gl.black", *monitors]
-
     def plays() -> bool:
         return schedule is None or schedule().plays(datetime.now())
 
     notifier, keeper = Notifier(notify_socket), None if schedule is None else Keeper(schedule)
-    players: list[Player] = [play, plain, black] if safe == "plain" else [play, black]
+    players: list[Player] = [play, plain] if safe == "plain" else [play]
+    curtain = Curtain([*python, "counterlight.gl.curtain", *monitors])
     try:
-        return Supervisor(players, notifier, None if schedule is None else plays).run()
+        return Supervisor(players, curtain, notifier, None if schedule is None else plays, below=fullscreen).run()
     finally:
         if keeper is not None:
             keeper.close()
@@ -338,12 +432,12 @@ def _end_with_parent(parent: int) -> Callable[[], None]:
     return ask
 
 
-def _end_orphans() -> None:
+def _end_orphans(*, but: int | None) -> None:
     """End what a dead player left behind, a decoder that is stopped, say: as its subreaper, we have inherited it.
 
-    Every child of this process is ended: it has none but the player's.
+    but : the curtain. This process has no other children than the player's.
     """
-    while orphans := _children():
+    while orphans := [pid for pid in _children() if pid != but]:
         for pid in orphans:
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
@@ -360,6 +454,10 @@ def _children() -> list[int]:
 def _prctl(option: int, value: int) -> None:
     if sys.platform == "linux":
         _LIBC.prctl(option, value, 0, 0, 0)
+
+
+def _how(code: int) -> str:
+    return f"signal {-code}" if code < 0 else f"exit code {code}"
 
 
 def _say(line: str) -> None:

@@ -19,6 +19,7 @@ from tests.fuzz.media import Media
 from tests.fuzz.memory import Frames, Loadfiles, Reloads, Seconds, Settings
 from tests.fuzz.remotes import Remotes
 from tests.fuzz.signals import Signals
+from tests.fuzz.stages import Stages
 from tests.fuzz.tables import Tables
 from tests.fuzz.tally import Campaign, Plan, Tally
 
@@ -30,6 +31,7 @@ KINDS: tuple[type[Campaign], ...] = (
     Remotes,
     Lines,
     Evening,
+    Stages,
     Kills,
     Disks,
     Signals,

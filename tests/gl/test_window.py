@@ -208,7 +208,7 @@ def test_a_monitor_that_comes_back_gets_its_window_back(
         process.terminate()
         _, errors = process.communicate(timeout=PATIENCE_S)
     assert errors.splitlines()[:2] == [
-        "monitor DUMMY1 has gone; waiting for it in a window",
+        "monitor DUMMY1 has gone; its window waits until it is back",
         "monitor DUMMY1 is back",
     ]
 
