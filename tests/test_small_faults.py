@@ -1,6 +1,6 @@
 """Media that other programs write, names that nothing has, and lines that are too long, each with its one cause."""
 
-import argparse
+import struct
 from pathlib import Path
 
 import av
@@ -16,6 +16,9 @@ from counterlight.overlay.osd import Page, draw
 from counterlight.show.options import read_options
 from tests.media import read
 from tests.stage import Stage
+
+# tags that say that the pixels are stored in another way, or whose value is no plain number
+ALTERS = {266, 282, 283, 292, 293, 317, 320, 322, 323, 324, 325, 330, 530}
 
 
 @pytest.mark.parametrize("compression", ["raw", "packbits", "lzw", "deflate"])
@@ -35,6 +38,19 @@ def test_tiffs_of_ffmpeg_are_exact_and_damaged_ones_are_refused(
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(InputError, match="damaged"):
         read(path)
+
+
+def test_every_tag_that_is_kept_is_one_that_ffmpeg_reads(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Orientation, chromaticities, extra samples and others, as ImageMagick and libtiff write them, are removed."""
+    picture, path = rng.integers(0, 256, (9, 15, 3), np.uint8), tmp_path / "p.tif"
+    fields = {256: (3, 15), 257: (3, 9), 258: (3, 8), 259: (3, 1), 262: (3, 2), 273: (4, 8), 277: (3, 3), 278: (3, 9)}
+    fields |= {279: (4, picture.nbytes), 284: (3, 1)}
+    fields |= {tag: (3, 1) for tag in range(255, 600) if tag not in fields and tag not in ALTERS}
+    index = b"".join(struct.pack("<HHII", tag, kind, 1, value) for tag, (kind, value) in sorted(fields.items()))
+    start = struct.pack("<4sI", b"II*\0", 8 + picture.nbytes)
+    path.write_bytes(start + picture.tobytes() + struct.pack("<H", len(fields)) + index + b"\0" * 4)
+    ((_, planes),) = read(path)
+    np.testing.assert_array_equal(np.dstack(planes)[:9, :15], picture)
 
 
 def test_bytes_that_are_no_tiff_stay(rng: np.random.Generator) -> None:
@@ -59,9 +75,8 @@ def test_ffmpeg_that_gave_up_has_had_no_answer() -> None:
 def test_a_media_root_and_a_leader_are_looked_for_at_the_start(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"--media-root .*none: no such folder"):
         read_options(["room", "clip", "--no-config", "--media-root", str(tmp_path / "none")], "")
-    options = argparse.Namespace(
-        segments=None, cluster=None, screenshot_directory=tmp_path, supervised=False, follow=("nohost.invalid", 5)
-    )
+    options = read_options(["room", "clip", "--no-config", "--screenshot-directory", str(tmp_path)], "")
+    options.follow = "nohost.invalid", 5
     with pytest.raises(InputError, match=r"--follow nohost\.invalid: "):
         _check_window(options)
 

@@ -239,6 +239,7 @@ class Supervisor:
             self._curtain.close()
 
     def _run(self) -> int:
+        code: int | None
         while True:
             if self._is_black:
                 code = self._wait_in_black()

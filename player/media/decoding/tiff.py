@@ -2,11 +2,11 @@
 
 import struct
 
-# Baseline, extension and colour tags that say how the pixels are stored; FFmpeg refuses unknown ones where damage is to
-# be an error, among them those of resolution, page and software, which other programs write.
+# The tags that FFmpeg 7's decoder reads and that say how pixels are stored. It refuses all others where damage is to be
+# an error: orientation, page or software, say, which other programs write.
 KNOWN = {
-    *(254, 255, 256, 257, 258, 259, 262, 266, 273, 274, 277, 278, 279, 282, 283, 284, 292, 293, 317, 320, 322, 323),
-    *(324, 325, 330, 338, 339, 347, 529, 530, 532),
+    *(254, 256, 257, 258, 259, 262, 266, 273, 277, 278, 279, 282, 283, 284),
+    *(292, 293, 317, 320, 322, 323, 324, 325, 330, 530),
 }
 ENTRY = 12  # bytes
 
