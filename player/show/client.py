@@ -18,7 +18,7 @@ from counterlight.unattended.json_lines import encode
 VERSION = 1 << 16  # of this protocol, as mpv counts: major << 16 | minor
 MAX_LINE = 64 << 10  # bytes
 MAX_UNSENT = 256 << 10  # bytes; beyond it a client is neither read nor told of changes
-MAX_OBSERVED = 64  # properties a client
+MAX_OBSERVED = 128  # properties a client
 _CHUNK = 16 << 10
 
 
