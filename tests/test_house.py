@@ -1,6 +1,7 @@
 """The house: which way imports point, what the wheel holds, that every command answers and the checkout stays small."""
 
 import ast
+import functools
 import os
 import re
 import subprocess
@@ -43,6 +44,7 @@ def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text() if path.exists() else "", path.name)
 
 
+@functools.cache
 def imported(path: Path) -> set[str]:
     """Every module that a file imports at any level, functions included, by its full name."""
     names: set[str] = set()

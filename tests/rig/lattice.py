@@ -42,22 +42,22 @@ class Lattice:
 
     def positions(self) -> tuple[FloatArray, FloatArray]:
         """(u, v) of every sample in the calibrated camera's pixel coordinates, row by row: (samples,) twice."""
-        v, u = np.meshgrid(
-            *((np.arange(n) + 0.5) / SAMPLES - more for n, more in zip(self.size, self.border, strict=True)),
-            indexing="ij",
-        )
+        rows, columns = ((np.arange(n) + 0.5) / SAMPLES - more for n, more in zip(self.size, self.border, strict=True))
+        v, u = np.meshgrid(rows, columns, indexing="ij")
         return u.ravel(), v.ravel()
 
     def calibrated(self, moved: tuple[int, int] = (0, 0)) -> sparse.csr_array:
         """(camera pixels, samples): what the calibrated camera averages. moved : by so many samples, right and down."""
         starts = (more * SAMPLES + shift for more, shift in zip(self.border, moved[::-1], strict=True))
-        axes = [_averages(n, SAMPLES, start, of) for n, start, of in zip(self.camera, starts, self.size, strict=True)]
-        return sparse.csr_array(sparse.kron(*axes, format="csr"))
+        rows, columns = (
+            _averages(n, SAMPLES, start, of) for n, start, of in zip(self.camera, starts, self.size, strict=True)
+        )
+        return sparse.csr_array(sparse.kron(rows, columns, format="csr"))
 
     def wide(self) -> sparse.csr_array:
         """(audience pixels, samples)."""
-        axes = [_averages(n, FINE, 0, of) for n, of in zip(self.audience, self.size, strict=True)]
-        return sparse.csr_array(sparse.kron(*axes, format="csr"))
+        rows, columns = (_averages(n, FINE, 0, of) for n, of in zip(self.audience, self.size, strict=True))
+        return sparse.csr_array(sparse.kron(rows, columns, format="csr"))
 
 
 def _averages(pixels: int, block: int, start: int, samples: int) -> sparse.csr_array:
