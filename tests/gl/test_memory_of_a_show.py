@@ -21,7 +21,7 @@ from tests.refined_rooms import physical_room
 from tests.remote import show
 from tests.rooms import rgb_frame
 
-WARM_UP, ACTS = 4, 8
+WARM_UP, ACTS = 6, 12
 SIZES = (360, 480), (480, 640)  # of media
 
 
