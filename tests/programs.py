@@ -109,9 +109,10 @@ def wait_until(
 def children(pid: int) -> set[int]:
     """Processes that a process has started; none if it has gone."""
     found: set[int] = set()
-    for task in Path(f"/proc/{pid}/task").glob("*/children"):
-        with contextlib.suppress(OSError):  # gone meanwhile
-            found |= set(map(int, task.read_text().split()))
+    with contextlib.suppress(OSError):  # it ends, or one of its threads does, while the folder is read
+        for task in os.listdir(f"/proc/{pid}/task"):
+            with contextlib.suppress(OSError):
+                found |= set(map(int, Path(f"/proc/{pid}/task/{task}/children").read_text().split()))
     return found
 
 
