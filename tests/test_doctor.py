@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from counterlight.command import BAD_INPUT, DONE
+from counterlight.gl.context import PACKAGES
 from counterlight.tools import check_machine, system_packages
 from counterlight.tools.system_packages import Part
 
@@ -97,6 +98,10 @@ def test_the_line_to_run_asks_for_root_only_where_needed(monkeypatch: pytest.Mon
     monkeypatch.setattr(os, "geteuid", lambda: user)
     line = f"{sudo}apt-get update && {sudo}apt-get install --yes --no-install-recommends libegl1 libgl1"
     assert system_packages.apt_line(["libegl1", "libgl1"]) == line
+
+
+def test_the_player_names_packages_of_the_doctor() -> None:
+    assert set(PACKAGES.split()) <= {part.package for part in system_packages.PLAY}
 
 
 def test_a_plain_user_is_told_what_to_run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

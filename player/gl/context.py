@@ -8,6 +8,7 @@ import moderngl
 
 from counterlight.errors import InputError
 
+PACKAGES = "libegl1 libgl1"  # OpenGL and its drivers, as counterlight doctor names them
 SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software", "gdi generic", "basic render")
 
 
@@ -26,7 +27,7 @@ def headless_context(instead: str = "") -> Iterator[moderngl.Context]:
             context = moderngl.create_context(require=330, **settings)
     except Exception as error:
         raise InputError(
-            f"no OpenGL through EGL ({' '.join(str(error).split())}); install it with: apt-get install libegl1 libgl1, "
+            f"no OpenGL through EGL ({' '.join(str(error).split())}); install it with: apt-get install {PACKAGES}, "
             f"or ask counterlight doctor what is missing{instead and f', or {instead}'}"
         ) from None
     try:

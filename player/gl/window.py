@@ -9,6 +9,7 @@ import glfw
 import moderngl
 
 from counterlight.errors import InputError
+from counterlight.gl.context import PACKAGES
 from counterlight.gl.filling import Filling, Layer, take_keys
 from counterlight.gl.monitor_labels import MonitorLabels
 from counterlight.gl.monitors import (
@@ -378,11 +379,18 @@ def _open_with(version: tuple[int, int], shape: tuple[int, int], title: str, bit
         try:
             handle = glfw.create_window(width, height, title, None, sharing)
         except glfw.GLFWError as error:
-            raise InputError(f"no window with OpenGL 3.3 ({error}); install a driver: apt-get install libgl1") from None
+            raise _no_window(f" ({error})") from None
     if not handle:
-        raise InputError("no window with OpenGL 3.3; install a driver: apt-get install libgl1, or use --output FILE")
+        raise _no_window()
     glfw.make_context_current(handle)
     return handle
+
+
+def _no_window(why: str = "") -> InputError:
+    return InputError(
+        f"no window with OpenGL 3.3{why}; install a driver: apt-get install {PACKAGES}, or ask counterlight doctor what "
+        "is missing, or use --output FILE"
+    )
 
 
 def _bits_of(context: moderngl.Context) -> int:
