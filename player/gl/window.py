@@ -388,8 +388,8 @@ def _open_with(version: tuple[int, int], shape: tuple[int, int], title: str, bit
 
 def _no_window(why: str = "") -> InputError:
     return InputError(
-        f"no window with OpenGL 3.3{why}; install a driver: apt-get install {PACKAGES}, or ask counterlight doctor what "
-        "is missing, or use --output FILE"
+        f"no window with OpenGL 3.3{why}; install a driver: apt-get install {PACKAGES}, "
+        "or ask counterlight doctor what is missing, or use --output FILE"
     )
 
 
