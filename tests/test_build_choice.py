@@ -1,5 +1,6 @@
 """Which inverse a build takes, what it says of that, and how the maps are then played."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
+from counterlight.command import DONE
 from counterlight.errors import InputError
 from counterlight.pipeline.refinement import Advice, advice_of, default_steps
 from counterlight.pipeline.room import read_room
@@ -18,7 +20,7 @@ from counterlight.tools.inverse.near_light import Inverse, InverseOptions, inver
 from counterlight.tools.inverse.price import Price, price_of_clusters, price_of_windows
 from counterlight.tools.inverse.rows import Truncation
 from counterlight.tools.transport.transport import channels, stacked
-from tests.programs import fail, succeed
+from tests.programs import command, fail, succeed
 from tests.rooms import blurred_transport, write_blurred_room
 
 CAMERA, PROJECTOR = (44, 60), (36, 50)  # 1800 projector pixels in one cluster: windows
@@ -120,7 +122,9 @@ def test_damping_of_a_large_picture_is_chosen_on_squares(monkeypatch: pytest.Mon
 
 def test_the_maps_say_how_they_are_played_and_options_prevail(tmp_path: Path) -> None:
     write_blurred_room(tmp_path / "room", np.random.default_rng(5), (30, 40), (24, 32))
-    said = succeed("build", tmp_path / "room").splitlines()[-1]
+    *lines, said = succeed("build", tmp_path / "room").splitlines()
+    (rate,) = [line for line in lines if line.startswith("play draws ")][:1]
+    assert re.fullmatch(r"play draws \d+(\.\d)? frames per second here with \d+ steps", rate)
     assert "s: the whole T⁺, " in said
     assert said.endswith(f"next: counterlight play {tmp_path / 'room'} MEDIA")
     manifest = tmp_path / "room" / "correction" / "manifest.toml"
@@ -136,6 +140,14 @@ def test_the_maps_say_how_they_are_played_and_options_prevail(tmp_path: Path) ->
     manifest.write_text(text[: text.index("[play]")] + text[text.index("[maps") :])
     room = read_room(tmp_path / "room", None)
     assert room.start == "previous"
+
+
+def test_a_camera_that_is_coarser_than_the_projector_is_named(tmp_path: Path) -> None:
+    for name, camera, told in (("coarse", (15, 20), True), ("fine", (30, 40), False)):
+        write_blurred_room(tmp_path / name, np.random.default_rng(5), camera, (24, 32))
+        outcome = command("build", tmp_path / name)
+        assert outcome.returncode == DONE
+        assert ("300 camera pixels see 768 projector pixels" in outcome.stderr) == told
 
 
 @pytest.mark.parametrize("play", [{"start": "moon", "steps": 4}, {"start": "map", "steps": -1}, {"start": "map"}, 3])

@@ -121,6 +121,20 @@ def test_a_budget_without_time_for_the_maps_picture_either_shows_direct_mapping(
     assert governor.bare == "map"
 
 
+def test_steps_are_not_fewer_than_a_clean_picture_needs() -> None:
+    """Three steps end within a decibel of the optimum, and two do not; without a curve nobody knows."""
+    for offers, least in (((Offer("previous", 0.5, CURVE),), 3), ((), 0)):
+        governor = Governor(8, start="previous", offers=offers)
+        governor.begin(FRAME_S)
+        machine = Machine(governor, 0.005, 0.02)
+        machine.draw(50)
+        assert min(machine.steps) == min(machine.steps[-5:]) == max(least, 1)
+        assert governor.is_at_least == bool(offers)
+        governor.slow_to(3 * FRAME_S)
+        machine.draw(200)
+        assert machine.steps[-1] == 4  # which take 85 ms of 120
+
+
 @pytest.mark.parametrize(("budget", "start"), [(16.0, "previous-direct"), (60.0, "previous")])
 def test_the_start_is_the_one_that_is_nearer_within_the_budget(budget: float, start: str) -> None:
     """T⁺ b takes ten steps and is worth eight: only where the rest is long does it pay."""

@@ -117,6 +117,15 @@ def test_a_fast_renderer_drops_nothing(clip: Path) -> None:
     assert session.stats.percentile_ms("late", 100) < 1000 * (0.03 + FRAME_S)
 
 
+@pytest.mark.parametrize(("rendering_s", "every"), [(0.03, 1), (0.045, 2), (0.07, 2), (0.105, 3), (0.3, 8)])
+def test_a_slow_renderer_shows_every_nth_frame(clip: Path, rendering_s: float, every: int) -> None:
+    """After a few seconds, at equal intervals; the last frame comes whatever its number."""
+    session, screen = played(clip, rendering_s)
+    settled = [number for number in screen.uploaded if number > FRAMES / 2][:-1]
+    assert set(np.diff(settled)) == {every}
+    assert session.every == every
+
+
 def test_laps_and_speeds_are_in_time_too(clip: Path) -> None:
     session, screen = played(clip, 0.6, limit=30, loop_file=True, speed=2.0)
     assert session.stats.percentile_ms("late", 100) <= 1000 * (0.6 + FRAME_S) + 5

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from counterlight.command import Parser, run
+from counterlight.command import Parser, run, tell
 from counterlight.errors import InputError
 from counterlight.tools.choices import INVERSE_METHODS, INVERSES, PRESETS
 from counterlight.tools.cluster_option import add_cluster, workers_of
@@ -19,6 +19,7 @@ from counterlight.writing.outputs import check_folder
 
 if TYPE_CHECKING:
     from counterlight.tools.clusters.decomposition import Parameters
+    from counterlight.tools.inverse.build import BuiltRoom
     from counterlight.tools.inverse.near_light import InverseOptions
     from counterlight.tools.transport.objective import ObjectiveOptions
 
@@ -79,9 +80,24 @@ def _build(
         )
     print(built.tier)
     print(built.summary)
+    if built.coarseness is not None:
+        tell(built.coarseness)
+    _print_rates(built)
     if options.report is not None:
         print(f"report: {write_report(built, options.report)}")
     return built.conclusion
+
+
+def _print_rates(built: "BuiltRoom") -> None:
+    """How fast play draws on this machine, with its usual steps and with the fewest."""
+    from counterlight.pipeline.room import Room, start_of
+    from counterlight.tools.frame_rate import frames_per_second
+
+    found, maps = built.recommendation, built.maps
+    steps = [0] if found is None else [found.steps, *([found.clean_steps] if found.clean_steps < found.steps else [])]
+    rates = frames_per_second(Room(built.calibration, maps, maps.white, start=start_of(maps)), steps)
+    for count, rate, what in zip(steps, rates, ("", ", the fewest for a clean picture"), strict=False):
+        print(f"play draws {rate:.{1 if rate < 10 else 0}f} frames per second here with {count} steps{what}")
 
 
 def _damping(text: str) -> float | None:

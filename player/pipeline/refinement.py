@@ -27,6 +27,7 @@ STARTS = ("previous", "previous-direct", "map", "direct", "grey")
 DEFAULT_STEPS, STEPS_WITHOUT_MAP = 4, 8
 STEPS_OF_A_STILL = 128  # where no frame is waited for: with 64, coarse cameras out of focus are 0.7 dB short
 GOOD_ENOUGH_DB = 0.1  # below the optimum: not visible
+CLEAN_DB = 1.0  # below where steps lead: hard to see
 MOST_OFFERED = 16  # steps that a window is asked for
 GREY = 0.5
 OVER_RELAXATION = 0.6
@@ -72,6 +73,11 @@ class Curve:
     def least(self, decibels: float) -> int:
         """The fewest steps that end within so many dB, at most MOST_STEPS."""
         return next((steps for steps in range(MOST_STEPS) if self.at(steps) <= decibels), MOST_STEPS)
+
+    @property
+    def clean_steps(self) -> int:
+        """The fewest steps that end within CLEAN_DB of where steps lead."""
+        return self.least(min(self.decibels) + CLEAN_DB)
 
 
 @dataclass(frozen=True)
@@ -156,24 +162,29 @@ class StepBudget:
     """As many steps as some time leaves (`--refine auto`, `--budget`).
 
     interval_s : from one frame to the next, or what a frame may take.  most : steps; it then begins with these, else
-    with one.
+    with one.  least : steps, however long they take.
     The count grows by a quarter while frames end early; a quarter more than SHARE_OF_FRAME still ends in time. Once a
     frame has taken too long, the count that would have fitted is kept for a while before more is tried: for
     LEAST_PATIENCE frames, since other work comes and goes, and for twice as many after each try that fails, up to
     PATIENCE.
     """
 
-    def __init__(self, interval_s: float, most: int | None = None) -> None:
-        self._goal_s = SHARE_OF_FRAME * interval_s
+    def __init__(self, interval_s: float, most: int | None = None, least: int = 0) -> None:
+        self.interval_s, self.least = interval_s, least
         self._wait, self._patience, self._tries = 0, LEAST_PATIENCE, False
         self.most = MOST_STEPS if most is None else most
-        self.steps = 1 if most is None else most
+        self.steps = max(least, 1) if most is None else most
+
+    @property
+    def _goal_s(self) -> float:
+        return SHARE_OF_FRAME * self.interval_s
 
     def took(self, seconds: float) -> None:
         """Tell what the last frame took with `steps` steps."""
         tried, self._tries = self._tries, False
         if not self.fits(seconds):
-            self.steps = min(int(self.steps * self._goal_s / seconds), max(self.steps - 1, 0))
+            fewer = min(int(self.steps * self._goal_s / seconds), self.steps - 1)
+            self.steps = max(fewer, min(self.least, self.steps))
             self._wait, self._patience = self._patience, min(2 * self._patience, PATIENCE)
             return
         if tried:
@@ -192,7 +203,7 @@ class StepBudget:
         """Tell what a frame takes without its steps, and each of them: it need not be found out by trial then."""
         fitting = self.fitting(base_s, step_s)
         if fitting < self.steps or fitting >= 2 * self.steps or not self._wait:  # twice: what took too long was no step
-            self.steps = min(fitting, self.most)
+            self.steps = min(max(fitting, self.least), self.most)
 
     def fitting(self, base_s: float, step_s: float) -> int:
         """Steps that such a frame has time for."""

@@ -62,6 +62,12 @@ class Governor:
         self._interval_s = interval_s
         self._begin()
 
+    def slow_to(self, interval_s: float) -> None:
+        """Frames of the same medium are shown at another rate."""
+        self._interval_s = interval_s
+        if self._time is not None and self._limit_s is not None:
+            self._time.interval_s = self._limit_s
+
     def set_refine(self, steps: Steps) -> None:
         """Somebody wants so many steps, or as many as fit: no longer a budget or a promise."""
         self.refine, self._hurries, self.budget, self.within = steps, False, "no", "no"
@@ -81,6 +87,11 @@ class Governor:
         if self._time is None:
             return self._wish
         return max(min(self._time.steps, self._wish), self._least if self.governs else 0)
+
+    @property
+    def is_at_least(self) -> bool:
+        """Whether a frame cannot do with fewer steps."""
+        return self._time is None or self.steps <= self._time.least
 
     def took_ms(self, steps: int) -> float | None:
         """What so many steps take, None until one was timed."""
@@ -163,7 +174,14 @@ class Governor:
         self._wish = self._first_wish()
         timed = self.refine == "auto" or (self._hurries and self._usual > 0)
         most = None if self._wish == MOST_STEPS else self._wish
-        self._time = StepBudget(self._limit_s, most) if timed and self._limit_s is not None else None
+        self._time = None
+        if timed and self._limit_s is not None:
+            self._time = StepBudget(self._limit_s, most, self._clean_steps())
+
+    def _clean_steps(self) -> int:
+        """The fewest that leave a clean picture, where no budget or promise says how many."""
+        offer = next((offer for offer in self._offers if offer.start == self.start), None)
+        return 0 if self.governs or offer is None else min(offer.curve.clean_steps, self._wish)
 
     def _first_wish(self) -> int:
         if self.refine != "auto":
@@ -207,13 +225,15 @@ class Governor:
     def _leave_what_is_late(self, seconds: float) -> None:
         """Start from direct mapping, with as many steps as that needs, where T⁺ takes too long for a frame.
 
-        seconds : of a frame without steps.
+        A clean picture must take less time that way.  seconds : of a frame without steps.
         """
-        direct = next((offer for offer in self._offers if offer.start == "previous-direct"), None)
-        if direct is None or self.start == direct.start or self._time is None or self._time.fits(seconds):
+        if self._time is None or self._time.fits(seconds) or not self._offers:
             return
-        self.start = direct.start
-        self._want(min(direct.curve.least(GOOD_ENOUGH_DB), MOST_OFFERED))
+        quickest = min(self._offers, key=lambda offer: offer.in_steps + offer.curve.clean_steps)
+        if quickest.start == "previous-direct" != self.start:
+            self.start = quickest.start
+            self._want(min(quickest.curve.least(GOOD_ENOUGH_DB), MOST_OFFERED))
+            self._time.least = self._clean_steps()
 
     def _bare_beside(self, rest_s: float, step_s: float) -> str:
         in_steps = {offer.start: offer.in_steps for offer in self._offers}

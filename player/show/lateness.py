@@ -14,12 +14,15 @@ class Lateness:
         self._before = stats.frames, stats.dropped
         self._said = False
 
-    def advice(self, now_s: float, steps: int) -> str | None:
-        """A line as soon as too many frames were dropped, once.  steps : of refinement, a frame."""
+    def advice(self, now_s: float, steps: int, every: int) -> str | None:
+        """A line as soon as too many frames were dropped, and still are, once.
+
+        steps : of refinement, per frame.  every : how many frames one is shown of.
+        """
         if self._said or now_s - self._began_s < WATCHED_S:
             return None
         shown, dropped = self._stats.frames - self._before[0], self._stats.dropped - self._before[1]
-        if dropped < DROPPED_SHARE * (shown + dropped):
+        if every == 1 or dropped < DROPPED_SHARE * (shown + dropped):
             return None
         self._said = True
         stages = {stage: self._stats.median_ms(stage) for stage in ("decode", "upload", "gpu", "present")}
@@ -30,10 +33,18 @@ class Lateness:
             "gpu": ("drawing", _lighter(steps)),
             "present": ("the display", "try --no-vsync, or a medium of the display's rate"),
         }[slowest]
+        made = f" with {steps} step{'s' * (steps > 1)}" if steps and words == "drawing" else ""
         return (
-            f"{dropped} of {shown + dropped} frames came too late: {words} takes {stages[slowest]:.0f} ms, "
-            f"a frame lasts {1000 / self._rate:.0f}; {remedy}"
+            f"not every frame can be shown in time ({shown} of {shown + dropped} so far): {words} takes "
+            f"{stages[slowest]:.0f} ms{made}, a frame lasts {1000 / self._rate:.0f}; "
+            f"every {ordinal(every)} frame is shown; {remedy}"
         )
+
+
+def ordinal(number: int) -> str:
+    """2nd, 3rd, 4th, 11th, 21st."""
+    ending = "th" if number // 10 % 10 == 1 else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number}{ending}"
 
 
 def _lighter(steps: int) -> str:

@@ -1,13 +1,16 @@
 """One medium against a clock: which frame is due, pause, seek, step, speed, A-B loop. Knows no renderer, no window."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from counterlight.media.audio import Track
 from counterlight.media.frames import Frame
 from counterlight.media.video import MediaReader
+from counterlight.show.pacing import Pace
 
 MORE_THAN_ROUNDING_S = 1e-3
+ROUNDING = 0.25  # of a frame: what ends so much later than the next group begins is of the group before
 TOLERATED_S = 0.02  # frames may be that late whatever their rate
 DECODER_WAIT_S = 0.002  # between looks at a decoder that is behind
 HELD_S = 0.25  # how long an overtaken frame waits for the decoder to bring a newer one
@@ -34,6 +37,7 @@ class Playback:
     sound : the medium's; while it is heard, its clock leads.
     begins_s : clock time at which the first frame should stand on the screen; None for as soon as it can.
     seamless : the reader itself begins again at the end, as long as `loop` stays on.
+    pace : one frame of each of its groups is shown; None for every frame.
     """
 
     def __init__(
@@ -48,7 +52,9 @@ class Playback:
         speed: float = 1.0,
         sound: Track | None = None,
         begins_s: float | None = None,
+        pace: Pace | None = None,
     ) -> None:
+        self.pace = pace
         self.reader, self.loop, self.hold_s = reader, loop, hold_s
         self.dropped = 0
         self.stalled_s = 0.0
@@ -59,6 +65,7 @@ class Playback:
         self._pending: Frame | None = None
         self._anchor: tuple[float, float] | None = None  # clock and media time at once; None until a frame arrives
         self._taken_s: float | None = None  # time of the frame that was taken last
+        self._shown_s: float | None = None  # time of the frame that was handed out last
         self._taken_until_s = self._seconds = 0.0
         self._paused, self._speed = paused, speed
         self._begins_s = begins_s
@@ -217,7 +224,7 @@ class Playback:
         self.reader.seek(self._seconds)
         if self._sound is not None:
             self._sound.seek(self._seconds, self._speed)
-        self._anchor = self._taken_s = None
+        self._anchor = self._taken_s = self._shown_s = None
         self._wanted, self._cut_off = True, False
 
     def end(self) -> None:
@@ -258,12 +265,26 @@ class Playback:
                 self._wanted = False
             if not self._has_come(pending.time_s) or self._leaves_loop(pending):
                 break
+            if self._is_left_out(pending):
+                self.reader.release(pending)
+                self.dropped, self._pending = self.dropped + 1, None
+                self._took(pending)
+                continue
             if due is not None:
                 self.reader.release(due)
                 self.dropped += 1
             due, self._pending = pending, None
             self._took(pending)
         return due
+
+    def _is_left_out(self, frame: Frame) -> bool:
+        """Whether another frame of the same group has been shown; the last frame always is."""
+        if self.pace is None or self.pace.every == 1 or self._paused or self._shown_s is None:
+            return False
+        end_s = math.inf if self._seamless else self.reader.info.duration_s or math.inf
+        if self.reader.ended or frame.time_s + 1.5 * frame.duration_s >= end_s:
+            return False
+        return self.pace.group(frame.time_s) == self.pace.group(self._shown_s)
 
     def _is_early(self, frame: Frame) -> bool:
         """A live frame cannot come before its time: that it does shows by how much earlier ones were delayed."""
@@ -290,7 +311,9 @@ class Playback:
 
     def _leave(self, frame: Frame) -> None:
         """A frame is handed out: tell the decoder what will be over when the next one is asked for."""
-        self._left_s = self._clock()
+        self._left_s, self._shown_s = self._clock(), frame.time_s
+        if self.pace is not None and self.pace.every > 1 and not self._paused:
+            self._skip_to(self.pace.next_s(frame.time_s) + ROUNDING * frame.duration_s, frame.duration_s)
         absence_s, now_s = min(self._absences_s) * self._speed, self._media_time()
         if now_s is not None and not self._paused and absence_s > 2 * frame.duration_s:
             self._skip_to(now_s + absence_s - frame.duration_s, frame.duration_s)

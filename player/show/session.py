@@ -26,6 +26,7 @@ from counterlight.show.governor import Governor
 from counterlight.show.hearing import Hearing
 from counterlight.show.lateness import Lateness
 from counterlight.show.media import Media
+from counterlight.show.pacing import Pace
 from counterlight.show.placing import Placing
 from counterlight.show.playback import Manner, Playback
 from counterlight.show.playlist import Playlist
@@ -99,7 +100,7 @@ class Session:
         self.rendered_view, self._steps_drawn, self._redraws = self.view, 0, 0
         self._changed = self._uploaded = self._uncovered = False
         self._shown: tuple[Page | None, bool] | None = None
-        self._timed_at = float("-inf")
+        self._timed_at, self._taken_at = float("-inf"), 0.0  # clock times of the last frame timed, and uploaded
         self.playback: Playback | None = None
         self._manner = Manner(loop_file, speed)
         self._start: tuple[Medium, float] | None = playlist.current, start_s
@@ -314,6 +315,12 @@ class Session:
         return playback.reader.info.frames_per_second * playback.speed, self.stats.frames_per_second
 
     @property
+    def every(self) -> int:
+        """One of how many frames is shown; 1: all."""
+        pace = None if self.playback is None else self.playback.pace
+        return 1 if pace is None else pace.every
+
+    @property
     def manner(self) -> Playback | Manner:
         """What holds whether media loop, pause, and how fast they play."""
         return self.playback or self._manner
@@ -329,6 +336,7 @@ class Session:
         """Play what has been opened; what it replaces stays on the screen until its first frame is due."""
         medium, reader, loop = opening
         before, manner = self.playback, self.manner
+        rate = None if reader.info.still else reader.info.frames_per_second
         follows_s = before.ended_at_s if before is not None and self.programme.over else None
         fades = self.crossfade_s > 0 and before is not None and self._uploaded and not self.programme.at_end
         try:
@@ -347,6 +355,7 @@ class Session:
             speed=manner.speed,
             sound=self._hearing.track(reader.info, medium),
             begins_s=follows_s,
+            pace=None if rate is None else Pace(1 / rate, self._every(rate)),
         )
         self._follows_s = follows_s
         if before is not None and fades:
@@ -361,8 +370,8 @@ class Session:
         self.programme.plays()
         if self.placing is not None and self.adjustments.corners is None:
             self.placing.refit(self.room.fit(reader.info.format))
-        rate = None if reader.info.still else reader.info.frames_per_second
-        self.governor.begin(None if rate is None else 1 / rate)
+        pace = self.playback.pace
+        self.governor.begin(None if pace is None else pace.every * pace.interval_s)
         self.appraisal.forget()
         self._lateness = None if rate is None else Lateness(self.stats, rate, self.clock())
         self.stats.interrupted()
@@ -438,7 +447,7 @@ class Session:
         return self._draws
 
     def _upload(self, frame: Frame, playback: Playback) -> None:
-        start = time.perf_counter()
+        start, self._taken_at = time.perf_counter(), self.clock()
         try:
             if frame.format != self._pixels:  # a live source sends others than before
                 self._open_renderer(frame.format)
@@ -450,7 +459,7 @@ class Session:
         self.stats.add("upload", time.perf_counter() - start)
         self.stats.frames += 1
         self._uploaded, self._changed, self._redraws = True, True, 0
-        advice = None if self._lateness is None else self._lateness.advice(self.clock(), self.steps)
+        advice = None if self._lateness is None else self._lateness.advice(self.clock(), self.steps, self.every)
         if advice is not None:
             self.notice(advice)
 
@@ -482,6 +491,7 @@ class Session:
             self._faded = faded
             self.renderer.fade(*faded)
             self._render()
+        drawn_s = self.clock() - self._taken_at
         shown = page(), level == 0 or not self._draws
         if render or self._uncovered or shown != self._shown:
             start = time.perf_counter()
@@ -494,8 +504,22 @@ class Session:
         due_s = self.playback.due_at(frame) if follows_s is None else follows_s
         if due_s is not None:
             self.stats.shown(self.clock(), due_s, frame.duration_s / self.playback.speed)
+            self._keep_pace(frame, self.playback, drawn_s)
         else:
             self.stats.interrupted()
+
+    def _keep_pace(self, frame: Frame, playback: Playback, drawn_s: float) -> None:
+        """Show fewer frames, evenly, where the fewest steps take too long; more where there is time again."""
+        pace = playback.pace
+        if pace is None:
+            return
+        if pace.shown(frame.time_s, self.clock(), drawn_s, may_slow=self.governor.is_at_least):
+            self.governor.slow_to(pace.every * pace.interval_s)
+
+    def _every(self, rate: float) -> int:
+        """How many frames of a medium to come one is shown of: as many a second as of the medium before."""
+        pace = None if self.playback is None else self.playback.pace
+        return 1 if pace is None else max(round(pace.every * pace.interval_s * rate), 1)
 
     def _render(self) -> None:
         start, steps = time.perf_counter(), self.steps

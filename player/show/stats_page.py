@@ -5,6 +5,7 @@ from typing import Any
 
 from counterlight.overlay.osd import Histogram, Page
 from counterlight.pipeline.refinement import Certificate
+from counterlight.show.lateness import ordinal
 from counterlight.show.session import Session
 from counterlight.show.stats import DRAWING, LATE_LABELS, STAGES
 
@@ -88,9 +89,10 @@ def status_line(session: Session) -> str:
 
 
 def _rates(session: Session) -> str:
-    """`24.8 of 25 fps`."""
+    """`24.8 of 25 fps`, or `8.3 of 25 fps, every 3rd frame`."""
     requested, shown = session.rates
-    return f"{shown:.1f} of {requested:.3g} fps"
+    evenly = f", every {ordinal(session.every)} frame" if session.every > 1 else ""
+    return f"{shown:.1f} of {requested:.3g} fps{evenly}"
 
 
 def facts(session: Session) -> dict[str, Any]:

@@ -32,6 +32,7 @@ from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, Obje
 from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport
 
+RESOLVED = 0.9  # camera pixels per projector pixel, from which a camera is no coarser than the projector
 CHOSEN = {
     "whole": "the whole T⁺",
     "cut": "T⁺ cut into clusters",
@@ -65,6 +66,17 @@ class BuiltRoom:
     def transport(self) -> Transport:
         """What was inverted."""
         return self.tier.transport
+
+    @property
+    def coarseness(self) -> str | None:
+        """A warning, where the camera resolves fewer pixels than it sees of the projector; None where it does not."""
+        camera, projector = int(np.count_nonzero(self.calibration.mask)), int(self.transport.lit.any(axis=1).sum())
+        if camera >= RESOLVED * projector:
+            return None
+        return (
+            f"warning: {camera} camera pixels see {projector} projector pixels: details that are finer than a camera "
+            "pixel stay as they are; use a camera of more pixels, a longer lens, or a nearer place"
+        )
 
     @property
     def conclusion(self) -> str:

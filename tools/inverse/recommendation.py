@@ -14,7 +14,7 @@ import numpy as np
 from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.maps.prior import Prior
 from counterlight.maps.row_map import SparseRows
-from counterlight.pipeline.refinement import GOOD_ENOUGH_DB, MOST_OFFERED
+from counterlight.pipeline.refinement import GOOD_ENOUGH_DB, MOST_OFFERED, Curve
 from counterlight.tools.inverse.pictures import typical_pictures
 from counterlight.tools.inverse.squares import squares_of
 from counterlight.tools.transport.objective import Objective
@@ -44,6 +44,11 @@ class Recommendation:
     def after(self, steps: int) -> float:
         """dB below the optimum after some of the MEASURED steps from the start."""
         return self.below_optimum[self.start][MEASURED.index(steps)]
+
+    @property
+    def clean_steps(self) -> int:
+        """The fewest steps that leave a clean picture, to which play reduces them on a slow machine."""
+        return min(Curve(MEASURED, self.below_optimum[self.start]).clean_steps, self.steps)
 
     def to_toml(self) -> dict[str, Any]:
         """For the maps' manifest."""

@@ -1,0 +1,36 @@
+"""How many frames per second this machine draws in a room, as `counterlight play` would draw them."""
+
+import time
+from collections.abc import Sequence
+from statistics import median
+
+import numpy as np
+
+from counterlight.media.frames import radiance_frame
+from counterlight.memory import available_bytes
+from counterlight.pipeline.room import Room
+from counterlight.show.headless import headless_renderer
+
+TIMED_FRAMES = 5
+COPIES = 3  # of the maps, that drawing takes memory for at most
+
+
+def frames_per_second(room: Room, steps: Sequence[int]) -> list[float]:
+    """Rates of drawing a grey picture with so many steps; none where memory is short."""
+    if COPIES * sum(each.nbytes for each in room.maps.named().values()) > available_bytes():
+        return []
+    grey = np.full((*room.calibration.camera.shape, 3), 0.5 * room.white)
+    frame = radiance_frame(grey)
+    with headless_renderer("auto", room) as renderer:
+        renderer.open(frame.format)
+
+        def seconds(count: int) -> float:
+            start = time.perf_counter()
+            renderer.upload(frame)
+            renderer.render("projector", compensate=True, steps=count)
+            renderer.finish()
+            return time.perf_counter() - start
+
+        for count in steps:  # which loads and makes what later frames have at hand
+            seconds(count)
+        return [1 / median(seconds(count) for _ in range(TIMED_FRAMES)) for count in steps]
