@@ -25,7 +25,8 @@ from counterlight.pipeline.reference import TINY
 Picture = NDArray[np.float32]
 Whole = NDArray[np.integer]
 REPLACE, ADD, SUBTRACT, CLAMP = range(4)  # how a product meets its base
-STRETCH = np.uint64(64)  # entries of a row that are summed in float32; a sum all in float64 takes twice as long
+STRETCH = 64  # entries of a row that are summed in float32; a sum all in float64 takes twice as long
+SHARES = 64  # of the rows of a product, that cores take one by one
 PICTURE, PLANE, LINE = "float32[:, :, ::1]", "float32[:, ::1]", "float32[::1]"
 
 KERNELS: list[tuple[Any, tuple[str, ...]]] = []
@@ -319,28 +320,54 @@ def desired(
             out[y, x, 0], out[y, x, 1], out[y, x, 2] = red, green, blue
 
 
+@inlined
+def summed(first: Any, end: Any, indices: Whole, weights: Picture, source: Picture) -> Any:
+    """Σ weights[k] source[indices[k]] of the entries from `first` to `end`, in float32."""
+    red, green, blue = np.float32(0), np.float32(0), np.float32(0)
+    for k in range(first, end):
+        at = indices[k]
+        red += weights[k, 0] * source[at, 0]
+        green += weights[k, 1] * source[at, 1]
+        blue += weights[k, 2] * source[at, 2]
+    return red, green, blue
+
+
+@inlined
+def summed_long(first: Any, end: Any, indices: Whole, weights: Picture, source: Picture) -> Any:
+    """The same in stretches, whose sums are added in float64."""
+    red, green, blue = 0.0, 0.0, 0.0
+    for begin in range(first, end, STRETCH):
+        r, g, b = summed(begin, min(begin + STRETCH, end), indices, weights, source)
+        red, green, blue = red + np.float64(r), green + np.float64(g), blue + np.float64(b)
+    return np.float32(red), np.float32(green), np.float32(blue)
+
+
 @kernel(f"uint64[::1], uint32[::1], {PLANE}, {PLANE}, {PLANE}, int64, {PLANE}")
 def product(
     indptr: Whole, indices: Whole, weights: Picture, source: Picture, base: Picture, combine: Any, out: Picture
 ) -> None:
-    """Σ_k weights[k] source[indices[k]] of every row (row_map), and how it meets `base`; pictures (pixels, 3)."""
-    for row in numba.prange(out.shape[0]):
-        red, green, blue = 0.0, 0.0, 0.0
-        for first in range(indptr[row], indptr[row + 1], STRETCH):
-            r, g, b = np.float32(0), np.float32(0), np.float32(0)
-            for k in range(first, min(first + STRETCH, indptr[row + 1])):
-                at = indices[k]
-                r += weights[k, 0] * source[at, 0]
-                g += weights[k, 1] * source[at, 1]
-                b += weights[k, 2] * source[at, 2]
-            red, green, blue = red + np.float64(r), green + np.float64(g), blue + np.float64(b)
-        if combine == ADD:
-            red, green, blue = base[row, 0] + red, base[row, 1] + green, base[row, 2] + blue
-        elif combine == SUBTRACT:
-            red, green, blue = base[row, 0] - red, base[row, 1] - green, base[row, 2] - blue
-        elif combine == CLAMP:
-            red, green, blue = within(red, 0.0, 1.0), within(green, 0.0, 1.0), within(blue, 0.0, 1.0)
-        out[row, 0], out[row, 1], out[row, 2] = red, green, blue
+    """Σ_k weights[k] source[indices[k]] of every row (row_map), and how it meets `base`; pictures (pixels, 3).
+
+    A row of at most STRETCH entries is summed in float32 alone, which rounds to the same and takes two thirds of the time.
+    """
+    rows = out.shape[0]
+    for share in numba.prange(SHARES):
+        low, high = share * rows // SHARES, (share + 1) * rows // SHARES
+        end = np.int64(indptr[low])
+        for row in range(low, high):
+            first, end = end, np.int64(indptr[row + 1])
+            if end - first <= STRETCH:
+                red, green, blue = summed(first, end, indices, weights, source)
+            else:
+                red, green, blue = summed_long(first, end, indices, weights, source)
+            if combine == ADD:
+                red, green, blue = base[row, 0] + red, base[row, 1] + green, base[row, 2] + blue
+            elif combine == SUBTRACT:
+                red, green, blue = base[row, 0] - red, base[row, 1] - green, base[row, 2] - blue
+            elif combine == CLAMP:
+                zero, one = np.float32(0), np.float32(1)
+                red, green, blue = within(red, zero, one), within(green, zero, one), within(blue, zero, one)
+            out[row, 0], out[row, 1], out[row, 2] = red, green, blue
 
 
 @kernel(f"float32, {PLANE}, float32, {PLANE}, boolean, {PLANE}")
