@@ -348,7 +348,7 @@ def product(
 ) -> None:
     """Σ_k weights[k] source[indices[k]] of every row (row_map), and how it meets `base`; pictures (pixels, 3).
 
-    A row of at most STRETCH entries is summed in float32 alone, which rounds to the same and takes two thirds of the time.
+    Rows of at most STRETCH entries are summed in float32 alone, which rounds to the same in two thirds of the time.
     """
     rows = out.shape[0]
     for share in numba.prange(SHARES):
