@@ -244,8 +244,3 @@ def test_the_nearest_time_is_meant(words: str, now: int, day: int, hour: int) ->
 )
 def test_wrong_options_are_told_in_a_line(option: str, value: str, message: str) -> None:
     assert message in fail("play", "room", "clip.mkv", option, value)
-
-
-def test_a_show_follows_one_thing() -> None:
-    said = fail("play", "room", "clip.mkv", "--follow", "left", "--timecode")
-    assert "argument --timecode: not allowed with argument --follow" in said

@@ -18,7 +18,7 @@ from counterlight.show.output import Coding, is_film
 WINDOW_ONLY = (
     *("fullscreen", "monitor", "any_size", "vsync", "bits", "hwdec", "volume", "mute", "blackout", "osd"),
     *("screenshot_directory", "speed", "image_display_duration", "playlist_start", "keep_open", "fade"),
-    *("crossfade", "control", "remote", "osc", "heartbeat", "lead", "follow", "timecode", "at", "schedule"),
+    *("crossfade", "control", "remote", "osc", "heartbeat", "lead", "follow", "at", "schedule"),
 )
 
 

@@ -1,4 +1,4 @@
-"""What runs beside a show, as its options say: checks of the room, projectors, machines in step, timecode."""
+"""What runs beside a show, as its options say: checks of the room, projectors, machines in step."""
 
 import argparse
 import sys
@@ -6,9 +6,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 
 from counterlight.errors import InputError
-from counterlight.media.line_in import LineIn
 from counterlight.show.asked import check_of
-from counterlight.show.chase import Chase
 from counterlight.show.in_step import Curtain, Follower, Leader
 from counterlight.show.schedule_file import read_schedule
 from counterlight.show.session import Session
@@ -50,18 +48,6 @@ def in_step_of(options: argparse.Namespace, session: Session, stack: ExitStack) 
         listener = Listener(options.follow)
         stack.callback(listener.close)
         beside.append(Follower(session, listener).poll)
-    if options.timecode is not None:
-        chase = _chase(options, lambda: len(session.playlist.media), stack)
-        beside.append(Follower(session, chase, "waits for timecode").poll)
     if options.at is not None:
         beside.append(Curtain(session, options.at).poll)
     return beside
-
-
-def _chase(options: argparse.Namespace, items: Callable[[], int], stack: ExitStack) -> Chase:
-    """Of the timecode at a sound input, which is on the stack."""
-    line = LineIn(options.timecode, lambda samples, heard_s: chase.take(samples, heard_s))
-    stack.callback(line.close)
-    chase = Chase(line.rate, options.timecode_start, items)
-    line.start()
-    return chase

@@ -4,11 +4,11 @@ import time
 from collections.abc import Callable
 from datetime import datetime, timedelta
 from statistics import median
-from typing import Protocol
+from typing import Any
 
 from counterlight.show.playback import Playback
 from counterlight.show.session import Session
-from counterlight.unattended.cues import Beacon, Cue, Heard
+from counterlight.unattended.cues import Beacon, Cue, Heard, Listener
 
 FAR_S = 1.0  # out of step by more, a follower seeks; by less, its media time is put right
 CLOSE_S, CLOSE_WITH_SOUND_S = 0.002, 0.03  # nothing is done about less: putting sound right is heard
@@ -17,14 +17,6 @@ OTHER_ITEM_S, AGAIN_S = 0.5, 10.0  # how long another item plays before it is ta
 LONGEST_SEEK_S = 5.0
 LATEST_START_S = 5.0  # that is made up for, where the first medium was not open in time
 HALF_A_DAY = timedelta(hours=12)
-
-
-class Listening(Protocol):
-    """What a follower follows."""
-
-    @property
-    def heard(self) -> Heard | None:
-        """What the leader says; None while it is silent."""
 
 
 class Leader:
@@ -47,13 +39,10 @@ def cue_of(session: Session) -> Cue:
 
 
 class Follower:
-    """Goes where the leader is: item, pause, speed and time. While the leader is silent, the show goes on alone.
+    """Goes where the leader is: item, pause, speed and time. While the leader is silent, the show goes on alone."""
 
-    begins : what is said when the leader is heard.
-    """
-
-    def __init__(self, session: Session, listener: Listening, begins: str = "in touch with the leader") -> None:
-        self._session, self._listener, self._begins = session, listener, begins
+    def __init__(self, session: Session, listener: Listener) -> None:
+        self._session, self._listener = session, listener
         self._in_touch = False
         self._other: tuple[int, float] | None = None  # an item that the leader plays and we do not, since when
         self._tried: tuple[int, float] | None = None  # the one that was gone to last, when
@@ -85,11 +74,10 @@ class Follower:
         in_touch = heard is not None
         if in_touch != self._in_touch:
             self._in_touch = in_touch
-            self._session.notice(self._begins if in_touch else "the leader is silent; going on alone")
-        told = {"role": "follow", "in_touch": in_touch}
+            self._session.notice("in touch with the leader" if in_touch else "the leader is silent; going on alone")
+        told: dict[str, Any] = {"role": "follow", "in_touch": in_touch}
         if heard is not None:
-            told |= {} if heard.round_trip_s is None else {"round_trip_ms": round(1000 * heard.round_trip_s, 3)}
-            told |= {} if heard.timecode is None else {"timecode": heard.timecode}
+            told["round_trip_ms"] = round(1000 * heard.round_trip_s, 3)
         self._session.stats.facts["in_step"] = self._session.stats.facts.get("in_step", {}) | told
 
     def _plays(self, cue: Cue) -> bool:

@@ -28,7 +28,6 @@ from counterlight.show.remotes import PORT as PAGE_PORT
 from counterlight.show.settings import Several, apply_settings, default_path
 from counterlight.unattended.cues import PORT, read_address
 from counterlight.unattended.supervisor import SAFE
-from counterlight.unattended.timecode import Timecode, parse_timecode
 
 
 def read_options(argv: Sequence[str] | None, description: str) -> argparse.Namespace:
@@ -185,17 +184,7 @@ def _add_step(parser: argparse.ArgumentParser) -> None:
     text = "tell followers where the show is, on this UDP port"
     add("--lead", type=_address(host=""), metavar="[HOST:]PORT", help=text)
     text = f"go where the leader on another machine is\n(its port: {PORT} if left out)"
-    followed = parser.add_mutually_exclusive_group()
-    followed.add_argument("--follow", type=_address(port=PORT), metavar="HOST[:PORT]", help=text)
-    followed.add_argument(
-        "--timecode",
-        nargs="?",
-        const="",
-        metavar="DEVICE",
-        help="go where linear timecode (LTC) at this sound input is: a name or number\n(alone: the system's)",
-    )
-    text = "timecode of the first medium's beginning (default 00:00:00:00); every\nfurther medium begins an hour later"
-    add("--timecode-start", type=_timecode, default=parse_timecode("00:00:00"), metavar="HH:MM:SS:FF", help=text)
+    add("--follow", type=_address(port=PORT), metavar="HOST[:PORT]", help=text)
     add("--at", type=_time_of_day, metavar="HH:MM:SS", help="begin at this time of the day, black until then")
 
 
@@ -214,13 +203,6 @@ def _device(word: str) -> str:
     if word.partition(":")[0] not in (PROCESSOR, ANY, *TYPES):
         raise argparse.ArgumentTypeError(f"expected {PROCESSOR}, {ANY} or one of {', '.join(TYPES)}, found {word!r}")
     return word
-
-
-def _timecode(word: str) -> Timecode:
-    try:
-        return parse_timecode(word)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"expected HH:MM:SS or HH:MM:SS:FF, found {word!r}") from None
 
 
 def _time_of_day(word: str) -> datetime:

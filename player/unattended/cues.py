@@ -44,15 +44,11 @@ class Cue:
 
 @dataclass(frozen=True)
 class Heard:
-    """cue : the leader's last one.  offset_s : its clock less ours.  round_trip_s : see ClockOffset; None without one.
-
-    timecode : what was heard, if it was timecode.
-    """
+    """cue : the leader's last one.  offset_s : its clock less ours.  round_trip_s : see ClockOffset."""
 
     cue: Cue
     offset_s: float
-    round_trip_s: float | None = None
-    timecode: str | None = None
+    round_trip_s: float
 
 
 class Beacon:
