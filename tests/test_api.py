@@ -34,7 +34,7 @@ def matrices() -> list[sparse.csr_array]:
 
 @pytest.fixture(scope="module")
 def maps(room: cl.Room) -> RoomMaps:
-    return cl.build_maps(room, "fast")
+    return cl.build_maps(room, inverse="none")
 
 
 @pytest.fixture(scope="module")
@@ -123,10 +123,10 @@ def test_nothing_is_written_and_backends_agree(room: cl.Room, tmp_path: Path, mo
 
 def test_maps_from_memory_are_those_of_the_command(room: cl.Room, tmp_path: Path) -> None:
     room.write(tmp_path / "room")
-    succeed("build", tmp_path / "room", "--preset", "balanced", "--regularize", "0.1")
+    succeed("build", tmp_path / "room", "--max-error", "2", "--regularize", "0.1")
     written, made = (
         cl.read_maps(tmp_path / "room"),
-        cl.build_maps(cl.read_room(tmp_path / "room"), "balanced", damping=0.1),
+        cl.build_maps(cl.read_room(tmp_path / "room"), max_error=2, damping=0.1),
     )
     assert written.named().keys() == made.named().keys()
     for name, packed in made.named().items():
@@ -256,7 +256,7 @@ def test_integers_are_srgb_codes_as_play_takes_them(room: cl.Room, tmp_path: Pat
         np.testing.assert_allclose(
             cl.solve(room, given, "direct").drive, cl.solve(room, played, "direct").drive, atol=1e-12
         )
-    maps = cl.build_maps(room, "fast")
+    maps = cl.build_maps(room, inverse="none")
     with cl.Renderer(room, maps, backend="cpu") as renderer:
         np.testing.assert_array_equal(renderer.render(codes, refine=0), renderer.render(played, refine=0))
     drive = codes[:9, :14]
@@ -311,7 +311,7 @@ def test_floats_that_look_like_codes_are_told_by_a_warning(room: cl.Room) -> Non
     ],
 )
 def test_what_is_no_picture_is_told_everywhere(room: cl.Room, picture: object, complaint: str) -> None:
-    maps = cl.build_maps(room, "fast", refine=False)
+    maps = cl.build_maps(room, inverse="none", refine=False)
     with pytest.raises((InputError, TypeError), match=complaint):
         cl.solve(room, picture)
     with cl.Renderer(room, maps, backend="cpu") as renderer, pytest.raises((InputError, TypeError), match=complaint):
@@ -350,7 +350,7 @@ def test_maps_and_rooms_belong_together(room: cl.Room, maps: RoomMaps, tmp_path:
     for swapped in (lambda: cl.Renderer(maps, room), lambda: cl.solve(np.ones(3), room), lambda: cl.build_maps("room")):
         with pytest.raises(TypeError, match="room: expected Room, found"):
             swapped()
-    few = cl.build_maps(room, "fast", refine=False)
+    few = cl.build_maps(room, inverse="none", refine=False)
     with cl.Renderer(room, few, backend="cpu") as renderer, pytest.raises(InputError, match=r"refine=4: .*refine=True"):
         renderer.render(0.5, refine=4)
 
@@ -468,8 +468,8 @@ def test_wrong_pictures_and_names_are_told(room: cl.Room) -> None:
         cl.solve(room, np.ones((9, 14, 3)))
     with pytest.raises(InputError, match="did you mean 'nnls'"):
         cl.solve(room, np.ones(3), "nnsl")
-    with pytest.raises(InputError, match="did you mean 'best'"):
-        cl.build_maps(room, "bets")
+    with pytest.raises(InputError, match="did you mean 'whole'"):
+        cl.build_maps(room, inverse="hwole")
 
 
 def test_importing_is_free() -> None:

@@ -135,7 +135,7 @@ def test_commands_build_play_relight_and_compensate(room: Path, tmp_path: Path) 
     assert all(name in solved for name in ("map", "box", "nnls"))
     said = fail("compensate", room, picture, "--solver", "nnls", "--max-cluster", "50")
     assert "--max-cluster 50: blurred light is kept in blocks of pixels" in said
-    assert "--inverse whole: blurred light" in fail("build", room, "--preset", "best")
+    assert "--inverse whole: blurred light" in fail("build", room, "--inverse", "whole")
     assert "kept in blocks of pixels" in fail("study", room, "-o", tmp_path / "study")
 
 

@@ -164,11 +164,6 @@ def test_no_steps_no_advice(tmp_path: Path) -> None:
     assert read_room(tmp_path / "room", None).default_steps == 0
 
 
-def test_a_cut_asked_for_prevails_over_a_preset(tmp_path: Path) -> None:
-    write_blurred_room(tmp_path / "room", np.random.default_rng(5), (30, 40), (24, 32))
-    assert "T⁺ cut into clusters, " in succeed("build", tmp_path / "room", "--preset", "best", "--max-cluster", "60")
-
-
 def test_a_room_too_large_is_refused_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from counterlight.tools.inverse import memory
 

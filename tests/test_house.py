@@ -247,7 +247,7 @@ def test_the_scripts_that_the_mission_names_are_verbs_of_their_own(verb: str, na
         ("counterlight acquire --scheme h", {"hierarchical"}),
         ("counterlight play room --view ", set(VIEWS)),
         ("play-corrected --dit", {"--dither"}),
-        ("build-correction-map room --preset b", {"balanced", "best"}),
+        ("build-correction-map room --outside b", {"black"}),
     ],
 )
 def test_shells_complete_verbs_options_and_choices(line: str, expected: set[str], tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import tomllib
 from contextlib import closing
 from dataclasses import fields, replace
 from pathlib import Path
@@ -20,7 +19,6 @@ import pytest
 from counterlight.files.manifest import describe_files
 from counterlight.pipeline.room import Room
 from counterlight.tools.inverse.near_light import Inverse, InverseOptions, invert_near_light
-from counterlight.tools.inverse.presets import PRESETS
 from counterlight.tools.solve.compensate import CompensateOptions, CompensationTask
 from counterlight.tools.study.frames import graphics, player
 from counterlight.tools.study.measure import SHOWN, Trial
@@ -266,28 +264,6 @@ def test_table_6_1_has_the_thesis_rows_and_says_what_was_not_studied() -> None:
     )
     assert "| 2 s | n.a. | 3 s; 4 ms; 5.00 dB | n.a. | 6 s; 8 ms; 7.00 dB |" in lines[3]
     assert lines[4].count("not studied") == len(HEADER) - 6
-
-
-def test_presets_make_smaller_maps_the_faster_they_are(room: StudyRoom) -> None:
-    assert list(PRESETS) == ["fast", "balanced", "best"]
-    counts = [room.build(options)[0].maps.correction.count for options in PRESETS.values()]
-    assert counts == sorted(counts)
-    assert len(set(counts)) == len(PRESETS)
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_a_preset_is_its_options_and_those_given_beside_it_prevail(name: str, tmp_path: Path) -> None:
-    write_blurred_room(tmp_path / "room", np.random.default_rng(5), ROOM_CAMERA, ROOM_PROJECTOR)
-    succeed("build", tmp_path / "room", "--preset", name, "--max-error", "3", "--regularize", "0.2")
-    options = tomllib.loads((tmp_path / "room" / "correction" / "manifest.toml").read_text())["options"]
-    assert options["max_error_codes"] == 3.0
-    assert options["regularize"] == 0.2
-    assert options["inverse"] == PRESETS[name].inverse
-
-
-def test_an_unknown_preset_is_one_line_that_names_the_known(tmp_path: Path) -> None:
-    said = fail("build", tmp_path, "--preset", "nice")
-    assert all(name in said for name in PRESETS)
 
 
 @pytest.mark.parametrize(

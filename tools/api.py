@@ -32,7 +32,6 @@ from counterlight.tools.choices import (
     INVERSE_METHODS,
     INVERSES,
     MOST_TOLERANCE,
-    PRESETS,
     TOLERANCE,
 )
 from counterlight.tools.clusters.decomposition import Parameters
@@ -308,7 +307,6 @@ def solve(
 @in_python()
 def build_maps(
     room: Room,
-    preset: str | None = None,
     *,
     refine: bool = True,
     colour: str | None = None,
@@ -323,15 +321,13 @@ def build_maps(
 ) -> RoomMaps:
     """The maps that the player multiplies with, as `counterlight build` makes them.
 
-    preset : fast, balanced or best.  refine : with what only refinement needs.  colour : instead of the room's.
-    damping and what follows : as of counterlight.tools.inverse.near_light.InverseOptions; None takes the preset's.
+    refine : with what only refinement needs.  colour : instead of the room's.
+    damping and what follows : as of counterlight.tools.inverse.near_light.InverseOptions; None takes its default.
     """
-    from counterlight.tools.inverse import presets
     from counterlight.tools.inverse.build import build_maps as build
     from counterlight.tools.inverse.near_light import InverseOptions
 
     tier = _coloured(room, colour).tier
-    base = InverseOptions() if preset is None else presets.PRESETS[arguments.choice(preset, "preset", PRESETS)]
     if inverse is None and (max_cluster is not None or parameters is not None):
         inverse = "cut"
     checks: dict[str, tuple[Any, ...]] = {
@@ -347,7 +343,7 @@ def build_maps(
     if parameters is not None:
         given["parameters"] = arguments.instance(parameters, Parameters, "parameters")
     arguments.instance(refine, bool, "refine")
-    return build(tier, replace(base, **given), refine=refine).maps
+    return build(tier, InverseOptions(**given), refine=refine).maps
 
 
 def check_maps(room: Room, maps: RoomMaps) -> None:

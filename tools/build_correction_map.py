@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from counterlight.command import Parser, run, tell
 from counterlight.errors import InputError
-from counterlight.tools.choices import INVERSE_METHODS, INVERSES, PRESETS
+from counterlight.tools.choices import INVERSE_METHODS, INVERSES
 from counterlight.tools.cluster_option import add_cluster, workers_of
 from counterlight.tools.colour.option import add_colour
 from counterlight.tools.objective_options import add_objective_options, aims_of
@@ -29,17 +29,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _main(argv: Sequence[str] | None) -> None:
-    parser = _parser()
-    options = parser.parse_args(argv)
-    from counterlight.tools.inverse import presets
+    options = _parser().parse_args(argv)
     from counterlight.tools.inverse.near_light import InverseOptions
     from counterlight.tools.report.report import check_report_folder
 
-    if options.preset is not None:  # what is given beside it prevails
-        preset = presets.PRESETS[options.preset]
-        inverse = preset.inverse if options.max_cluster is None and options.radius is None else "cut"
-        parser.set_defaults(regularize=preset.damping, max_error=preset.max_error, inverse=inverse)
-        options = parser.parse_args(argv)
     start = time.monotonic()
     inverse_options = InverseOptions(
         options.regularize,
@@ -125,11 +118,6 @@ def _parameters(options: argparse.Namespace) -> "Parameters | None":
 def _parser() -> argparse.ArgumentParser:
     parser = Parser("build", description=__doc__)
     parser.add_argument("calibration", type=Path, help="a calibration folder; correction/ is written into it")
-    parser.add_argument(
-        "--preset",
-        choices=PRESETS,
-        help="settings found by counterlight study, for small maps or good pictures; options given beside it prevail",
-    )
     parser.add_argument(
         "--inverse",
         choices=INVERSES,

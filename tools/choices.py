@@ -5,7 +5,6 @@ SCREENS = ("camera", "projector")  # tools/transport/shared_screen.py
 OUTSIDE = ("black", "continue")  # tools/transport/objective.py
 INVERSE_METHODS = ("auto", "clustered", "windowed")  # tools/inverse/method.py
 INVERSES = ("auto", "whole", "cut", "none", "thesis")  # tools/inverse/near_light.py
-PRESETS = ("fast", "balanced", "best")  # tools/inverse/presets.py
 SCHEMES = ("hierarchical", "multiplexed", "pixels", "blocks", "graycode")  # tools/acquire_transport.py
 GRAYCODE_ORDERS = ("opencv", "sltk")  # tools/acquisition/captures.py
 COMPENSATIONS = ("none", "direct", "triangulated", "map", "qr", "svd", "nnls", "box")  # tools/solve/compensate.py

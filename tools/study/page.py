@@ -156,10 +156,7 @@ def _advice(advice: Sequence[Wish]) -> Section:
         [wish.words, wish.method.label if wish.method else "none", wish.method.command if wish.method else "", wish.why]
         for wish in advice
     ]
-    note = (
-        "<p class='note'>Measured at the sizes above: a frame's milliseconds grow with the number of pixels. "
-        "counterlight build --preset fast, balanced or best is what the study of the shipped scenes led to.</p>"
-    )
+    note = "<p class='note'>Measured at the sizes above: a frame's milliseconds grow with the number of pixels.</p>"
     return Section("Recommended", [], html_table(("wish", "method", "commands", "here"), body) + note)
 
 
