@@ -39,7 +39,7 @@ from counterlight.tools.acquisition.linearity import SHOTS, shown_halves
 from counterlight.tools.acquisition.plan import REPEATS, Picture, Reference, measure_noise
 from counterlight.tools.acquisition.ramps import light_level
 from counterlight.tools.acquisition.schemes import blocks
-from counterlight.tools.acquisition.schemes.baselines import GrayCodeScheme
+from counterlight.tools.acquisition.schemes.graycode import GrayCodeScheme
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.acquisition.store import CaptureStore

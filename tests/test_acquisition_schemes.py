@@ -25,7 +25,6 @@ from counterlight.tools.acquisition.plan import REPEATS, Noise, measure_noise
 from counterlight.tools.acquisition.ramps import light_level
 from counterlight.tools.acquisition.schemes import blocks
 from counterlight.tools.acquisition.schemes.agreement import Reading, agree, keep_measurable
-from counterlight.tools.acquisition.schemes.baselines import FixedBlocksScheme, GrayCodeScheme, PixelByPixelScheme
 from counterlight.tools.acquisition.schemes.blocks import (
     NO_CHILD,
     BlockGrid,
@@ -35,6 +34,7 @@ from counterlight.tools.acquisition.schemes.blocks import (
     sum_by_camera,
 )
 from counterlight.tools.acquisition.schemes.codes import code_length, s_inverse, s_matrix
+from counterlight.tools.acquisition.schemes.graycode import GrayCodeScheme
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.acquisition.schemes.known import KnownLight, Quarter
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
@@ -56,6 +56,7 @@ from tests.acquired_rooms import (
     with_far_light,
 )
 from tests.studies.acquisition import relative_error
+from tests.studies.baselines import FixedBlocksScheme, PixelByPixelScheme
 
 # Which blocks may be lit together.
 

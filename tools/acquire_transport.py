@@ -139,7 +139,7 @@ def _checked(camera: "Camera") -> "list[Finding]":
 
 
 def _scheme(options: argparse.Namespace) -> "MakeScheme":
-    from counterlight.tools.acquisition.schemes import baselines
+    from counterlight.tools.acquisition.schemes.graycode import GrayCodeScheme
     from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme
     from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 
@@ -148,12 +148,8 @@ def _scheme(options: argparse.Namespace) -> "MakeScheme":
             return HierarchicalScheme(_threshold(options), options.captures.parent)
         case "multiplexed":
             return MultiplexedScheme(options.tile)
-        case "pixels":
-            return baselines.PixelByPixelScheme(_threshold(options))
-        case "blocks":
-            return baselines.FixedBlocksScheme(threshold=_threshold(options))
         case _:
-            return baselines.GrayCodeScheme()
+            return GrayCodeScheme()
 
 
 def _aim(options: argparse.Namespace) -> "Aim | None":

@@ -17,7 +17,7 @@ from counterlight.tools.acquisition.cameras.simulated import CameraSettings, Sim
 from counterlight.tools.acquisition.few.acquire import acquire_pictures
 from counterlight.tools.acquisition.memory import MemoryStore
 from counterlight.tools.acquisition.plan import MakeScheme
-from counterlight.tools.acquisition.schemes.baselines import GrayCodeScheme
+from counterlight.tools.acquisition.schemes.graycode import GrayCodeScheme
 from counterlight.tools.acquisition.schemes.hierarchical import HierarchicalScheme, Threshold
 from counterlight.tools.acquisition.schemes.multiplexed import MultiplexedScheme
 from counterlight.tools.colour.tiers import Tier, tier_of

@@ -1,18 +1,14 @@
-"""Schemes to compare with: pixel by pixel, fixed blocks, and direct mapping by Gray code.
+"""Schemes of acquisition to compare with: pixel by pixel, and fixed blocks.
 
 They see the same room through the same captures as the hierarchical scheme, and return a light transport like it.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.pipeline.colour import LUMINANCE
-from counterlight.tools.acquisition.direct_mapping import direct_mapping, direct_transport
 from counterlight.tools.acquisition.plan import Captures, Expected, LazyPatterns, Level, Measured, Reference, Scheme
 from counterlight.tools.acquisition.schemes.blocks import (
     BlockGrid,
@@ -22,10 +18,7 @@ from counterlight.tools.acquisition.schemes.blocks import (
     joined,
 )
 from counterlight.tools.acquisition.schemes.hierarchical import DEFAULT, Threshold
-from counterlight.tools.acquisition.schemes.stripes import Stripe, locate, stripes
 
-FILL_RADIUS = 4  # cells, as counterlight import-graycode's
-SURE_SIGMAS = 4.0
 ALL_PAIRS = Threshold(6.0)
 
 
@@ -89,41 +82,6 @@ class FixedBlocksScheme:
             parts.append(BlockLight(pixels, lit, (y * projector[1] + x)[lit], np.maximum(light[lit], 0)))
         part = joined(parts)
         return Measured(as_transport(fit_to_composition([part], room.light), len(room.light)))
-
-
-@dataclass(frozen=True)
-class GrayCodeScheme:
-    """Stripes and their inverses down to single pixels; each camera pixel sees one projector pixel (thesis 6.1)."""
-
-    def expected(self, projector: tuple[int, int]) -> tuple[Expected, ...]:
-        return (Expected(2 * len(stripes(projector, 1))),)
-
-    def __call__(self, room: Reference, projector: tuple[int, int]) -> Scheme:
-        shown = stripes(projector, 1)
-        count = 2 * len(shown)
-        patterns = LazyPatterns(count, lambda i: shown[i // 2].paint() ^ (i % 2 == 1))
-        captures = yield Level("stripes and inverses", patterns, cover=len(shown))
-        valid, place = self._decode(room, captures, shown, projector)
-        shape = room.black.shape[:2]
-        y, x = (np.floor(place[:, axis]).astype(np.int32).reshape(shape) for axis in (0, 1))
-        mapping = direct_mapping(x, y, valid.reshape(shape), projector, fill_radius=FILL_RADIUS)
-        weight = np.maximum(room.light, 0).astype(np.float32)
-        decoded = f"{int(valid.sum())} of {valid.size} camera pixels decoded"
-        return Measured(direct_transport(mapping, weight), (decoded,))
-
-    def _decode(
-        self, room: Reference, captures: Captures, shown: Sequence[Stripe], projector: tuple[int, int]
-    ) -> tuple[NDArray[np.bool_], FloatArray]:
-        """Which camera pixels are sure in every bit, and where they look, (camera pixels, 2)."""
-        flood, shares = room.light @ LUMINANCE, []
-        sigma = np.sqrt(2 * (room.noise.sigma(room.light / 2) ** 2) @ np.square(LUMINANCE))
-        sure = np.any(room.light > SURE_SIGMAS * room.noise.sigma(room.light), axis=1)
-        for i in range(len(shown)):
-            difference = (np.asarray(captures[2 * i], np.float64) - captures[2 * i + 1]).reshape(-1, 3) @ LUMINANCE
-            sure &= np.abs(difference) > SURE_SIGMAS * sigma
-            shares.append(0.5 + difference / np.where(flood > 0, 2 * flood, np.inf))
-        place = locate(shown, shares, projector)
-        return sure, place
 
 
 def _columns(room: Reference, captures: Captures, grid: BlockGrid, threshold: Threshold) -> BlockLight:
