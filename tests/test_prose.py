@@ -1,0 +1,27 @@
+"""What python -m tests.prose draws from."""
+
+from pathlib import Path
+
+from tests.prose import sample, texts_of
+
+
+def test_docstrings_comments_and_help_are_found_with_their_places(tmp_path: Path) -> None:
+    path = tmp_path / "module.py"
+    path.write_text(
+        '"""A module."""\n\nx = 1  # one\n# Two lines\n# together.\n\n\ndef f(add):\n    """Does."""\n'
+        '    add(help=f"from {x} on")  # noqa: X1\n'
+    )
+    found = {(text.line, text.kind, text.words) for text in texts_of(path)}
+    assert found == {
+        (1, "docstring", "A module."),
+        (3, "comment", "one"),
+        (4, "comment", "Two lines together."),
+        (9, "docstring", "Does."),
+        (10, "help", "from … on"),
+    }
+
+
+def test_a_seed_draws_the_same_again_and_others_draw_others() -> None:
+    first, again, other = sample(3, 50), sample(3, 50), sample(4, 50)
+    assert first == again != other
+    assert len({(text.path, text.line, text.kind) for text in first}) == 50
