@@ -15,7 +15,7 @@ export PYTHONDONTWRITEBYTECODE =
 .DEFAULT_GOAL := help
 # apt and pip are run one at a time, whatever -j says.
 .NOTPARALLEL:
-.PHONY: help play test lint fuzz bench study hard-cases figures clean system-play system-test
+.PHONY: help play test lint docs fuzz bench study hard-cases figures clean system-play system-test
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST))
@@ -43,12 +43,16 @@ study: $(ready) ## what accuracy costs in time: study/report.html
 hard-cases: $(ready) ## how every method takes near-singular, contradictory and noisy systems
 	$(python) -m tests.studies.hard_cases
 
+docs: $(ready) ## the pages as a site: site/index.html
+	$(python) -m pip install --quiet --disable-pip-version-check -c constraints.txt mkdocs-material
+	NO_MKDOCS_2_WARNING=1 $(python) -m mkdocs build
+
 figures: $(ready) ## which figures of the pages are stale: minutes, ALL=1: hours
 	$(python) -m tests.figures $(if $(ALL),--all)
 
 clean: ## remove the environment and everything that was built
 	[ ! -f $(VENV)/pyvenv.cfg ] || rm -rf $(VENV)
-	rm -rf study fuzz build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis calib_data/example
+	rm -rf site study fuzz build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis calib_data/example
 	find . -name __pycache__ -not -path './.git/*' -prune -exec rm -rf {} +
 
 system-play system-test:

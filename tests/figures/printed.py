@@ -70,9 +70,9 @@ def one_picture() -> Figures:
 
 
 def built(room: str) -> Figures:
-    """A row of the README's table of builds."""
+    """A row of the table of builds."""
     return Figures(
-        "README.md",
+        "docs/costs.md",
         (f"counterlight simulate {room} {CORNER} -o {room}", f"counterlight build {room}"),
         3,
         pattern(

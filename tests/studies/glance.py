@@ -1,16 +1,19 @@
-"""The README's pictures: python -m tests.studies.glance -o docs makes glance.png and glance.webp.
+"""The README's pictures: python -m tests.studies.glance -o docs makes glance.png and hero.webp.
 
 Four shipped rooms, simulated, built and played as a user does it by default. Each pair is the camera's view at one
-exposure: a film frame as any player would project it, and compensated. The clip is the split view of the first room.
+exposure: a film frame as any player would project it, and compensated. The clip wipes between both in the first room.
 """
 
 import argparse
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import av
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
+from scipy import sparse
 
 from counterlight.overlay.letters import write
 from counterlight.tools.shipped import CLIP
@@ -23,8 +26,9 @@ ROOMS = {
     "two_planes": "two planes, one out of focus",
 }
 CAMERA, PROJECTOR = "240x180", "192x144"
-SHOWN_AT_S, FRAMES, RATE = 2.0, 48, 12
-GAP, LABEL, INK = 8, 26, 40
+WIDE, WIDE_PROJECTOR = "960x540", "768x432"  # of the clip
+SHOWN_AT_S, FRAMES, SKIPPED, SHOWN_MS = 2.0, 44, 3, 120  # every third frame of 25 per second
+GAP, LABEL, INK, WHITE = 8, 26, 40, 0xFFFFFF
 Picture = NDArray[np.uint8]
 
 
@@ -62,14 +66,47 @@ def sheet(folder: Path) -> Picture:
     return beside([beside(pairs[:2], axis=1), beside(pairs[2:], axis=1)], axis=0)
 
 
-def clip(folder: Path, path: Path) -> None:
-    """The split view: left as any player would, right compensated."""
-    room = folder / next(iter(ROOMS))
-    options = "--view", "split", "--no-config", "--frames", FRAMES, "--refine", 16
-    succeed("play", room, CLIP, *options, "--output", folder / "split-%03d.png")
-    shown = sorted(folder.glob("split-*.png"))[::2]
-    first, *rest = (Image.open(each).convert("RGB") for each in shown)
-    first.save(path, save_all=True, append_images=rest, duration=1000 // RATE, loop=0, quality=60, method=6)
+def hero(folder: Path, path: Path) -> None:
+    """The first room as a clip: a line wipes from any player's picture, its corners pinned, to the compensated one."""
+    room = folder / "hero"
+    succeed("simulate", next(iter(ROOMS)), "-o", room, "--camera", WIDE, "--projector", WIDE_PROJECTOR)
+    succeed("build", room)
+    pin(room, folder)
+    pinned = folder / "pinned-%03d.png", "--fps", 25, "--no-compensation"
+    for name, medium in (("before", pinned), ("after", (CLIP, "--frames", FRAMES * SKIPPED))):
+        shown = "--view", "camera", "--no-config", "--output", folder / f"{name}-%03d.png"
+        succeed("play", room, *medium, *shown)
+    pairs = zip(*(sorted(folder.glob(f"{name}-*.png"))[::SKIPPED] for name in ("before", "after")), strict=True)
+    first, *rest = [wiped(before, after, number / FRAMES) for number, (before, after) in enumerate(pairs)]
+    first.save(path, save_all=True, append_images=rest, duration=SHOWN_MS, loop=0, quality=50, method=4)
+
+
+def pin(room: Path, folder: Path) -> None:
+    """Write the clip's frames so that, projected as they are, they fill the camera's view."""
+    near = sparse.load_npz(room / "transport_green.npz").tocsr()
+    size, (width, _) = (tuple(map(int, words.split("x"))) for words in (WIDE, WIDE_PROJECTOR))
+    seen = np.flatnonzero(np.diff(near.indptr))[::97]
+    place = np.stack(np.divmod(np.arange(near.shape[1]), width)[::-1], axis=1)
+    centres = (near[seen] @ place) / near[seen].sum(axis=1)[:, None]
+    to_projector, _ = cv2.findHomography(np.stack(np.divmod(seen, size[0])[::-1], axis=1) * 1.0, centres, cv2.RANSAC)
+    raster = tuple(map(int, WIDE_PROJECTOR.split("x")))
+    with av.open(str(CLIP)) as container:
+        for number, frame in zip(range(FRAMES * SKIPPED), container.decode(video=0), strict=False):
+            fitted = cv2.resize(frame.to_ndarray(format="bgr24"), size, interpolation=cv2.INTER_AREA)
+            cv2.imwrite(str(folder / f"pinned-{number + 1:03d}.png"), cv2.warpPerspective(fitted, to_projector, raster))
+
+
+def wiped(before: Path, after: Path, time: float) -> Image.Image:
+    """Left of the line any player's picture, right of it the compensated one.  time : from 0 to 1."""
+    left, right = (np.asarray(Image.open(path).convert("RGB")) for path in (before, after))
+    line = round(left.shape[1] * (0.5 + 0.45 * np.cos(2 * np.pi * time)))
+    picture = Image.fromarray(np.concatenate([left[:, :line], right[:, line:]], axis=1))
+    draw = ImageDraw.Draw(picture)
+    draw.line([(line, 0), (line, picture.height)], fill=WHITE, width=3)
+    for words, x in (("any player", 16), ("Counterlight", picture.width - 212)):
+        draw.rectangle((x - 8, 12, x + 204, 48), fill="black")
+        write(draw, (x, 38), words, 2.0, WHITE)
+    return picture
 
 
 def main() -> None:
@@ -78,7 +115,7 @@ def main() -> None:
     output = parser.parse_args().output
     with TemporaryDirectory() as made:
         Image.fromarray(sheet(Path(made))).save(output / "glance.png", optimize=True)
-        clip(Path(made), output / "glance.webp")
+        hero(Path(made), output / "hero.webp")
 
 
 if __name__ == "__main__":

@@ -43,6 +43,7 @@ KNOBS = {
     "steps": ("--refine, steps a frame", "refinement"),
 }
 DPI = 110
+LABEL = 26, 12  # pixels that a label covers
 
 
 def draw_all(folder: Path, rows: Sequence[Row], time_note: str) -> dict[str, str]:
@@ -104,11 +105,20 @@ def _scatter(axes: Axes, points: Sequence[Mean], cost: Cost, *, small: bool = Fa
     front = pareto([point for point in points if point.played], cost)
     x, y = _places(front, cost)
     axes.step(x, y, where="post", color="#000000", linewidth=1.2, alpha=0.6, zorder=2, label="Pareto front (player)")
-    for point, place in zip(front, zip(x, y, strict=True), strict=True):
-        if point.value is not None and not small:
-            axes.annotate(f"{point.value:g}", place, (4, 5), "data", "offset points", fontsize=7)
     cost_axis(axes)
     decibel_axis(axes)
+    if not small:
+        _label(axes, [(point.value, place) for point, place in zip(front, zip(x, y, strict=True), strict=True)])
+
+
+def _label(axes: Axes, values: Sequence[tuple[float | None, tuple[float, float]]]) -> None:
+    """Write values next to their points, except where a label would cover another label."""
+    written: list[NDArray[Any]] = []
+    for value, place in values:
+        at = axes.transData.transform(place)
+        if value is not None and all((abs(at - other) > LABEL).any() for other in written):
+            axes.annotate(f"{value:g}", place, (4, 5), "data", "offset points", fontsize=8)
+            written.append(at)
 
 
 def _by_value(points: Sequence[Mean]) -> list[Mean]:

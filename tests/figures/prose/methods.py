@@ -79,10 +79,10 @@ PROSE = (
         ("counterlight example --folder example",),
         2,
         (
-            "Simulated: {} dB PSNR before ({} if the camera were exposed to match best)",
+            "Simulated: {} dB PSNR before ({} at the camera's best exposure)",
             "PSNR {} dB before, ...match...best: {} dB",
         ),
-        ("match best), {} dB after", "dB before, {} dB after"),
+        ("best exposure), {} dB after", "dB before, {} dB after"),
     ),
     said(
         "docs/accuracy.md",
