@@ -252,7 +252,7 @@ def explained(  # type: ignore[no-untyped-def]
 
 @kept(parallel=True)
 def residual_and_back(indptr, indices, weights, pictures, offset, counted):  # type: ignore[no-untyped-def]
-    """Returns r = T p + offset of Q pictures, 0 where not counted, (rows, 3, Q), and parts of Tᵀ r, (parts, n, 3, Q)."""
+    """Returns r = T p + offset of Q pictures, (rows, 3, Q), 0 if not counted, and Tᵀ r in parts, (parts, n, 3, Q)."""
     rows, columns, count = indptr.size - 1, pictures.shape[0], pictures.shape[2]
     parts = _parts(columns)
     residual, back = np.zeros((rows, 3, count)), np.zeros((parts, columns, 3, count))

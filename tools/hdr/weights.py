@@ -10,7 +10,7 @@ STEEPNESS = 4.0  # W of thesis eq. 3.7; Robertson et al. (2003) and OpenCV use t
 
 
 def hat(codes: FloatArray) -> FloatArray:
-    """Returns w(z) = z or 1 − z, whichever is less, scaled to a peak of 1 (thesis eq. 3.5; Debevec and Malik 1997, eq. 4).
+    """Returns w(z) = min(z, 1 − z), scaled to a peak of 1 (thesis eq. 3.5; Debevec and Malik 1997, eq. 4).
 
     codes : 0 to 1 of the camera's range.
     """
