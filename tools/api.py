@@ -1,7 +1,7 @@
 """Counterlight for notebooks: arrays in, arrays out, and folders only on request (docs/api.md).
 
 `import counterlight as cl` gives these names; their dependencies are imported on first use.
-Pictures are (height, width, 3), linear light; a picture to be shown is in shares of the room's white.
+Pictures are (height, width, 3), linear light; a picture to be shown is relative to the room's white.
 """
 
 import warnings

@@ -199,7 +199,7 @@ def _array(values: object, name: str) -> NDArray[Any]:
         raise TypeError(f"{name}: a masked array, whose mask would be lost; fill it first, as {name}.filled(0)")
     try:
         array = np.asarray(values)
-    except Exception as error:  # whatever the object's own __array__ raises
+    except Exception as error:  # __array__ of the object may raise anything
         raise TypeError(f"{name}: {type(values).__name__} is no array of numbers ({one_line(error)})") from None
     if array.dtype.kind not in "fiub":
         raise TypeError(f"{name}: {array.dtype} of shape {array.shape}, expected an array of real numbers")

@@ -136,7 +136,7 @@ def check_package(requirement: str) -> Finding:
             with warnings.catch_warnings(record=True):  # colour-science warns about missing optional packages
                 warnings.simplefilter("ignore")
                 importlib.import_module(module)
-        except Exception as error:  # whatever a broken installation raises
+        except Exception as error:  # a broken installation may raise anything
             return Finding(name, "missing", f"{version}, import fails: {_one_line(error)}", f"{fix} --force-reinstall")
     return Finding(name, "ok", f"{version} (needs {floor})")
 

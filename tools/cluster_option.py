@@ -23,7 +23,7 @@ def workers_of(address: str | None, files: Sequence[Path], shared: Path | None) 
     """Open the workers; None if the work stays in this process.
 
     files : files that all workers must be able to read.
-    shared : folder for results; None if workers return them.
+    shared : folder for results that all workers must see, if any.
     """
     if address is None:
         yield None

@@ -1,6 +1,6 @@
 """System libraries and programs that pip cannot install, their Debian packages, and the line that installs them.
 
-Standard library only: the Makefile runs this before there is an environment, and counterlight doctor shows the same.
+Standard library only, because the Makefile runs this before there is an environment. counterlight doctor uses it too.
 
     python3 tools/system_packages.py play|test      installs missing packages (as root), or prints the line to run
 """

@@ -53,7 +53,7 @@ LEAST_LIT, LEAST_RISE = 0.001, 10  # share of the camera's pixels that must rise
 EXPLAINED = 0.5  # a white segment must reduce the unexplained error of the coloured check to at most this share
 DEFAULT_AIM = Aim()
 BLACKS = 8  # captures of black per capture of a finest pattern, so that black adds an eighth to their variance
-LAST = Expected(3)  # floodlight and checks
+LAST = Expected(3)  # floodlight and the two checks
 AGAIN = "fix them, acquire again with other --captures"
 
 

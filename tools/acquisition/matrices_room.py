@@ -90,7 +90,7 @@ def import_matrices_room(
         negative = tuple(map(keep_light, matrices, files.matrices))
         entries = tuple(int(matrix.nnz) for matrix in matrices)
         transport = Transport.from_matrices(matrices, camera=camera.shape, projector=projector.shape)
-        del matrices  # as large as a T that may be dense
+        del matrices  # frees memory: they are as large as T, which may be dense
         doubt = misreading(transport.near, camera.shape, projector.shape)
         transport, factoring = compacted(transport, ambient, tolerance)
         mask = _counting(directly_lit(transport, ambient, projector.shape), None) if given is None else given

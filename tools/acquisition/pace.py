@@ -1,7 +1,6 @@
 """Estimate how long captures and the rest of an acquisition take.
 
-A new picture must first reach the camera, a repeated picture need not, so the two kinds of capture are timed
-separately.
+Captures of new and of repeated pictures are timed separately, because only a new picture must first reach the camera.
 """
 
 import time

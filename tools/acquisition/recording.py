@@ -144,7 +144,7 @@ class Recorder:
         self._say("about", levels, 0)
 
     def _introduce(self, first: Level) -> None:
-        """Print the expected duration after the first captures; the noise is unknown, so it is an upper bound."""
+        """Print the expected duration after the first captures; with averaging, an upper bound (noise is unknown)."""
         if self.averaged:
             self.averaging = self.averaging_of(float("inf"))
             self.averaging.plan([first.expected, *first.later])
@@ -169,7 +169,7 @@ class Recorder:
         """Returns the seconds until the room is ready.
 
         levels : levels that follow the present one.
-        pictures, captures : those left of the present level.
+        pictures, captures : numbers left in the present level.
         """
         seconds = self._pace.seconds(pictures, captures)
         for level in levels:

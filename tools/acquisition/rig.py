@@ -122,7 +122,7 @@ def _check_sizes(options: argparse.Namespace, name: str, projectors: Shapes) -> 
 
 
 def _screens(options: argparse.Namespace, shapes: Shapes, opened: ExitStack) -> tuple[VisibleScreen, Shapes]:
-    from counterlight.tools.acquisition.cameras.window import open_screens  # OpenGL, for those who show something
+    from counterlight.tools.acquisition.cameras.window import open_screens  # OpenGL, imported only if needed
 
     return opened.enter_context(open_screens(shapes, options.monitor, desktop=options.desktop))
 

@@ -84,7 +84,7 @@ class Wanted:
     picture : (camera height, camera width, 3). Linear, 0 to 1, or the desired radiance itself if `radiance`.
     colour : one of choices.COLOURS; the solver `map` uses the colour of the maps.
 
-    Raises InputError for what the calibration does not hold.
+    Raises InputError if the calibration lacks maps that the solver needs.
     """
 
     def __init__(

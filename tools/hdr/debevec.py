@@ -1,4 +1,4 @@
-"""The camera's response by linear least squares.
+"""Recover the camera's response by linear least squares.
 
 P. E. Debevec and J. Malik, Recovering High Dynamic Range Radiance Maps from Photographs, SIGGRAPH 1997.
 """

@@ -40,7 +40,7 @@ def read_exposure(path: Path) -> Exposure:
                 tags = dict(picture.getexif().get_ifd(ExifTags.IFD.Exif))
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or 'neither PNG nor JPEG'}; check the path") from None
-    except Exception as error:  # Pillow's parsers raise many kinds on damaged files
+    except Exception as error:  # Pillow raises many kinds of exceptions on damaged files
         raise InputError(f"{path}: its EXIF cannot be read ({' '.join(str(error).split())}); {GIVE_TIMES}") from None
     names = ExifTags.Base.ExposureTime, ExifTags.Base.FNumber, ExifTags.Base.ISOSpeedRatings
     return Exposure(*(_positive(tags.get(name)) for name in names))

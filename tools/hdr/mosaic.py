@@ -27,7 +27,7 @@ def binned(
     black : (period, period). Black levels.
     """
     period, cell = len(colours), CELLS[len(colours)]
-    repeat = period // cell  # cells before the mosaic repeats
+    repeat = period // cell  # cells per period of the mosaic
     height, width = (side // period * repeat for side in sites.shape)
     light: NDArray[np.float32] = np.zeros((height, width, 3), np.float32)
     clipped = np.zeros(light.shape, np.bool_)

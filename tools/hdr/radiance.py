@@ -51,8 +51,7 @@ class RadianceMap:
     """The light of a scene, measured by a bracket.
 
     radiance : (height, width, channels) float32. 1 is the light that reaches the highest code in one second.
-    saturated : (height, width, channels) bool. Clipped in every picture that is not black; the radiance is a lower
-    bound.
+    saturated : (height, width, channels) bool. Clipped in every picture that is not black: radiance is a lower bound.
     black : (height, width, channels) bool. Black in every picture; the radiance is 0.
     """
 

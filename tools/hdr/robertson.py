@@ -1,4 +1,4 @@
-"""The camera's response by alternating between light and response.
+"""Recover the camera's response by alternating between estimates of light and response.
 
 M. A. Robertson, S. Borman and R. L. Stevenson, Dynamic Range Improvement through Multiple Exposures, ICIP 1999, and
 Estimation-theoretic approach to dynamic range enhancement using multiple exposures, J. Electronic Imaging 12(2), 2003.

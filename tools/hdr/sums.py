@@ -66,7 +66,7 @@ def summing(estimator: Estimator, shape: tuple[int, int, int], *, gpu: bool) -> 
     if not gpu:
         yield CpuSums(estimator, shape)
         return
-    from counterlight.gl.context import headless_context  # here: without it, OpenGL is not needed
+    from counterlight.gl.context import headless_context  # imported late, because only the GPU needs OpenGL
     from counterlight.gl.exposure_sums import GlSums
 
     told = estimator.table, shape, estimator.exponential, SLACK

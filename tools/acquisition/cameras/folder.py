@@ -29,7 +29,7 @@ from counterlight.writing.replacing import filling_folder, replacing_file
 ACQUISITION = "acquisition.toml"
 POLL_S = 0.2
 LISTED = 3  # names in a message
-CHECK, CHECKED = "check ", "checked"  # prefix of the ids of checks; id of a folder whose last check has ended
+CHECK, CHECKED = "check ", "checked"  # a check's id begins with CHECK; CHECKED is the id once the check has ended
 MOST = 1 << 40
 THIRD_STOP = 0.4  # factors of two; files hold nominal times, up to a third of a stop off
 ANY_CASE = frozenset((*SUFFIXES, *(suffix.upper() for suffix in SUFFIXES)))

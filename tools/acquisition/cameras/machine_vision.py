@@ -166,7 +166,7 @@ class MachineVisionEye:
 
 @contextmanager
 def open_machine_vision_eye(wanted: str) -> Iterator[MachineVisionEye]:
-    """Open the camera with this serial number, or else the camera at this index of those found, from 0.
+    """Open the camera with this serial number, or else the camera with this index in the list, from 0.
 
     Raises InputError if there is none, or if another program has it open.
     """
@@ -201,7 +201,7 @@ def open_machine_vision_eye(wanted: str) -> Iterator[MachineVisionEye]:
 
 
 def _libraries() -> tuple[Any, Any]:
-    """Returns pypylon's modules pylon and genicam; InputError if it is not installed."""
+    """Returns pypylon's modules pylon and genicam; InputError if pypylon is not installed."""
     try:
         with warnings.catch_warnings():  # pypylon's import warns; with warnings as errors it would end the process
             warnings.simplefilter("ignore")

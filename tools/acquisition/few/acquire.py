@@ -1,6 +1,6 @@
 """Show the most important pictures first, until the requested number is reached or the user stops; make a room.
 
-The number includes all pictures: black, primaries, those that give places, and those that test the room. Several
+The number includes all pictures: black, primaries, pictures that give places, and pictures that test the room. Several
 projectors take turns, so that all have equally many pictures at any time. Several cameras photograph each picture.
 """
 
@@ -43,7 +43,7 @@ def acquire_pictures(
     count : number of pictures in total.
     projectors : (height, width) of each.
     given : the projectors' response, if it replaces the measured response.
-    stoppable : an interruption ends the showing once there are enough pictures, and the room is made of those.
+    stoppable : once there are enough pictures, an interruption ends the showing, and the room is made of them.
 
     Raises InputError for too few pictures, captures that are saturated or black, a moved camera, and a camera that
     random pictures show to be non-linear.

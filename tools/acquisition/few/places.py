@@ -154,7 +154,7 @@ def _by_ramps(seen: Seen, table: Table, share: FloatArray, certain: FloatArray, 
     """Invert the ramps by least squares, step by step; their shares are right, down and (right + down) / 2."""
     codes = np.linspace(0, 1, len(table))
     slopes = np.gradient(table, codes, axis=0)
-    rows, first = np.array([[0, 1], [1, 0], [0.5, 0.5]]), DARKEST / 255  # of down, right
+    rows, first = np.array([[0, 1], [1, 0], [0.5, 0.5]]), DARKEST / 255  # derivatives by down, right
     place = np.full((len(share), 2), 0.5)
     for _ in range(STEPS):
         at = first + (1 - first) * place @ rows.T

@@ -18,7 +18,7 @@ from counterlight.tools.hdr.projector_response import fit_projector_response
 
 ROUNDS = 2  # rounds between response and far light, which both affect the ramps
 GAMMAS = 1.0, 4.0
-OFF, BENT = 0.1, 0.02  # standard deviations: of a level from a gamma curve, and of its second difference
+OFF, BENT = 0.1, 0.02  # standard deviations of the levels' offset from a gamma curve, and of its second differences
 INDEPENDENT = 1000  # camera pixels that count as independent, because neighbours err alike
 AS_SEEN = 0.01  # share of the floodlight; error of a ramp due to a spot's place
 

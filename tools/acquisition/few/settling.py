@@ -1,4 +1,4 @@
-"""Correct places that are off by a period: compare ramps and random pictures with those seen one period away."""
+"""Correct places that are off by a period: compare captures with predictions for places one period away."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -96,7 +96,7 @@ class Views:
 
     @property
     def light(self) -> ProjectorLight:
-        """The primaries, the response, and whether white is the sum of the primaries."""
+        """The primaries, the response, and the difference between white and the sum of the primaries."""
         primaries = np.zeros((3, *self.black.shape), np.float32)
         for view in self.views:
             height, width = view.seen.camera

@@ -13,7 +13,7 @@ from counterlight.maps.products import kept
 from counterlight.tools.transport.transport import Csr
 
 UNCOLOURED = -1
-RECOLOURINGS = 8  # rounds of iterated greedy; on simulated rooms later ones remove no further colour
+RECOLOURINGS = 8  # rounds of iterated greedy; in simulated rooms, more rounds remove no further colour
 CHUNK_PAIRS = 1 << 25  # pairs of blocks formed at a time
 
 
