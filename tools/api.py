@@ -105,8 +105,7 @@ class Room:
             fit-response`, or a Response. None takes sRGB and warns that this is a guess, which makes code values wrong.
         primaries : (3, height, width, 3). Camera pictures of full red, green and blue, without ambient light.
         factor : dB of the camera picture that compensated pictures may lose when a dense T becomes near light and
-        factors
-            of far light, and long rows become blocks of projector pixels; 0 keeps T unfactored.
+            factors of far light, and long rows become blocks of projector pixels; 0 keeps T unfactored.
 
         Raises InputError for matrices of the wrong size, without light, or with NaN or infinity.
         """

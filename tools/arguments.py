@@ -33,7 +33,7 @@ Shape: TypeAlias = tuple[int, int]
 CODES = np.uint8, np.uint16
 TOO_BRIGHT = 2.0  # a picture with a larger median, relative to white, would be almost entirely clipped
 OPTION = re.compile(r"--([a-z][a-z0-9]*(?:-[a-z0-9]+)*)")
-# Options of the commands that differ from the name of the argument.
+# Options of the commands whose argument has another name.
 NAMED = {"regularize": "damping", "force": "force=True", "radius": "parameters.radius", "no-refine": "refine=False"}
 
 

@@ -7,8 +7,7 @@ add up to 1.42 of the whole. Where one picture gives all of the light, the sum i
     (p + q) / w − 1 = k + a (1 − x²) + b x,    x = (p − q) / w,
 
 and a is the bend: 0 for a linear camera. k absorbs a projector or lamp that is brighter for dark pictures, and b
-absorbs a capture of another picture. The picture has cells of all sizes, so that x takes all values in and out of
-focus.
+absorbs a capture of another picture. Cells of all sizes let x take all values in and out of focus.
 """
 
 from collections.abc import Sequence

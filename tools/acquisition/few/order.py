@@ -2,8 +2,7 @@
 
 1. Black.
 2. Red, green and blue, whose sum is the floodlight.
-3. Ramps of three directions in three colours. They give the rough place that a camera pixel sees, and the projector's
-   response.
+3. Ramps of three directions in three colours. They give the projector's response and the rough place of each spot.
 4. Grey sines (phase shifts; Srinivasan et al. 1984). They give the exact place and the width of the spot.
 5. Random pictures, independent in red, green and blue. They say three times as much about the shapes of spots and about
    far light as black-and-white pictures. An occasional white tests whether light adds up and whether anything moved.
