@@ -92,6 +92,6 @@ def _residual(old: FloatArray, new: FloatArray, counts: BoolArray, d: FloatArray
 
 
 def _cost(residual: FloatArray) -> float:
-    """Returns the mean square without the largest tenth, because a moved object must not count as a moved camera."""
+    """Returns the mean square without the largest tenth, so that a moved object does not count as a moved camera."""
     squares: NDArray[np.float64] = np.sort(residual**2)
     return float(squares[: max(len(squares) * 9 // 10, 1)].mean())

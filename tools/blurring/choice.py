@@ -128,7 +128,7 @@ def _about(indices: NDArray[np.integer], raster: tuple[int, int]) -> IntArray:
 
 
 def _inner(side: tuple[int, int]) -> BoolArray:
-    """Returns the pixels without an eighth at each border, because nothing beyond the border has a target."""
+    """Returns the pixels without an eighth at each border, because there is no target beyond the border."""
     inner = np.zeros(side, bool)
     inner[side[0] // 8 : side[0] - side[0] // 8, side[1] // 8 : side[1] - side[1] // 8] = True
     return inner.ravel()

@@ -69,7 +69,7 @@ def relight(folder: Path, picture: Path | None, output: Path, options: RelightOp
 
 
 def make_view(stored: StoredCalibration, picture: FloatArray | None, options: RelightOptions) -> FloatArray:
-    """Returns one of the four views of a stored calibration, (height, width, 3); None as picture is white."""
+    """Returns one of the four views of a stored calibration, (height, width, 3); without a picture it is white."""
     calibration = stored.calibration
     if picture is None:
         picture = np.ones((*_lit_from(calibration, options.view).shape, 3))

@@ -64,7 +64,7 @@ class Exposures:
         return min(self.times)
 
     def radiance(self, shots: Sequence[Shot]) -> NDArray[np.float32]:
-        """Merge shots to (height, width, 3): light over time, summed over unclipped shots (hdr/estimators.py, average).
+        """Merge shots to (height, width, 3): total light over total time of unclipped shots (`average`, hdr/estimators.py).
 
         This is the best estimate under photon noise. A pixel that clips everywhere gets the bound of the shortest
         exposure.

@@ -256,7 +256,7 @@ def _sent(parts: Sequence[BlockLight], camera_pixels: int, senders: Sequence[Blo
 
 
 def _far_light(sent: SparseRows, projector: tuple[int, int]) -> FarLight:
-    """Make U M D: D averages the drive over the finest blocks, M sums them to the sending blocks, U is their light.
+    """Make U M D: D averages the drive over the finest blocks, M combines them to the sending blocks, U is their light.
 
     The first cells are the finest blocks, which only gather; then follow the senders, which only scatter.
     """
