@@ -1,9 +1,9 @@
 """Choose how much rows of T may err such that pictures lose at most a tolerance, in decibels of the camera picture.
 
 The loss is measured on the square of the camera picture with the longest rows. The player's steps compute drives for
-three pictures, by T itself and by T in cells, and T itself judges both. The soft picture decides. Blur shows little of
-the other pictures with any T, whereas a film comes close to its target and loses up to four times as much. Another
-sampling of the same room causes most of that loss, too (docs/size.md).
+three pictures, by T itself and by T in cells, and T itself judges both. The soft picture decides: through blur, the
+other pictures arrive badly with any T. A film comes close to its target and loses up to four times as much. Sampling
+the same room differently causes most of that loss, too (docs/size.md).
 """
 
 from collections.abc import Sequence

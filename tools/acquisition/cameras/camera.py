@@ -64,7 +64,7 @@ class Exposures:
         return min(self.times)
 
     def radiance(self, shots: Sequence[Shot]) -> NDArray[np.float32]:
-        """Merge shots to (height, width, 3): total light over total time of unclipped shots (`average`, hdr/estimators.py).
+        """Merge unclipped shots to (height, width, 3): total light over total time (hdr/estimators.py, average).
 
         This is the best estimate under photon noise. A pixel that clips everywhere gets the bound of the shortest
         exposure.
