@@ -1,8 +1,8 @@
 """counterlight acquire: a calibration folder from projectors and a camera, or from a simulated room.
 
-Patterns are black and white, so that the projector's response does not matter; it is measured beside them. With
---pictures there are as many as one has time for, and all is measured by them. Captures go to disk as they come; the
-same command goes on where an interrupted one stopped.
+Patterns are black and white, so that the projector's response does not matter; it is measured as well. With --pictures
+you choose the number of pictures, and all measurements use these. Captures are saved as they arrive; the same command
+resumes an interrupted acquisition.
 """
 
 import argparse
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from counterlight.tools.acquisition.store import Wanted
 
 MOST_PICTURES = 1 << 12
-AVERAGED = "hierarchical", "multiplexed"  # the others are there to be compared with, as they are
+AVERAGED = "hierarchical", "multiplexed"  # other schemes serve for comparison and are not averaged
 MINUTES = 10.0
 RADIANCE = "radiance="
 THRESHOLDS = "expected a multiple of the noise such as 4, or a radiance such as radiance=0.01"
@@ -71,7 +71,7 @@ def _main(argv: Sequence[str] | None) -> None:
         monitors = tuple(options.monitor) if len(projectors) > 1 else ()
         pictures = options.pictures or 0
         if options.scheme == "hierarchical" and any(map(is_wide, projectors)):
-            decides["even"] = "whole"  # older versions cut all blocks, and asked for other pictures
+            decides["even"] = "whole"  # older versions divided all blocks, and so requested other pictures
         plan = Plan(
             options.scheme, make_scheme, projectors, decides, response, options.tolerance, monitors, pictures, aim
         )
@@ -84,7 +84,7 @@ def _main(argv: Sequence[str] | None) -> None:
 
 
 def _choose_scheme(options: argparse.Namespace) -> None:
-    """Pictures first, hierarchical or as named; InputError for what only another scheme takes."""
+    """Set the scheme and its threshold; InputError for options that --pictures does not take."""
     if options.pictures is None:
         options.scheme = options.scheme or "hierarchical"
         options.threshold = options.threshold or "4"
@@ -96,7 +96,7 @@ def _choose_scheme(options: argparse.Namespace) -> None:
 
 
 def _check_outputs(options: argparse.Namespace, wanted: "Wanted", captures: Path, report: Path) -> None:
-    """InputError, before anything is shown, for places where nothing can be written or something would be lost."""
+    """Raises InputError, before anything is shown, if an output cannot be written or would overwrite something."""
     from counterlight.calibration import refuse_existing
     from counterlight.tools.acquisition.store import check_captures
     from counterlight.tools.report.report import check_report_folder
@@ -112,21 +112,21 @@ def _check_outputs(options: argparse.Namespace, wanted: "Wanted", captures: Path
 
 
 def _aimed(options: argparse.Namespace) -> bool:
-    """Aim the camera by its live picture; False if nothing is to begin. The exposures become what was chosen."""
+    """Aim the camera with the live preview and set the chosen exposures; False if the user quits."""
     from counterlight.tools.acquisition.preview import preview
 
     chosen = preview(options)
     if chosen is None:
         return False
     if chosen != (options.exposures or (1.0,)):
-        options.exposures = tuple(float(f"{time:.4g}") for time in chosen)  # as they are said
+        options.exposures = tuple(float(f"{time:.4g}") for time in chosen)  # rounded as printed below
         times = ",".join(f"{time:g}" for time in options.exposures)
         print(f"exposures chosen; to go on after an interruption: --exposures {times}", flush=True)
     return True
 
 
 def _checked(camera: "Camera") -> "list[Finding]":
-    """Print the findings about a camera that can be checked; InputError at the first bad one."""
+    """Print the findings of the pre-flight; InputError at the first bad finding."""
     from counterlight.tools.acquisition.cameras.live import LiveCamera
     from counterlight.tools.acquisition.preflight import preflight, refuse_bad
 
@@ -153,9 +153,9 @@ def _scheme(options: argparse.Namespace) -> "MakeScheme":
 
 
 def _aim(options: argparse.Namespace) -> "Aim | None":
-    """What repeated captures are to reach; None where each picture is taken once, or as often as --shots says.
+    """Returns the aim of repeated captures; None if each picture is taken once, or as often as --shots says.
 
-    Where nobody waits for a folder's captures, nobody knows what they cost whoever takes them.
+    Without --wait, the cost of a folder's captures is unknown, so there is no aim.
     """
     from counterlight.tools.acquisition.averaging import Aim
 
@@ -174,7 +174,7 @@ def _minutes(text: str) -> float:
 
 
 def _threshold(options: argparse.Namespace) -> "Threshold":
-    """`4` and `4x` are multiples of the noise, `radiance=0.01` is a radiance."""
+    """Parse `4` and `4x` as multiples of the noise, and `radiance=0.01` as a radiance."""
     from counterlight.tools.acquisition.schemes.hierarchical import Threshold
 
     text: str = options.threshold

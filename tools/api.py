@@ -1,7 +1,7 @@
-"""Counterlight in a notebook: arrays in, arrays out, and a folder only where one is wanted (docs/api.md).
+"""Counterlight for notebooks: arrays in, arrays out, and folders only on request (docs/api.md).
 
-`import counterlight as cl` gives these names; what they need is imported when they are first used.
-Pictures are (height, width, 3), linear light; a picture to be shown is in shares of the room's white.
+`import counterlight as cl` gives these names; their dependencies are imported on first use.
+Pictures are (height, width, 3), linear light; a picture to be shown is relative to the room's white.
 """
 
 import warnings
@@ -44,7 +44,7 @@ from counterlight.tools.transport.pixel_order import misreading
 from counterlight.tools.transport.storage import check_entries, read_transport, write_transport
 from counterlight.tools.transport.transport import CHANNELS, Csr, Transport
 
-BYTES_OF_A_PIXEL = 100  # that reading a picture takes at most
+BYTES_OF_A_PIXEL = 100  # upper bound per pixel while a picture is read
 READ_ROOM = "make one with read_room, simulate or Room.from_matrices"
 READ = "camera and projector are (height, width), and pixels are numbered row by row"
 
@@ -53,10 +53,12 @@ READ = "camera and projector are (height, width), and pixels are numbered row by
 class Room:
     """A projector, a camera, and the light between them: camera = transport @ projector + ambient.
 
-    calibration : sizes, responses, ambient light, mask, floodlights of the primaries.  transport : T, of white light.
-    colour : which primaries a camera channel is taken to see: auto, independent, global or pixel (docs/colour.md).
-    Pictures of the camera are in screen primaries: what a neutral surface would show of each primary.
-    Two rooms are equal if they are one object.
+    Camera pictures are in screen primaries: the light that a neutral surface would show of each primary. Two rooms are
+    equal only if they are the same object.
+
+    calibration : sizes, responses, ambient light, mask, and floodlights of the primaries.
+    transport : T of white light.
+    colour : the primaries that a camera channel sees: auto, independent, global or pixel (docs/colour.md).
     """
 
     calibration: Calibration
@@ -92,19 +94,20 @@ class Room:
         name: str = "room",
         factor: float = TOLERANCE,
     ) -> Self:
-        """A room from T of three channels.
+        """Make a room from T of three channels.
 
-        red, green, blue : (camera pixels, projector pixels), anything that scipy makes a sparse array of; pixels in
-            rows from the top. Negative entries, a measurement's noise, are set to 0.
-        camera, projector : (height, width). Warns if T is smooth for swapped sizes only.
-        ambient : the camera's picture with a black projector, in T's unit of light; None for darkness.
-        mask : (height, width), which camera pixels count; None for those that the projector lights.
-        response : the projector's light for a code value: linear, srgb, a gamma, a .toml file of `counterlight
-            fit-response`, or a Response. None takes sRGB, and warns that this is a guess: codes from it will be off.
-        primaries : (3, height, width, 3), the camera's pictures of full red, green and blue, without ambient light.
-        factor : a dense T becomes near light and factors of far light, long rows blocks of projector pixels; what
-            compensated pictures may lose by that, in dB of the camera's picture; 0 keeps T as it is.
-        Raises InputError for matrices that do not fit, have no light, or numbers that are none.
+        red, green, blue : (camera pixels, projector pixels). Anything that scipy converts to a sparse array; pixels in
+            rows from the top. Negative entries are measurement noise and are set to 0.
+        camera, projector : (height, width). Warns if T is smooth only for swapped sizes.
+        ambient : camera picture with a black projector, in T's unit of light; None for darkness.
+        mask : (height, width). Camera pixels that count; None for those that the projector lights.
+        response : the projector's light per code value: linear, srgb, a gamma, a .toml file of `counterlight
+            fit-response`, or a Response. None takes sRGB and warns that this is a guess, which makes code values wrong.
+        primaries : (3, height, width, 3). Camera pictures of full red, green and blue, without ambient light.
+        factor : dB of the camera picture that compensated pictures may lose when a dense T becomes near light and
+            factors of far light, and long rows become blocks of projector pixels; 0 keeps T unfactored.
+
+        Raises InputError for matrices of the wrong size, without light, or with NaN or infinity.
         """
         camera, projector = arguments.size(camera, "camera"), arguments.size(projector, "projector")
         factor = arguments.number(factor, "factor", 0, MOST_TOLERANCE)
@@ -129,12 +132,12 @@ class Room:
 
     @property
     def camera(self) -> Shape:
-        """(height, width) of the camera's pictures."""
+        """(height, width) of camera pictures."""
         return self.calibration.camera.shape
 
     @property
     def projector(self) -> Shape:
-        """(height, width) of the projector's pictures."""
+        """(height, width) of projector pictures."""
         return self.calibration.projector.shape
 
     @property
@@ -148,30 +151,30 @@ class Room:
     @cached_property
     @in_python()
     def tier(self) -> Tier:
-        """The room as its channels nearly decouple; `str` says which tier of colour it is, and why."""
+        """The room in screen primaries; `str` gives its colour tier and the reason for it."""
         return tier_of(self.calibration, self.transport, self.colour)
 
     @property
     def white(self) -> float:
-        """The radiance of a white picture that most of the room can reach."""
+        """Radiance of a white picture that most of the room can reach."""
         return self.tier.white
 
     @cached_property
     def floodlight(self) -> FloatArray:
-        """What the camera sees of a white projector: T·1 + e where channels are independent."""
+        """Camera picture under a white projector: T·1 + e if channels are independent."""
         return self.seen(1.0)
 
     @in_python()
     def seen(self, drive: ArrayLike) -> FloatArray:
-        """What the camera sees of a projector picture: T p + e where channels are independent.
+        """Returns the camera picture under a projector picture: T p + e if channels are independent.
 
-        drive : (projector height, projector width, 3), linear light as floats, or sRGB code values (`solve`).
+        drive : (projector height, projector width, 3). Linear light as floats, or sRGB code values (`solve`).
         """
         return self.tier.seen(arguments.picture(drive, self.projector, "drive"))
 
     @in_python()
     def write(self, folder: PathLike[str] | str, *, maps: RoomMaps | None = None, force: bool = False) -> None:
-        """Write a calibration folder, with its maps if they are given; it appears whole or not at all."""
+        """Write a calibration folder, with `maps` if given; the folder appears whole or not at all."""
         target = arguments.path(folder, "folder")
         if maps is not None:
             check_maps(self, maps)
@@ -187,8 +190,9 @@ class Room:
 class Solution:
     """A projector picture for a camera picture.
 
-    drive : (projector height, projector width, 3), 0..1, linear light.  seen : what the camera sees of it.
-    below_optimum : decibels that `seen` can at most be below what the best drive would reach, from the gradient.
+    drive : (projector height, projector width, 3). 0 to 1, linear light.
+    seen : camera picture under the drive.
+    below_optimum : upper bound, from the gradient, on how many dB `seen` is below the best drive's picture.
     """
 
     drive: FloatArray
@@ -202,22 +206,22 @@ class Solution:
 
 @in_python()
 def read_room(folder: PathLike[str] | str) -> Room:
-    """A calibration folder; InputError for what is missing or damaged."""
+    """Read a calibration folder; InputError for missing or damaged files."""
     stored = calibrations.read(arguments.path(folder, "folder"))
     return _room(stored.calibration, read_transport(stored))
 
 
 @in_python()
 def read_maps(folder: PathLike[str] | str) -> RoomMaps:
-    """The maps of a calibration folder, as `counterlight build` or `Room.write` left them."""
+    """Read the maps of a calibration folder that `counterlight build` or `Room.write` wrote."""
     return correction.read_maps(calibrations.read(arguments.path(folder, "folder")))
 
 
 @in_python()
 def read_picture(path: PathLike[str] | str, where: Shape | Room) -> FloatArray:
-    """The first picture of a medium in linear light, fitted as the player fits it.
+    """Read the first picture of a medium in linear light, fitted as the player fits it.
 
-    where : (height, width), or a room, for whose camera the picture then is, or for its cameras' screen.
+    where : (height, width), or a room, whose camera or shared screen gives the size.
     """
     from counterlight.tools.relighting.pictures import read_placed
 
@@ -240,11 +244,12 @@ def simulate(
     within: float | None = None,
     tolerance: float = BLUR_TOLERANCE,
 ) -> Room:
-    """A room from a scene: a file, or the name of a shipped one.
+    """Simulate a room from a scene: a file, or the name of a shipped scene.
 
-    camera, projector : (height, width), None for the scene's own.  without, only : effects to leave out, or to keep.
-    within : decibels of the final picture that may be lost by leaving out what costs time.
-    tolerance : dB that pictures may lose where rows of T are too long for maps; 0 leaves all as they are.
+    camera, projector : (height, width); None for the scene's sizes.
+    without, only : effects to leave out, or to keep.
+    within : dB of the final picture that may be lost by leaving out expensive effects.
+    tolerance : dB that pictures may lose where rows of T are too long for maps; 0 keeps all rows.
     """
     from counterlight.tools.simulation import simulate as simulation
     from counterlight.tools.simulation.needs import chosen, needs_of
@@ -279,15 +284,15 @@ def solve(
     colour: str | None = None,
     priors: bool = False,
 ) -> Solution:
-    """A projector picture by a CPU solver (docs/solvers.md).
+    """Compute a projector picture with a CPU solver (docs/solvers.md).
 
-    picture : (camera height, camera width, 3): floats are linear light as shares of `white`; uint8 and uint16 are sRGB
-    code values, as `counterlight play` takes them from a file. One colour (3,) or one number fills the picture.
-    white : a radiance; None takes the room's.
+    picture : (camera height, camera width, 3). Floats are linear light as shares of `white`; uint8 and uint16 are sRGB
+        code values, as `counterlight play` reads them from a file. One colour (3,) or one number fills the picture.
+    white : a radiance; None takes the room's white.
     solver : box (the best that a projector can show), nnls, svd, qr, direct or triangulated, over the lit camera
-    pixels; what is beyond 0..1 is clamped.
-    colour : instead of the room's.
-    priors : box seeks what the player seeks, with its weights and priors, instead of least squares alone.
+        pixels; drives outside 0..1 are clamped.
+    colour : replaces the room's colour.
+    priors : box minimises the player's objective, with its weights and priors, instead of plain least squares.
     """
     from counterlight.tools.solve.registry import OF_PICTURES, SOLVERS, prepare
 
@@ -319,10 +324,11 @@ def build_maps(
     tau: float | None = None,
     parameters: Parameters | None = None,
 ) -> RoomMaps:
-    """The maps that the player multiplies with, as `counterlight build` makes them.
+    """Build the maps by which the player multiplies, as `counterlight build` does.
 
-    refine : with what only refinement needs.  colour : instead of the room's.
-    damping and what follows : as of counterlight.tools.inverse.near_light.InverseOptions; None takes its default.
+    refine : whether to include the maps that only refinement needs.
+    colour : replaces the room's colour.
+    damping, max_error, … : see counterlight.tools.inverse.near_light.InverseOptions; None takes the default.
     """
     from counterlight.tools.inverse.build import build_maps as build
     from counterlight.tools.inverse.near_light import InverseOptions
@@ -347,7 +353,7 @@ def build_maps(
 
 
 def check_maps(room: Room, maps: RoomMaps) -> None:
-    """InputError for maps of another room, as far as sizes tell."""
+    """Raises InputError if the sizes of maps differ from the room's."""
     arguments.instance(room, Room, "room", READ_ROOM)
     arguments.instance(maps, RoomMaps, "maps", "make some with build_maps(room), or read_maps(folder)")
     found, expected = (maps.transport.output_shape, maps.transport.source_shape), (room.camera, room.projector)
@@ -366,7 +372,7 @@ def _coloured(room: Room, colour: str | None) -> Room:
 
 
 def _primaries(light: ArrayLike, camera: Shape) -> NDArray[np.float32]:
-    """Pictures of red, green and blue, as `Room.from_matrices` takes them."""
+    """Check pictures of red, green and blue as `Room.from_matrices` takes them."""
     try:
         pictures = list(light) if isinstance(light, list | tuple) else list(np.asarray(light))
     except TypeError:
@@ -383,7 +389,7 @@ def _room(calibration: Calibration, transport: Transport) -> Room:
 
 
 def _channel(matrix: object, colour: str, shape: Shape) -> Csr:
-    """A channel of T as sparse rows, float32, without what is not light."""
+    """Returns a channel of T as sparse rows, float32, without negative entries and zeros."""
     channel = arguments.matrix(matrix, f"T of the {colour} channel")
     if channel.shape != shape:
         raise InputError(

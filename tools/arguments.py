@@ -1,7 +1,7 @@
-"""Checks of the Python API's arguments, in terms of the call: TypeError for another kind of value, else InputError.
+"""Check the arguments of the Python API: TypeError for a wrong kind of value, otherwise InputError.
 
-Pictures follow one rule everywhere: uint8 and uint16 arrays are sRGB code values, as `counterlight play` takes them
-from a file; floats are linear light; other integers are refused, as nobody can tell what they count.
+Pictures follow one rule everywhere. uint8 and uint16 arrays are sRGB code values, as `counterlight play` reads them
+from a file. Floats are linear light. Other integers are refused, because their scale is unknown.
 """
 
 import operator
@@ -31,17 +31,18 @@ T = TypeVar("T")
 Shape: TypeAlias = tuple[int, int]
 
 CODES = np.uint8, np.uint16
-TOO_BRIGHT = 2.0  # median of a picture, times white: nearly all of it would be clipped
+TOO_BRIGHT = 2.0  # a picture with a larger median, relative to white, would be almost entirely clipped
 OPTION = re.compile(r"--([a-z][a-z0-9]*(?:-[a-z0-9]+)*)")
 # Options of the commands whose argument has another name.
 NAMED = {"regularize": "damping", "force": "force=True", "radius": "parameters.radius", "no-refine": "refine=False"}
 
 
 def in_python(**named: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorates a function of the API: its InputErrors name arguments where the library names a command's options.
+    """Decorate an API function: its InputErrors name arguments where the library names command options.
 
-    named : arguments by option, in this function only.
-    A file or folder that the system refuses is an InputError, too.
+    named : option=argument pairs of this function only.
+
+    A system error on a file or folder also becomes an InputError.
     """
     names = NAMED | named
 
@@ -70,7 +71,7 @@ def instance(value: T, kind: type, name: str, fix: str = "") -> T:
 
 
 def whole(value: int, name: str, low: int, high: int) -> int:
-    """A whole number within bounds."""
+    """Returns a whole number within bounds."""
     if isinstance(value, bool | np.bool_) or not hasattr(value, "__index__"):
         raise TypeError(f"{name}={shown(value)}: expected a whole number")
     if not low <= (number := operator.index(value)) <= high:
@@ -79,7 +80,7 @@ def whole(value: int, name: str, low: int, high: int) -> int:
 
 
 def number(value: object, name: str, low: float, high: float) -> float:
-    """A real number within bounds."""
+    """Returns a real number within bounds."""
     if isinstance(value, bool | np.bool_) or not isinstance(value, Real):
         raise TypeError(f"{name}={shown(value)}: expected a number")
     found = float(value)
@@ -90,12 +91,12 @@ def number(value: object, name: str, low: float, high: float) -> float:
 
 
 def white(value: float | None, usual: float) -> float:
-    """A radiance; `usual` for None."""
+    """Returns a radiance; `usual` for None."""
     return usual if value is None else number(value, "white", *RADIANCE)
 
 
 def size(value: Sequence[int], name: str) -> Shape:
-    """(height, width)."""
+    """Returns a size (height, width)."""
     try:
         height, width = value
     except (TypeError, ValueError):
@@ -112,7 +113,7 @@ def choice(value: str, name: str, known: Iterable[str]) -> str:
 
 
 def words(values: Iterable[str], name: str) -> tuple[str, ...]:
-    """Several names; a single string is not taken for its letters."""
+    """Returns several names; TypeError for a single string, which would be split into letters."""
     if isinstance(values, str) or not all(isinstance(each, str) for each in values):
         raise TypeError(f"{name}={shown(values)}: expected a list of names")
     return tuple(values)
@@ -127,7 +128,7 @@ def path(value: str | PathLike[str], name: str) -> Path:
 
 
 def response(value: object) -> Response:
-    """A Response, "linear", "srgb", a gamma, a table, or a .toml file that holds one."""
+    """Returns a response from a Response, "linear", "srgb", a gamma, a table, or a .toml file with one of these."""
     if isinstance(value, Response):
         return value
     if isinstance(value, str | PathLike):
@@ -138,9 +139,9 @@ def response(value: object) -> Response:
 
 
 def picture(values: ArrayLike, shape: Shape, name: str = "picture", *, of_white: bool = False) -> FloatArray:
-    """(height, width, 3) in linear light, of a picture of that size, of one colour (3,), or of one grey.
+    """Returns linear light (height, width, 3) from a picture of that size, one colour (3,), or one grey value.
 
-    of_white : the picture is in multiples of white, so that nearly all of it cannot be far above 1; warns if it is.
+    of_white : the picture is in multiples of white; warns if most of it is far above 1.
     """
     array = _array(values, name)
     if array.dtype.kind in "iu" and not isinstance(values, int):  # a Python number is light: 1 is white
@@ -158,7 +159,7 @@ def picture(values: ArrayLike, shape: Shape, name: str = "picture", *, of_white:
 
 
 def radiance(values: ArrayLike, shape: Shape, name: str) -> NDArray[np.float32]:
-    """(height, width, 3) in the camera's unit of light, of what `picture` takes, code values excepted."""
+    """Returns (height, width, 3) in the camera's unit of light; accepts the same as `picture`, except code values."""
     array = _array(values, name)
     if array.dtype.kind in "iu" and array.ndim:
         raise InputError(
@@ -168,7 +169,7 @@ def radiance(values: ArrayLike, shape: Shape, name: str) -> NDArray[np.float32]:
 
 
 def mask(values: ArrayLike, shape: Shape) -> BoolArray:
-    """(height, width) of True and False, or of 0 and one other number."""
+    """Returns a mask (height, width) from True and False, or from 0 and one other number."""
     array = _array(values, "mask")
     if array.shape != shape:
         raise InputError(f"mask of shape {array.shape}, expected {shape}{_swapped(array.shape, shape)}")
@@ -180,25 +181,25 @@ def mask(values: ArrayLike, shape: Shape) -> BoolArray:
 
 
 def matrix(values: object, name: str) -> Csr:
-    """A copy as sparse rows, float32, duplicates summed."""
+    """Returns a copy as sparse rows, float32, with duplicates summed."""
     if not (sparse.issparse(values) or hasattr(values, "__array__") or isinstance(values, list | tuple)):
         raise TypeError(f"{name}: expected a matrix of scipy.sparse or an array, found {type(values).__name__}")
     found: Any = values if sparse.issparse(values) else _array(values, name)
     if len(found.shape) != 2 or found.dtype.kind not in "fiub":
         raise InputError(f"{name}: {found.dtype} of shape {found.shape}, expected real numbers in rows and columns")
-    with np.errstate(over="ignore"):  # beyond float32 becomes infinity, which is refused
+    with np.errstate(over="ignore"):  # values beyond float32 become infinite, which the caller refuses
         rows = Csr(found, dtype=np.float32, copy=True)
     rows.sum_duplicates()
     return rows
 
 
 def _array(values: object, name: str) -> NDArray[Any]:
-    """Real numbers of what numpy makes an array of."""
+    """Convert values to an array of real numbers; TypeError if numpy cannot."""
     if isinstance(values, np.ma.MaskedArray):
         raise TypeError(f"{name}: a masked array, whose mask would be lost; fill it first, as {name}.filled(0)")
     try:
         array = np.asarray(values)
-    except Exception as error:  # whatever the object's own __array__ raises
+    except Exception as error:  # __array__ of the object may raise anything
         raise TypeError(f"{name}: {type(values).__name__} is no array of numbers ({one_line(error)})") from None
     if array.dtype.kind not in "fiub":
         raise TypeError(f"{name}: {array.dtype} of shape {array.shape}, expected an array of real numbers")
@@ -206,7 +207,7 @@ def _array(values: object, name: str) -> NDArray[Any]:
 
 
 def _linear(codes: NDArray[Any]) -> FloatArray:
-    """Linear light, 0 to 1, of sRGB code values, by the table that the player has."""
+    """Returns linear light, 0 to 1, of sRGB code values, by the player's table."""
     shares = codes / np.iinfo(codes.dtype).max
     return np.asarray(np.interp(shares, np.linspace(0, 1, TABLE_SIZE), transfer_table("srgb")), np.float64)
 

@@ -61,7 +61,7 @@ def _main(argv: Sequence[str] | None) -> None:
 def _build(
     folder: Path, options: argparse.Namespace, inverse_options: "InverseOptions", aims: "ObjectiveOptions"
 ) -> str:
-    """Build one calibration, and print what is to be said of it; returns how it is best played."""
+    """Build one calibration and print the results; returns a line on how to play it."""
     from counterlight import calibration
     from counterlight.tools.inverse.build import build_room_maps
     from counterlight.tools.report.report import write_report
@@ -82,7 +82,7 @@ def _build(
 
 
 def _print_rates(built: "BuiltRoom") -> None:
-    """How fast play draws on this machine, with its usual steps and with the fewest."""
+    """Print the frame rate on this machine, with the default steps and with the fewest steps."""
     from counterlight.pipeline.room import Room, start_of
     from counterlight.tools.frame_rate import frames_per_second
 
@@ -103,7 +103,7 @@ def _damping(text: str) -> float | None:
 
 
 def _parameters(options: argparse.Namespace) -> "Parameters | None":
-    """Of the cut, if they were given: a radius and τ₁ belong together."""
+    """Returns the parameters of the cut, or None; InputError unless radius and τ₁ are given together."""
     from counterlight.tools.clusters.decomposition import Parameters
 
     radius, tau_1, tau_2 = options.radius, options.tau_1, options.tau_2

@@ -1,7 +1,7 @@
 """counterlight doctor: what this machine has, what is missing, and the exact fix for each.
 
-Nothing that it needs may be what it is there to report, so that packages are imported late, one at a time, and OpenGL
-and GLFW run in children (counterlight.gl.probe): a driver that crashes is a line of the report.
+The report must not depend on the packages that it checks. Packages are therefore imported late, one at a time, and
+OpenGL and GLFW run in child processes (counterlight.gl.probe), so that a crashing driver becomes a line of the report.
 """
 
 import dataclasses
@@ -25,7 +25,7 @@ from typing import Any, Literal
 from counterlight.command import BAD_INPUT, DONE, Parser, run
 from counterlight.tools.system_packages import PLAY, PYTHON_FLOOR, TEST, apt_line, missing, runs
 
-PROBE_S = 60.0  # a software renderer's first context on a busy machine takes seconds
+PROBE_S = 60.0  # seconds; a software renderer's first context on a busy machine takes several
 SMALLEST_TEXTURE = 4096
 IMPORT_NAMES = {
     "opencv-contrib-python-headless": "cv2",
@@ -35,7 +35,7 @@ IMPORT_NAMES = {
     "Pillow": "PIL",
     "python-osc": "pythonosc",
 }
-EXTRAS = (  # what for, package, extra of pyproject.toml
+EXTRAS = (  # purpose, package, extra of pyproject.toml
     ("camera RAW", "rawpy", "raw"),
     ("machine-vision cameras", "pypylon", "pylon"),
     ("plots of studies", "matplotlib", "study"),
@@ -48,7 +48,7 @@ EXTRAS = (  # what for, package, extra of pyproject.toml
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the report: `missing` stops the player, a `note` costs only what it names."""
+    """One line of the report: `missing` stops the player, `note` disables only what it names."""
 
     subject: str
     state: Literal["ok", "note", "missing"]
@@ -57,7 +57,7 @@ class Finding:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Exit code 0 if the player can at least render without a screen, 2 if something that it requires is missing."""
+    """Returns exit code 0 if the player can at least render without a screen, 2 if a requirement is missing."""
     return run(_main, argv)
 
 
@@ -112,7 +112,7 @@ def check_python() -> list[Finding]:
 
 
 def check_packages() -> list[Finding]:
-    """Each package that pyproject.toml requires: its version against the floor, and whether it can be imported."""
+    """Check each package that pyproject.toml requires: its version, and whether it can be imported."""
     try:
         requirements = metadata.requires("counterlight") or []
     except metadata.PackageNotFoundError:
@@ -131,18 +131,18 @@ def check_package(requirement: str) -> Finding:
     if _numbers(version) < _numbers(floor):
         return Finding(name, "missing", f"{version}, {floor} or newer is needed", fix)
     module = IMPORT_NAMES.get(name, name)
-    if module not in ("moderngl", "glfw"):  # those two are imported by counterlight.gl alone, in a child
+    if module not in ("moderngl", "glfw"):  # only counterlight.gl imports these two, in a child process
         try:
-            with warnings.catch_warnings(record=True):  # colour-science says what optional packages it misses
+            with warnings.catch_warnings(record=True):  # colour-science warns about missing optional packages
                 warnings.simplefilter("ignore")
                 importlib.import_module(module)
-        except Exception as error:  # whatever a broken installation raises
+        except Exception as error:  # a broken installation may raise anything
             return Finding(name, "missing", f"{version}, import fails: {_one_line(error)}", f"{fix} --force-reinstall")
     return Finding(name, "ok", f"{version} (needs {floor})")
 
 
 def check_system_packages() -> list[Finding]:
-    """Libraries that the player loads; what only the tests need is a note."""
+    """Check libraries that the player loads; packages that only the tests need are a note."""
     findings = []
     absent = missing(PLAY)
     if absent:
@@ -156,7 +156,7 @@ def check_system_packages() -> list[Finding]:
 
 
 def check_opengl() -> list[Finding]:
-    """OpenGL without a window: the least that the player needs."""
+    """Check OpenGL without a window, the minimum for the player."""
     answer = probe("opengl")
     if "error" in answer:
         return [Finding("OpenGL through EGL", "missing", answer["error"], opengl_fix())]
@@ -169,7 +169,7 @@ def check_opengl() -> list[Finding]:
 
 
 def opengl_fix() -> str:
-    """Variables that hide the drivers come first: installing again would change nothing."""
+    """Returns the fix; environment variables that hide the drivers come first, because reinstalling would not help."""
     hiding = [name for name in ("__EGL_VENDOR_LIBRARY_DIRS", "__EGL_VENDOR_LIBRARY_FILENAMES") if name in os.environ]
     if hiding:
         return f"unset {' '.join(hiding)}"
@@ -177,7 +177,7 @@ def opengl_fix() -> str:
 
 
 def check_screen() -> list[Finding]:
-    """Windows and monitors, which rendering to a file does without."""
+    """Check windows and monitors, which rendering to a file does not need."""
     variables = [f"{name}={os.environ[name]}" for name in ("DISPLAY", "WAYLAND_DISPLAY") if os.environ.get(name)]
     system = " ".join(variables) or "neither DISPLAY nor WAYLAND_DISPLAY is set"
     answer = probe("screen")
@@ -195,7 +195,7 @@ def screen_fix() -> str:
 
 
 def probe(what: str) -> dict[str, Any]:
-    """Ask a child; what happened to the child if it cannot answer, as `{"error": …}`."""
+    """Run a probe in a child process; returns `{"error": …}` if the child fails."""
     command = [sys.executable, "-m", "counterlight.gl.probe", what]
     try:
         child = subprocess.run(command, capture_output=True, text=True, timeout=PROBE_S, check=False)
@@ -208,7 +208,7 @@ def probe(what: str) -> dict[str, Any]:
     except ValueError:
         return {"error": (child.stderr.strip().splitlines() or ["no answer"])[-1]}
     if "error" in answer:
-        return {"error": answer["error"].partition(";")[0]}  # after it comes the fix, which the report gives itself
+        return {"error": answer["error"].partition(";")[0]}  # without the fix, which the report adds itself
     return answer
 
 
@@ -227,7 +227,7 @@ def check_ffmpeg() -> list[Finding]:
 
 
 def check_openexr() -> list[Finding]:
-    """Write a small picture and read it back, bit for bit."""
+    """Check that a small picture can be written and read back exactly."""
     try:
         import numpy as np
 
@@ -260,7 +260,7 @@ def check_camera(device: Path) -> Finding:
 
 
 def check_sound() -> list[Finding]:
-    """What plays sound; asked in a child, since PortAudio writes to the terminal what it does not find."""
+    """Check the sound output in a child process, because PortAudio prints its failures to the terminal."""
     if importlib.util.find_spec("sounddevice") is None:
         return [Finding("sound", "note", "not installed: films are silent", _extra("audio"))]
     question = "import sounddevice; print(sounddevice.query_devices(kind='output')['name'])"
@@ -278,7 +278,7 @@ def check_sound() -> list[Finding]:
 
 
 def check_extras() -> list[Finding]:
-    """Packages that only one kind of input, output or remote needs."""
+    """Check packages that only one kind of input, output or remote needs."""
     return [_extra_package(*extra) for extra in EXTRAS]
 
 
@@ -289,7 +289,7 @@ def _extra_package(subject: str, package: str, extra: str) -> Finding:
 
 
 def check_letters() -> list[Finding]:
-    """Who names a font for letters that the player's own lacks."""
+    """Check for fontconfig, which finds fonts for letters that the player's font lacks."""
     if shutil.which("fc-match"):
         return [Finding("letters", "ok", "DejaVu Sans, and the system's fonts for what it lacks")]
     found = "DejaVu Sans alone: Chinese, Japanese or Korean titles show boxes"
@@ -310,7 +310,7 @@ def free_memory() -> str:
 
 
 def _numbers(version: str) -> tuple[int, ...]:
-    """`1.17.1rc1` -> (1, 17, 1): what a floor is compared with."""
+    """Convert `1.17.1rc1` to (1, 17, 1), for comparison with a minimum version."""
     leading = re.match(r"\d+(\.\d+)*", version)
     return tuple(int(part) for part in leading[0].split(".")) if leading else ()
 

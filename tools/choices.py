@@ -1,4 +1,4 @@
-"""The names that options take, apart from what they stand for: help and completion wait for no library."""
+"""The names that options take, without their meaning, so that help and completion need no library."""
 
 COLOURS = ("auto", "independent", "global", "pixel")  # tools/colour/tiers.py
 SCREENS = ("camera", "projector")  # tools/transport/shared_screen.py

@@ -1,4 +1,4 @@
-"""--cluster, which several commands share: who does the work of many machines (counterlight/jobs)."""
+"""The option --cluster of several commands, which lets many machines share the work (counterlight/jobs)."""
 
 import argparse
 from collections.abc import Iterator, Sequence
@@ -9,7 +9,7 @@ from counterlight.jobs.workers import Workers
 
 
 def add_cluster(parser: argparse.ArgumentParser, what: str) -> None:
-    """what : is done there."""
+    """Add --cluster; `what` describes the shared work in the help text."""
     parser.add_argument(
         "--cluster",
         metavar="ADDRESS",
@@ -20,7 +20,11 @@ def add_cluster(parser: argparse.ArgumentParser, what: str) -> None:
 
 @contextmanager
 def workers_of(address: str | None, files: Sequence[Path], shared: Path | None) -> Iterator[Workers | None]:
-    """None for this process.  files, shared : what all workers must see, and where what is made goes."""
+    """Open the workers; None if the work stays in this process.
+
+    files : files that all workers must be able to read.
+    shared : folder for results that all workers must see, if any.
+    """
     if address is None:
         yield None
         return

@@ -25,7 +25,7 @@ def _main(argv: Sequence[str] | None) -> int:
     projectors = _projectors(options)
     if not projectors:
         raise InputError("counterlight projector: names no projector; add a HOST, or --schedule FILE")
-    done = [_obeys(options.action, projector) for projector in projectors]  # all of them, whatever one answers
+    done = [_obeys(options.action, projector) for projector in projectors]  # continue after a projector that fails
     return DONE if all(done) else BAD_INPUT
 
 

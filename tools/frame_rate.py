@@ -1,4 +1,4 @@
-"""How many frames per second this machine draws in a room, as `counterlight play` would draw them."""
+"""Measure how many frames per second this machine draws in a room, as `counterlight play` draws them."""
 
 import time
 from collections.abc import Sequence
@@ -12,11 +12,11 @@ from counterlight.pipeline.room import Room
 from counterlight.show.headless import headless_renderer
 
 TIMED_FRAMES = 5
-COPIES = 3  # of the maps, that drawing takes memory for at most
+COPIES = 3  # copies of the maps for which drawing needs memory, at most
 
 
 def frames_per_second(room: Room, steps: Sequence[int]) -> list[float]:
-    """Rates of drawing a grey picture with so many steps; none where memory is short."""
+    """Returns the rate of drawing a grey picture for each number of steps; empty if memory is short."""
     if COPIES * sum(each.nbytes for each in room.maps.named().values()) > available_bytes():
         return []
     grey = np.full((*room.calibration.camera.shape, 3), 0.5 * room.white)
@@ -31,6 +31,6 @@ def frames_per_second(room: Room, steps: Sequence[int]) -> list[float]:
             renderer.finish()
             return time.perf_counter() - start
 
-        for count in steps:  # which loads and makes what later frames have at hand
+        for count in steps:  # the first frame loads and compiles what later frames reuse
             seconds(count)
         return [1 / median(seconds(count) for _ in range(TIMED_FRAMES)) for count in steps]

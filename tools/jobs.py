@@ -1,4 +1,4 @@
-"""Work on all cores."""
+"""Run work on all cores."""
 
 import os
 from collections.abc import Callable, Generator, Iterable, Sequence
@@ -23,6 +23,6 @@ def run_jobs(jobs: Sequence[Callable[[], T]], label: str) -> Generator[T]:
 
 
 def side_by_side(function: Callable[..., T], *each: Iterable[Any]) -> list[T]:
-    """`function` of each, on all cores, for what leaves Python's lock to others; BLAS keeps its threads."""
+    """Apply a function that releases Python's lock to each argument on all cores; BLAS keeps its threads."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return list(pool.map(function, *each))

@@ -1,8 +1,8 @@
 """counterlight join: one calibration of several projectors that one camera saw, or of cameras that saw the same ones;
 or, with --at, a set of views of one room, for viewers that move.
 
-Rooms are joined as cameras with --cameras, or where that is plain: the same projectors, and cameras of other sizes or
-monitors of the same names.
+--cameras joins rooms as cameras. Without it, this also happens if the rooms have the same projectors, and cameras of
+different sizes or monitors of the same names.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""The options of what is minimised, which several commands share (tools/transport/objective.py)."""
+"""Options of the objective that the solvers minimise, shared by several commands (tools/transport/objective.py)."""
 
 import argparse
 from typing import TYPE_CHECKING

@@ -18,8 +18,8 @@ from counterlight.tools.arguments import in_python
 class Renderer:
     """The player's renderer without a window, for pictures of the camera's size; a context manager.
 
-    backend : "gl", OpenGL through EGL, "cpu", or "auto": "gl" where there is a GPU.  white : radiance of a white
-    picture; None takes the maps'.
+    backend : "gl" (OpenGL through EGL), "cpu", or "auto" ("gl" if there is a GPU).
+    white : radiance of a white picture; None takes the maps' white.
     """
 
     @in_python()
@@ -50,10 +50,10 @@ class Renderer:
 
     @in_python()
     def render(self, picture: ArrayLike, *, refine: int | None = None) -> FloatArray:
-        """The projector picture for a camera picture: (projector height, projector width, 3), 0..1, linear light.
+        """Returns the projector picture for a camera picture, (projector height, projector width, 3), linear, 0 to 1.
 
-        picture : (camera height, camera width, 3) as of `solve`.
-        refine : steps, at most 256; None for the usual number.
+        picture : (camera height, camera width, 3), as for `solve`.
+        refine : steps, at most 256; None for the default number.
         """
         from counterlight.media.frames import radiance_frame
 
@@ -74,17 +74,17 @@ class Renderer:
 
     @in_python()
     def camera_view(self) -> FloatArray:
-        """What the camera will see of the picture rendered last, by the maps."""
+        """Returns the camera picture that the maps predict for the last rendered picture."""
         return self._view("camera")
 
     @in_python()
     def certificate(self) -> Certificate | None:
-        """How far the picture rendered last can be from the best one; None without the maps of refinement."""
+        """Returns a bound on the last picture's distance from the best; None without the maps of refinement."""
         self._check_rendered()
         return self._renderer.certificate()
 
     def close(self) -> None:
-        """Gives back what the renderer holds; it renders no more."""
+        """Release the renderer's resources; it cannot render afterwards."""
         self._closed = True
         self._stack.close()
 
@@ -94,7 +94,7 @@ class Renderer:
         return np.array(self._renderer.linear(), np.float64)
 
     def _check_rendered(self) -> int:
-        """The steps of the picture rendered last."""
+        """Returns the steps of the last rendered picture; InputError if there is none."""
         self._check_open()
         if self._steps is None:
             raise InputError("nothing has been rendered; call render first")

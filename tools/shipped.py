@@ -1,4 +1,4 @@
-"""What is shipped to try things on: scenes by name, and a clip. Nothing here is heavy: options are parsed with it."""
+"""The shipped scenes and clip, for trials. Imports stay light, because option parsing loads this module."""
 
 from importlib import resources
 from pathlib import Path
@@ -10,12 +10,12 @@ CLIP = DATA / "media" / "big_buck_bunny.mp4"
 
 
 def shipped_scenes() -> dict[str, Path]:
-    """The shipped scenes' files by name."""
+    """Returns the shipped scenes' files by name."""
     return {path.stem: path for path in sorted((DATA / "scenes").glob("*.toml"))}
 
 
 def parse_scene(text: str) -> Path:
-    """A scene's file: the one that is named, or else the shipped one of that name; InputError for neither."""
+    """Returns a scene's file: an existing path, or the shipped scene of that name; InputError for neither."""
     path, scenes = Path(text), shipped_scenes()
     if (text and path.exists()) or path.suffix or len(path.parts) > 1:
         return path

@@ -24,7 +24,7 @@ from counterlight.tools.shipped import CLIP, parse_scene
 from counterlight.writing.replacing import replacing_file
 
 SHOWN_AT_S = 2.0
-FILM_FRAMES = 48  # of the clip that are rendered without a screen: llvmpipe takes a third of a second for each
+FILM_FRAMES = 48  # frames rendered without a screen; llvmpipe takes a third of a second per frame
 TIMED_FRAMES = 12
 
 
@@ -34,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(argv: Sequence[str] | None) -> None:
     options = _parser().parse_args(argv)
-    drawn_by = probe_opengl()["renderer"]  # before the work: without OpenGL there is nothing to show
+    drawn_by = probe_opengl()["renderer"]  # fails first, because without OpenGL there is nothing to show
     folder = options.folder / options.scene.stem
     prepare(options.scene, folder)
     room = read_room(folder, None)
@@ -48,7 +48,7 @@ def _main(argv: Sequence[str] | None) -> None:
 
 
 def prepare(scene: Path, folder: Path) -> None:
-    """Simulate the scene and build its map, unless that has been done since the scene changed; always whole folders."""
+    """Simulate the scene if it has changed, and build its map if that is missing; folders are always complete."""
     made = folder / calibration.TOML
     if not (made.is_file() and made.stat().st_mtime > scene.stat().st_mtime):
         _or_stop(simulate_transport.main([str(scene), "-o", str(folder), "--force"]))
@@ -57,10 +57,10 @@ def prepare(scene: Path, folder: Path) -> None:
 
 
 def compare(room: Room, folder: Path) -> tuple[float, float, float]:
-    """Write before.png, after.png and both side by side, the camera's views of one frame; returns PSNRs in decibels.
+    """Write before.png, after.png and both side by side, the camera views of one frame; returns three PSNRs in dB.
 
-    Before: the frame as any player would project it. After: compensated. Last: before, scaled by the one factor that
-    matches best. All against the desired picture.
+    Before: the frame without compensation. After: compensated. Last: before, scaled by the one factor that matches
+    best. All are compared with the desired picture.
     """
     mask, white = room.calibration.mask, room.white
     quality, views, seen = [], [], []
@@ -87,7 +87,7 @@ def compare(room: Room, folder: Path) -> tuple[float, float, float]:
 
 
 def play(room: Path, folder: Path) -> None:
-    """Play the clip in a window, or without a screen render the camera's view, half without, half with compensation."""
+    """Play the clip in a window, or without a screen render a view that is half uncompensated and half compensated."""
     told = [str(room), str(CLIP), "--backend", "gl"]
     try:
         from counterlight.gl.monitors import list_monitors
@@ -103,7 +103,7 @@ def play(room: Path, folder: Path) -> None:
 
 
 def frame_ms(room: Room, backend: str) -> float:
-    """Milliseconds from a decoded frame to the projector's picture, the median of some."""
+    """Returns the median milliseconds from a decoded frame to the projector picture."""
     took = list[float]()
     with headless_renderer(backend, room) as renderer, MediaReader.open(CLIP) as reader:
         renderer.open(reader.info.format)

@@ -42,7 +42,7 @@ def _main(argv: Sequence[str] | None) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> "tuple[Scene, list[Simulated]]":
-    """In this process or on a cluster."""
+    """Simulate in this process or on a cluster."""
     with workers_of(options.cluster, [options.scene], None) as workers:
         return _simulated(options, workers)
 

@@ -1,8 +1,8 @@
-"""What pip cannot bring: system libraries and programs, their Debian packages, and the line that installs them.
+"""System libraries and programs that pip cannot install, their Debian packages, and the line that installs them.
 
-Standard library only: the Makefile runs this before there is an environment, and counterlight doctor shows the same.
+Standard library only, because the Makefile runs this before there is an environment. counterlight doctor uses it too.
 
-    python3 tools/system_packages.py play|test      installs what is missing (as root), or prints the one line to run
+    python3 tools/system_packages.py play|test      installs missing packages (as root), or prints the line to run
 """
 
 import ctypes
@@ -21,7 +21,7 @@ DONE, BAD_INPUT = 0, 2
 
 
 class Part(NamedTuple):
-    """Something that must be there: its Debian package, how to see it without dpkg, what it is for."""
+    """A requirement: its Debian package, a test without dpkg whether it is present, and its purpose."""
 
     package: str
     is_there: Callable[[], bool]
@@ -48,8 +48,8 @@ def has_dummy_screen_driver() -> bool:
     return any(any(Path("/usr").glob(f"{lib}/xorg/modules/drivers/dummy_drv.so")) for lib in ("lib", "lib64", "lib/*"))
 
 
-# Proven on a bare Debian 12 without recommended packages: libgl1 depends, through libglx-mesa0, on the Mesa drivers
-# (libgl1-mesa-dri, llvmpipe among them), libegl1 alone does not.
+# Verified on a bare Debian 12 without recommended packages: libgl1 depends, through libglx-mesa0, on the Mesa drivers
+# (libgl1-mesa-dri, including llvmpipe); libegl1 alone does not.
 PLAY = (
     Part("python3-venv", partial(imports, "ensurepip"), "the Python environment"),
     Part("libegl1", partial(loads, "libEGL.so.1"), "OpenGL without a screen"),
@@ -74,14 +74,14 @@ def missing(parts: Sequence[Part]) -> list[Part]:
 
 
 def apt_line(packages: Sequence[str]) -> str:
-    """The one line that installs `packages` on Debian and its relatives, with sudo where it is needed."""
+    """Returns the line that installs `packages` on Debian and its relatives, with sudo if needed."""
     sudo = "" if os.geteuid() == 0 else "sudo "
     return f"{sudo}apt-get update && {sudo}apt-get install --yes --no-install-recommends {' '.join(packages)}"
 
 
 def install(packages: Sequence[str]) -> None:
-    """Install Debian packages as root; a failed update is no reason to stop, a failed install shows in `missing`."""
-    apt_get = ["apt-get", "-o", "DPkg::Lock::Timeout=300"]  # another apt may be at work on a machine that just booted
+    """Install Debian packages as root. A failed update is ignored, and a failed install shows in `missing`."""
+    apt_get = ["apt-get", "-o", "DPkg::Lock::Timeout=300"]  # a machine that just booted may still run another apt
     quiet = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
     subprocess.run([*apt_get, "update"], env=quiet, check=False)
     subprocess.run([*apt_get, "install", "--yes", "--no-install-recommends", *packages], env=quiet, check=False)

@@ -1,6 +1,6 @@
 """counterlight: light transport measured or simulated, inverted, and played through.
 
-One command with verbs; each is a module of its own, imported when it is asked for.
+One command with verbs; each verb is a module, which is imported on demand.
 """
 
 import importlib
@@ -20,7 +20,7 @@ SHELLS = ("bash", "zsh", "fish")
 
 
 class Verb(NamedTuple):
-    """A module with a `main(argv)`, and what it is for."""
+    """A module with a `main(argv)`, and its purpose."""
 
     module: str
     purpose: str
@@ -51,17 +51,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def play(argv: Sequence[str] | None = None) -> int:
-    """The script play-corrected."""
+    """Entry point of the script play-corrected."""
     return run(partial(_verb, "play"), argv)
 
 
 def build(argv: Sequence[str] | None = None) -> int:
-    """The script build-correction-map."""
+    """Entry point of the script build-correction-map."""
     return run(partial(_verb, "build"), argv)
 
 
 def _verb(name: str, argv: Sequence[str] | None) -> int:
-    """Run a verb, imported here, where Ctrl-C is an end like any other."""
+    """Import and run a verb, inside `run`, so that Ctrl-C during the import ends cleanly."""
     body: Callable[[Sequence[str] | None], int] = importlib.import_module(f"counterlight.{VERBS[name].module}").main
     return body(argv)
 
@@ -83,7 +83,7 @@ def _main(argv: Sequence[str] | None) -> int:
 
 
 def _completion(words: Sequence[str]) -> str:
-    """What a shell runs at its start: `eval "$(counterlight completion bash)"`."""
+    """Returns the text that a shell evaluates at startup: `eval "$(counterlight completion bash)"`."""
     parser = Parser("completion", description="Prints what a shell runs to complete verbs, options and files.")
     parser.add_argument("shell", choices=SHELLS)
     shell = parser.parse_args(words).shell
@@ -93,17 +93,17 @@ def _completion(words: Sequence[str]) -> str:
 
 
 def _being_completed() -> list[str]:
-    """The finished words of the line that a shell completes, for the verb among them to complete the rest."""
+    """Returns the complete words of the line being completed, for the verb to complete the rest."""
     line = os.environ["COMP_LINE"][: int(os.environ.get("COMP_POINT", "100000"))]
     try:
         words = shlex.split(line)
-    except ValueError:  # a quotation that is open
+    except ValueError:  # an open quotation
         words = line.split()
     if line[-1:].isspace():
         words.append("")
     words = words[1:-1]
     if words and words[0] in VERBS:
-        os.environ["_ARGCOMPLETE"] = "2"  # the word that is the program's name
+        os.environ["_ARGCOMPLETE"] = "2"  # index of the word with the program's name
         return words
     return ["--help"]
 

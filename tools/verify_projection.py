@@ -1,9 +1,8 @@
 """counterlight verify: is the room as it was calibrated, and does the compensated picture arrive?
 
-Cameras stand where they stood when the calibration was made, with the same settings; all projectors show, all cameras
-look. A projector's picture that has moved, a lamp that has dimmed and another light in the room are found and undone:
-counterlight play takes that over when it starts or is told to reload. Exit code 3: the calibration no longer holds,
-acquire again.
+Cameras must stand where they stood for the calibration, with the same settings; all projectors and cameras take part.
+A moved projector picture, a dimmed lamp and changed room light are found and corrected. counterlight play uses the
+correction when it starts or is asked to reload. Exit code 3: the calibration no longer holds, acquire again.
 """
 
 import argparse
@@ -86,7 +85,7 @@ def _verify(options: argparse.Namespace, stage: Path | None) -> int:
 
 
 def _wanted(options: argparse.Namespace, stored: "StoredCalibration", transport: "Transport") -> "Wanted | None":
-    """The picture, if there is one, read and checked before anything is shown."""
+    """Returns the picture, read and checked before anything is shown; None without a picture."""
     from counterlight.tools.acquisition.verify import Wanted
     from counterlight.tools.relighting.pictures import read_placed
 
@@ -105,7 +104,7 @@ def _wanted(options: argparse.Namespace, stored: "StoredCalibration", transport:
 
 
 def _check_projectors(options: argparse.Namespace, room: "Calibration", found: "Shapes") -> None:
-    """InputError unless these are the room's, or one that has all of its raster."""
+    """Raises InputError unless the sizes are the room's, or one projector has the size of the whole raster."""
     wanted = tuple(projector.shape for projector in room.projectors)
     if found in (wanted, (room.projector.shape,)):
         return
@@ -122,7 +121,7 @@ def _check_projectors(options: argparse.Namespace, room: "Calibration", found: "
 def _photographing(
     camera: "Camera", stored: "StoredCalibration", options: argparse.Namespace
 ) -> "Iterator[Photographer]":
-    """Captures of one check; a folder keeps them until it is done, so that it can go on where it waited."""
+    """Yield the photographer of one check; a folder keeps its captures until the check ends, so that it can resume."""
     from counterlight.tools.acquisition.cameras.folder import FolderCamera
     from counterlight.tools.acquisition.photographer import Photographer
 
@@ -144,7 +143,7 @@ def _once(
     wanted: "Wanted | None",
     stage: Path | None,
 ) -> int:
-    """One check, and the picture if there is one; returns the exit code."""
+    """Run one check, and show the picture if there is one; returns the exit code."""
     from counterlight.pipeline.drift import read_drift, write_drift
     from counterlight.tools.acquisition.room_check import check_room, nothing
     from counterlight.unattended.asking import ask
@@ -162,7 +161,7 @@ def _once(
             except InputError as error:
                 if options.watch is None:
                     raise
-                tell(f"{error}")  # a player that starts reads what is kept
+                tell(f"{error}")  # a player that starts later reads the stored correction
     outcome = ("not corrected" if options.no_correct else "corrected") if checked.drift.changes else ""
     print(f"{checked.said}: {outcome}" if outcome else checked.said, flush=True)
     if wanted is not None:
@@ -174,7 +173,7 @@ def _once(
 
 
 def _show(options: argparse.Namespace, task: "Verification", stage: Path | None) -> None:
-    """Print every round of the picture, and what to make of the best one; write that."""
+    """Print every round of the picture and a verdict on the best round; write the best."""
     counting = int(task.tier.calibration.mask.sum())
     print(task.tier)
     print(f"white is a camera radiance of {task.white:.4g}; {counting} camera pixels count")

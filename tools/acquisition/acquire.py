@@ -1,15 +1,15 @@
-"""Run a scheme: every pattern in turn, its capture put on disk while the next pattern is shown, and what is checked.
+"""Run a scheme: show every pattern, save each capture while the next pattern is shown, and check the result.
 
-Black and floodlight come first, sixteen times each: black is subtracted from every capture, and how bright each camera
-pixel is in all decides how smooth pictures turn out. They also give the noise. A picture and its complement tell
-whether the camera is linear. Then ramps, from which the projector's response is measured, and its primaries. Floodlight
-comes again at the end, which tells a moved camera, and last random pictures that no scheme has seen, black and white
-and coloured: how well they are predicted is the honest measure.
+1. Black and floodlight, 16 captures each. Black is subtracted from every capture. Both give the noise, and the
+   floodlight decides how smooth pictures turn out.
+2. A picture and its complement, which show whether the camera is linear.
+3. Ramps, which give the projector's response and its primaries.
+4. The scheme's pictures. Each is captured once, or as often as the noise requires (averaging.py).
+5. Floodlight again, which reveals a moved camera.
+6. Random pictures, black-and-white and coloured, that no scheme has seen. Their prediction error is the honest measure.
 
-Each of a scheme's pictures is captured once, or as often as the noise asks for (averaging.py).
-
-Several projectors are measured one after the other, the others black; black, which holds the black levels of all, is
-captured once.
+Several projectors are measured one after the other, while the others show black. Black contains the black levels of
+all projectors and is captured once.
 """
 
 import time
@@ -48,25 +48,28 @@ from counterlight.tools.acquisition.plan import (
 from counterlight.tools.acquisition.ramps import ProjectorLight, light_level, measure_light
 from counterlight.tools.acquisition.recording import Part, Recorder, Store
 
-MOST_SATURATED = 0.02  # of the camera's pixels
-LEAST_LIT, LEAST_RISE = 0.001, 10  # of the camera's pixels rise by so many times the noise
-EXPLAINED = 0.5  # of the coloured check's unexplained error may be left if a white segment is what does not add up
+MOST_SATURATED = 0.02  # share of the camera's pixels
+LEAST_LIT, LEAST_RISE = 0.001, 10  # share of the camera's pixels that must rise; by this multiple of the noise
+EXPLAINED = 0.5  # a white segment must reduce the unexplained error of the coloured check to at most this share
 DEFAULT_AIM = Aim()
-BLACKS = 8  # captures of black for each of a finest pattern, so that it adds an eighth to their variance
-LAST = Expected(3)  # floodlight and checks
+BLACKS = 8  # captures of black per capture of a finest pattern, so that black adds an eighth to their variance
+LAST = Expected(3)  # floodlight and the two checks
 AGAIN = "fix them, acquire again with other --captures"
 
 
 @dataclass(frozen=True)
 class Acquisition:
-    """What was acquired of a projector.
+    """The measurements of one projector.
 
-    light : what the projector makes of code values, None if the captures are of a time when that was not measured.
-    pictures, exposures : shown, and photographed for it.  seconds : of this run.  resumed : captures that were there
-    already.
-    check : of T, by a random pattern.  coloured : of T and the response, by random greys and colours.
-    by_measured : the same with the response that was measured, even where another one was given.
-    averaged : how often pictures were captured, None if once.
+    light : light per code value; None if the captures come from a version that did not measure it.
+    pictures : number of pictures shown.
+    exposures : number of photographs.
+    seconds : duration of this run.
+    resumed : number of captures that were already in the store.
+    check : test of T by a random pattern.
+    coloured : test of T and the response by random greys and colours.
+    by_measured : like `coloured`, with the measured response even if another response was given.
+    averaged : how often pictures were captured; None if once.
     """
 
     measured: Measured
@@ -91,11 +94,13 @@ def acquire(
     aim: Aim = DEFAULT_AIM,
     clock: Clock = time.monotonic,
 ) -> list[Acquisition]:
-    """Show, capture and solve for each projector; what is in the store already is not shown again.
+    """Show, capture and solve for each projector; pictures whose captures are in the store are not shown again.
 
-    projectors : (height, width) of each; pictures are of the raster of all.  given : their response, where that is not
-    to be the measured one.  aim : of the noise that T is to have, where the store lets pictures be averaged.
-    clock : seconds, by which the time left is estimated.
+    projectors : (height, width) of each; the pictures cover the raster of all projectors.
+    given : the projectors' response, if it replaces the measured response.
+    aim : noise allowed in T, used if the store lets pictures be averaged.
+    clock : seconds; used to estimate the remaining time.
+
     Raises InputError for captures that are saturated, black, inconsistent or of another size, and for a moved camera.
     """
     recorder = Recorder(camera, store, aim, clock)
@@ -127,14 +132,14 @@ def acquire(
 
 
 def _told_first(part: Part) -> list[Picture]:
-    """Shown with black and floodlight: whether the camera is linear, and what noise does to T."""
+    """Pictures shown with black and floodlight: they test whether the camera is linear and how noise affects T."""
     if not part.halves:
         return []
     return [*shown_halves(part.projector), *([random_pixels(part.projector)] if part.averaged else [])]
 
 
 def _expected(part: Part, make_scheme: MakeScheme) -> tuple[Expected, ...]:
-    """The levels of a projector that follow."""
+    """Returns the levels of a projector that follow."""
     light = len(light_level(part.projector).patterns) if part.coloured else 0
     black = BLACKS if part.averaged else 0
     return Expected(light), Expected(black, share=1), *make_scheme.expected(part.projector), LAST
@@ -143,14 +148,14 @@ def _expected(part: Part, make_scheme: MakeScheme) -> tuple[Expected, ...]:
 def _acquire(
     part: Part, make_scheme: MakeScheme, room: Reference, given: Response | None, averaging: Averaging | None
 ) -> Acquisition:
-    """averaging : None if nothing is known of it."""
+    """Measure one projector; `averaging` is None if the store has no captures to plan it from."""
     projector, white = part.projector, np.ones(part.projector, np.bool_)
     part.begin(averaging)
     light = None
     if part.coloured:
         light = measure_light(part.capture(replace(light_level(projector), later=part.expected[1:])), room)
     if part.averaged:
-        if averaging is None:  # captures of an older version, which showed that picture now
+        if averaging is None:  # an older version captured the random picture here
             (seen,) = part.capture(Level("noise", [random_pixels(projector)], part.expected[1:]))
             averaging = part.averaging(room, np.asarray(seen, np.float64))
             part.begin(averaging)
@@ -178,9 +183,9 @@ def _acquire(
 
 
 def _with_better_black(part: Part, room: Reference, averaging: Averaging) -> Reference:
-    """Black is subtracted from every capture, so that its noise must be below that of their means.
+    """Capture more black, because its noise must stay below the noise of the averaged captures.
 
-    With 16 captures of black beside 62 of each pattern its noise passed for light that all blocks give.
+    With 16 captures of black and 62 captures of each pattern, the noise of black passed for light from all blocks.
     """
     if BLACKS * averaging.wanted <= REPEATS:
         return room
@@ -193,7 +198,7 @@ def _with_better_black(part: Part, room: Reference, averaging: Averaging) -> Ref
 
 
 def _run(scheme: Scheme, part: Part, room: Reference) -> Measured:
-    """Give a scheme the captures that it asks for."""
+    """Drive a scheme: capture each level that it yields, check the level, and return what it measured."""
     level = next(scheme)
     while True:
         captures = SummedCaptures(part.capture(replace(level, later=(*level.later, LAST)), repeatedly=True))
@@ -204,7 +209,7 @@ def _run(scheme: Scheme, part: Part, room: Reference) -> Measured:
             measured: Measured = ended.value
             return measured
         except InputError:
-            check_closure(level, captures, room)  # what a wrong capture leads to says less than that it is wrong
+            check_closure(level, captures, room)  # a wrong capture explains more than the error that it causes
             raise
         check_closure(level, captures, room)
         level = following
@@ -226,9 +231,9 @@ def _every(captures: Sequence[NDArray[np.float32]], first: int, apart: int, inde
 
 
 def refuse_unusable(room: Reference, name: str = "") -> None:
-    """InputError for a room of which too much saturates, or that the projector hardly lights.
+    """Raises InputError for a room that saturates too many pixels, or that the projector hardly lights.
 
-    name : of the projector, before what is said.
+    name : prefix of the message that names the projector.
     """
     if room.saturated.mean() > MOST_SATURATED:
         raise InputError(
@@ -244,7 +249,7 @@ def refuse_unusable(room: Reference, name: str = "") -> None:
 
 
 def rises(room: Reference) -> bool:
-    """Whether enough camera pixels do, from black to floodlight."""
+    """Whether enough camera pixels rise from black to floodlight."""
     return bool(_clearly_lit(room).mean() >= LEAST_LIT)
 
 

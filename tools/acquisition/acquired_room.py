@@ -1,4 +1,4 @@
-"""From an acquisition to a calibration folder."""
+"""Write the calibration folder of an acquisition."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -40,19 +40,22 @@ from counterlight.tools.transport.storage import write_transport
 from counterlight.tools.transport.transport import Transport, luminance_matrix
 from counterlight.tools.transport.trust import seen
 
-MOST_OF_BLACK = 1, 99  # percentiles: single hot pixels are not black's
-MOST_TRIED = 1 << 17  # camera pixels up to which a white picture is tried; build tries it anyway
+MOST_OF_BLACK = 1, 99  # percentiles, which ignore single hot pixels
+MOST_TRIED = 1 << 17  # camera pixels up to which a white picture is tried here; the build always tries it
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What to acquire.
+    """The settings of an acquisition.
 
-    scheme : its name, for the records.  projectors : (height, width) of each.  options : what else decides which
-    pattern comes next.  response : of the projectors, None for the measured ones.  tolerance : dB that pictures may
-    lose where a dense T is factored, 0 for T as it is.  monitors : names of several projectors', none if nobody
-    said.  pictures : of pictures first (few/), which has no other scheme.  aim : of T's noise, None where each picture
-    is captured once.
+    scheme : name of the scheme, for the records.
+    projectors : (height, width) of each.
+    options : further settings that decide which pattern comes next.
+    response : response of the projectors; None for the measured response.
+    tolerance : dB that pictures may lose when a dense T is factored; 0 keeps T unfactored.
+    monitors : monitor names of several projectors; empty if not given.
+    pictures : number of pictures if few/ acquires from pictures; `make_scheme` is then None.
+    aim : noise allowed in T; None if each picture is captured once.
     """
 
     scheme: str
@@ -69,9 +72,9 @@ class Plan:
 def acquire_room(
     camera: Camera, plan: Plan, captures: Path, wanted: Wanted, *, name: str | None = None
 ) -> AcquisitionReport:
-    """Acquire and write the calibration `wanted.room`; it appears whole or not at all, the captures stay.
+    """Acquire and write the calibration `wanted.room`; the folder appears whole or not at all, and the captures stay.
 
-    captures : where they are kept; a run that was interrupted goes on with what is there.
+    captures : folder of the captures; an interrupted run continues with the captures in it.
     """
     folder = wanted.room
     with open_store(captures, _session(camera, plan), camera.exposures, wanted) as store:
@@ -89,7 +92,7 @@ def acquire_room(
 
 
 def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
-    """What captures are of."""
+    """Returns the settings that identify a set of captures."""
     sizes = [[width, height] for height, width in plan.projectors]
     shown = {"projector": sizes[0]} if len(sizes) == 1 else {"projectors": sizes}
     averaged = {"repeats": list[int]()} if plan.aim else {}
@@ -98,7 +101,7 @@ def _session(camera: Camera, plan: Plan) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _Part:
-    """One projector's room, its transport and how they came about."""
+    """One projector's room, its transport, and the acquisition that gave both."""
 
     room: Calibration
     transport: Transport
@@ -119,7 +122,7 @@ def _part(done: Acquisition, projector: Shape, camera: Camera, plan: Plan, name:
     shape = ambient.shape
     whole = replace(done.measured.transport, camera=shape[:2], projector=projector)
     cameras = views_of(camera)
-    made_small = factored if cameras else compacted  # blocks are of one camera
+    made_small = factored if cameras else compacted  # compacting in blocks handles only a single camera
     transport, factoring = made_small(whole, ambient, plan.tolerance)
     mask = _lit(transport, ambient, projector, done.room.rise_noise, cameras) & ~done.room.saturated
     if not mask.any():
@@ -140,7 +143,7 @@ def _part(done: Acquisition, projector: Shape, camera: Camera, plan: Plan, name:
 
 
 def _together(parts: Sequence[_Part], monitors: Sequence[str], cameras: Shapes) -> SharedRoom:
-    """The room of all projectors; cameras : of several, (height, width) of each."""
+    """Join the rooms of all projectors; `cameras` is the (height, width) of each if there are several."""
     room, transport = parts[0].room, parts[0].transport
     if len(parts) > 1:
         names = [f"projector {number}" for number in range(1, len(parts) + 1)]
@@ -157,7 +160,7 @@ def _lit(
     noise: FloatArray | None,
     cameras: Shapes,
 ) -> BoolArray:
-    """Camera by camera: what is around a pixel is in its own picture."""
+    """Returns the lit camera pixels, found per camera, because a pixel's neighbours must lie in the same picture."""
     if not cameras:
         return directly_lit(transport, ambient, projector, noise)
     pixels = np.arange(transport.shape[0]).reshape(ambient.shape[:2])
@@ -168,7 +171,7 @@ def _lit(
 
 
 def _response(given: Response | None, light: ProjectorLight | None) -> tuple[Response, str]:
-    """The projector's response, and where it comes from."""
+    """Returns the projector's response and a word for its source."""
     if given is not None:
         return light.curve(given) if light else given, "given"
     return (light.response, light.fit) if light else (ASSUMED, "sRGB assumed")
@@ -195,7 +198,7 @@ def _coverage(part: _Part) -> Coverage:
 
 
 def _black(room: Calibration, transport: Transport) -> Black:
-    """By the camera's black pictures: the room's light and the black levels of all projectors."""
+    """Returns percentiles of the captured black: the room's light and the black levels of all projectors."""
     tier = tier_of(room, transport)
     seen = np.max(tier.ambient[room.mask], axis=-1) / tier.white
     return Black(*(float(np.percentile(seen, share)) for share in MOST_OF_BLACK))
@@ -208,5 +211,5 @@ def _light_outside(room: Calibration, transport: Transport) -> LightOutside:
     tier = tier_of(room, transport)
     objective = objective_of(tier.transport, room, DEFAULT_AIMS, tier.mixing)
     white = tier.asked(np.full(tier.ambient.shape, tier.white)).reshape(-1, 3)
-    drive, _ = Box(objective, most_steps=CHECK_EVERY).run(white)  # what nobody sees is dark after the first steps
+    drive, _ = Box(objective, most_steps=CHECK_EVERY).run(white)  # unseen pixels are dark after the first steps
     return LightOutside(unseen, objective.light_outside(drive))

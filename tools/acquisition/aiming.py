@@ -1,4 +1,4 @@
-"""What a camera's live picture says while it is aimed, focused and exposed."""
+"""Framing, brightness and focus of a camera's live picture, for aiming it."""
 
 from dataclasses import dataclass
 
@@ -9,21 +9,22 @@ from numpy.typing import NDArray
 from counterlight.arrays import BoolArray, FloatArray
 from counterlight.tools.acquisition.cameras.camera import Shot
 
-BRIGHTEST = 99.9  # percentile: a few hot pixels and highlights apart
-SAMPLED = 1 << 20  # values that a percentile is taken of
-MIDDLE = 512  # pixels a side, at the camera's own resolution, where focus is judged
-LIT, NOISES = 0.1, 4  # of the brightest rise, and times the noise: what counts as lit
-SPECK = 5  # pixels a side of what the median removes
-LEAST_LIT = 0.001  # of the camera's pixels
-EDGE_SHARE = 0.1  # of the fullest row or column: less is reflections beside the picture
-LEAST_MARGIN, LEAST_FILLED = 0.02, 0.3  # of the view's sides; of its area (docs/first-rig.md)
+BRIGHTEST = 99.9  # percentile; ignores a few hot pixels and highlights
+SAMPLED = 1 << 20  # values in the sample for a percentile
+MIDDLE = 512  # camera pixels; side of the square in which focus is judged
+LIT, NOISES = 0.1, 4  # lit means above this share of the brightest rise and above this multiple of the noise
+SPECK = 5  # pixels; side of the median filter
+LEAST_LIT = 0.001  # share of the camera's pixels
+EDGE_SHARE = 0.1  # a row or column below this share of the fullest holds only reflections next to the picture
+LEAST_MARGIN, LEAST_FILLED = 0.02, 0.3  # shares of the view's sides and of its area (docs/first-rig.md)
 
 
 @dataclass(frozen=True)
 class Framing:
-    """Where the projector's picture is in the camera's view.
+    """The position of the projector's picture in the camera's view.
 
-    left, above, right, below : dark margins, of the view's width and height.  filled : share of the view that is lit.
+    left, above, right, below : dark margins as shares of the view's width and height.
+    filled : share of the view that is lit.
     """
 
     left: float
@@ -47,7 +48,7 @@ class Framing:
 
 
 def framing(black: FloatArray, again: FloatArray, white: FloatArray) -> Framing | None:
-    """From two pictures with the projector black and one with it white, (height, width, 3); None if it is not seen."""
+    """Returns the framing from two black pictures and a white one, (height, width, 3); None if it is not visible."""
     rise = (white - black).sum(axis=2)
     noise = float(np.std((again - black).sum(axis=2)))
     rises = rise > max(LIT * float(np.percentile(rise, BRIGHTEST)), NOISES * noise, float(np.finfo(np.float32).tiny))
@@ -59,21 +60,21 @@ def framing(black: FloatArray, again: FloatArray, white: FloatArray) -> Framing 
 
 
 def _ends(counts: NDArray[np.integer]) -> tuple[float, float]:
-    """Shares before the first and after the last of the full rows or columns."""
+    """Returns the shares of the axis before the first and after the last full row or column."""
     full = np.flatnonzero(counts >= EDGE_SHARE * counts.max())
     return float(full[0] / counts.size), float(1 - (full[-1] + 1) / counts.size)
 
 
 def brightest(shot: Shot) -> float:
-    """Of the range."""
+    """Returns the brightest value of a shot (99.9th percentile) as a share of the camera's range."""
     step = max(1, int(np.sqrt(shot.size / SAMPLED)))
     return float(np.percentile(shot[::step, ::step], BRIGHTEST)) / float(np.iinfo(shot.dtype).max)
 
 
 def sharpness(light: FloatArray) -> float:
-    """Mean squared gradient over mean squared light in the middle of (height, width, 3): the more, the sharper.
+    """Returns the mean squared gradient over the mean squared light in the middle of (height, width, 3).
 
-    No number is right; turning the focus until it is highest is. Brightness does not matter, the picture does.
+    Higher is sharper. The value depends on the picture but not on its brightness, so only compare it while focusing.
     """
     height, width = light.shape[:2]
     top, left = max(0, (height - MIDDLE) // 2), max(0, (width - MIDDLE) // 2)
@@ -85,9 +86,10 @@ def sharpness(light: FloatArray) -> float:
 def shown(
     light: FloatArray, clipped: BoolArray, shape: tuple[int, int], mark: tuple[int, int, int]
 ) -> NDArray[np.uint8]:
-    """The view at the size of a window, (height, width, 3) code values, with what clips in the colour of `mark`.
+    """Returns the view at the size of a window, (height, width, 3) code values, with clipped pixels in colour `mark`.
 
-    light : (camera height, camera width, 3), 1 is the top of the range.  clipped : one pixel is enough to be marked.
+    light : (camera height, camera width, 3). 1 is the top of the range.
+    clipped : (camera height, camera width) bool. A window pixel is marked if any camera pixel in it clips.
     """
     size = shape[1], shape[0]
     how = cv2.INTER_AREA if shape[0] < light.shape[0] else cv2.INTER_NEAREST

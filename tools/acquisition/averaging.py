@@ -1,13 +1,13 @@
-"""How often each picture is captured: as often as T's error asks for, within the minutes that an acquisition may take.
+"""Choose how often each picture is captured, from the error allowed in T and the time allowed for the acquisition.
 
-A camera's noise is what an acquisition cannot see beside, and it falls with the root of the captures. How much of T it
-spoils is known before the scheme begins. The noise comes from black and floodlight. The size of T comes from one
-picture of random pixels, half of them lit: what a camera pixel sees of it differs from half its floodlight l by
+A camera's noise falls with the square root of the number of captures. The share of T that noise spoils is known before
+the scheme begins. The noise comes from black and floodlight. The size of T comes from one picture of random pixels,
+half of them lit. The light s of a camera pixel in that picture differs from half its floodlight l by
 
     E (s_i − l_i / 2)² = ¼ Σ_j T_ij²,
 
 so that all camera pixels together give ‖T‖ (Hutchinson 1990, A stochastic estimator of the trace). A camera pixel sees
-about m = Σ l² / ‖T‖² projector pixels, each read off a capture of its own:
+about m = Σ l² / ‖T‖² projector pixels, each measured by a separate capture:
 
     ‖δT‖² = κ Σ_i (m dark² + gain l_i) / captures.
 """
@@ -22,15 +22,19 @@ from counterlight.tools.acquisition.pace import Pace
 from counterlight.tools.acquisition.plan import Expected, Level, Pattern, Reference
 
 SEED = 19900101
-AGREEMENT = 0.9  # κ: what levels, or codes, that see the same light save of the variance (0.3 to 1.3 were measured)
+AGREEMENT = 0.9  # κ: share of the variance that combining levels or codes leaves (0.3 to 1.3 measured)
 MOST_REPEATS, FINER = 128, 8
-SETTLED_S = 60.0  # the length of the acquisition is settled by the first level that ends later
-TOLERATED = 0.95, 1.25  # least and most of the settled length that fewer or more repeated captures keep
+SETTLED_S = 60.0  # seconds; the first level that ends later settles the length of the acquisition
+TOLERATED = 0.95, 1.25  # shares of the settled length between which the number of captures is adjusted
 
 
 @dataclass(frozen=True)
 class Aim:
-    """error : of T, relative (Frobenius), that noise may leave.  seconds : that the whole acquisition may take."""
+    """Limits of an acquisition.
+
+    error : relative error (Frobenius) that noise may leave in T.
+    seconds : duration of the whole acquisition.
+    """
 
     error: float = 0.005
     seconds: float = 600.0
@@ -38,10 +42,12 @@ class Aim:
 
 @dataclass(frozen=True)
 class Averaged:
-    """What was chosen.
+    """The numbers of captures that were chosen.
 
-    once : T's error by the noise of single captures.  wanted : captures of the finest pictures for the error that was
-    aimed at.  most : captures of the finest pictures.  added : captures besides the first of each picture.
+    once : relative error of T by the noise of single captures.
+    wanted : captures of the finest pictures that reach the allowed error.
+    most : captures of the finest pictures that were taken.
+    added : captures beyond the first of each picture.
     """
 
     once: float
@@ -51,7 +57,7 @@ class Averaged:
 
     @property
     def error(self) -> float:
-        """Of T, by noise."""
+        """Relative error of T by noise."""
         return self.once / float(np.sqrt(self.most))
 
     def __str__(self) -> str:
@@ -65,12 +71,12 @@ class Averaged:
 
 
 def random_pixels(projector: tuple[int, int]) -> Pattern:
-    """Half of the pixels lit, each by chance; the same for everybody."""
+    """Returns a pattern with each pixel lit with probability 1/2; the seed is fixed."""
     return np.random.default_rng(SEED).random(projector) < 0.5
 
 
 def error_by_noise(room: Reference, capture: FloatArray) -> float:
-    """Relative error of T by the noise of single captures; capture : of `random_pixels`."""
+    """Returns the relative error of T by the noise of single captures; `capture` shows `random_pixels`."""
     light, seen = np.maximum(room.light, 0), room.above_black(capture)
     of_halves = (room.noise.sigma(light) ** 2 + room.noise.dark**2) / (4 * room.repeats)
     excess = np.sum((seen - room.light / 2) ** 2 - room.noise.sigma(seen) ** 2 - of_halves)
@@ -81,10 +87,11 @@ def error_by_noise(room: Reference, capture: FloatArray) -> float:
 
 
 class Averaging:
-    """Chooses the captures of each picture, level by level.
+    """Chooses the number of captures of each picture, level by level.
 
-    once : T's error by the noise of single captures.  pace : of the captures so far.
-    until_s : time by which all captures are to be there, in seconds of the acquisition as `pace` plans them.
+    once : relative error of T by the noise of single captures.
+    pace : seconds per capture so far.
+    until_s : time by which all captures should exist, in seconds of the acquisition as `pace` plans them.
     """
 
     def __init__(self, aim: Aim, once: float, pace: Pace, until_s: float) -> None:
@@ -94,24 +101,24 @@ class Averaging:
 
     @property
     def wanted(self) -> int:
-        """Captures of the finest pictures for the error that is aimed at."""
+        """Captures of the finest pictures that reach the allowed error."""
         return int(np.clip(np.ceil((self._once / self._aim.error) ** 2), 1, MOST_REPEATS))
 
     @property
     def done(self) -> Averaged:
-        """What came of it."""
+        """The numbers of captures so far."""
         return Averaged(self._once, self.wanted, self._most, self._added)
 
     def captures(self, expected: Expected) -> int:
-        """Captures of all pictures of a level, as planned last."""
+        """Returns the captures of all pictures of a level, as planned last."""
         return expected.pictures * self._repeats(expected.share, self._finest)
 
     def plan(self, levels: Sequence[Expected]) -> None:
-        """Choose how often the finest pictures are captured, if these levels are to come.
+        """Choose how often the finest pictures are captured, given the levels to come.
 
-        They are captured as often as wanted, or as often as fits into the time. The first level that ends after
-        SETTLED_S settles the length of the acquisition: if later levels have more pictures than expected, each is
-        captured less often, and if they have fewer, more often.
+        The finest pictures are captured as often as wanted, or as often as time allows. The first level that ends after
+        SETTLED_S settles the length of the acquisition. If later levels have more pictures than expected, each is
+        captured less often; if they have fewer, more often.
         """
         self._finest = min(self.wanted, self._fitting(levels, self._until_s))
         if self._settled_s is not None and self.wanted > 1:
@@ -121,27 +128,27 @@ class Averaging:
             self._settled_s = self._end_s(levels, self._finest)
 
     def chosen(self, level: Level) -> int:
-        """Captures of each of a level's pictures."""
+        """Returns how often each picture of a level is captured."""
         self.plan([level.expected, *level.later])
         return self._repeats(level.share, self._finest)
 
     def take(self, level: Level, repeats: int) -> str:
-        """Count the captures of a level; returns a line if pictures are captured several times."""
-        if level.share == 1:  # black before the scheme, and the finest pictures at its end
+        """Count the captures of a level; returns a line of text if pictures are captured several times."""
+        if level.share == 1:  # black before the scheme, and the finest pictures at the end of the scheme
             self._most = repeats
         self._added += (repeats - 1) * len(level.patterns)
         return "" if repeats == 1 else f"{level.name}: {len(level.patterns)} pictures, captured {repeats} times each"
 
     def _fitting(self, levels: Sequence[Expected], until_s: float) -> float:
-        """Captures of the finest pictures such that the levels end in time; at least 1.
+        """Returns how often the finest pictures can be captured before `until_s`, at least 1.
 
-        In steps of 1 / FINER: captures of coarser blocks are a share of them, rounded up, each at another step.
+        The count has steps of 1 / FINER, because coarser pictures take a rounded-up share of it, each at another step.
         """
         steps = range(FINER * MOST_REPEATS, FINER, -1)
         return next((step / FINER for step in steps if self._end_s(levels, step / FINER) <= until_s), 1.0)
 
     def _end_s(self, levels: Sequence[Expected], finest: float) -> float:
-        """When these levels end, in seconds of the acquisition."""
+        """Returns when these levels end, in seconds of the acquisition."""
         repeats = [self._repeats(level.share, finest) for level in levels]
         fresh = sum(level.pictures for level in levels)
         captures = sum(level.pictures * each for level, each in zip(levels, repeats, strict=True))

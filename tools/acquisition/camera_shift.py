@@ -1,7 +1,7 @@
-"""How far a camera has moved, from the floodlit room before and after: texture moves with the camera alone.
+"""Measure how far a camera has moved from two pictures of the floodlit room: texture moves only with the camera.
 
-A projector that has moved lights the same paint: inside the raster the floodlit room stays what it was. Both pictures
-are taken relative to their surroundings, after(x) = before(x + d), and d is found as in registration.py.
+A projector that has moved lights the same paint, so the floodlit room inside the raster does not change. Both pictures
+are divided by their surroundings. d in after(x) = before(x + d) is found as in registration.py.
 """
 
 from dataclasses import dataclass
@@ -14,19 +14,20 @@ from counterlight.arrays import BoolArray, FloatArray
 from counterlight.pipeline.drift import sampled
 from counterlight.tools.acquisition.registration import best_shift, cauchy_weights, correlated, robust_scale
 
-SURROUNDINGS = 4.0  # σ, camera pixels: what is smoother may be light as well as paint
+SURROUNDINGS = 4.0  # σ in camera pixels; smoother structure may come from light instead of paint
 STEPS, STILL = 15, 1e-4
 LEAST_SCALE = 1e-9
-FARTHEST = 8  # whole shifts are looked for up to so large a part of a side
-FAINT = 1e-3  # of the brightest
+FARTHEST = 8  # whole-pixel shifts are searched up to 1/FARTHEST of a side
+FAINT = 1e-3  # share of the brightest light
 
 
 @dataclass(frozen=True)
 class CameraShift:
-    """By how many of its pixels the camera has turned, right and down, and how sure that is.
+    """The shift of the camera in its pixels, right and down, with its uncertainty.
 
-    explained : share of the change of the floodlit room that it explains, 0..1.  change : that, root mean square, a
-    share of the light.
+    unsure : standard deviation of the shift, camera pixels.
+    explained : share of the floodlit room's change that the shift explains, 0 to 1.
+    change : RMS change of the floodlit room, relative to its light.
     """
 
     right: float
@@ -41,7 +42,11 @@ class CameraShift:
 
 
 def camera_shift(before: FloatArray, after: FloatArray, counts: BoolArray) -> CameraShift:
-    """before, after : (camera height, camera width), light of the floodlit room.  counts : where it tells, likewise."""
+    """Fit the shift between two pictures of the floodlit room.
+
+    before, after : (camera height, camera width). Light.
+    counts : (camera height, camera width) bool. Pixels to use.
+    """
     old, new = (_relative(light, counts) for light in (before, after))
     still = _descend(old, new, counts, np.zeros(2))
     whole = best_shift(correlated(old, new, FARTHEST, -np.inf))
@@ -54,7 +59,7 @@ def camera_shift(before: FloatArray, after: FloatArray, counts: BoolArray) -> Ca
 
 
 def _relative(light: FloatArray, counts: BoolArray) -> FloatArray:
-    """Light over that of its surroundings, less 1; 0 where nothing tells."""
+    """Returns light over the light of its surroundings, minus 1; 0 outside `counts`."""
     weight = ndimage.gaussian_filter(counts.astype(np.float64), SURROUNDINGS)
     around = ndimage.gaussian_filter(np.where(counts, light, 0), SURROUNDINGS) / np.maximum(weight, 1e-6)
     floor = FAINT * max(float(light[counts].max()), 1e-30)
@@ -62,7 +67,7 @@ def _relative(light: FloatArray, counts: BoolArray) -> FloatArray:
 
 
 def _descend(old: FloatArray, new: FloatArray, counts: BoolArray, d: FloatArray) -> tuple[FloatArray, float, float]:
-    """d, its cost and standard deviation."""
+    """Refine d by Gauss-Newton steps; returns d, its cost and its standard deviation."""
     spread: FloatArray = np.eye(2)
     down, right = np.gradient(old)
     slopes = np.stack([right, down], axis=2)
@@ -80,13 +85,13 @@ def _descend(old: FloatArray, new: FloatArray, counts: BoolArray, d: FloatArray)
 
 
 def _residual(old: FloatArray, new: FloatArray, counts: BoolArray, d: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """after(x) − before(x + d) where it tells, and those places: (pixels,), (pixels, 2)."""
+    """Returns after(x) − before(x + d) of the pixels that count, (pixels,), and the places x + d, (pixels, 2)."""
     y, x = np.nonzero(counts)
     at = np.column_stack([x, y]) + 0.5 + d
     return new[counts] - sampled(old[..., None], at)[:, 0], at
 
 
 def _cost(residual: FloatArray) -> float:
-    """Mean of squares, the few that are far off left out: a thing that was moved is no camera that was."""
+    """Returns the mean square without the largest tenth, so that a moved object does not count as a moved camera."""
     squares: NDArray[np.float64] = np.sort(residual**2)
     return float(squares[: max(len(squares) * 9 // 10, 1)].mean())

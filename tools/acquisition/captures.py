@@ -1,11 +1,11 @@
-"""Which file of a folder of Gray-code captures shows which pattern.
+"""Find which file in a folder of Gray-code captures shows which pattern.
 
 Orders:
 
-- `opencv`: that of cv2.structured_light's GrayCodePattern, the names sorted naturally: columns (projector x), each bit
-  as pattern and inverse, most significant bit first; rows (projector y) likewise; white; black.
-- `sltk`: the names say it: `…x_bit07_pos`, `…x_bit07_inv`, `…y_bit00_pos` (sltk, and kamino's `gray_KK_…`), with
-  `white` and `black` where they exist.
+- `opencv`: the order of cv2.structured_light's GrayCodePattern, with naturally sorted names. First the columns
+  (projector x), each bit as pattern and inverse, most significant bit first; then the rows (projector y); white; black.
+- `sltk`: the names give the pattern: `…x_bit07_pos`, `…x_bit07_inv`, `…y_bit00_pos` (sltk, and kamino's `gray_KK_…`),
+  with optional `white` and `black`.
 """
 
 import re
@@ -22,7 +22,7 @@ _NAMED = re.compile(r"(?:.*_)?(?P<axis>[xy])_bit(?P<bit>\d{1,2})_(?P<sign>pos|in
 
 @dataclass(frozen=True)
 class Pair:
-    """A pattern and its inverse.  bit : 0 is the finest, its stripes two cells wide."""
+    """A pattern and its inverse; bit 0 is the finest, with stripes two cells wide."""
 
     bit: int
     pattern: Path
@@ -33,7 +33,8 @@ class Pair:
 class Captures:
     """The captures of one room, most significant bit first.
 
-    white, black : floodlit and dark, or None where they were not captured.  left_out : pictures of no known role.
+    white, black : floodlit and dark captures; None if they were not taken.
+    left_out : number of pictures with an unknown role.
     """
 
     order: str
@@ -45,16 +46,17 @@ class Captures:
 
 
 def code_bits(cells: int) -> int:
-    """Bits that number `cells` columns or rows; OpenCV's count, which is 1 for a single one."""
+    """Returns the number of bits for `cells` columns or rows; 1 for a single cell, as in OpenCV."""
     return max(1, (cells - 1).bit_length())
 
 
 def find_captures(folder: Path, cells: tuple[int, int], order: str | None = None) -> Captures:
-    """Tell the files of `folder` apart.
+    """Find the pattern that each file of `folder` shows.
 
-    cells : rows and columns of the code: the projector's size divided by its step.
-    order : one of GRAYCODE_ORDERS; None reads it off the names.
-    Raises InputError for a missing folder, and for missing, doubled or superfluous captures: expected and found.
+    cells : (rows, columns) of the code: the projector's size divided by its step.
+    order : one of GRAYCODE_ORDERS; None infers it from the names.
+
+    Raises InputError for a missing folder, and for missing, duplicate or superfluous captures.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; name the folder that holds the captures")
@@ -73,7 +75,7 @@ def _is_picture(path: Path) -> bool:
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
-    """`capture_2` before `capture_10`."""
+    """Returns a sort key that puts `capture_2` before `capture_10`."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"([0-9]+)", name.lower()) if part]
 
 

@@ -1,8 +1,8 @@
-"""The honest measure of what was acquired: pictures that no scheme has seen, predicted and photographed.
+"""Check an acquisition: predict pictures that no scheme has seen, and compare with their captures.
 
-A pattern of black and white asks T alone. A picture of greys and colours asks the response and the primaries too: the
-camera's channel k sees c_k = Σ_l r_kl (T_k p_l), with T as measured with white and r_kl = F_kl / Σ_l F_kl, the share
-that each primary has of a pixel's light.
+A black-and-white pattern tests T alone. A picture of greys and colours also tests the response and the primaries. The
+camera's channel k sees c_k = Σ_l r_kl (T_k p_l), where T is measured with white and r_kl = F_kl / Σ_l F_kl is the share
+of a pixel's light that each primary gives.
 """
 
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ from counterlight.response import Response
 from counterlight.tools.acquisition.plan import Codes, Pattern, Reference
 from counterlight.tools.transport.transport import Transport
 
-CELL = 4  # projector pixels a side of the random cells
-GREYS, COLOURS = (48, 208), (32, 224)  # codes: neither near black nor clipped
-CLEARLY_LIT = 10  # times the noise; where it is darker, nobody knows which primary gives the light
+CELL = 4  # projector pixels; side of the random cells
+GREYS, COLOURS = (48, 208), (32, 224)  # code values; neither near black nor clipped
+CLEARLY_LIT = 10  # multiple of the noise; below it, the shares of the primaries are unknown
 SEED = 20060504
 
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -26,9 +26,11 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 @dataclass(frozen=True)
 class Check:
-    """error : relative RMS difference of predicted and captured light.  noise : what the camera's noise explains.
+    """The result of a check.
 
-    of : which picture's.
+    error : RMS difference of predicted and captured light, relative to the captured light.
+    noise : the part of the error that the camera's noise explains.
+    of : name of the picture.
     """
 
     error: float
@@ -45,12 +47,12 @@ class Check:
 
 
 def check_pattern(projector: tuple[int, int]) -> Pattern:
-    """Random cells, half of them lit; the same for everybody."""
+    """Returns random cells, half of them lit; the seed is fixed."""
     return _cells(np.random.default_rng(SEED).random(_count(projector)) < 0.5, projector)
 
 
 def check_colours(projector: tuple[int, int]) -> Codes:
-    """Random cells, half of them grey, half coloured; the same for everybody."""
+    """Returns random cells, half of them grey, half coloured; the seed is fixed."""
     rng, count = np.random.default_rng(SEED + 1), _count(projector)
     greys = rng.integers(*GREYS, (*count, 1), np.uint8)
     colours = rng.integers(*COLOURS, (*count, 3), np.uint8)
@@ -58,7 +60,7 @@ def check_colours(projector: tuple[int, int]) -> Codes:
 
 
 def check_white(transport: Transport, room: Reference, pattern: Pattern, capture: FloatArray) -> Check:
-    """How well T alone predicts the capture of a pattern."""
+    """Compare the capture of a pattern with its prediction by T alone."""
     return _compared(transport.apply(_three(pattern.ravel())), room, capture)
 
 
@@ -66,14 +68,18 @@ def check_coloured(
     transport: Transport, room: Reference, codes: Codes, capture: FloatArray, response: Response,
     primaries: NDArray[np.float32],
 ) -> Check:  # fmt: skip
-    """How well T, a response and the primaries (3, camera height, camera width, 3) predict the capture of a picture."""
+    """Compare the capture of a picture with its prediction by T, a response and the primaries.
+
+    codes : (projector height, projector width, 3) uint8. The picture.
+    primaries : (3, camera height, camera width, 3). Light of each primary.
+    """
     drive = response.to_linear(codes.reshape(-1, 3) / 255.0)
     lights = np.maximum(primaries.reshape(3, -1, 3), 0)
     whole = lights.sum(axis=0, dtype=np.float64)
     clear = whole > CLEARLY_LIT * room.rise_noise
     predicted = np.zeros_like(whole)
     for primary, light in enumerate(lights):
-        unclear = np.broadcast_to(np.arange(3) == primary, whole.shape).astype(np.float64)  # its own channel alone
+        unclear = np.broadcast_to(np.arange(3) == primary, whole.shape).astype(np.float64)  # only its own channel
         share = np.divide(light, whole, out=unclear, where=clear)
         predicted += share * transport.apply(_three(drive[:, primary]))
     return _compared(predicted, room, capture)

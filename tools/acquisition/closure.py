@@ -1,4 +1,4 @@
-"""The captures of a level add up to the floodlit room. Summed while a scheme reads them: each is decoded once."""
+"""Check that the captures of a level add up to the floodlit room, decoding each capture only once."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,13 +7,13 @@ from counterlight.arrays import FloatArray
 from counterlight.errors import InputError
 from counterlight.tools.acquisition.plan import Captures, Level, Reference
 
-CLEARLY_LIT = 10  # times the noise of all captures together
-MOST_UNCLOSED = 0.02  # of the clearly lit camera pixels may miss so much of a floodlight, of blocks and of codes:
-UNCLOSED, UNCLOSED_CODE = 0.5, 0.35  # a code's pattern lights about half of everything
+CLEARLY_LIT = 10  # multiple of the noise of all captures together
+MOST_UNCLOSED = 0.02  # share of the clearly lit camera pixels that may be off by more than the next line:
+UNCLOSED, UNCLOSED_CODE = 0.5, 0.35  # floodlights: for blocks, and for codes, which light about half of the room
 
 
 class SummedCaptures:
-    """A level's captures, and their sum as they are read."""
+    """The captures of a level, summed as a scheme reads them."""
 
     def __init__(self, captures: Captures) -> None:
         self._captures, self._missing = captures, set(range(len(captures)))
@@ -36,7 +36,7 @@ class SummedCaptures:
         return capture
 
     def above_black(self, room: Reference) -> FloatArray:
-        """What all of them are above black, (camera pixels, 3)."""
+        """Returns the sum of all captures above black, (camera pixels, 3)."""
         for index in sorted(self._missing):
             self[index]
         total = np.zeros_like(room.black) if self._total is None else self._total
@@ -44,14 +44,14 @@ class SummedCaptures:
 
 
 def check_closure(level: Level, captures: SummedCaptures, room: Reference) -> None:
-    """InputError where a level's captures do not add up to the floodlit room, as often as it covers it.
+    """Raises InputError if the captures of a level do not add up to `level.cover` floodlit rooms.
 
-    Where they do not, some capture shows another pattern, is black, or was taken with another exposure.
+    A mismatch means that some capture shows another pattern, is black, or was taken with another exposure.
     """
     if not level.cover:
         return
     total, light = captures.above_black(room), room.light
-    # The error of the black picture is in each of them, so that noise grows with their number, not with its root.
+    # Each capture contains the error of the black picture, so the noise grows with their number, not with its root.
     lit = np.any(light > CLEARLY_LIT * room.noise.dark * len(captures), axis=1) & ~room.saturated.ravel()
     if not lit.any():
         return

@@ -1,9 +1,9 @@
 """T by direct mapping: each camera pixel sees one cell of the Gray code (thesis 6.1, SmartProjector).
 
-Cells that no camera pixel decodes to would stay dark: the camera is coarser there, or a bit was unsure. Such a hole is
-given to the nearest decoded cell, and both share that cell's camera pixels. Their columns of T are parallel, so the
-regularised inverse, which has the least norm, gives both the same drive; and clusters stay small, one for each decoded
-cell, because a hole joins only one.
+Cells to which no camera pixel decodes would stay dark: the camera is coarser there, or a bit was unsure. Such a hole is
+assigned to the nearest decoded cell, and both share that cell's camera pixels. Their columns of T are parallel, so the
+regularised inverse, which has the least norm, gives both the same drive. Clusters stay small, with one decoded cell
+each, because a hole joins only one cell.
 """
 
 from dataclasses import dataclass
@@ -22,11 +22,11 @@ Cells = TypeVar("Cells", bound=np.generic)
 
 @dataclass(frozen=True)
 class Mapping:
-    """Which cell each camera pixel sees, and which cell each projector pixel follows.
+    """The cell that each camera pixel sees, and the cell that each projector pixel follows.
 
-    seen_cell : (camera pixels,) cell index x + y · columns, NOBODY where the camera pixel does not count.
-    owner : (projector pixels,) the decoded cell that a projector pixel belongs to, NOBODY where none is near.
-    decoded : (projector pixels,) bool, its own cell is decoded, so that it is no filled hole.
+    seen_cell : (camera pixels,) int64. Cell index x + y · columns; NOBODY for invalid camera pixels.
+    owner : (projector pixels,) int64. The decoded cell that a projector pixel belongs to; NOBODY if none is near.
+    decoded : (projector pixels,) bool. False for filled holes.
     """
 
     seen_cell: NDArray[np.int64]
@@ -43,10 +43,12 @@ def direct_mapping(
     step: int = 1,
     fill_radius: int = 0,
 ) -> Mapping:
-    """The mapping of decoded coordinates.
+    """Make the mapping of decoded coordinates.
 
-    x, y, valid : (camera height, camera width), coordinates in cells.  projector : its height and width in pixels.
-    step : projector pixels a side of a cell.  fill_radius : in cells, see `cell_owners`.
+    x, y, valid : (camera height, camera width). Coordinates in cells, and whether they count.
+    projector : (height, width) in pixels.
+    step : side of a cell in projector pixels.
+    fill_radius : in cells; see `cell_owners`.
     """
     rows, columns = (-(-side // step) for side in projector)
     seen_cell = np.where(valid, x + np.int64(columns) * y, NOBODY).ravel()
@@ -57,15 +59,15 @@ def direct_mapping(
 
 
 def cell_owners(decoded: NDArray[np.bool_], fill_radius: int) -> NDArray[np.int64]:
-    """For each cell the nearest decoded cell's index, NOBODY where the cell does not lie between decoded ones.
+    """Returns the index of the nearest decoded cell for each cell; NOBODY for cells that are not between decoded cells.
 
-    A cell lies between decoded ones if it is in their morphological closing by a disc of `fill_radius` cells: gaps up
-    to twice that width are filled, and the outline of what the camera saw does not grow.
+    A cell is between decoded cells if it is in their morphological closing by a disc of `fill_radius` cells. Gaps up to
+    twice that width are filled, and the outline of the decoded cells does not grow.
     """
     if not decoded.any():
         return np.full(decoded.shape, NOBODY)
     index = np.arange(decoded.size).reshape(decoded.shape)
-    margin = fill_radius + 1  # so that the frame neither cuts the dilation off nor counts as decoded
+    margin = fill_radius + 1  # so that the edge neither cuts the dilation off nor counts as decoded
     distance, nearest = ndimage.distance_transform_edt(~np.pad(decoded, margin), return_indices=True)
     closed = ndimage.distance_transform_edt(distance <= fill_radius) > fill_radius
     owner = np.where(closed, np.pad(index, margin)[tuple(nearest)], NOBODY)
@@ -73,9 +75,9 @@ def cell_owners(decoded: NDArray[np.bool_], fill_radius: int) -> NDArray[np.int6
 
 
 def direct_transport(mapping: Mapping, weight: NDArray[np.float32]) -> Transport:
-    """T whose row sums are `weight` where a camera pixel counts, each spread evenly over its cell's projector pixels.
+    """Make T with row sums `weight`, spread evenly over the projector pixels of the cell that each camera pixel sees.
 
-    T_iq = weight_i / n if projector pixel q is one of the n that follow the cell which camera pixel i sees.
+    T_iq = weight_i / n if projector pixel q is one of the n that follow the cell that camera pixel i sees.
 
     weight : (camera pixels, 3) ≥ 0, white − black.
     """

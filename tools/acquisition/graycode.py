@@ -1,12 +1,12 @@
-"""Gray-code captures -> which projector pixel each camera pixel sees.
+"""Decode Gray-code captures: find the projector pixel that each camera pixel sees.
 
-A bit is read by comparing a pattern with its inverse in the same pixel, which needs no threshold that texture or
-shadow could defeat. (Scharstein and Szeliski 2003, High-accuracy stereo depth maps using structured light.)
+A bit is read by comparing a pattern with its inverse in the same pixel, so that no threshold can fail on texture or
+shadow (Scharstein and Szeliski 2003, High-accuracy stereo depth maps using structured light).
 
-Which pixels are trusted is a matter of contrast alone. Comparing each with the median of its neighbours was measured
-on the real captures and left out: at a contrast of 5 code values 0.02 % (flat board) and 0.7 % (glossy shell) of the
-pixels lie more than 4 projector pixels off their epipolar line, and what deviates from its neighbours is almost never
-among them. At a contrast of 2 it is 0.2 % and 4 %, hence the default of 5.
+Contrast alone decides which pixels are trusted. A comparison with the median of the neighbours was measured on the real
+captures and left out. At a contrast of 5 code values, 0.02 % (flat board) and 0.7 % (glossy shell) of the pixels lie
+more than 4 projector pixels off their epipolar line. Pixels that deviate from their neighbours are almost never among
+them. At a contrast of 2 the shares are 0.2 % and 4 %, hence the default of 5.
 """
 
 from collections.abc import Sequence
@@ -24,18 +24,18 @@ from counterlight.files.picture_files import read_picture
 from counterlight.response import Response
 from counterlight.tools.acquisition.captures import Captures, Pair
 
-WIDE_STRIPES = 8  # cells; defocus and the eye of the camera blur stripes that are narrower
+WIDE_STRIPES = 8  # cells; defocus and the camera blur narrower stripes
 EIGHT_BIT = 255.0
 
 
 @dataclass(frozen=True)
 class Decoded:
-    """What the captures say of each camera pixel.
+    """The code and the light of each camera pixel.
 
-    x, y : (height, width) int32, column and row of the code, possibly beyond the projector.
-    contrast : (height, width), the least difference of a pattern and its inverse, 0..1 of the code values.
-    white, black : (height, width, 3) float32, linear light 0..1, floodlit and dark.
-    saturated : (height, width) bool, white is at the top of the camera's range in some channel.
+    x, y : (height, width) int32. Column and row of the code, possibly beyond the projector.
+    contrast : (height, width) float32. Least difference of a pattern and its inverse, 0 to 1 of the code values.
+    white, black : (height, width, 3) float32. Linear light, floodlit and dark, 0 to 1.
+    saturated : (height, width) bool. White is at the top of the camera's range in some channel.
     colour : whether the captures have colour.
     """
 
@@ -52,19 +52,21 @@ class Decoded:
         return self.contrast.shape[0], self.contrast.shape[1]
 
     def valid(self, cells: tuple[int, int], min_contrast: float) -> NDArray[np.bool_]:
-        """Pixels whose every bit is sure and whose cell is inside the projector.
+        """Returns the pixels in which every bit is sure and whose cell is inside the projector.
 
-        cells : rows and columns of the code.  min_contrast : in 8-bit code values.
+        cells : (rows, columns) of the code.
+        min_contrast : in 8-bit code values.
         """
         inside = (self.y < cells[0]) & (self.x < cells[1])
-        # A thousandth of a code value of slack: 5/255 · 255 in float32 may fall below 5.
+        # Slack of a thousandth of a code value: 5/255 · 255 in float32 may fall below 5.
         return np.asarray(inside & (self.contrast * EIGHT_BIT >= min_contrast - 1e-3))
 
 
 def decode(captures: Captures, response: Response) -> Decoded:
-    """Decode every capture, one pair in memory at a time.
+    """Decode all captures, with one pair in memory at a time.
 
-    response : of the camera; only white and black need it, a bit is the same in any rising curve.
+    response : response of the camera. Only white and black need it; any rising curve gives the same bits.
+
     Raises InputError for unreadable captures and for captures that differ in size or kind.
     """
     reader = _Reader(captures.columns[0].pattern)
@@ -87,7 +89,7 @@ def decode(captures: Captures, response: Response) -> Decoded:
 
 
 class _Reader:
-    """Reads captures that must all be of one size and kind."""
+    """Reads captures, all of the same size and kind."""
 
     def __init__(self, first: Path) -> None:
         picture = read_picture(first)
@@ -112,7 +114,7 @@ class _Reader:
         return picture
 
     def light(self, path: Path) -> NDArray[np.float32]:
-        """(height, width, 3) or, for a grey camera, (height, width, 1), 0..1."""
+        """Returns (height, width, 3) or, for a grey camera, (height, width, 1), 0 to 1."""
         return scaled(self.stored(path), self.full_scale)
 
 
@@ -122,16 +124,16 @@ def scaled(picture: NDArray[Any], full_scale: float) -> NDArray[np.float32]:
 
 
 def luma(picture: NDArray[Any]) -> NDArray[Any]:
-    """Luma of a stored RGB picture (BT.601), the picture itself when it is grey."""
+    """Returns the luma (BT.601) of a stored RGB picture, or the picture itself if it is grey."""
     return picture if picture.ndim == 2 else np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
 
 
 class _FloodFromPairs:
-    """White and black for captures that have neither, from the pairs with wide stripes.
+    """Estimates missing white and black captures from the pairs with wide stripes.
 
-    In each pair a pixel is lit once and dark once; the means over the wide pairs are white and black, minus and plus
+    In each pair, a pixel is lit once and dark once. The means over the wide pairs are white minus, and black plus,
     half of the light that reaches the pixel indirectly (Nayar et al. 2006). The maximum over all pairs would be too
-    bright by the camera's noise, narrow stripes too dark by defocus.
+    bright because of noise, and narrow stripes too dark because of defocus.
     """
 
     def __init__(self, shape: tuple[int, ...]) -> None:
@@ -139,7 +141,7 @@ class _FloodFromPairs:
         self._pairs = 0
 
     def add(self, pattern: NDArray[np.float32], inverse: NDArray[np.float32], bit: NDArray[np.bool_]) -> None:
-        """bit : (height, width), the pattern is the lit one of the two."""
+        """Add a pair; `bit` (height, width) is True where the pattern, and not its inverse, is lit."""
         self._lit += np.where(bit[..., None], pattern, inverse)
         self._dark += np.where(bit[..., None], inverse, pattern)
         self._pairs += 1
@@ -151,9 +153,9 @@ class _FloodFromPairs:
 def _decode_axis(
     pairs: Sequence[Pair], axis: str, reader: _Reader, flood: "_FloodFromPairs | None"
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """Code and least contrast of one axis; binary bit = Gray bit xor the next higher binary bit.
+    """Returns code and least contrast of one axis; binary bit = Gray bit xor the next higher binary bit.
 
-    flood : takes the pairs with wide stripes, at least the widest of each axis.
+    flood : receives the pairs with wide stripes, at least the widest of each axis.
     """
     code = np.zeros(reader.shape, np.int32)
     contrast = np.full(reader.shape, np.inf, np.float32)
@@ -171,7 +173,7 @@ def _decode_axis(
 
 
 def _light(path: Path | None, reader: _Reader, flood: _FloodFromPairs | None, which: int) -> NDArray[np.float32]:
-    """White (`which` 0) or black (1), captured or from the pairs."""
+    """Returns white (`which` 0) or black (1), captured or estimated from the pairs."""
     if path is not None:
         return reader.light(path)
     if flood is None:

@@ -1,4 +1,4 @@
-"""A folder of Gray-code captures -> a calibration folder, by direct mapping."""
+"""Import a folder of Gray-code captures as a calibration folder, by direct mapping."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,10 +26,13 @@ MAX_STEP, MAX_FILL_RADIUS = 64, 256
 class GraycodeOptions:
     """How captures are read.
 
-    projector : size and response.  camera_response : of the captures' code values.
-    order : one of GRAYCODE_ORDERS, None reads it off the names.  step : projector pixels a side of a code cell.
+    projector : size and response.
+    camera_response : response of the captures' code values.
+    order : one of GRAYCODE_ORDERS; None infers it from the names.
+    step : side of a code cell in projector pixels.
     min_contrast : least difference of a pattern and its inverse, in 8-bit code values.
-    fill_radius : gaps up to twice as wide (in cells) between decoded cells are filled; 0 fills none.
+    fill_radius : gaps between decoded cells up to twice as wide (in cells) are filled; 0 fills none.
+
     Raises InputError for a number out of range.
     """
 
@@ -52,13 +55,13 @@ class GraycodeOptions:
 
     @property
     def cells(self) -> tuple[int, int]:
-        """Rows and columns of the code."""
+        """(rows, columns) of the code."""
         return -(-self.projector.height // self.step), -(-self.projector.width // self.step)
 
 
 @dataclass(frozen=True)
 class GraycodeSummary:
-    """What the captures gave; its text is the command's output."""
+    """Counts of decoded, filled and rejected pixels; the text is the command's output."""
 
     order: str
     camera: tuple[int, int]
@@ -88,9 +91,9 @@ class GraycodeSummary:
 def import_graycode_room(
     captures_folder: Path, folder: Path, options: GraycodeOptions, *, name: str | None = None, force: bool = False
 ) -> GraycodeSummary:
-    """Decode the captures and write the calibration `folder`; it appears whole or not at all.
+    """Decode the captures and write the calibration `folder`, which appears whole or not at all.
 
-    Raises InputError for captures that are missing, superfluous, damaged, of different sizes, or that show no code.
+    Raises InputError for captures that are missing, superfluous, damaged, of different sizes, or without a code.
     """
     with calibration.replacing(folder, force=force, inputs=[captures_folder]) as stage:
         room, transport, summary = _decode_room(captures_folder, options, folder.name if name is None else name)
@@ -130,7 +133,7 @@ def _decode_room(
 
 
 def _rise(decoded: Decoded) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """White − black, and where a channel's black is above its white (noise) and 0 stands instead."""
+    """Returns white − black, clamped at 0, and where it was negative (noise)."""
     rise = decoded.white - decoded.black
     return np.maximum(rise, 0), rise < 0
 

@@ -1,13 +1,13 @@
-"""Is the camera linear? A picture and its complement tell, whatever the projector's response.
+"""Test whether the camera is linear, with a picture and its complement, for any response of the projector.
 
 The light p of a picture and the light q of its complement add up to the light w of white in every camera pixel. A
-camera with a curve (sRGB, a gamma, contrast) captures another sum where both pictures give light: half and half are
-1.42 of the whole with sRGB. Where one of them gives all of the light, the sum is right. So its excess is fitted by
+camera with a curve (sRGB, a gamma, contrast) captures another sum where both pictures give light: with sRGB, two halves
+add up to 1.42 of the whole. Where one picture gives all of the light, the sum is right. The excess is fitted by
 
     (p + q) / w − 1 = k + a (1 − x²) + b x,    x = (p − q) / w,
 
-and a is the bend: 0 for a linear camera. A projector or a lamp that is brighter for dark pictures goes into k, and a
-capture of another picture into b. The picture has cells of all sizes, so that x takes all values in and out of focus.
+and a is the bend: 0 for a linear camera. k absorbs a projector or lamp that is brighter for dark pictures, and b
+absorbs a capture of another picture. Cells of all sizes let x take all values in and out of focus.
 """
 
 from collections.abc import Sequence
@@ -24,22 +24,24 @@ from counterlight.tools.acquisition.cameras.together import views_of
 from counterlight.tools.acquisition.plan import Pattern, Reference
 
 SEED = 20250318
-SHOTS = 4  # of the picture, and of its complement
-CLEARLY_LIT = 20  # times the noise of a dark capture
-BRIGHT = 0.5  # of the camera values that are clearly lit: the noise and the JPEG blocks of the others bend sums, too
+SHOTS = 4  # captures of the picture, and of its complement
+CLEARLY_LIT = 20  # multiple of the noise of a dark capture
+BRIGHT = 0.5  # share of the clearly lit values that is skipped: noise and JPEG blocks bend the sums of dark values, too
 MOST_BENT = 0.08  # linear cameras measured up to 0.05, as JPEG of quality 50; a gamma of 1.2 gives 0.10
 SURELY = 4  # standard deviations
-SCATTERED = 2  # times: sums of a curve scatter by less than its bend
-MODEL = 0.02  # relative error of sums that nothing else explains
+SCATTERED = 2  # multiple of the scatter; the sums of a curve scatter by less than its bend
+MODEL = 0.02  # relative error of sums that no cause here explains
 FEWEST = 30  # camera values
-LEAST_SPREAD = 1e-3  # of 1 − x², squared: else no camera pixel sees both pictures, or each sees both alike
+LEAST_SPREAD = 1e-3  # variance of 1 − x²; below it, no pixel sees both pictures, or each pixel sees both alike
 
 
 @dataclass(frozen=True)
 class Bend:
-    """amount : a, by which half and half are more than the whole.  deviation : its standard deviation.
+    """The bend of a camera.
 
-    scatter : root mean square of what is left of sums: where it is large, captures show something else.
+    amount : a; two halves of the light are captured as 1 + a of the whole.
+    deviation : standard deviation of the amount.
+    scatter : RMS of the fit's residuals. A large scatter means that the captures show something else.
     """
 
     amount: float
@@ -48,11 +50,11 @@ class Bend:
 
     @property
     def is_linear(self) -> bool:
-        """A linear camera's, or no camera's at all."""
+        """Whether the bend is that of a linear camera, or too scattered to come from a camera at all."""
         return abs(self.amount) <= max(MOST_BENT + SURELY * self.deviation, SCATTERED * self.scatter)
 
     def told(self, response: Response = LINEAR) -> str:
-        """What is wrong and what to do, if it is not linear.  response : that was given for the camera."""
+        """Returns the fault and its remedy; `response` is the response given for the camera."""
         half = f"half and half of the light are captured as {100 * (1 + self.amount):.0f} % of the whole"
         expected = f"expected 100 ± {100 * MOST_BENT:.0f} %"
         if response != LINEAR:
@@ -71,7 +73,7 @@ class Bend:
 
 
 def halves_of(projector: tuple[int, int]) -> Pattern:
-    """Half of the pixels lit, in cells of 1, 2, 4 … pixels on top of each other; the same for everybody."""
+    """Returns a pattern of superposed cells of 1, 2, 4 … pixels, half of the pixels lit; the seed is fixed."""
     rng, field = np.random.default_rng(SEED), np.zeros(projector)
     side = 1
     while side <= max(max(projector) // 4, 1):
@@ -82,15 +84,15 @@ def halves_of(projector: tuple[int, int]) -> Pattern:
 
 
 def shown_halves(projector: tuple[int, int]) -> list[Pattern]:
-    """The picture as often as it is captured, then its complement."""
+    """Returns the picture SHOTS times, then its complement SHOTS times."""
     picture = halves_of(projector)
     return [picture] * SHOTS + [~picture] * SHOTS
 
 
 def bend_of(room: Reference, picture: FloatArray, complement: FloatArray) -> Bend | None:
-    """The bend of captures; None where too few camera pixels tell.
+    """Fit the bend of captures; None if too few camera pixels are lit.
 
-    picture, complement : radiance of means of SHOTS captures, (camera height, camera width, 3).
+    picture, complement : (camera height, camera width, 3). Radiance, each the mean of SHOTS captures.
     """
     p, q, w = (each - room.black for each in (picture, complement, room.floodlight))
     lit = ~room.saturated[..., None] & (w >= CLEARLY_LIT * room.noise.dark) & (w > 0)
@@ -103,10 +105,12 @@ def bend_of(room: Reference, picture: FloatArray, complement: FloatArray) -> Ben
 
 
 def bend_of_shares(captured: FloatArray, shares: FloatArray, white: FloatArray, dark: FloatArray) -> Bend | None:
-    """The bend by pictures of which a fit says what shares of white they give; None where too few values tell.
+    """Fit the bend from pictures whose shares of white were fitted; None if too few values are lit.
 
-    A fit to captures that are bent takes up some of the bend.
-    captured, shares, white : of the same shape, (…, 3), light above black.  dark : (3,), noise of a dark capture.
+    The fitted shares already absorb some of the bend.
+
+    captured, shares, white : (…, 3). Light above black, the fitted shares, and light of white.
+    dark : (3,). Noise of a dark capture.
     """
     lit = (white >= CLEARLY_LIT * dark) & (white > 0)
     if lit.sum() < FEWEST:
@@ -114,11 +118,11 @@ def bend_of_shares(captured: FloatArray, shares: FloatArray, white: FloatArray, 
     lit &= white >= np.quantile(white[lit], BRIGHT)
     share = shares[lit]
     bend = _fitted(2 * (captured[lit] / white[lit] - share), 2 * share - 1, np.ones_like(share))
-    return None if bend is None else replace(bend, scatter=0.0)  # that of the fit, which is large for a curve as well
+    return None if bend is None else replace(bend, scatter=0.0)  # the fit's own scatter, large for a curve as well
 
 
 def _fitted(excess: FloatArray, x: FloatArray, weights: FloatArray) -> Bend | None:
-    """Weighted least squares; the deviation is that of residuals as they are, whatever the weights (White 1980)."""
+    """Weighted least squares; the deviation uses the actual residuals, whatever the weights (White 1980)."""
     if np.var(1 - x**2) < LEAST_SPREAD:
         return None
     design = np.stack([1 - x**2, np.ones_like(x), x], axis=1)
@@ -132,7 +136,7 @@ def _fitted(excess: FloatArray, x: FloatArray, weights: FloatArray) -> Bend | No
 
 
 def bends_of(camera: Camera, room: Reference, picture: FloatArray, complement: FloatArray) -> list[Bend | None]:
-    """`bend_of` each of several cameras, or of the only one."""
+    """Returns `bend_of` for each camera."""
     parts = parts_of(views_of(camera)) or (...,)
     return [
         bend_of(
@@ -145,7 +149,7 @@ def bends_of(camera: Camera, room: Reference, picture: FloatArray, complement: F
 
 
 def refuse_bends(camera: Camera, bends: Sequence[Bend | None], name: str = "") -> None:
-    """InputError if one of them is not a linear camera's.  name : of the projector, before what is said."""
+    """Raises InputError if a bend is not that of a linear camera; `name` is a prefix that names the projector."""
     for number, bend in enumerate(bends, 1):
         if bend is not None and not bend.is_linear:
             who = f"{name}camera {number}: " if len(bends) > 1 else name

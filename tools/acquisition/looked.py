@@ -1,4 +1,4 @@
-"""The floodlit room as it was calibrated, and as it is seen now: what has become of cameras, light and things."""
+"""Compare the floodlit room as calibrated with the floodlit room now: moved cameras, changed light, moved objects."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -18,25 +18,25 @@ from counterlight.tools.acquisition.registration import cauchy_weights, lit, rob
 from counterlight.tools.transport.transport import Transport, luminance
 
 REPEATS = 4  # captures of each picture
-MARGIN = 8  # of the raster's side: what is nearer to its border than so large a part of it
-INNER = 0.999  # gives an inner pixel no more light than a thousandth
-OWN = 0.99  # share of a camera pixel's light that is one projector's
-CAMERA_MOVED, CAMERA_UNSURE = 0.1, 0.1  # of the camera's pixels
-EXPLAINED = 0.5  # of a change by more than a pixel, or it is no camera's movement
+MARGIN = 8  # pixels nearer to the raster's border than 1/MARGIN of its side count as outer pixels
+INNER = 0.999  # an inner camera pixel gets at least this share of its light from inside the margin
+OWN = 0.99  # least share of a camera pixel's light that must come from one projector
+CAMERA_MOVED, CAMERA_UNSURE = 0.1, 0.1  # camera pixels
+EXPLAINED = 0.5  # share of the change that a camera shift of more than a pixel must explain
 SURE = 5.0  # standard deviations
-SAME = 0.002  # of the light: a floodlit room that changes by less is the same, wherever a bare wall seems to be
-OTHERWISE, MOST_OTHERWISE = 0.1, 0.03  # brighter or darker by more than that; so much of the view may be
-ROOM_LIGHT, SMOOTH = 0.001, 3.0  # of the floodlight, likewise, over so many camera pixels
-SHARED = 0.02  # of the light: what less of it comes from beyond a raster, does not
-GAIN = 0.2, 5.0  # what can still be the same lamp
-ROUNDS, FINEST = 8, 1e-6  # of a fit with weights; its least scale, a share of the light
+SAME = 0.002  # share of the light; a smaller change is ignored, even if a bare wall seems to have shifted
+OTHERWISE, MOST_OTHERWISE = 0.1, 0.03  # relative change of a pixel; share of the view that may change by more
+ROOM_LIGHT, SMOOTH = 0.001, 3.0  # share of the floodlight; σ of the smoothing in camera pixels
+SHARED = 0.02  # share of the light; less from beyond a raster is ignored
+GAIN = 0.2, 5.0  # gains that the same lamp can still have
+ROUNDS, FINEST = 8, 1e-6  # rounds of a weighted fit; its least scale as a share of the light
 
 
 class Known:
-    """What T says of the floodlit room.
+    """The floodlit room as T predicts it.
 
-    before : T·1, (camera pixels, 3).  shares : for each projector, of near light, what the inside of its region gives,
-    (camera pixels,).
+    before : (camera pixels, 3). T·1.
+    shares : per projector, (camera pixels,). Share of near light that comes from inside the margin of its region.
     """
 
     def __init__(self, room: Calibration, transport: Transport) -> None:
@@ -62,7 +62,7 @@ class Known:
         return np.divide(some, all_, out=np.zeros_like(all_), where=all_ > 0)
 
     def _white(self, part: tuple[slice, slice]) -> FloatArray:
-        """A part of the raster white, (projector pixels, 3)."""
+        """Returns a drive with one part of the raster white, (projector pixels, 3)."""
         drive = np.zeros((*self.room.projector.shape, 3))
         drive[part] = 1
         return drive.reshape(-1, 3)
@@ -71,8 +71,9 @@ class Known:
 class Looked:
     """The room under black and white.
 
-    black, white : (camera height, camera width, 3).  usable : camera pixels that were not saturated, likewise.
-    asked : of each camera, whether what it sees tells anything.
+    black, white : (camera height, camera width, 3). Radiance.
+    usable : (camera height, camera width) bool. Camera pixels that were not saturated.
+    asked : per camera, whether its captures are used.
     """
 
     def __init__(
@@ -90,13 +91,16 @@ class Looked:
         self.counts: BoolArray = known.room.mask & usable & self._of_asked
 
     def asking(self, asked: tuple[bool, ...], exposures: FloatArray) -> "Looked":
-        """Some of the cameras; exposures : (cameras, 3), what each one's light is of what it would have been."""
+        """Returns the room restricted to some cameras, with each camera's light divided by its exposure.
+
+        exposures : (cameras, 3). Light of each camera relative to what it would have been.
+        """
         black, white = (divided(picture, self.known.room, exposures) for picture in (self.black, self.white))
         return Looked(self.known, black, white, self.noise, self.usable, asked)
 
     @cached_property
     def inner(self) -> BoolArray:
-        """(camera pixels,): lit, and not by what is near a raster's border."""
+        """(camera pixels,) bool. Lit pixels whose light does not come from near a raster's border."""
         return np.asarray(self.bright & (sum(self.known.shares) > INNER))
 
     @property
@@ -104,9 +108,9 @@ class Looked:
         return np.asarray(self.counts.ravel() & self.known.lit)
 
     def gain(self, number: int, within: BoolArray | None = None) -> FloatArray:
-        """Of each channel's light of one projector, (3,); NaN where it lights no pixel alone.
+        """Returns the gain of each channel of one projector's light, (3,); NaN if the projector lights no pixel alone.
 
-        within : (camera pixels,), of these alone.
+        within : (camera pixels,) bool. Restricts the pixels that are used.
         """
         own = self.bright & (self.known.shares[number] > OWN)
         own = own if within is None else own & within
@@ -117,21 +121,25 @@ class Looked:
 
     @property
     def room_light(self) -> tuple[float, float, bool]:
-        """Before and now, shares of the floodlight, and whether that is another light."""
+        """The room's light before and now as shares of the floodlight, and whether it has changed."""
         room = self.known.room
         lit, old, new = self.known.lit.reshape(room.camera.shape) & self._of_asked, room.ambient, self.black
         level = float(self.known.before[lit.ravel()].mean())
         change = np.where(lit[..., None], new - old, 0)
         for view in room.views:
-            change[view] = ndimage.gaussian_filter(change[view], (SMOOTH, SMOOTH, 0))  # noise is not
+            change[view] = ndimage.gaussian_filter(change[view], (SMOOTH, SMOOTH, 0))  # removes noise
         other = float(np.sqrt(np.mean(change[lit] ** 2))) > ROOM_LIGHT * level
         return float(old[lit].mean()) / level, float(new[lit].mean()) / level, other
 
     def share(self, gains: Sequence[FloatArray]) -> NDArray[np.float32] | None:
-        """What of the floodlight the calibrated rasters give, (camera height, camera width); None: all of it.
+        """Returns the share of the floodlight that the calibrated rasters give; None if it is 1 everywhere.
 
-        A picture that has moved outwards throws light beyond its raster, on what saw no pixel, or less of it. That is
-        told near one projector's border alone, and by more than noise.  gains : of each projector's light.
+        A picture that has moved outwards lights places beyond its raster, which T saw less or not at all. The share is
+        measured only near one projector's border, and only where it exceeds the noise.
+
+        gains : gain of each projector's light.
+
+        Returns (camera height, camera width), float32.
         """
         known, shape = self.known, self.known.room.camera.shape
         lights = [luminance(gain * light) for gain, light in zip(gains, known.of_projectors, strict=True)]
@@ -145,17 +153,17 @@ class Looked:
         return result.reshape(shape) if (result < 1).any() else None
 
     def _unsure(self, pixels: BoolArray) -> FloatArray:
-        """Standard deviation of the floodlight's luminance in some pixels."""
+        """Returns the standard deviation of the floodlight's luminance in some pixels."""
         sigma = self.noise.averaged(REPEATS).sigma(self.after[pixels])
         return np.asarray(np.linalg.norm(np.array(LUMINANCE) * sigma, axis=1))
 
     def ambient(self) -> FloatArray:
-        """The room's light now; as it was where no camera is asked."""
+        """Returns the room's light now; pixels of cameras that are not asked keep the calibrated light."""
         return np.where(self._of_asked[..., None], np.clip(self.black, 0, None), self.known.room.ambient)
 
 
 def divided(light: FloatArray, room: Calibration, exposures: FloatArray) -> FloatArray:
-    """Light of the cameras' raster, each camera's over its own: exposures (cameras, 3)."""
+    """Divide the light of each camera in the raster by its exposure; exposures is (cameras, 3)."""
     result = light.copy()
     for view, exposure in zip(room.views, exposures, strict=True):
         result[view] /= exposure
@@ -163,7 +171,7 @@ def divided(light: FloatArray, room: Calibration, exposures: FloatArray) -> Floa
 
 
 class View:
-    """What one camera sees of it.  number : from 0."""
+    """The part of the comparison that one camera sees; `number` counts from 0."""
 
     def __init__(self, looked: Looked, number: int) -> None:
         self._looked, self.number = looked, number
@@ -176,7 +184,7 @@ class View:
         return "the camera" if self._alone else f"camera {self.number + 1}"
 
     def gone(self) -> str:
-        """Why what it sees tells nothing of the room; nothing if it does."""
+        """Returns why the camera's captures cannot be used; empty if they can."""
         if not self._inner.any():
             return "" if self._alone else f"{self.name} sees nothing that tells, or is overexposed"
         gain, camera = self._overall, self.shift
@@ -191,7 +199,7 @@ class View:
         return ""
 
     def otherwise(self) -> str:
-        """How much of what it sees is another room; nothing if that is little."""
+        """Returns how much of the camera's view has changed brightness; empty if little has."""
         inner, looked = self._inner, self._looked
         if not inner.any():
             return ""
@@ -214,7 +222,7 @@ class View:
 
     @property
     def unsure(self) -> bool:
-        """Too little texture to tell whether it has moved."""
+        """Whether there is too little texture to measure the camera's shift."""
         return self.shift.unsure > CAMERA_UNSURE
 
     @property
@@ -232,10 +240,10 @@ class View:
 
     @cached_property
     def _expected(self) -> FloatArray:
-        """The floodlight by what is left of each projector's light here, (camera pixels, 3).
+        """The floodlight expected from the current light of each projector, (camera pixels, 3).
 
-        Of several, Σ g_k T_k·1 is fitted to what is seen, relative to T·1, with Cauchy's weights: one of them that has
-        dimmed draws an edge, which is no camera's movement.
+        For several projectors, Σ g_k T_k·1 is fitted to the captures relative to T·1, with Cauchy weights. Otherwise
+        the edge that a dimmed projector draws would look like a camera shift.
         """
         known, inner = self._looked.known, self._inner
         if len(known.of_projectors) == 1 or not inner.any():
@@ -250,7 +258,7 @@ class View:
 
 
 def _fitted(A: FloatArray, b: FloatArray) -> FloatArray:
-    """x of A x = b, where what is far off hardly counts."""
+    """Solve A x = b with weights that nearly ignore outliers."""
     weights, x = np.ones_like(b), np.zeros_like(A[0])
     for _ in range(ROUNDS):
         x = np.asarray(np.linalg.lstsq(weights[:, None] * A, weights * b)[0])

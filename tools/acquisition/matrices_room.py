@@ -1,4 +1,4 @@
-"""Light transport that somebody else measured -> a calibration folder."""
+"""Import a light transport that another program measured as a calibration folder."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +23,9 @@ from counterlight.tools.transport.transport import CHANNELS, Csr, Transport
 class MatrixFiles:
     """The files of one room.
 
-    matrices : red, green and blue, scipy.sparse .npz of (camera pixels, projector pixels).
-    ambient : .exr or .npy of the camera's size, None for none.  mask : a picture, None for the lit pixels.
+    matrices : red, green and blue. scipy.sparse .npz of (camera pixels, projector pixels).
+    ambient : .exr or .npy of the camera's size; None for no ambient light.
+    mask : a picture; None selects the lit pixels.
     """
 
     matrices: tuple[Path, Path, Path]
@@ -33,15 +34,15 @@ class MatrixFiles:
 
     @property
     def all(self) -> tuple[Path, ...]:
-        """Those that are given."""
+        """The files that are given."""
         return tuple(path for path in (*self.matrices, self.ambient, self.mask) if path is not None)
 
 
 @dataclass(frozen=True)
 class MatricesSummary:
-    """What was imported; its text is the command's output.
+    """Counts of the imported entries; the text is the command's output.
 
-    misreading : swapped sizes for which T looks better.
+    misreading : swapped sizes for which T looks better, if any.
     """
 
     entries: tuple[int, ...]
@@ -75,10 +76,11 @@ def import_matrices_room(
     force: bool = False,
     tolerance: float = TOLERANCE,
 ) -> MatricesSummary:
-    """Read and check everything, then write the calibration `folder`; it appears whole or not at all.
+    """Read and check the files, then write the calibration `folder`, which appears whole or not at all.
 
-    tolerance : dB that pictures may lose where a dense or a blurred T is factored, 0 for T as it is.
-    Raises InputError for damaged files, wrong shapes, NaN, infinity, a channel without entries, an unlit camera.
+    tolerance : dB that pictures may lose when a dense or blurred T is factored; 0 keeps T unfactored.
+
+    Raises InputError for damaged files, wrong shapes, NaN, infinity, a channel without entries, and an unlit camera.
     """
     with calibration.replacing(folder, force=force, inputs=files.all) as stage:
         ambient = read_ambient(files.ambient, camera)
@@ -88,7 +90,7 @@ def import_matrices_room(
         negative = tuple(map(keep_light, matrices, files.matrices))
         entries = tuple(int(matrix.nnz) for matrix in matrices)
         transport = Transport.from_matrices(matrices, camera=camera.shape, projector=projector.shape)
-        del matrices  # as large as T, which may be dense
+        del matrices  # frees memory: they are as large as T, which may be dense
         doubt = misreading(transport.near, camera.shape, projector.shape)
         transport, factoring = compacted(transport, ambient, tolerance)
         mask = _counting(directly_lit(transport, ambient, projector.shape), None) if given is None else given
@@ -108,9 +110,9 @@ def import_matrices_room(
 
 
 def read_ambient(path: Path | None, camera: Device) -> NDArray[np.float32]:
-    """The ambient picture e: (camera height, camera width, 3) float32, finite and ≥ 0; black for None.
+    """Returns the ambient picture e, (camera height, camera width, 3) float32, finite and ≥ 0; black for None.
 
-    An .npy holds (height, width, 3) or, for grey light, (height, width) real numbers; it is never unpickled.
+    An .npy file holds (height, width, 3) or, for grey light, (height, width) real numbers, and is never unpickled.
     """
     if path is None:
         return np.zeros((*camera.shape, 3), np.float32)
@@ -130,15 +132,15 @@ def _read_npy(path: Path, camera: Device) -> NDArray[np.float32]:
     with opened_array(path, "no picture of this camera", "save it as float32 with numpy.save") as stored:
         grey = len(stored.shape) == 2
         picture = stored.expect("fiu", *camera.shape, *(() if grey else (3,))).read()
-    with np.errstate(over="ignore"):  # beyond float32 becomes infinity, which is refused by name
+    with np.errstate(over="ignore"):  # values beyond float32 become infinite, which the caller refuses
         rgb = np.stack([picture] * 3, axis=-1) if grey else picture
         return rgb.astype(np.float32)
 
 
 def keep_light(matrix: Csr, where: Path | str) -> int:
-    """Take out of a channel of T what is not light, negative entries and zeros; returns how many were negative.
+    """Remove negative entries and zeros from a channel of T in place; returns the number of negative entries.
 
-    InputError if nothing is left.
+    Raises InputError if nothing is left.
     """
     negative = matrix.data < 0
     matrix.data[negative] = 0
@@ -152,7 +154,7 @@ def keep_light(matrix: Csr, where: Path | str) -> int:
 
 
 def _counting(mask: NDArray[np.bool_], path: Path | None) -> NDArray[np.bool_]:
-    """The mask; InputError if no pixel counts.  path : None for the default."""
+    """Returns the mask; InputError if it is empty. `path` is None for the default mask."""
     fix = "check the unit of --ambient against the matrices, or name the pixels that count with --mask"
     if path is not None:
         fix = "make the pixels that count white"

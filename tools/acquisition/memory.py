@@ -1,4 +1,4 @@
-"""Captures kept in memory: an acquisition that only asks what an acquisition would give."""
+"""Captures kept in memory, for an acquisition that is only simulated."""
 
 from collections.abc import Callable, Sequence
 
@@ -9,7 +9,7 @@ from counterlight.tools.acquisition.cameras.camera import Exposures, Shot
 
 
 class MemoryStore:
-    """What `acquire` needs of a CaptureStore; nothing outlives it."""
+    """The part of CaptureStore that `acquire` needs, without files."""
 
     halves = coloured = True
 

@@ -1,4 +1,4 @@
-"""Did camera, projector or scene move? Two pictures of the floodlit room, their brightness apart, tell."""
+"""Detect a moved camera, projector or scene from two pictures of the floodlit room, apart from their brightness."""
 
 import numpy as np
 
@@ -10,10 +10,11 @@ MOST_MOVED, MOST_DIMMED = 0.03, 0.05  # relative change of the floodlit room, an
 
 
 def refuse_moved(before: FloatArray, after: FloatArray, noise: Noise, captures: float, advice: str) -> None:
-    """InputError if the floodlit room differs by more than noise explains, or is of another brightness.
+    """Raises InputError if the floodlit room changes by more than noise explains, or changes its brightness.
 
-    before, after : light above black, (pixels, 3).  captures : Σ 1/n over the two, each the mean of n captures.
-    advice : what to do, after a semicolon.
+    before, after : (pixels, 3). Light above black.
+    captures : Σ 1/n over the two pictures, each the mean of n captures.
+    advice : what to do; follows a semicolon in the message.
     """
     gain = float(np.sum(before * after) / np.sum(before * before))
     change = float(np.sqrt(np.sum((after - gain * before) ** 2) / np.sum(before**2)))

@@ -1,6 +1,6 @@
-"""How long captures take, and how long the rest of an acquisition will.
+"""Estimate how long captures and the rest of an acquisition take.
 
-A camera waits for a new picture, and not for a picture that stands already, so that the two are timed apart.
+Captures of new and of repeated pictures are timed separately, because only a new picture must first reach the camera.
 """
 
 import time
@@ -9,16 +9,17 @@ from typing import TypeAlias
 
 Clock: TypeAlias = Callable[[], float]
 
-LEAST_S = 1 / 7  # seconds of an exposure in plans: a faster camera takes as many exposures and is done earlier
-CHECKS_S = 60.0  # allowed for the checks before an acquisition
-COMPUTING_S = 20.0  # of reading, solving, writing and reporting
-COMPUTING_S_A_PIXEL = 7.5e-4  # of the camera, in addition: a whole room of 480x270 takes 2 minutes
+LEAST_S = 1 / 7  # seconds per exposure in plans; a faster camera takes as many exposures and finishes earlier
+CHECKS_S = 60.0  # seconds allowed for the checks before an acquisition
+COMPUTING_S = 20.0  # seconds of reading, solving, writing and reporting
+COMPUTING_S_A_PIXEL = 7.5e-4  # seconds per camera pixel, in addition; a whole room of 480x270 takes 2 minutes
 
 
 class Pace:
-    """Seconds of a capture, of new pictures and of those that stand already.
+    """Seconds per capture, for new and for repeated pictures.
 
-    exposures : of a capture.  clock : seconds.
+    exposures : exposures per capture.
+    clock : returns seconds.
     """
 
     def __init__(self, exposures: int, clock: Clock = time.monotonic) -> None:
@@ -27,12 +28,12 @@ class Pace:
         self._resumed = [0, 0]
 
     def took(self, seconds: float, *, again: bool) -> None:
-        """A capture was taken.  again : of a picture that stood already."""
+        """Record a capture; `again` means that the picture was already shown."""
         self._seconds[again] += seconds
         self._captures[again] += 1
 
     def resumed(self, pictures: int, captures: int) -> None:
-        """Captures were there already: plans count them like others."""
+        """Record captures that were already stored, so that plans count them too."""
         self._resumed[False] += pictures
         self._resumed[True] += captures - pictures
 
@@ -43,21 +44,21 @@ class Pace:
 
     @property
     def planned_s(self) -> float:
-        """Seconds so far as plans count them."""
+        """Seconds so far, at the pace that plans assume."""
         fresh, again = (taken + there for taken, there in zip(self._captures, self._resumed, strict=True))
         return self.plan_s(fresh, fresh + again)
 
     def seconds(self, pictures: int, captures: int) -> float:
-        """Of so many captures of so many pictures, at the pace so far."""
+        """Returns the seconds that `captures` captures of `pictures` pictures take at the pace so far."""
         return pictures * self._each_s(again=False) + (captures - pictures) * self._each_s(again=True)
 
     def plan_s(self, pictures: int, captures: int) -> float:
-        """The same for plans: no camera is faster than LEAST_S, so that its pace does not decide what is captured."""
+        """Like `seconds`, but never faster than LEAST_S, so that a fast camera does not change what is captured."""
         fresh, again = (max(self._each_s(again=each), self._least_s) for each in (False, True))
         return pictures * fresh + (captures - pictures) * again
 
     def _each_s(self, *, again: bool) -> float:
-        """Of a capture; if none was taken so far, of the other kind."""
+        """Returns the seconds per capture of one kind; if none was taken, of the other kind."""
         for kind in (again, not again):
             if self._captures[kind]:
                 return self._seconds[kind] / self._captures[kind]
@@ -65,12 +66,12 @@ class Pace:
 
 
 def computing_s(camera_pixels: int) -> float:
-    """Seconds of reading captures, solving for T, and reporting; about, on two cores."""
+    """Returns about how many seconds it takes to read captures, solve for T and report, on two cores."""
     return COMPUTING_S + COMPUTING_S_A_PIXEL * camera_pixels
 
 
 def duration(seconds: float) -> str:
-    """`45 s`, `3 min 20 s` or `2 h 5 min`."""
+    """Returns a text such as `45 s`, `3 min 20 s` or `2 h 5 min`."""
     if seconds < 99.5:
         return f"{seconds:.0f} s"
     minutes, tens = divmod(round(seconds / 10), 6)

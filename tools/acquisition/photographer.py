@@ -1,4 +1,4 @@
-"""Pictures shown and photographed outside an acquisition: numbered on, converted to radiance, averaged."""
+"""Show and photograph pictures outside an acquisition: number them, convert captures to radiance, and average."""
 
 from collections.abc import Sequence
 
@@ -13,9 +13,11 @@ from counterlight.tools.acquisition.plan import Picture
 
 
 class Photographer:
-    """room : the calibrated one.  first : number of the first capture; `taken` is that of the next.
+    """Photographs pictures in a calibrated room.
 
-    saturated : (height, width), where any capture was at the top of its camera's range.
+    room : the calibration.
+    first : number of the first capture; `taken` is the number of the next capture.
+    saturated : (height, width) bool. Pixels that were at the top of the camera's range in any capture.
     """
 
     def __init__(self, camera: Camera, room: Calibration, first: int = 0) -> None:
@@ -24,7 +26,7 @@ class Photographer:
         self.saturated: BoolArray = np.zeros(room.camera.shape, np.bool_)
 
     def take(self, pictures: Sequence[Picture]) -> list[FloatArray]:
-        """Radiance of one level of pictures, (height, width, 3) each; InputError for cameras of other sizes."""
+        """Returns the radiance of each picture, (height, width, 3); InputError for cameras of other sizes."""
         first, self.taken = self.taken, self.taken + len(pictures)
         self._camera.prepare(first, pictures, range(first, self.taken))
         return [self._radiance(first + index, picture) for index, picture in enumerate(pictures)]
@@ -33,7 +35,7 @@ class Photographer:
         return np.asarray(np.mean(self.take([picture] * repeats), axis=0))
 
     def expose(self, exposures: FloatArray) -> None:
-        """From now on each camera's light is divided by what its exposure is of what it was, (cameras, 3)."""
+        """Divide each camera's light by its relative exposure, (cameras, 3), from now on."""
         self._gains = self._gains / exposures
 
     def _radiance(self, number: int, picture: Picture) -> FloatArray:

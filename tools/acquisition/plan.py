@@ -1,8 +1,8 @@
-"""What schemes of acquisition share: levels of patterns that ask for captures, the room's dark and bright, its noise.
+"""Types that schemes share: levels of patterns that request captures, black and floodlight of the room, and noise.
 
 A scheme is a generator. It yields one level of patterns after the other, is sent the captures of that level, and
-returns the light transport it made of them. It asks for nothing else and keeps nothing outside: sent the same captures
-again it asks for the same patterns, which is what makes an acquisition resumable.
+returns the light transport that it computed. It has no other input or state: the same captures lead to the same
+patterns, which makes an acquisition resumable.
 """
 
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -15,41 +15,42 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray
 from counterlight.tools.transport.transport import Transport
 
-Pattern: TypeAlias = NDArray[np.bool_]  # (projector height, projector width), lit or dark: no response can bend it
-Codes: TypeAlias = NDArray[np.uint8]  # (projector height, projector width, 3), code values as the projector gets them
-Picture: TypeAlias = Pattern | Codes  # what a level shows
+Pattern: TypeAlias = NDArray[np.bool_]  # (projector height, projector width); lit or dark, whatever the response
+Codes: TypeAlias = NDArray[np.uint8]  # (projector height, projector width, 3); code values sent to the projector
+Picture: TypeAlias = Pattern | Codes  # a picture of a level
 Painted = TypeVar("Painted", covariant=True)
-REPEATS = 16  # of black, floodlight and primaries; against 4, smooth pictures on a wall gain 5 dB for 24 pictures
-MAD_TO_SIGMA = 1.4826  # of a normal distribution
+REPEATS = 16  # captures of black, floodlight and primaries; against 4, 24 more pictures gain 5 dB on a smooth wall
+MAD_TO_SIGMA = 1.4826  # for a normal distribution
 
 
 @dataclass(frozen=True)
 class Noise:
     """A camera's noise, variance = dark² + gain · light, per channel.
 
-    dark : (3,) standard deviation of a black picture, radiance.  gain : (3,) radiance, of photon noise.
+    dark : (3,). Standard deviation of a black picture, radiance.
+    gain : (3,). Photon noise, radiance.
     """
 
     dark: FloatArray
     gain: FloatArray
 
     def sigma(self, light: NDArray[np.floating]) -> FloatArray:
-        """Standard deviation of one capture of `light` (…, 3) above black."""
+        """Returns the standard deviation of one capture of `light` (…, 3) above black."""
         return np.asarray(np.sqrt(self.dark**2 + self.gain * np.maximum(light, 0)))
 
     def averaged(self, captures: int) -> "Noise":
-        """Of the mean of so many captures."""
+        """Returns the noise of the mean of `captures` captures."""
         return Noise(self.dark / np.sqrt(captures), self.gain / captures)
 
 
 @dataclass(frozen=True)
 class Reference:
-    """The room before any scheme: all captures are compared with these.
+    """The room before any scheme; all captures are compared with it.
 
-    black, floodlight : (camera height, camera width, 3), radiance with the projector black, and white.
-    noise : of a capture.
-    saturated : (camera height, camera width), white or black is at the top of the camera's range.
-    repeats : captures that black and floodlight are the mean of.
+    black, floodlight : (camera height, camera width, 3). Radiance with the projector black, and white.
+    noise : noise of a capture.
+    saturated : (camera height, camera width) bool. Pixels at the top of the camera's range in white or black.
+    repeats : number of captures that black and floodlight average.
     """
 
     black: FloatArray
@@ -60,20 +61,20 @@ class Reference:
 
     @property
     def light(self) -> FloatArray:
-        """T·1 as measured: (camera pixels, 3)."""
+        """T·1 as measured, (camera pixels, 3)."""
         return (self.floodlight - self.black).reshape(-1, 3)
 
     @property
     def rise_noise(self) -> FloatArray:
-        """Standard deviation of `light` where it is faint, (3,): of the difference of two means."""
+        """Standard deviation of `light` where it is faint, (3,); `light` is the difference of two means."""
         return np.asarray(self.noise.dark * np.sqrt(2 / self.repeats))
 
     def above_black(self, capture: NDArray[np.floating]) -> FloatArray:
-        """T p of a capture (camera height, camera width, 3): (camera pixels, 3)."""
+        """Returns T p of a capture (camera height, camera width, 3): (camera pixels, 3)."""
         return (capture - self.black).reshape(-1, 3)
 
     def averaged(self, captures: int) -> "Reference":
-        """The same room for who takes the mean of so many captures for one."""
+        """Returns the same room, where the mean of `captures` captures counts as one capture."""
         return replace(self, noise=self.noise.averaged(captures), repeats=self.repeats / captures)
 
 
@@ -81,8 +82,8 @@ class Reference:
 class Expected:
     """A level that may come.
 
-    pictures : about.
-    share : of the captures that the finest pictures need, where pictures are taken repeatedly; 0: one does.
+    pictures : approximate number of pictures.
+    share : captures relative to the finest pictures, where pictures are taken repeatedly; 0 means one capture.
     """
 
     pictures: int
@@ -91,11 +92,13 @@ class Expected:
 
 @dataclass(frozen=True)
 class Level:
-    """Patterns that need nothing of each other's captures.
+    """A group of patterns whose choice does not depend on each other's captures.
 
-    patterns : lazily made; a scheme's are black and white.  later : levels of the scheme that may still come.
-    cover : how often the patterns together light each projector pixel that a camera pixel sees, 0 if not evenly. Then
-    their captures must add up to as many floodlit rooms.  share : see Expected.
+    patterns : made lazily; a scheme's patterns are black and white.
+    later : levels of the scheme that may still come.
+    cover : how often the patterns together light each projector pixel that a camera pixel sees; 0 if unevenly. Their
+        captures must add up to as many floodlit rooms.
+    share : see Expected.
     """
 
     name: str
@@ -106,12 +109,12 @@ class Level:
 
     @property
     def expected(self) -> Expected:
-        """Itself."""
+        """This level in the form that plans use."""
         return Expected(len(self.patterns), self.share)
 
 
 class Captures(Protocol):
-    """Of a level, in order: (camera height, camera width, 3), radiance, each the mean of `repeats` captures."""
+    """Radiance of a level's pictures, (camera height, camera width, 3) each, the mean of `repeats` captures."""
 
     @property
     def repeats(self) -> int: ...
@@ -121,7 +124,7 @@ class Captures(Protocol):
 
 @dataclass(frozen=True)
 class Measured:
-    """What a scheme returns: T, and what a user should know about it, a line each."""
+    """The result of a scheme: T, and notes for the user, one line each."""
 
     transport: Transport
     notes: tuple[str, ...] = ()
@@ -131,15 +134,15 @@ Scheme: TypeAlias = Generator[Level, Captures, Measured]
 
 
 class MakeScheme(Protocol):
-    """projector : (height, width)."""
+    """Makes a scheme for a room and a projector of (height, width)."""
 
     def __call__(self, room: Reference, projector: tuple[int, int]) -> Scheme: ...
     def expected(self, projector: tuple[int, int]) -> tuple[Expected, ...]:
-        """The levels that may come, before anything is known of the room."""
+        """Returns the levels that may come, before anything is known of the room."""
 
 
 class LazyPatterns(Sequence[Painted]):
-    """Pictures that are made when they are asked for: a whole level of them would not fit into memory."""
+    """Pictures made on access, because a whole level of them would not fit into memory."""
 
     def __init__(self, count: int, paint: Callable[[int], Painted]) -> None:
         self._count, self._paint = count, paint
@@ -163,17 +166,17 @@ class LazyPatterns(Sequence[Painted]):
 
 
 def codes_of(picture: Picture) -> Codes:
-    """A picture as code values: a pattern in black and white, codes as they are."""
+    """Returns a picture as code values: patterns become black and white, codes are returned unchanged."""
     if picture.ndim == 3:
         return picture.astype(np.uint8, copy=False)
     return np.repeat(picture[..., None].astype(np.uint8) * np.uint8(255), 3, axis=2)
 
 
 def measure_noise(black: Sequence[FloatArray], floodlight: Sequence[FloatArray]) -> Noise:
-    """Noise from captures of the black and of the white projector, as many of each, (camera height, camera width, 3).
+    """Measure the noise from equally many captures of black and white, (camera height, camera width, 3) each.
 
-    The difference of two equal captures has twice the variance. The dark level is a median, so that a flickering
-    corner does not count; it is at least what rounding to the camera's own steps adds, 1/√12 of a step.
+    The difference of two equal captures has twice the variance. The dark level is a median, so that a flickering corner
+    does not count. It is at least the rounding error of the camera's code values, 1/√12 of a step.
     """
     first = floodlight[0]
     steps = np.array([_least_step(first[..., i]) for i in range(3)])
@@ -185,7 +188,7 @@ def measure_noise(black: Sequence[FloatArray], floodlight: Sequence[FloatArray])
 
 
 def mean_of(pictures: Sequence[FloatArray]) -> FloatArray:
-    """With one of them in memory at a time."""
+    """Returns the mean of pictures, with one of them in memory at a time."""
     total = pictures[0]
     for number in range(1, len(pictures)):
         total = total + pictures[number]
@@ -193,7 +196,7 @@ def mean_of(pictures: Sequence[FloatArray]) -> FloatArray:
 
 
 def _changes(pictures: Sequence[FloatArray]) -> FloatArray:
-    """Differences of successive captures / √2, which have the variance of one: (3, pixels of all)."""
+    """Returns the differences of successive captures / √2, which have the variance of one capture: (3, all pixels)."""
     pairs = len(pictures) // 2
     changes = np.empty((3, pairs, pictures[0][..., 0].size))
     for pair in range(pairs):

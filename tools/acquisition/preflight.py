@@ -1,7 +1,7 @@
-"""Before an acquisition: is the projector in the picture, and is the camera one that measures?
+"""Check projector and camera before an acquisition.
 
-Each check is a finding with one sentence, which says what to do where something is wrong. Nothing here is stored. The
-latency that is found becomes the camera's `lag`.
+Each check gives a finding with one sentence, which includes the remedy if something is wrong. Nothing is stored. The
+measured latency becomes the camera's `lag`.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,21 +18,21 @@ from counterlight.tools.acquisition.linearity import SHOTS, bends_of, halves_of
 from counterlight.tools.acquisition.plan import Codes, Reference, codes_of, mean_of, measure_noise
 
 Grade = Literal["good", "doubtful", "bad"]
-SETTLED = 30  # frames after which a picture has surely arrived, and an automatic exposure has surely acted
+SETTLED = 30  # frames after which a picture has arrived and an automatic exposure has acted
 TRIALS = 3
-LIT, LEAST_LIT, FEW_LIT = 0.1, 0.001, 0.05  # of the brightest rise; shares of the camera's pixels
+LIT, LEAST_LIT, FEW_LIT = 0.1, 0.001, 0.05  # share of the brightest rise; shares of the camera's pixels
 MOST_SATURATED, LEAST_BRIGHT = 0.02, 0.25
-MUCH_AMBIENT, MOST_AMBIENT = 0.1, 0.5  # of the projector's light
-OBEYED = 0.15  # half the exposure time gives half the light within this share
-WATCHED, STEADY, CALM = 12, 0.02, 0.01  # frames; relative drift and flicker that are allowed
+MUCH_AMBIENT, MOST_AMBIENT = 0.1, 0.5  # shares of the projector's light
+OBEYED = 0.15  # tolerance: half the exposure time must give half the light
+WATCHED, STEADY, CALM = 12, 0.02, 0.01  # frames; allowed relative drift and flicker
 ADDITIVE = 0.03
-SEQUENCE = np.array([1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 1, 1, 0, 1, 0], np.bool_)  # of maximal length: no shift is alike
-FIRST_NUMBER = 1 << 40  # far above every stored capture's: simulated noise of its own
+SEQUENCE = np.array([1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 1, 1, 0, 1, 0], np.bool_)  # maximal length: every shift differs
+FIRST_NUMBER = 1 << 40  # far above the numbers of stored captures, so that simulated noise differs from theirs
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One check's outcome in one sentence."""
+    """The outcome of a check, in one sentence."""
 
     check: str
     grade: Grade
@@ -43,7 +43,7 @@ class Finding:
 
 
 def preflight(camera: LiveCamera) -> Iterator[Finding]:
-    """Check after check, most basic first; ends after a bad one, since later ones would rest on it."""
+    """Run the checks, most basic first; stop after a bad finding, because later checks depend on it."""
     rig = _Rig(camera)
     for check in CHECKS:
         finding = check(rig)
@@ -53,13 +53,13 @@ def preflight(camera: LiveCamera) -> Iterator[Finding]:
 
 
 def refuse_bad(finding: Finding) -> None:
-    """InputError for a bad finding."""
+    """Raises InputError for a bad finding."""
     if finding.grade == "bad":
         raise InputError(f"{finding.check}: {finding.sentence}; or skip the checks with --no-preflight")
 
 
 class _Rig:
-    """Shows, waits and photographs for the checks, and keeps black and white."""
+    """Shows, waits and photographs for the checks, and keeps the captures of black and white."""
 
     def __init__(self, camera: LiveCamera) -> None:
         self.camera, self._number = camera, FIRST_NUMBER
@@ -70,7 +70,7 @@ class _Rig:
         self.lit = weak > max(LIT * float(np.percentile(weak, 99.9)), 4 * self._noise(), np.finfo(float).tiny)
 
     def _noise(self) -> float:
-        """Standard deviation of the difference of two black captures, channels summed."""
+        """Returns the standard deviation of the difference of two black captures, summed over channels."""
         again = self.light(self.shots(0, self._slow))
         return float(np.std((again - self.light(self.black)).sum(axis=2)))
 
@@ -78,7 +78,7 @@ class _Rig:
         return np.full((*self.camera.screen.shape, 3), level, np.uint8) if isinstance(level, int) else level
 
     def shots(self, level: int | Codes, wait: int | None = None) -> tuple[Shot, ...]:
-        """A capture after `wait` frames, usually the camera's lag."""
+        """Capture a picture after `wait` frames; None waits for the camera's lag."""
         usual, self.camera.lag = self.camera.lag, self.camera.lag if wait is None else wait
         try:
             self._number += 1
@@ -90,7 +90,7 @@ class _Rig:
         return np.asarray(self.camera.exposures.radiance(shots), np.float64)
 
     def frames(self, level: int | Codes, count: int) -> Iterator[FloatArray]:
-        """Show, and the mean light (3,) of the lit pixels, frame by frame from the next on; the shortest exposure."""
+        """Show a picture and yield the mean light (3,) of the lit pixels per frame, at the shortest exposure."""
         self._number += 1
         exposures = self.camera.exposures
         self.camera.eye.expose(exposures.shortest)
@@ -100,7 +100,7 @@ class _Rig:
             yield exposures.one(self.camera.eye.frame(), exposures.shortest)[self.lit].mean(axis=0)
 
     def above_black(self, level: int | Codes) -> FloatArray:
-        """Light of a picture above black, summed over the lit pixels: (3,)."""
+        """Returns the light of a picture above black, summed over the lit pixels: (3,)."""
         return np.asarray((self.light(self.shots(level)) - self.light(self.black))[self.lit].sum(axis=0))
 
 
@@ -136,7 +136,7 @@ def ambient(rig: _Rig) -> Finding:
 
 
 def exposure(rig: _Rig) -> Finding:
-    """Half of the time gives half of the light."""
+    """Check that half the exposure time gives half the light."""
     eye, clear = rig.camera.eye, rig.lit & ~rig.camera.exposures.saturated(rig.white)
     rig.camera.show(rig.picture(255))
     levels = []
@@ -154,9 +154,9 @@ def exposure(rig: _Rig) -> Finding:
 
 
 def latency(rig: _Rig) -> Finding:
-    """Frames from a picture to the first that shows it, from black to white and back; sets the camera's lag.
+    """Count the frames until a new picture is visible, from black to white and back; sets the camera's lag.
 
-    That first frame may show a part of the picture before, so the one after it is the first that is used.
+    The first frame may still show part of the previous picture, so the lag is one frame longer.
     """
     levels = [np.mean(list(rig.frames(level, 1))) for level in _settled(rig, (0, 255))]
     found = []
@@ -177,7 +177,7 @@ def latency(rig: _Rig) -> Finding:
 
 
 def own_pattern(rig: _Rig) -> Finding:
-    """A sequence of black and white in which no shift looks alike: each capture shows its own."""
+    """Check that each capture shows its own picture, with a black-and-white sequence in which every shift differs."""
     middle = sum(float(rig.light(shots)[rig.lit].mean()) for shots in (rig.black, rig.white)) / 2
     seen = [rig.light(rig.shots(255 if bit else 0))[rig.lit].mean() > middle for bit in SEQUENCE]
     wrong = int(np.sum(np.array(seen) != SEQUENCE))
@@ -190,7 +190,7 @@ def own_pattern(rig: _Rig) -> Finding:
 
 
 def locked(rig: _Rig) -> Finding:
-    """After a long black, white does not change its brightness or colour."""
+    """Check that white after a long black keeps its brightness and colour."""
     for _ in _settled(rig, (0,)):
         pass
     frames = np.array(list(rig.frames(255, rig.camera.lag + WATCHED)))[rig.camera.lag :]
@@ -208,7 +208,7 @@ def locked(rig: _Rig) -> Finding:
 
 
 def flicker(rig: _Rig) -> Finding:
-    """Exposures that are no multiple of the projector's refresh time catch more of one picture than of the next."""
+    """Check for flicker: an exposure that is no multiple of the refresh time catches unequal parts of two pictures."""
     frames = np.array([frame.mean() for frame in rig.frames(255, rig.camera.lag + WATCHED)])[rig.camera.lag :]
     beats = float(np.std(np.diff(frames)) / np.sqrt(2) / max(frames.mean(), np.finfo(float).tiny))
     hz, times = rig.camera.screen.refresh_hz, rig.camera.exposures.times
@@ -221,7 +221,7 @@ def flicker(rig: _Rig) -> Finding:
 
 
 def linearity(rig: _Rig) -> Finding:
-    """Where two pictures both give light, the camera sees their sum."""
+    """Check that the camera sees the sum of two pictures where both give light."""
     blacks, whites = ([rig.light(rig.shots(level)) for _ in range(2)] for level in (0, 255))
     noise, saturated = measure_noise(blacks, whites), rig.camera.exposures.saturated(rig.white)
     room = Reference(mean_of(blacks), mean_of(whites), noise, saturated, 2)
@@ -237,7 +237,7 @@ def linearity(rig: _Rig) -> Finding:
 
 
 def additivity(rig: _Rig) -> Finding:
-    """Two halves are as bright as the whole, and so are red, green and blue."""
+    """Check that two halves add up to the whole, and red, green and blue to white."""
     height, width = rig.camera.screen.shape
     checks = (np.arange(height)[:, None] // 8 + np.arange(width) // 8) % 2 == 1
     white = rig.above_black(255)
@@ -264,7 +264,7 @@ def additivity(rig: _Rig) -> Finding:
 
 
 def _settled(rig: _Rig, levels: tuple[int, ...]) -> Iterator[int]:
-    """Show each level until it has surely arrived."""
+    """Show each level, wait until it has arrived, and yield it."""
     for level in levels:
         rig.camera.show(rig.picture(level))
         rig.camera.wait(rig._slow)
@@ -272,7 +272,7 @@ def _settled(rig: _Rig, levels: tuple[int, ...]) -> Iterator[int]:
 
 
 def _uneven(periods: float) -> bool:
-    """Neither about a whole number of refreshes nor so many that a part of one does not matter."""
+    """Whether an exposure is short (under 20 refreshes) and not close to a whole number of refreshes."""
     return periods < 20 and abs(periods - max(1, round(periods))) > 0.05 * periods
 
 

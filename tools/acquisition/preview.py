@@ -1,7 +1,7 @@
-"""The camera's live picture while it is aimed, focused and exposed; the acquisition begins, or not, when that is done.
+"""Live picture of the camera for aiming, focusing and exposing it; the user then begins the acquisition or quits.
 
-The projector shows white, a focus card or black. While it is white it goes black for a moment now and then, which tells
-where in the view its picture is.
+The projector shows white, a focus card or black. White is briefly interrupted by black now and then, to find the
+projector's picture in the view.
 """
 
 import argparse
@@ -25,21 +25,21 @@ from counterlight.tools.acquisition.cameras.live import Eye, LiveCamera, Screen
 from counterlight.tools.acquisition.cameras.window import WindowScreen
 from counterlight.tools.acquisition.rig import open_rig
 
-STEPS = 3  # of exposure, to twice as much
+STEPS = 3  # key presses that double the exposure
 CARDS = ("white", "focus", "black")
-FILLED = 0.75  # of a monitor's sides
-BLINK_S, SELDOM = 3.0, 4  # between blinks: seconds, and times what one takes
-SETTLED = 6  # frames until a picture has surely arrived
-CLIPPED = (255, 0, 160)  # a colour that rooms lack
+FILLED = 0.75  # share of a monitor's sides
+BLINK_S, SELDOM = 3.0, 4  # least time between blinks: seconds, and multiple of a blink's duration
+SETTLED = 6  # frames until a picture has arrived
+CLIPPED = (255, 0, 160)  # a colour that rarely occurs in rooms
 GAP = 24  # pixels between windows
 KEYS = "+ − exposure   c card   space begins   q ends"
 QUIT, BEGIN = ("q", "escape", CLOSED), ("space", "enter")
 
 
 def preview(options: argparse.Namespace) -> tuple[float, ...] | None:
-    """Aim the camera that the options name; the exposures to begin with, None if nothing is to begin.
+    """Aim the camera that the options name; returns the exposures to begin with, or None if the user quits.
 
-    Raises InputError as `open_rig` does, and where there is no monitor beside the projector's.
+    Raises InputError like `open_rig`, and if there is no monitor besides the projector's.
     """
     with open_rig(options) as (camera, projectors):
         if isinstance(camera, LiveCamera):
@@ -52,7 +52,7 @@ def preview(options: argparse.Namespace) -> tuple[float, ...] | None:
 
 
 class _Aim:
-    """settled : frames until a picture has arrived; None where somebody else shows and photographs."""
+    """The preview loop; `settled` is the frames until a picture has arrived, or None if another program photographs."""
 
     def __init__(self, screen: Screen, eye: Eye, exposures: Exposures, settled: int | None) -> None:
         self._screen, self._eye, self._exposures, self._settled = screen, eye, exposures, settled
@@ -63,11 +63,11 @@ class _Aim:
 
     @property
     def factor(self) -> float:
-        """What the exposures are to be multiplied by."""
+        """The factor that the user has applied to the exposures."""
         return float(2 ** (self._steps / STEPS))
 
     def run(self, projectors: Sequence[str]) -> bool:
-        """Whether the acquisition is to begin."""
+        """Show the preview; returns whether the acquisition should begin."""
         self._show_card()
         if self._settled is not None:
             self._eye.expose(self._exposures.shortest)
@@ -84,7 +84,7 @@ class _Aim:
                 shot = self._next()
 
     def _next(self) -> Shot:
-        """The next frame; after a blink now and then."""
+        """Returns the next frame, after an occasional blink to black."""
         if self._settled is not None and CARDS[self._card] == "white" and time.monotonic() > self._blinks_at:
             began = time.monotonic()
             self._framing = self._blink(self._settled)
@@ -116,7 +116,7 @@ class _Aim:
             except InputError as error:
                 self._said = str(error)
                 self._steps -= step
-                with suppress(InputError):  # of a camera that cannot be set at all
+                with suppress(InputError):  # the camera cannot be set at all
                     self._eye.expose(self._exposures.shortest * self.factor)
 
     def _show_card(self) -> None:
@@ -139,7 +139,7 @@ class _Aim:
 
 @contextmanager
 def _opened_window(shot: Shot, screen: Screen, projectors: Sequence[str]) -> Iterator[PreviewWindow]:
-    """A window for pictures like `shot`, on a monitor that is no projector's, beside the projectors' window."""
+    """Open a window for pictures like `shot`, on a monitor without a projector, next to the projectors' window."""
     monitor = preview_monitor(list_monitors(), projectors)
     height, width = shot.shape[:2]
     scale = FILLED * min(monitor.height / height, monitor.width / width)
@@ -153,7 +153,7 @@ def _opened_window(shot: Shot, screen: Screen, projectors: Sequence[str]) -> Ite
 
 
 def preview_monitor(monitors: list[Monitor], projectors: Sequence[str]) -> Monitor:
-    """The first that is no projector; InputError if there is none."""
+    """Returns the first monitor that is not a projector; InputError if there is none."""
     taken = {find_monitor(monitors, projector).name for projector in projectors}
     free = [monitor for monitor in monitors if monitor.name not in taken]
     if not free:

@@ -1,9 +1,9 @@
-"""What the projector makes of code values, before any pattern: ramps of grey, red, green and blue, and its primaries.
+"""Measure the projector's response and primaries, from ramps of grey, red, green and blue before any pattern.
 
-A primary's ramp is compared with its own floodlight F, the mean of many captures of full red, green or blue: with
-noise σ the best estimate of h in c − black = h F is ⟨W, c − black⟩ / ⟨W, F⟩, W = F / σ², over all channels of the
-camera and all pixels that are well lit. So channels that mix do not matter, and what carries most light counts most.
-Code 0 is the black, and grey 255 the floodlight, that are measured already.
+A primary's ramp is compared with its floodlight F, the mean of many captures of full red, green or blue. With noise σ,
+the best estimate of h in c − black = h F is ⟨W, c − black⟩ / ⟨W, F⟩ with W = F / σ², over all camera channels and all
+well-lit pixels. Mixed channels therefore do not matter, and channels with more light count more. Code 0 is the black
+and grey 255 the floodlight that are measured already.
 """
 
 from collections.abc import Sequence
@@ -26,25 +26,28 @@ CODES = np.rint(np.linspace(0, 255, 17)).astype(np.uint8)
 INNER = CODES[1:-1]
 COLOURS = np.array([[1, 1, 1], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.uint8)  # grey and the primaries
 FULL = CODES[-1]
-PRIMARIES = len(INNER) * len(COLOURS)  # the first capture of these, after the ramps
-WELL_LIT = 10  # times the noise of a dark capture
-MOST_UNADDED = 0.03  # of white, and so many times the noise:
+PRIMARIES = len(INNER) * len(COLOURS)  # index of the first capture of a primary, after the ramps
+WELL_LIT = 10  # multiple of the noise of a dark capture
+MOST_UNADDED = 0.03  # share of white that colours may miss, plus this multiple of the noise:
 SURELY = 4
-SAMPLES = 65  # of a white segment
-UNSEEN = 1e-6  # of the brightest primary's squared light
-EXACT = 1e-6  # of the brightest light: no capture is nearer to the truth
+SAMPLES = 65  # samples of a white segment
+UNSEEN = 1e-6  # share of the brightest primary's squared light
+EXACT = 1e-6  # share of the brightest light; least error assumed of a capture
 
 
 @dataclass(frozen=True)
 class ProjectorLight:
-    """What the projector makes of code values.
+    """The light that the projector gives per code value. All shares are of white.
 
-    response : of each channel, as measured.  gammas : the exponents that come closest.
-    primaries : (3, camera height, camera width, 3) float32, radiance above black with red, green or blue alone at full.
-    fitted : the largest change that made the readings rise.  noise : the largest standard deviation of a reading.
-    unadded : (17,), grey at each of `CODES` less the sum of the primaries at that code.  unadded_noise : of these.
-    segment : a white segment that would explain what does not add up; None if it does, or no segment can be it.
-    All shares of white. crosstalk : the share of a camera channel's light that neighbouring primaries give.
+    response : measured response of each channel.
+    gammas : closest exponent of each channel.
+    primaries : (3, camera height, camera width, 3) float32. Radiance above black of full red, green or blue alone.
+    fitted : largest change that made the readings monotone.
+    noise : largest standard deviation of a reading.
+    unadded : (17,). Grey minus the sum of the primaries at each of `CODES`.
+    unadded_noise : standard deviation of `unadded`.
+    segment : white segment that explains `unadded`; None if light adds up or no segment explains it.
+    crosstalk : share of a camera channel's light that neighbouring primaries give.
     """
 
     response: Response
@@ -67,7 +70,7 @@ class ProjectorLight:
         )
 
     def curve(self, given: Response) -> Response:
-        """Another response with the white segment of the measured one."""
+        """Returns another response combined with the measured white segment."""
         return replace(given, segment=self.response.segment)
 
     @property
@@ -75,7 +78,7 @@ class ProjectorLight:
         return _adds_up(self.unadded, self.unadded_noise)
 
     def without_segment(self, transport: Transport, segment: WhiteSegment) -> Transport:
-        """T as measured with white -> T of the sum of the primaries, which is what a drive of 1 gives."""
+        """Convert T measured with white to T of the sum of the primaries, which is the light of drive 1."""
         lights = np.maximum(self.primaries.reshape(3, -1, 3).astype(np.float64), 0)
         primaries = lights.sum(axis=0)
         white = np.einsum("l,lik->ik", segment.white(), lights)
@@ -84,7 +87,7 @@ class ProjectorLight:
 
 
 def light_level(projector: tuple[int, int]) -> Level:
-    """Ramps at the inner codes, and each primary alone as often as the floodlight."""
+    """Returns the level of ramps at the inner codes, with each primary repeated as often as the floodlight."""
     colours = np.concatenate([*(COLOURS * code for code in INNER), *[COLOURS[1:] * FULL] * REPEATS])
 
     def paint(number: int) -> Codes:
@@ -94,7 +97,7 @@ def light_level(projector: tuple[int, int]) -> Level:
 
 
 def measure_light(captures: Captures, room: Reference) -> ProjectorLight:
-    """Evaluate the captures of `light_level`; InputError if all that is well lit is saturated."""
+    """Evaluate the captures of `light_level`; InputError if all well-lit pixels are saturated."""
     primaries = [_mean(room, captures, range(PRIMARIES + i, len(captures), 3)) for i in range(3)]
     templates = [_Template(room, light) for light in (room.light, *primaries)]
     white = templates[0]
@@ -103,7 +106,7 @@ def measure_light(captures: Captures, room: Reference) -> ProjectorLight:
             "ramps: every camera pixel that the projector lights well is saturated; shorten the exposure (or add a "
             "shorter one) and capture again"
         )
-    own, whole = (np.ones((len(CODES), len(COLOURS))) for _ in range(2))  # by its own template, and as a share of white
+    own, whole = (np.ones((len(CODES), len(COLOURS))) for _ in range(2))  # shares of the own template and of white
     own[0], whole[0] = 0, 0
     whole[-1] = [white.share(light) for light in (room.light, *primaries)]
     parts = _Primaries(room, primaries)
@@ -115,9 +118,9 @@ def measure_light(captures: Captures, room: Reference) -> ProjectorLight:
         own[code] = [template.share(light) for template, light in zip(templates, lights, strict=True)]
         whole[code] = [white.share(light) for light in lights]
         beside[code] = parts.shares(lights[0] - sum(lights[1:]))
-    told = [colour if templates[colour].tells else 0 for colour in (1, 2, 3)]  # one that is not seen is like grey
+    told = [colour if templates[colour].tells else 0 for colour in (1, 2, 3)]  # an unseen primary is taken as grey
     fitted = fit_projector_response(CODES / 255.0, own[:, told], np.where(np.isin(CODES, INNER), 1, REPEATS))
-    unadded, noise = whole[:, 0] - whole[:, 1:].sum(axis=1), 2 * white.noise  # of four captures
+    unadded, noise = whole[:, 0] - whole[:, 1:].sum(axis=1), 2 * white.noise  # noise of four captures
     return ProjectorLight(
         fitted.response,
         fitted.gammas,
@@ -136,7 +139,7 @@ def _adds_up(unadded: FloatArray, noise: float) -> bool:
 
 
 def _segment(response: Response, beside: FloatArray) -> WhiteSegment | None:
-    """The white segment that gives this light, (17, 3), at grey of each of `CODES`; None if none does."""
+    """Returns the white segment that gives this light (17, 3) at the greys of `CODES`; None if no segment does."""
     levels, places = np.unique(response.to_linear(_grey(CODES)).min(axis=1), return_inverse=True)
     rising = np.stack([isotonic_regression(column).x for column in beside.T], axis=1)
     light = np.stack([np.bincount(places, column) / np.bincount(places) for column in np.maximum(rising, 0).T], axis=1)
@@ -152,7 +155,7 @@ def _grey(codes: NDArray[np.uint8]) -> FloatArray:
 
 
 def _mean(room: Reference, captures: Captures, numbers: range) -> FloatArray:
-    """Light above black, (camera pixels, 3), one capture in memory at a time."""
+    """Returns the mean light above black, (camera pixels, 3), with one capture in memory at a time."""
     total = np.zeros_like(room.light)
     for number in numbers:
         total += room.above_black(captures[number])
@@ -160,10 +163,11 @@ def _mean(room: Reference, captures: Captures, numbers: range) -> FloatArray:
 
 
 class _Template:
-    """The light of something at full, by which its light at other codes is measured.
+    """The light of a colour at full drive, with which its light at other codes is compared.
 
-    light : above black, (camera pixels, 3).  tells : whether anything of it is well lit and not saturated.
-    noise : standard deviation of the share in one capture of the light itself.
+    light : (camera pixels, 3). Light above black.
+    tells : whether any of it is well lit and not saturated.
+    noise : standard deviation of the share measured in one capture of full drive.
     """
 
     def __init__(self, room: Reference, light: FloatArray) -> None:
@@ -175,12 +179,12 @@ class _Template:
         self.noise = float(np.sqrt((1 + 1 / REPEATS) / self._whole)) if self.tells else 0.0
 
     def share(self, light: FloatArray) -> float:
-        """How much of the template light is, the least squares by its noise; 0 if the template tells nothing."""
+        """Returns the share of the template in `light`, by least squares; 0 if the template is not usable."""
         return float(np.vdot(self._weights, light)) / self._whole if self.tells else 0.0
 
 
 class _Primaries:
-    """What of a light each primary would have to give: least squares by the noise, where white is well lit."""
+    """Decomposes light into primaries by least squares, weighted by the noise, where white is well lit."""
 
     def __init__(self, room: Reference, primaries: Sequence[FloatArray]) -> None:
         lit = (room.light >= WELL_LIT * room.noise.dark) & (room.light > 0) & ~room.saturated.reshape(-1, 1)
@@ -189,13 +193,13 @@ class _Primaries:
         self._squares = np.einsum("lik,mik->lm", self._weighted, np.stack(primaries))
 
     def shares(self, light: FloatArray) -> FloatArray:
-        """(3,), of each primary at full."""
+        """Returns the share of each full primary in `light`, (3,)."""
         sums = np.einsum("lik,ik->l", self._weighted, light)
         return np.asarray(np.linalg.lstsq(self._squares, sums, rcond=UNSEEN)[0])
 
 
 def crosstalk(primaries: FloatArray, room: Reference) -> float:
-    """The mean of the camera's channels, over all that they see: primaries (3, camera pixels, 3)."""
+    """Returns the crosstalk, averaged over the camera's channels; primaries is (3, camera pixels, 3)."""
     seen = np.maximum(primaries[:, ~room.saturated.ravel()].sum(axis=1), 0)  # (primary, channel)
     whole = seen.sum(axis=0)
     lit = whole > 0

@@ -1,4 +1,4 @@
-"""Takes the captures of levels that are not there yet, averages them, and says how long the rest takes."""
+"""Take the missing captures of levels, average them, and print how long the rest takes."""
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -19,10 +19,11 @@ from counterlight.tools.acquisition.plan import Expected, LazyPatterns, Level, P
 
 
 class Store(Protocol):
-    """Where captures are kept: on disk (store.py), or in memory.
+    """Storage of captures: on disk (store.py) or in memory.
 
-    halves : a picture and its complement are among them (linearity.py).  coloured : ramps and primaries are.
-    averaged : pictures may be captured several times.
+    halves : whether it contains a picture and its complement (linearity.py).
+    coloured : whether it contains ramps and primaries.
+    averaged : whether pictures may be captured several times.
     """
 
     @property
@@ -32,23 +33,25 @@ class Store(Protocol):
     @property
     def averaged(self) -> bool: ...
     def repeats(self, level: int, choose: Callable[[], int]) -> int:
-        """Captures of each picture of a level, as they were chosen first; levels are numbered as they come."""
+        """Returns the captures per picture of a level, as chosen first; levels are numbered in order of arrival."""
 
     def has(self, number: int) -> bool: ...
     def save(self, number: int, shots: Sequence[Shot]) -> None: ...
     def shots(self, number: int) -> Sequence[Shot]: ...
     def radiance(self, number: int) -> NDArray[np.float32]: ...
     def size(self, number: int) -> int:
-        """Bytes of a capture on disk."""
+        """Returns the bytes of a capture on disk."""
 
 
-INTRODUCED = 2  # captures, black and white, are there when the acquisition says how long it is going to be
+INTRODUCED = 2  # captures (black and white) after which the acquisition first prints its expected duration
 
 
 class StoredCaptures(Sequence[NDArray[np.float32]]):
-    """Radiance of pictures, read when it is asked for.
+    """Radiance of pictures, read on access.
 
-    first : number of the first one's first capture.  count : of pictures.  repeats : captures of each.
+    first : number of the first capture.
+    count : number of pictures.
+    repeats : captures per picture.
     """
 
     def __init__(self, store: Store, first: int, count: int, repeats: int) -> None:
@@ -76,10 +79,10 @@ class StoredCaptures(Sequence[NDArray[np.float32]]):
 
 
 class Recorder:
-    """Numbers the captures, takes those that are missing, and prints how long the rest takes.
+    """Numbers the captures, takes the missing ones, and prints how long the rest takes.
 
-    aim : of the noise, where the store lets pictures be captured repeatedly.
-    averaging : how often pictures are captured, of the projector whose turn it is; None: once.
+    aim : noise allowed in T, used if the store lets pictures be captured repeatedly.
+    averaging : how often pictures of the current projector are captured; None means once.
     """
 
     def __init__(self, camera: Camera, store: Store, aim: Aim, clock: Clock) -> None:
@@ -104,17 +107,14 @@ class Recorder:
         return self._store.averaged
 
     def taken_since(self) -> tuple[int, int, float, int]:
-        """Pictures, exposures, seconds and resumed captures since this was last asked."""
+        """Returns pictures, exposures, seconds and resumed captures since the last call."""
         pictures, count, resumed, then = self._before
         self._before = self._pictures, self._count, self._resumed, self._clock()
         exposures = (self._count - count) * len(self._camera.exposures.times)
         return self._pictures - pictures, exposures, self._before[3] - then, self._resumed - resumed
 
     def capture(self, level: Level, *, repeatedly: bool = False) -> StoredCaptures:
-        """Take the captures of a level that are missing.
-
-        repeatedly : each picture is captured as often as the noise asks for.
-        """
+        """Take the missing captures of a level; `repeatedly` captures each picture as often as the noise requires."""
         repeats = self._repeats(level, self.averaging) if repeatedly and self.averaging else 1
         pictures, first = len(level.patterns), self._count
         self._pictures, self._count = self._pictures + pictures, first + pictures * repeats
@@ -134,24 +134,24 @@ class Recorder:
         return StoredCaptures(self._store, first, pictures, repeats)
 
     def averaging_of(self, once: float) -> Averaging:
-        """Of a projector.  once : T's error by the noise of single captures."""
+        """Returns the averaging of a projector; `once` is the error of T by the noise of single captures."""
         return Averaging(self._aim, once, self._pace, self._aim.seconds - CHECKS_S - computing_s(self._pixels))
 
     def foretell(self, levels: Sequence[Expected]) -> None:
-        """Print how long the acquisition is going to be.  levels : all that follow."""
+        """Print how long the acquisition will take; `levels` are all levels that follow."""
         if self.averaging:
             self.averaging.plan(levels)
         self._say("about", levels, 0)
 
     def _introduce(self, first: Level) -> None:
-        """The same by its first captures. The noise is not known yet: as many as there is time for are expected."""
+        """Print the expected duration after the first captures; with averaging, an upper bound (noise is unknown)."""
         if self.averaged:
             self.averaging = self.averaging_of(float("inf"))
             self.averaging.plan([first.expected, *first.later])
         self._say("up to about" if self.averaged else "about", first.later, len(first.patterns))
 
     def _say(self, about: str, levels: Sequence[Expected], captures: int) -> None:
-        """captures : of the present level that are not there yet."""
+        """Print the expected duration; `captures` are the missing captures of the present level."""
         if isinstance(self._camera, FolderCamera) and not self._camera.waits:
             return
         whole = self._count + sum(map(self._captures_of, levels))
@@ -166,7 +166,11 @@ class Recorder:
         )
 
     def _left_s(self, levels: Sequence[Expected], pictures: int, captures: int) -> float:
-        """Seconds until the room is there.  pictures, captures : of the present level.  levels : that follow it."""
+        """Returns the seconds until the room is ready.
+
+        levels : levels that follow the present one.
+        pictures, captures : numbers left in the present level.
+        """
         seconds = self._pace.seconds(pictures, captures)
         for level in levels:
             seconds += self._pace.seconds(level.pictures, self._captures_of(level))
@@ -174,7 +178,7 @@ class Recorder:
 
     @property
     def _pixels(self) -> int:
-        """Of the camera; 0 before the first capture."""
+        """Pixels of the camera; 0 before the first capture."""
         if not self._camera_pixels and self._store.has(0):
             height, width = self._store.shots(0)[0].shape[:2]
             self._camera_pixels = height * width
@@ -184,7 +188,7 @@ class Recorder:
         return self.averaging.captures(expected) if self.averaging else expected.pictures
 
     def _take(self, number: int, picture: Picture, waited_s: float) -> None:
-        """waited_s : for it before, of a camera that gives the captures of a level together."""
+        """Take one capture; `waited_s` is its share of the time in which the camera prepared the level."""
         start_s = self._clock()
         again = self._standing is not None and np.array_equal(picture, self._standing)
         self._store.save(number, self._camera.capture(number, picture))
@@ -192,7 +196,7 @@ class Recorder:
         self._standing = picture
 
     def _repeats(self, level: Level, averaging: Averaging) -> int:
-        """Captures of each of a level's pictures; said where there are several."""
+        """Returns the captures per picture of a level; prints them if several."""
         repeats = self._store.repeats(self._levels, lambda: averaging.chosen(level))
         self._levels += 1
         if said := averaging.take(level, repeats):
@@ -200,7 +204,7 @@ class Recorder:
         return repeats
 
     def _told(self, level: Level, repeats: int, missing: Sequence[int]) -> Iterator[int]:
-        """Yield `missing` with progress: a bar on a terminal, otherwise a line now and then."""
+        """Yield `missing` with progress: a bar on a terminal, otherwise an occasional line."""
         bar = progress_bar(level.name, len(missing)) if sys.stderr.isatty() else None
         for done, number in enumerate(missing):
             if bar is not None:
@@ -220,10 +224,12 @@ class Recorder:
 
 
 class Part:
-    """Shows one projector's pictures, the others black, and counts what was captured for it.
+    """Shows one projector's pictures while the others are black, and counts its captures.
 
-    raster : (height, width) of all.  number : from 1; the first one's captures are also those of black and floodlights.
-    expected, others : levels that follow the first, its own, and those of projectors whose turn comes later.
+    raster : (height, width) of all projectors.
+    number : from 1; the first projector's captures include black and all floodlights.
+    expected : this projector's levels that follow the first level.
+    others : levels of the projectors that follow.
     """
 
     expected: tuple[Expected, ...] = ()
@@ -239,7 +245,7 @@ class Part:
 
     @property
     def name(self) -> str:
-        """Before what is said of it, if it is not the only one."""
+        """Prefix of messages that names the projector; empty if it is the only projector."""
         return "" if self._raster == self.projector else f"projector {self.number}: "
 
     @property
@@ -251,15 +257,15 @@ class Part:
         return self._recorder.averaged
 
     def averaging(self, room: Reference, capture: FloatArray) -> Averaging:
-        """How often its pictures are captured, by a capture of `random_pixels`."""
+        """Returns how often pictures are captured, from a capture of `random_pixels`."""
         return self._recorder.averaging_of(error_by_noise(room, capture))
 
     def begin(self, averaging: Averaging | None) -> None:
-        """Its turn comes."""
+        """Start this projector's turn."""
         self._recorder.averaging = averaging
 
     def capture(self, level: Level, *, repeatedly: bool = False) -> StoredCaptures:
-        """repeatedly : each picture as often as the noise asks for."""
+        """Capture a level in this projector's region; `repeatedly` as in Recorder.capture."""
         level = replace(level, later=(*level.later, *self.others))
         if self._raster == self.projector:
             return self._recorder.capture(level, repeatedly=repeatedly)
@@ -273,5 +279,5 @@ class Part:
         return shown
 
     def taken(self) -> tuple[int, int, float, int]:
-        """Pictures, exposures, seconds and resumed captures since the part before had its own."""
+        """Returns pictures, exposures, seconds and resumed captures since the previous projector's call."""
         return self._recorder.taken_since()

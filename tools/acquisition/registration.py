@@ -1,10 +1,10 @@
-"""How far a projector's picture has moved since the calibration, from one smooth random picture.
+"""Measure how far a projector's picture has moved since the calibration, from one smooth random picture.
 
-A camera that has not moved sees c = g T W p + e of a picture p that lands elsewhere in the raster: (W p)(u) = p(M u),
-M a homography from the calibrated raster to the projector's own pixels. Which whole shift it is says the correlation of
-p with what the camera sees of it, gathered by Tᵀ. Then Gauss and Newton, (W p)' = ∇p(M u) · M' u, with weights that
-fall with the residual (Cauchy) and the gain beside them: a shift first, then what else the data hold, up to the
-homography. The picture is smooth, octave upon octave, so that nothing in it repeats and a step sees its way from afar.
+A camera that has not moved sees c = g T W p + e of a picture p that lands elsewhere in the raster. (W p)(u) = p(M u),
+where M is a homography from the calibrated raster to the projector's own pixels. The whole-pixel shift is the peak of
+the correlation of p with Tᵀ c. Gauss-Newton steps refine it, with (W p)' = ∇p(M u) · M' u, weights that fall with the
+residual (Cauchy), and the gain fitted alongside. The number of unknowns grows from a shift to the homography as far as
+the data support it. The picture is a sum of smooth octaves, so that nothing repeats and a step works from far away.
 """
 
 from dataclasses import dataclass
@@ -24,27 +24,30 @@ from counterlight.tools.acquisition.plan import MAD_TO_SIGMA, Noise
 from counterlight.tools.transport.transport import Csr, Transport, luminance, luminance_matrix
 
 SMOOTH, OCTAVES = 1.5, 4  # σ of the picture's finest octave, projector pixels
-CONTRAST, DARKEST = 0.22, 0.02  # the picture's standard deviation, and its least light: 0..1 around a half
-LEAST_SCALE = 1e-3  # of residuals, in σ
-FARTHEST = 4  # whole shifts are looked for up to so large a part of a side
-MODEL = 0.01  # of a camera pixel's floodlight: what T does not know of it
+CONTRAST, DARKEST = 0.22, 0.02  # the picture's standard deviation and least light; its mean is 0.5
+LEAST_SCALE = 1e-3  # least scale of residuals, in σ
+FARTHEST = 4  # whole-pixel shifts are searched up to 1/FARTHEST of a side
+MODEL = 0.01  # share of a camera pixel's floodlight; error assumed of T
 STAGES = 2, 6, 8  # unknowns: a shift, an affinity, a homography
-STEPS, STILL = 15, 1e-4  # of one stage; where no corner moves by so many pixels, it ends
+STEPS, STILL = 15, 1e-4  # steps per stage; a stage ends when no corner moves by more pixels
 CAUCHY = 2.385  # σ: 95 % as good as least squares where noise is normal (Holland and Welsch 1977)
-MOST_UNSURE = 0.05  # projector pixels: a stage whose corners are less sure is not taken
-WORTH = 4.0  # what a further unknown must explain, in what noise lets it explain by chance
-FEWEST = 50  # camera pixels: eight unknowns, and noise
-TELLS = 0.1  # of the brightest prediction: camera pixels whose median is a gain
-LIT = 0.01  # of the bright pixels' floodlight: camera pixels that tell
+MOST_UNSURE = 0.05  # projector pixels; a stage with a larger deviation of its corners is rejected
+WORTH = 4.0  # least improvement per further unknown, relative to what noise explains by chance
+FEWEST = 50  # camera pixels, for eight unknowns and noise
+TELLS = 0.1  # share of the brightest prediction; brighter camera pixels give the gain
+LIT = 0.01  # share of the bright pixels' floodlight; brighter camera pixels are used
 
 
 @dataclass(frozen=True)
 class Registration:
-    """Where the picture is.
+    """The position of the picture.
 
-    moved : with the gain of each channel.  unsure : standard deviation of its corners, projector pixels.
-    unknowns : of STAGES.  residual : robust deviation of what is seen, in what was expected of noise and T.
-    agreement : correlation of predicted and seen, each relative to the floodlight: low where no such picture stands.
+    moved : homography, with the gain of each channel.
+    unsure : standard deviation of the corners, projector pixels.
+    unknowns : number of unknowns, from STAGES.
+    residual : robust deviation of the captures, relative to the deviation expected from noise and T.
+    agreement : correlation of predicted and captured picture, each relative to the floodlight. Low if there is no such
+        picture.
     """
 
     moved: Moved
@@ -55,7 +58,7 @@ class Registration:
 
 
 def random_field(shape: tuple[int, int], seed: int = 0) -> FloatArray:
-    """A smooth random picture of linear light, (height, width), 0..1."""
+    """Returns a smooth random picture of linear light, (height, width), 0 to 1."""
     rng = np.random.default_rng(seed)
     field = np.zeros(shape)
     for octave in range(OCTAVES):
@@ -67,7 +70,7 @@ def random_field(shape: tuple[int, int], seed: int = 0) -> FloatArray:
 class Registrar:
     """Finds the picture of one projector of a raster.
 
-    counts : (camera height, camera width), which camera pixels are asked; InputError for too few.
+    counts : (camera height, camera width) bool. Camera pixels to use; InputError for too few.
     """
 
     def __init__(self, transport: Transport, region: Region, counts: BoolArray) -> None:
@@ -86,7 +89,11 @@ class Registrar:
         self.near = _without_far(transport, self._rows, self._columns)
 
     def find(self, drive: FloatArray, seen: FloatArray, noise: Noise) -> Registration:
-        """drive : (height, width, 3), what the region shows.  seen : (camera pixels, 3), above black, of that alone."""
+        """Register the picture.
+
+        drive : (height, width, 3). Picture shown in the region.
+        seen : (camera pixels, 3). Light above black of that picture alone.
+        """
         problem = _Problem(self, drive, seen[self._rows], noise)
         best = problem.descend(self._whole_shift(drive, luminance(seen)[self._rows]), STAGES[0])
         for unknowns in STAGES[1:]:
@@ -99,7 +106,7 @@ class Registrar:
         return Registration(moved, best.unsure, best.unknowns, best.scale, problem.agreement(best.theta))
 
     def predicted(self, shown: FloatArray) -> FloatArray:
-        """What the pixels asked see of a region's light (height, width, 3): (pixels, 3)."""
+        """Returns the light predicted for a region's drive (height, width, 3) at the pixels used: (pixels, 3)."""
         return self._seen(shown)[self._rows]
 
     def _seen(self, shown: FloatArray) -> FloatArray:
@@ -108,7 +115,7 @@ class Registrar:
         return self._transport.apply(whole)
 
     def _whole_shift(self, drive: FloatArray, light: FloatArray) -> FloatArray:
-        """θ of the best whole shift: the peak of Σ q(u) p(u − s) over the root of what p could correlate there."""
+        """Returns θ of the best whole shift: the peak of Σ q(u) p(u − s) over the root of p's energy there."""
         share = light / self.flood
         gathered = self.near.T @ ((share - share.mean()) / self.flood)
         weight = self.near.T @ (1 / self.flood)
@@ -123,7 +130,7 @@ class Registrar:
 
 
 def _without_far(transport: Transport, rows: IntArray, columns: IntArray) -> Csr | LinearOperator:
-    """S + B P of luminance, of some camera and projector pixels."""
+    """Returns S + B P of luminance, restricted to some camera and projector pixels."""
     near = Csr(luminance_matrix(transport.near)[rows][:, columns])
     if transport.blurred is None:
         return near
@@ -133,8 +140,12 @@ def _without_far(transport: Transport, rows: IntArray, columns: IntArray) -> Csr
 
 @dataclass(frozen=True)
 class _Fit:
-    """θ : unknowns of M.  gain : (3,).  cost : robust, in squares of expected noise.  scale : of residuals, in σ.
+    """A fit of one stage.
 
+    theta : θ, the unknowns of M.
+    gain : (3,).
+    cost : robust sum of squares, relative to the expected noise.
+    scale : robust deviation of the residuals, in σ.
     unsure : standard deviation of the corners, projector pixels.
     """
 
@@ -147,7 +158,7 @@ class _Fit:
 
 
 class _Problem:
-    """min over M and g of what the camera pixels see otherwise than predicted."""
+    """Minimises the difference between captured and predicted light over M and g."""
 
     def __init__(self, registrar: Registrar, drive: FloatArray, seen: FloatArray, noise: Noise) -> None:
         self._registrar, self._drive, self._seen = registrar, drive, seen
@@ -159,13 +170,13 @@ class _Problem:
         self._u = _normal(self._shape)
 
     def agreement(self, theta: FloatArray) -> float:
-        """Of what is predicted with what is seen."""
+        """Returns the correlation of predicted and captured light, each relative to the floodlight."""
         seen = self._light / self._registrar.flood
         predicted = seen - self._residual(theta)[0] * self._sigma / self._registrar.flood
         return float(np.nan_to_num(np.corrcoef(seen, predicted)[0, 1]))
 
     def descend(self, theta: FloatArray, unknowns: int) -> _Fit:
-        """From θ to the best within so many unknowns."""
+        """Descend from θ, changing only the first `unknowns` unknowns."""
         spread: FloatArray = np.eye(unknowns)
         for _ in range(STEPS):
             residual, gain = self._residual(theta)
@@ -173,7 +184,7 @@ class _Problem:
             J /= self._sigma[:, None]
             scale = robust_scale(residual, LEAST_SCALE)
             weights = cauchy_weights(residual, scale)
-            J = np.column_stack([J, (self._light - residual * self._sigma) / self._sigma])  # the gain, beside
+            J = np.column_stack([J, (self._light - residual * self._sigma) / self._sigma])  # column of the gain
             spread = np.asarray(np.linalg.pinv(J.T @ (weights[:, None] * J), hermitian=True))
             step = (spread @ (J.T @ (weights * residual)))[:unknowns]
             theta = theta.copy()
@@ -190,7 +201,7 @@ class _Problem:
         return _Fit(theta, gain, cost, robust_scale(residual, LEAST_SCALE), unsure, unknowns)
 
     def _residual(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """In σ, and each channel's gain."""
+        """Returns the residual in σ, and each channel's gain."""
         M = _matrix(theta, self._shape)
         predicted = self._registrar.predicted(resampled(self._drive, M))
         pairs = zip(self._seen.T, predicted.T, strict=True)
@@ -198,7 +209,7 @@ class _Problem:
         return (self._light - luminance(gain * predicted)) / self._sigma, gain
 
     def _jacobian(self, theta: FloatArray, unknowns: int) -> FloatArray:
-        """Of the prediction by the first unknowns, per unit gain: (pixels, unknowns)."""
+        """Returns the derivative of the prediction by the first unknowns, per unit gain: (pixels, unknowns)."""
         at = positions(_matrix(theta, self._shape), self._shape)[0].reshape(-1, 2)
         slopes = sampled(self._slopes, at)
         u, (_, scaled, w) = self._u, _mapped(theta, self._u)
@@ -213,23 +224,23 @@ class _Problem:
 
 
 def _gain(seen: FloatArray, predicted: FloatArray) -> float:
-    """The median, which somebody in the light does not change; 1 where there is none."""
+    """Returns the median gain, which a person in the light does not change; 1 if no pixel is bright enough."""
     told = predicted > TELLS * max(float(predicted.max()), 0.0)
     return float(np.median(seen[told] / predicted[told])) if told.any() else 1.0
 
 
 def lit(flood: FloatArray) -> BoolArray:
-    """Camera pixels that tell, by their floodlight."""
+    """Whether camera pixels are bright enough to be used, from their floodlight."""
     return np.asarray(flood > LIT * np.percentile(flood, BRIGHT_PERCENTILE))
 
 
 def robust_scale(residual: FloatArray, least: float) -> float:
-    """Standard deviation of most residuals."""
+    """Returns the standard deviation of most residuals, from their median."""
     return max(float(MAD_TO_SIGMA * np.median(np.abs(residual))), least)
 
 
 def cauchy_weights(residual: FloatArray, scale: float) -> FloatArray:
-    """Of least squares in which what is far off hardly counts."""
+    """Returns least-squares weights that nearly ignore outliers."""
     return np.asarray(1 / (1 + (residual / (CAUCHY * scale)) ** 2))
 
 
@@ -238,20 +249,20 @@ def _half(shape: tuple[int, int]) -> float:
 
 
 def _normal(shape: tuple[int, int]) -> FloatArray:
-    """Pixel centres around the middle, in halves of the longer side: (pixels, 2)."""
+    """Returns pixel centres relative to the middle, in halves of the longer side: (pixels, 2)."""
     y, x = np.mgrid[: shape[0], : shape[1]] + 0.5
     return np.stack([x - shape[1] / 2, y - shape[0] / 2], axis=2).reshape(-1, 2) / _half(shape)
 
 
 def _mapped(theta: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(1 + A) u + t and that over w = 1 + g u, and w; θ is t, A row by row, g."""
+    """Returns q = (1 + A) u + t, q / w and w = 1 + g u; θ is t, then A row by row, then g."""
     w = 1 + u @ theta[6:8]
     q = u + u @ theta[2:6].reshape(2, 2).T + theta[:2]
     return q, q / w[:, None], w
 
 
 def _matrix(theta: FloatArray, shape: tuple[int, int]) -> FloatArray:
-    """M, between positions in pixels from the upper left corner."""
+    """Returns M for positions in pixels from the upper left corner."""
     own = np.eye(3)
     own[:2, :2] += theta[2:6].reshape(2, 2)
     own[:2, 2], own[2, :2] = theta[:2], theta[6:8]
@@ -264,7 +275,7 @@ def _matrix(theta: FloatArray, shape: tuple[int, int]) -> FloatArray:
 def correlated(
     where: NDArray[np.floating], picture: NDArray[np.floating], farthest: int = FARTHEST, beyond: float = 0.0
 ) -> FloatArray:
-    """Σ_u where(u) picture(u − s) of every shift s; `beyond` for those of more than a `farthest` part of a side."""
+    """Returns Σ_u where(u) picture(u − s) for every shift s; `beyond` for shifts over 1/`farthest` of a side."""
     padded = tuple(2 * n for n in picture.shape)
     product = fft.rfft2(where, padded) * np.conj(fft.rfft2(picture, padded))
     sums = fft.irfft2(product, padded)
@@ -275,7 +286,7 @@ def correlated(
 
 
 def best_shift(sums: FloatArray) -> FloatArray:
-    """Right and down, of the peak of what `correlated` gives."""
+    """Returns the shift (right, down) of the peak in the result of `correlated`."""
     peak = np.unravel_index(np.argmax(sums), sums.shape)
     down, right = (np.fft.fftfreq(n, 1 / n)[i] for n, i in zip(sums.shape, peak, strict=True))
     return np.array([right, down])

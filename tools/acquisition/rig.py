@@ -1,4 +1,4 @@
-"""The camera and the projector that a command line names, opened."""
+"""Open the camera and the projector that a command line names."""
 
 import argparse
 import sys
@@ -31,9 +31,9 @@ LIVE = "v4l2", "pylon", "gphoto2"
 def open_rig(
     options: argparse.Namespace, refuse: Callable[[Shapes], None] = lambda projectors: None
 ) -> Iterator[tuple[Camera, Shapes]]:
-    """The camera, and each projector's (height, width), that the options name; InputError for what is not there.
+    """Open the camera and return it with each projector's (height, width); InputError for missing devices.
 
-    refuse : takes the projectors' sizes as soon as they are known; raises InputError if they are not wanted.
+    refuse : called with the projectors' sizes as soon as they are known; raises InputError for unwanted sizes.
     """
     kind, sources = _kind_of(options.camera)
     response = named_response(options.camera_response)
@@ -67,7 +67,7 @@ def open_rig(
 
 
 def _kind_of(cameras: Sequence[str]) -> tuple[str, list[str]]:
-    """simulated, folder or a live kind, of all cameras, and where each is."""
+    """Returns the common kind (simulated, folder or a live kind) and the source of each camera."""
     parted = [_parted(camera) for camera in cameras]
     for camera, (kind, source) in zip(cameras, parted, strict=True):
         if kind not in (*LIVE, "simulated", "folder") or bool(source) != (kind != "gphoto2"):
@@ -87,7 +87,7 @@ def _parted(camera: str) -> tuple[str, str]:
 
 
 def _shared_projectors(rooms: Sequence[SimulatedRoom]) -> Shapes:
-    """(height, width) of each; InputError unless all cameras look at the same."""
+    """Returns the (height, width) of each projector; InputError if the cameras see different projectors."""
     first = rooms[0]
     for room in rooms[1:]:
         if (room.projectors, room.response) != (first.projectors, first.response):
@@ -105,14 +105,14 @@ def _simulated(
 
 
 def _settings(options: argparse.Namespace, sensor: Sensor | None, response: Response) -> CameraSettings:
-    """sensor : the scene's own, if it describes one; options given prevail."""
+    """Returns the camera settings; options override the `sensor` of the scene."""
     given = {name: getattr(options, name) for name in SENSOR if getattr(options, name) is not None}
     chosen = replace(sensor or Sensor(), **given)
     return CameraSettings(chosen, _bracket(options), response, options.seed, options.lag)
 
 
 def _check_sizes(options: argparse.Namespace, name: str, projectors: Shapes) -> None:
-    """InputError for projectors that are not the room's."""
+    """Raises InputError if --projector differs from the room's projectors."""
     if not options.projector or tuple(options.projector) == projectors:
         return
     sizes = " and ".join(f"{width}x{height}" for height, width in projectors)
@@ -122,7 +122,7 @@ def _check_sizes(options: argparse.Namespace, name: str, projectors: Shapes) -> 
 
 
 def _screens(options: argparse.Namespace, shapes: Shapes, opened: ExitStack) -> tuple[VisibleScreen, Shapes]:
-    from counterlight.tools.acquisition.cameras.window import open_screens  # OpenGL, for those who show something
+    from counterlight.tools.acquisition.cameras.window import open_screens  # OpenGL, imported only if needed
 
     return opened.enter_context(open_screens(shapes, options.monitor, desktop=options.desktop))
 
@@ -151,5 +151,5 @@ def _needed_sizes(options: argparse.Namespace) -> Shapes:
 
 
 def _bracket(options: argparse.Namespace) -> tuple[float, ...]:
-    """The time of every shot of a capture."""
+    """Returns the exposure time of every shot of a capture."""
     return tuple(time for time in options.exposures or (1.0,) for _ in range(options.shots or 1))

@@ -1,4 +1,4 @@
-"""What the commands with a camera share: which camera, and what the projectors are; rig.py opens them."""
+"""Options that select the camera and the projectors; rig.py opens them."""
 
 import argparse
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ CAMERAS = "simulated:SCENE|CALIBRATION, folder:DIR, v4l2:NUMBER, pylon:SERIAL|N 
 
 
 def add_rig_options(parser: argparse.ArgumentParser, shots: str = "1") -> None:
-    """--camera and what belongs to it.  shots : how many are taken where nobody says."""
+    """Add --camera and the options around it; `shots` is the default in the help text."""
     parser.add_argument(
         "--camera", required=True, action="append", metavar="CAMERA", help=f"{CAMERAS}; several photograph together"
     )
@@ -61,7 +61,7 @@ def add_rig_options(parser: argparse.ArgumentParser, shots: str = "1") -> None:
 
 
 def sources_of(cameras: Sequence[str]) -> list[Path]:
-    """The files and folders that cameras read; InputError for a simulated one of no scene."""
+    """Returns the files and folders that cameras read; InputError for a simulated camera without a scene."""
     named = [camera.partition(":") for camera in cameras]
     rooms = [parse_scene(source) for kind, _, source in named if kind == "simulated"]
     return rooms + [Path(source) for kind, _, source in named if kind == "folder"]

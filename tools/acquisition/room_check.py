@@ -1,9 +1,9 @@
-"""Is the room as it was calibrated? Black, white and a random picture of each projector tell (docs/drift.md).
+"""Check whether the room is as calibrated, with black, white and a random picture per projector (docs/drift.md).
 
-Where inside the raster the floodlit room is another one, camera or scene moved, and nothing but a new acquisition
-helps; of several cameras, one that has moved is not asked, and the others tell. Else the pictures say where each
-projector's stands now, the floodlight what is left of its light, and black what light the room has: that is undone
-frame by frame.
+If the floodlit room inside the raster has changed, camera or scene has moved, and only a new acquisition helps. If one
+of several cameras has moved, the check ignores it and uses the others. Otherwise the pictures give the position of each
+projector's picture, the floodlight the projectors' remaining light, and black the light of the room. These changes are
+undone frame by frame.
 """
 
 from collections.abc import Sequence
@@ -25,17 +25,19 @@ from counterlight.tools.acquisition.registration import Registrar, Registration,
 from counterlight.tools.acquisition.told_apart import CHANGED, changed_exposures
 from counterlight.tools.transport.transport import Transport
 
-STILL = 0.03  # projector pixels: a picture that has moved by less has not
-AGREED = 0.9  # a picture that agrees less was not found
+STILL = 0.03  # projector pixels; smaller movements are ignored
+AGREED = 0.9  # a picture with a lower agreement was not found
 
 
 @dataclass(frozen=True)
 class Checked:
-    """What has become of a room.
+    """The changes in a room.
 
-    drift : what can be undone, and is to be.  said : in words.  lost : whether the calibration no longer holds.
-    exposures : (cameras, 3), what each camera's light is of what it would have been.
-    asked : of each camera, whether it stands where it stood.
+    drift : changes that can be undone.
+    said : description in words.
+    exposures : (cameras, 3). Light of each camera relative to what it would have been.
+    asked : per camera, whether it has not moved.
+    lost : whether the calibration no longer holds.
     """
 
     drift: Drift
@@ -46,7 +48,7 @@ class Checked:
 
 
 def check_room(photographer: Photographer, room: Calibration, transport: Transport) -> Checked:
-    """Photograph the room's black, white and random pictures, and compare them with what T says."""
+    """Photograph the room's black, white and random pictures, and compare them with the prediction of T."""
     codes = [registration_codes(room, region) for region in room.regions]
     black, white = (np.full((*room.projector.shape, 3), level, np.uint8) for level in (0, 255))
     shown = [picture for picture in (black, white, *codes) for _ in range(REPEATS)]
@@ -62,7 +64,7 @@ def check_room(photographer: Photographer, room: Calibration, transport: Transpo
 
 
 class _Check:
-    """What the captures say.  codes, seen : the random picture of each projector, and what was seen of it."""
+    """Evaluates the captures; `codes` and `seen` are each projector's random picture and its capture."""
 
     def __init__(self, looked: Looked, codes: Sequence[Codes], seen: Sequence[FloatArray]) -> None:
         self._room, self._looked, self._codes, self._seen = looked.known.room, looked, codes, seen
@@ -90,7 +92,7 @@ class _Check:
         return self._undone(found)
 
     def _look_again(self, asked: tuple[bool, ...]) -> None:
-        """Without the cameras that are not asked, and with the exposures that the others had."""
+        """Repeat the comparison without the moved cameras, and with the exposures of the other cameras."""
         looked = self._looked.asking(asked, self._exposures)
         gains = [[self._gain(number, view, looked) for view in self._views] for number in range(len(self._codes))]
         self._exposures = changed_exposures(np.array(gains))
@@ -101,7 +103,7 @@ class _Check:
                 self._said.append(f"{view.name}'s exposure is {_shares(exposure)} of what it was")
 
     def _gain(self, number: int, view: View, looked: Looked) -> FloatArray:
-        """Of a projector's light as one camera sees it, (3,); NaN where it sees too little of it."""
+        """Returns the gain of a projector's light as one camera sees it, (3,); NaN where it sees too little."""
         white, nothing = looked.gain(number, view.here), np.full(3, np.nan)
         if np.isfinite(white).all() or not looked.asked[view.number]:
             return white
@@ -113,7 +115,7 @@ class _Check:
         return found.moved.gain if found.agreement >= AGREED else nothing
 
     def _found(self, number: int, looked: Looked) -> Registration:
-        """Where a projector's picture is."""
+        """Register a projector's picture."""
         region, codes = self._room.regions[number], self._codes[number]
         registrar = Registrar(looked.known.transport, region, looked.counts)
         seen = divided(self._seen[number], self._room, self._exposures)
@@ -153,7 +155,7 @@ class _Check:
 
 
 def _moved(found: Registration, device: Device, white: FloatArray) -> Moved:
-    """What of it is surely there.  white : the gain by the floodlight, which knows better where it knows at all."""
+    """Returns the significant movement and gain; `white` is the gain by the floodlight, which is preferred if known."""
     far, still = _farthest(found.moved, device), max(STILL, SURE * found.unsure)
     gain = np.where(np.isfinite(white), white, found.moved.gain)
     dimmed = bool(np.abs(gain - 1).max() > CHANGED)
@@ -171,7 +173,7 @@ def _told(name: str, moved: Moved, device: Device) -> list[str]:
 
 
 def _farthest(moved: Moved, device: Device) -> float:
-    """How far a corner, or the middle, has moved."""
+    """Returns the largest movement of the corners and the middle."""
     return float(np.hypot(*moved.at_corners(device).T).max())
 
 
@@ -180,12 +182,12 @@ def _shares(gain: FloatArray) -> str:
 
 
 def nothing(room: Calibration) -> Drift:
-    """As calibrated."""
+    """Returns a drift of zero: the room as calibrated."""
     return Drift(tuple(Moved.nothing() for _ in room.projectors), None, "nothing has changed", _now())
 
 
 def registration_codes(room: Calibration, region: Region) -> Codes:
-    """The random picture of one projector, the others black: (height, width, 3)."""
+    """Returns the random picture of one projector with the others black, (height, width, 3)."""
     drive = np.zeros((*room.projector.shape, 3))
     drive[region.part] = random_field((region.height, region.width))[..., None]
     return encoding.encoded_drive(drive, room.response)

@@ -1,4 +1,4 @@
-"""What acquiring and importing share: where the room goes, its projector's response, what of T may be factors."""
+"""Options of acquiring and importing: the room's folder, the projector's response, and the factoring of T."""
 
 import argparse
 from pathlib import Path
@@ -12,9 +12,9 @@ ASSUMED_LINE = "response: sRGB assumed; measure it with counterlight fit-respons
 
 
 def add_room_options(parser: argparse.ArgumentParser, unless_given: str = "sRGB assumed") -> None:
-    """--response, --name, --force and --output.
+    """Add --response, --name, --force and --output.
 
-    unless_given : what becomes of a response that is not given.
+    unless_given : what happens without --response, for the help text.
     """
     parser.add_argument(
         "--response",
@@ -27,7 +27,7 @@ def add_room_options(parser: argparse.ArgumentParser, unless_given: str = "sRGB 
 
 
 def given_or_assumed(text: str | None) -> Response:
-    """The response that --response names; who takes what nobody gave says `ASSUMED_LINE`."""
+    """Returns the response that --response names, or the assumed response; callers then print `ASSUMED_LINE`."""
     return ASSUMED if text is None else projector_response(text)
 
 
@@ -35,7 +35,7 @@ DENSE = "a dense T becomes near light and factors of far light, what is blurred 
 
 
 def add_tolerance(parser: argparse.ArgumentParser, what: str = DENSE, default: float = TOLERANCE) -> None:
-    """--tolerance.  what : becomes of T."""
+    """Add --tolerance; `what` describes the effect on T."""
     parser.add_argument(
         "--tolerance",
         type=_parse_tolerance,
@@ -47,7 +47,7 @@ def add_tolerance(parser: argparse.ArgumentParser, what: str = DENSE, default: f
 
 
 def _parse_tolerance(text: str) -> float:
-    """Refused before anything is captured or read."""
+    """Parse --tolerance; InputError before anything is captured or read."""
     try:
         tolerance = float(text)
     except ValueError:

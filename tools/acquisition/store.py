@@ -1,12 +1,11 @@
-"""Captures on disk, each whole or absent, so that an acquisition can be killed at any moment and go on.
+"""Captures on disk, each whole or absent, so that an acquisition can be killed at any moment and resumed.
 
-FOLDER/session.toml            what these captures are of; a run with other options is refused
-FOLDER/captures/00012.png      capture 12 (00012_0.png, 00012_1.png … for a bracket), codes as the camera gave them
-FOLDER/next.toml  captures_2/  the same of an acquisition that will take the place of a finished one
+FOLDER/session.toml            identity of these captures; a run with other options is refused
+FOLDER/captures/00012.png      capture 12 (00012_0.png, 00012_1.png … for a bracket), code values from the camera
+FOLDER/next.toml  captures_2/  the same for an acquisition that will replace a finished one
 
-A session is of one acquisition: until its room is in place it goes on where it stopped, and from then on its captures
-are of the past. They are used again only by who asks for that; a new acquisition takes its own, and the old ones stay
-until its room, too, is in place.
+A session belongs to one acquisition, which can resume until its room is in place. After that, its captures are used
+again only on request. A new acquisition takes new captures and keeps the old ones until its own room is in place.
 """
 
 import shutil
@@ -35,8 +34,8 @@ from counterlight.writing.replacing import filling_folder, holding, replacing_fi
 
 SESSION, NEXT = "session.toml", "next.toml"
 CAPTURES = ("captures", "captures_2")
-FORMAT, UNHALVED, COLOURLESS = 5, 4, 3  # 4: no halves; 3: no ramps, primaries, coloured check, either; older: refused
-OWN = ("id", "captures", "made", "finished", "repeats")  # what a session says beside what it is of
+FORMAT, UNHALVED, COLOURLESS = 5, 4, 3  # 4 lacks halves; 3 also lacks ramps, primaries, coloured check
+OWN = ("id", "captures", "made", "finished", "repeats")  # keys of a session that do not identify its captures
 FIX = "name another folder with --captures, or remove this one"
 
 Put = Callable[[Path, bytes], None]
@@ -44,10 +43,11 @@ Put = Callable[[Path, bytes], None]
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a run is to do with captures that are there.
+    """How a run treats captures that already exist.
 
-    room : the calibration folder that the acquisition is for.  anew : take new captures, if those are of a finished
-    acquisition.  reuse : take them nevertheless.
+    room : calibration folder of the acquisition.
+    anew : take new captures if those in the folder belong to a finished acquisition.
+    reuse : use those captures again.
     """
 
     room: Path
@@ -58,9 +58,10 @@ class Wanted:
 class CaptureStore:
     """The captures of one acquisition.
 
-    record : what its session says.  put : puts a file into the folder of the captures, for good.
-    writer : a thread that compresses and writes a capture while the next picture is shown.
-    replaces : whether it will take the place of a finished acquisition, whose captures stay until `finish`.
+    record : contents of the session file.
+    put : writes a file into the captures folder durably.
+    writer : thread that compresses and writes a capture while the next picture is shown.
+    replaces : whether this acquisition will replace a finished one, whose captures stay until `finish`.
     """
 
     def __init__(
@@ -82,21 +83,21 @@ class CaptureStore:
 
     @property
     def halves(self) -> bool:
-        """Whether a picture and its complement are among them: not in those of an older version."""
+        """Whether the captures include a picture and its complement, which older versions lack."""
         return self._record["format"] not in (UNHALVED, COLOURLESS)
 
     @property
     def coloured(self) -> bool:
-        """Whether ramps, primaries and a coloured check are among them: not in those of an older version."""
+        """Whether the captures include ramps, primaries and a coloured check, which older versions lack."""
         return bool(self._record["format"] != COLOURLESS)
 
     @property
     def averaged(self) -> bool:
-        """Whether each level's pictures are captured as often as was chosen when it began."""
+        """Whether pictures are captured as often as was chosen at the start of their level."""
         return "repeats" in self._record
 
     def repeats(self, level: int, choose: Callable[[], int]) -> int:
-        """Captures of each picture of a level; what was chosen is on disk before the first of them."""
+        """Returns the captures per picture of a level; the choice is on disk before the first capture."""
         chosen: list[int] = self._record["repeats"]
         if level == len(chosen):
             chosen.append(choose())
@@ -105,7 +106,7 @@ class CaptureStore:
 
     @property
     def id(self) -> str:
-        """What no other acquisition has."""
+        """Unique name of the acquisition."""
         return str(self._record["id"])
 
     def has(self, number: int) -> bool:
@@ -113,9 +114,9 @@ class CaptureStore:
         return all(path.is_file() for path in self._paths(number))
 
     def save(self, number: int, shots: Sequence[Shot]) -> None:
-        """Begin to put a capture on disk. The one before is there for good when this returns.
+        """Start writing a capture to disk; the previous capture is safely on disk when this returns.
 
-        Raises InputError where the disk refuses, for another count of shots than exposures, and for another size.
+        Raises InputError if writing fails, if shots and exposures differ in number, and for another size.
         """
         paths = self._paths(number)
         if len(shots) != len(paths):
@@ -130,7 +131,7 @@ class CaptureStore:
             self._put(path, encode_png(shot))
 
     def _settle(self) -> None:
-        """What was saved is on disk for good when this returns; InputError where the disk refuses."""
+        """Wait until the last capture is safely on disk; InputError if writing fails."""
         writing, self._writing = self._writing, None
         if writing is not None:
             writing.result()
@@ -143,21 +144,21 @@ class CaptureStore:
         return shots
 
     def radiance(self, number: int) -> NDArray[np.float32]:
-        """(camera height, camera width, 3)."""
+        """Returns the radiance of a capture, (camera height, camera width, 3)."""
         return self._exposures.radiance(self.shots(number))
 
     def size(self, number: int) -> int:
-        """Bytes of a capture."""
+        """Returns the bytes of a capture on disk."""
         self._settle()
         return sum(path.stat().st_size for path in self._paths(number))
 
     def made(self, fingerprint: str) -> None:
-        """The room with that fingerprint is whole, and about to be put in place."""
+        """Record that the room with this fingerprint is complete and about to be put in place."""
         self._record["made"] = fingerprint
         self._write()
 
     def finish(self) -> None:
-        """The room is in place: these captures are of the past, and those that they replace are removed."""
+        """Record that the room is in place, and remove the captures that these replace."""
         _finish(self._folder, self._record)
 
     def _write(self) -> None:
@@ -179,7 +180,7 @@ class CaptureStore:
 
 
 def check_captures(folder: Path, wanted: Wanted) -> None:
-    """InputError, before anything is photographed, if `folder` cannot hold the captures of a run."""
+    """Raises InputError, before any photograph, if `folder` cannot hold the captures of a run."""
     check_folder(folder)
     kept, coming = _read(folder / SESSION), _read(folder / NEXT)
     if kept is None and not is_vacant(folder):
@@ -196,10 +197,11 @@ def check_captures(folder: Path, wanted: Wanted) -> None:
 
 @contextmanager
 def open_store(folder: Path, session: dict[str, Any], exposures: Exposures, wanted: Wanted) -> Iterator[CaptureStore]:
-    """The captures in `folder`, which is made if it is not there; no other process writes there meanwhile.
+    """Open the captures in `folder`, which is created if missing and locked against other processes.
 
-    session : what they are of.
-    Raises InputError as `check_captures` does, for captures of something else, and where the system refuses.
+    session : identity of the captures.
+
+    Raises InputError like `check_captures`, for captures of another session, and for errors of the file system.
     """
     session = {"format": FORMAT, "exposures": list(exposures.times), **session}
     with holding(folder):
@@ -221,7 +223,7 @@ def open_store(folder: Path, session: dict[str, Any], exposures: Exposures, want
 
 
 def _settled(folder: Path, room: Path) -> tuple[dict[str, Any] | None, dict[str, Any] | None]:
-    """The session that is kept and the one that will take its place, after what a killed run had begun is completed."""
+    """Complete what a killed run began; returns the kept session and the session that will replace it."""
     kept, coming = _read(folder / SESSION), _read(folder / NEXT)
     if kept is not None and coming is not None and (kept["id"] == coming["id"] or _is_finished(coming, room)):
         _finish(folder, coming)
@@ -243,7 +245,7 @@ def _remove_captures(folder: Path, besides: Sequence[dict[str, Any]]) -> None:
 
 
 def _is_finished(record: dict[str, Any], room: Path) -> bool:
-    """Whether the acquisition's room is in place, or was."""
+    """Whether the acquisition's room is, or once was, in place."""
     if record.get("finished") is True:
         return True
     return (room / TOML).is_file() and record.get("made") == sha256_of(room / TOML)
@@ -259,7 +261,7 @@ def _refuse_other(folder: Path, stored: dict[str, Any], session: dict[str, Any])
 
 
 def _read(path: Path) -> dict[str, Any] | None:
-    """A session; None where there is none. InputError for what no `open_store` wrote."""
+    """Read a session; None if there is none, InputError if `open_store` did not write it."""
     if not path.exists():
         return None
     stored = read_toml(path, FIX)

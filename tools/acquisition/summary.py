@@ -1,4 +1,4 @@
-"""What a user should know of an acquisition: what was measured, in lines, and what to mend."""
+"""The report of an acquisition: what was measured, and warnings with remedies."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,19 +14,19 @@ from counterlight.tools.clusters.components import Clusters
 from counterlight.tools.factoring.factoring import Factoring
 from counterlight.tools.transport.shared_screen import Placed
 
-EVEN, LIFTED = 0.002, 0.5  # of white: about code 7 of sRGB; what black can be lifted to
-SUSPECT = 3.0  # times the camera's noise that the check may be off
-OFF_COLOUR = 2.0, 0.02  # times the check's unexplained error, and more, that the coloured one's may be
-COVERED = 0.98  # of the projector's pixels: a room of which the camera sees less is warned of
-MOST_OTHER = 0.02  # of white that a given response may differ from the measured one
+EVEN, LIFTED = 0.002, 0.5  # shares of white: about code 7 of sRGB; the highest level to which black can be lifted
+SUSPECT = 3.0  # multiple of the camera's noise that the check's error may reach
+OFF_COLOUR = 2.0, 0.02  # the coloured check's unexplained error may reach this factor of the check's, plus this margin
+COVERED = 0.98  # share of the projector's pixels; a room with less coverage causes a warning
+MOST_OTHER = 0.02  # share of white by which a given response may differ from the measured one
 
 
 @dataclass(frozen=True)
 class LightOutside:
     """Light that the camera does not see.
 
-    unseen : share of the projector's pixels whose light it is.  white : of a white picture's drive, what is left there
-    of full drive; None where nothing is unseen, or nobody tried.
+    unseen : share of the projector's pixels whose light the camera does not see.
+    white : share of full drive that a white picture leaves in these pixels; None if there are none or it was not tried.
     """
 
     unseen: float
@@ -39,7 +39,7 @@ class LightOutside:
 
 @dataclass(frozen=True)
 class Black:
-    """What a black picture is seen as: the least and the most of it where camera pixels count, shares of white."""
+    """The darkest and brightest part of a captured black picture inside the mask, as shares of white."""
 
     least: float
     most: float
@@ -53,7 +53,7 @@ class Black:
 
 @dataclass(frozen=True)
 class Coverage:
-    """Pixels of a projector that some camera pixel sees.  seen : (height, width)."""
+    """Projector pixels that some camera pixel sees; `seen` is (height, width)."""
 
     seen: BoolArray
 
@@ -63,7 +63,7 @@ class Coverage:
 
     @property
     def warnings(self) -> list[str]:
-        """Which pixels are missing, and what to do; none if nearly all are seen."""
+        """Returns which pixels are missing, and the remedy; empty if nearly all are seen."""
         if self.share >= COVERED:
             return []
         rows, columns = (np.flatnonzero(self.seen.any(axis=axis)) for axis in (1, 0))
@@ -89,7 +89,8 @@ class Coverage:
 class ProjectorReport:
     """What was acquired of one projector.
 
-    given : the response that was not to be the measured one, if any.  factoring : what a dense T became.
+    given : response that replaces the measured one, if any.
+    factoring : the factors that replace a dense T.
     """
 
     acquisition: Acquisition
@@ -99,7 +100,7 @@ class ProjectorReport:
 
     @property
     def taken(self) -> list[str]:
-        """How it was captured."""
+        """Lines about pictures, exposures and noise."""
         done = self.acquisition
         resumed = f", {done.resumed} of them from before" if done.resumed else ""
         noise = 100 * float(np.max(done.room.noise.dark)) / float(np.max(done.room.floodlight))
@@ -112,7 +113,7 @@ class ProjectorReport:
 
     @property
     def light(self) -> list[str]:
-        """Its response, black and primaries."""
+        """Lines about response, black and primaries."""
         room, light = self.acquisition.room, self.acquisition.light
         response = "response: as given" if self.given else f"response: {light.fit}" if light else ASSUMED_LINE
         lit = ~room.saturated & np.any(room.floodlight - room.black > room.floodlight.max() / 10, axis=2)
@@ -135,7 +136,7 @@ class ProjectorReport:
 
     @property
     def checks(self) -> list[str]:
-        """How well random pictures are predicted."""
+        """Lines about the prediction of random pictures."""
         done = self.acquisition
         said = [f"check: {done.check.of} is predicted to {done.check}"]
         if done.coloured:
@@ -144,18 +145,18 @@ class ProjectorReport:
 
     @property
     def suspect(self) -> bool:
-        """The prediction is much worse than noise explains."""
+        """Whether the prediction is much worse than noise explains."""
         return self.acquisition.check.error > SUSPECT * self.acquisition.check.noise + 0.05
 
     @property
     def off_colour(self) -> bool:
-        """Greys and colours are predicted clearly worse than black and white."""
+        """Whether greys and colours are predicted clearly worse than black and white."""
         done, (times, more) = self.acquisition, OFF_COLOUR
         return done.coloured is not None and done.coloured.excess > times * done.check.excess + more
 
     @property
     def warnings(self) -> list[str]:
-        """What a user should mend, a line each."""
+        """Lines about what a user should fix."""
         light = self.acquisition.light
         of_light = [] if light is None or light.adds_up or light.response.segment else [_not_adding(light)]
         of_light += self._other_response()
@@ -164,7 +165,7 @@ class ProjectorReport:
         return [*self.coverage.warnings, *([SCATTERED] if self.suspect else []), *of_light]
 
     def _other_response(self) -> list[str]:
-        """What a given response costs against the measured one; nothing if they agree."""
+        """Returns a line on the error that a given response adds to the measured one; empty if they agree."""
         done = self.acquisition
         if not (self.given and done.light and done.coloured and done.by_measured):
             return []
@@ -182,12 +183,14 @@ class ProjectorReport:
 
 @dataclass(frozen=True)
 class AcquisitionReport:
-    """What was acquired; its text is the command's output.
+    """The report of an acquisition; its text is the command's output.
 
-    lit, camera_pixels : camera pixels inside the mask, and in all.  entries : near light, of one channel.
-    outside : what a compensated picture leaves lit beside itself.  black : of several projectors, whose black levels
-    add up where they overlap.  colours : of projectors that show primaries of others.  placed : how each of several
-    cameras came on the screen.
+    lit, camera_pixels : camera pixels inside the mask, and in total.
+    entries : near entries per channel.
+    outside : light that a compensated picture leaves where the camera does not see it.
+    black : captured black of several projectors, whose black levels add up where they overlap.
+    colours : lines on projectors that show primaries of others.
+    placed : how each of several cameras was placed on the screen.
     """
 
     projectors: tuple[ProjectorReport, ...]
@@ -225,11 +228,11 @@ class AcquisitionReport:
 
     @property
     def warnings(self) -> list[str]:
-        """What a user should mend, a line each."""
+        """Lines about what a user should fix."""
         return self._of_each(lambda each: each.warnings)
 
     def _of_each(self, lines: Callable[[ProjectorReport], list[str]]) -> list[str]:
-        """Lines on every projector, which is named if there are several."""
+        """Returns the lines of every projector, with its name if there are several."""
         if len(self.projectors) == 1:
             return lines(self.projectors[0])
         return [f"projector {number}: {line}" for number, each in enumerate(self.projectors, 1) for line in lines(each)]

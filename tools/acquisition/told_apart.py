@@ -1,21 +1,21 @@
-"""Whose light has changed, a projector's or a camera's: g_kr = p_k q_r of what camera r sees of projector k.
+"""Separate changes of a projector's light from changes of a camera's exposure: g_kr = p_k q_r.
 
-Both factors are known up to one number only. The cameras' exposures are taken to be what they were as far as that
-explains most: of all cameras that one is held whose exposure, unchanged, leaves the fewest changes.
+g_kr is the gain of projector k in camera r. The factors are known only up to a common number. One camera is assumed to
+keep its exposure: the camera for which the fewest changes remain.
 """
 
 import numpy as np
 
 from counterlight.arrays import FloatArray
 
-CHANGED = 0.01  # of light: less is no change
-ROUNDS = 64  # of medians by turns; what is left of a difference halves with each
+CHANGED = 0.01  # share of light; smaller differences are no change
+ROUNDS = 64  # rounds of alternating medians; each halves the remaining difference
 
 
 def changed_exposures(gains: FloatArray) -> FloatArray:
-    """q of each camera, (cameras, 3), 1 where it has not changed.
+    """Returns q of each camera, (cameras, 3), 1 where it has not changed.
 
-    gains : (projectors, cameras, 3), g; NaN where the camera does not see that projector alone.
+    gains : (projectors, cameras, 3). g; NaN where the camera does not see that projector alone.
     """
     logs = np.log(gains)
     count = gains.shape[1]
@@ -27,7 +27,7 @@ def changed_exposures(gains: FloatArray) -> FloatArray:
 
 
 def _factors(logs: FloatArray, held: int) -> tuple[FloatArray, FloatArray]:
-    """log q (cameras, 3) and log p (projectors, 3), by medians, q of one camera held at 1."""
+    """Returns log q (cameras, 3) and log p (projectors, 3), by medians, with q of camera `held` fixed at 1."""
     q = np.zeros(logs.shape[1:])
     for _ in range(ROUNDS):
         p = _median(logs - q, 1)
@@ -37,13 +37,13 @@ def _factors(logs: FloatArray, held: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _changes(logs: FloatArray, q: FloatArray) -> int:
-    """How many cameras and projectors have changed."""
+    """Returns the number of cameras and projectors that have changed."""
     both = np.concatenate([q, _median(logs - q, 1)])
     return int(np.count_nonzero(np.abs(np.expm1(both)).max(axis=1) > CHANGED))
 
 
 def _median(values: FloatArray, axis: int) -> FloatArray:
-    """Of what is known; 0 where nothing is."""
+    """Returns the median of the finite values; 0 where there are none."""
     known = np.isfinite(values)
     filled = np.where(known.any(axis=axis, keepdims=True), values, 0.0)
     return np.asarray(np.nanmedian(filled, axis=axis))

@@ -1,8 +1,8 @@
-"""The closed loop: show a compensated picture, photograph it, and compare with what was predicted and wanted.
+"""The closed loop: show a compensated picture, photograph it, and compare with the prediction and the target.
 
-Rounds of feedback take out what T does not know: the prediction's error δ = captured − predicted changes little between
-two similar pictures, so that the next round solves T p + e + δ = desired. (Asking for more wherever the capture had too
-little would not do: much of that no drive within 0..1 can give, and the rest would suffer.)
+Rounds of feedback correct what T does not know. The prediction's error δ = captured − predicted changes little between
+similar pictures, so the next round solves T p + e + δ = desired. Adding the remaining error to the target would not
+work: a drive in 0..1 cannot give much of it, and the rest of the picture would suffer.
 """
 
 from collections.abc import Iterator
@@ -26,17 +26,18 @@ from counterlight.tools.solve.registry import prepare
 from counterlight.tools.transport.objective import DEFAULT_AIMS, ObjectiveOptions, objective_of
 from counterlight.tools.transport.transport import Transport
 
-Figures: TypeAlias = tuple[float, float, float]  # PSNR of prediction, capture, and of one against the other, dB
-MUCH_WORSE = 3.0  # dB: a capture so far below its prediction is worth a word
+Figures: TypeAlias = tuple[float, float, float]  # PSNR in dB: of prediction, of capture, of capture against prediction
+MUCH_WORSE = 3.0  # dB; a capture this far below its prediction gets a warning
 
 
 @dataclass(frozen=True)
 class Verified:
-    """One round: PSNR in dB of what T predicts, of what was captured, and of the capture against the prediction.
+    """One round: PSNR in dB of the prediction by T, of the capture, and of the capture against the prediction.
 
-    certificate : of the drive that is meant to arrive.  codes : what was shown.
+    certificate : certificate of the drive that should arrive.
+    codes : the code values shown.
     predicted, captured : (camera height, camera width, 3), screen primaries.
-    cameras : of several, the three figures as each of those that are asked sees them, by number from 1.
+    cameras : the three figures per camera in use, by number from 1, if there are several.
     """
 
     round: int
@@ -59,7 +60,7 @@ class Verified:
 
     @property
     def verdict(self) -> str:
-        """What a person is to make of it."""
+        """The result in words."""
         short = self.predicted_psnr - self.measured_psnr
         if short < MUCH_WORSE:
             return f"the picture arrives as predicted, {self.measured_psnr:.1f} dB"
@@ -77,12 +78,13 @@ def _told(predicted: float, measured: float, model: float) -> str:
 
 
 class Wanted:
-    """A picture for a calibrated room, and how to get it: all that is read and checked before anything is shown.
+    """A picture for a calibrated room and its solver, all read and checked before anything is shown.
 
-    transport : the stored calibration's.
-    picture : (camera height, camera width, 3), linear 0..1, or the desired camera radiance itself.
-    colour : of choices.COLOURS; the solver `map` takes that of the maps.
-    Raises InputError for what the calibration does not hold.
+    transport : T of the stored calibration.
+    picture : (camera height, camera width, 3). Linear, 0 to 1, or the desired radiance itself if `radiance`.
+    colour : one of choices.COLOURS; the solver `map` uses the colour of the maps.
+
+    Raises InputError if the calibration lacks maps that the solver needs.
     """
 
     def __init__(
@@ -104,10 +106,10 @@ class Wanted:
 
 
 class Verification:
-    """A picture in a calibrated room as it is now.
+    """A picture in a calibrated room in its present state. Desired, predicted and captured light use screen primaries.
 
-    drift : what is undone.  asked : of each camera, whether its captures count.
-    desired, and what is predicted and captured, are in screen primaries.
+    drift : changes that are undone.
+    asked : per camera, whether its captures count.
     """
 
     def __init__(
@@ -139,7 +141,7 @@ class Verification:
         )
 
     def run(self, rounds: int, repeats: int) -> Iterator[Verified]:
-        """The plain compensation, and then `rounds` of feedback.  repeats : captures of each, averaged."""
+        """Yield the plain compensation, then `rounds` of feedback; `repeats` captures of each are averaged."""
         target = self.desired
         for index in range(rounds + 1):
             asked = self._now.asked(target)
@@ -156,13 +158,13 @@ class Verification:
             target = self.desired - np.where(self._told[..., None], captured - predicted, 0)
 
     def _figures(self, predicted: FloatArray, captured: FloatArray, pixels: BoolArray) -> Figures:
-        """Of some pixels, as far as they count."""
+        """Returns the figures of some pixels inside the mask."""
         pairs, counts = ((self.desired, predicted), (self.desired, captured), (predicted, captured)), self._room.mask
         found = [camera_psnr(wanted, seen, counts & pixels, self.white) for wanted, seen in pairs]
         return found[0], found[1], found[2]
 
     def _drive(self, light: FloatArray) -> FloatArray:
-        """0..1, (projector pixels, 3)."""
+        """Returns the drive, 0 to 1, (projector pixels, 3)."""
         drive = self._box.solve(light).drive if self._T_pinv is None else self._T_pinv.apply(light)
         return np.asarray(np.clip(drive, 0, 1).reshape(-1, 3))
 
@@ -171,6 +173,6 @@ class Verification:
         return encoding.encoded_drive(shown, self._room.response)
 
     def _arriving(self, codes: Codes) -> FloatArray:
-        """What the projector makes of whole code values, where it lands in the calibrated raster."""
+        """Returns the light of rounded code values, at the place where it lands in the calibrated raster."""
         drive = self._room.response.to_linear(codes)
         return self._drift.landed(drive, self._room.regions) if self._drift.moves else drive

@@ -1,6 +1,6 @@
-"""T's rows of wide blur as few cells of a pyramid: T ≈ S + B P (docs/mathematics.md 4).
+"""Replace long rows of a blurred T by few cells of a pyramid: T ≈ S + B P (docs/mathematics.md 4).
 
-pruning.py makes cells of a row's entries, to a limit; choice.py finds the limit that a tolerance in decibels allows;
-blurring.py says when, and does it to a T that is there as a whole; the simulator does it band by band.
+pruning.py makes cells of a row's entries, up to a limit. choice.py finds the limit for a tolerance in decibels.
+blurring.py decides when to do so, and processes a complete T; the simulator processes T band by band.
 May import numpy, Numba, player and counterlight.tools.{transport,inverse}. Read next: pruning.py.
 """

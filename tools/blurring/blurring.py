@@ -1,4 +1,4 @@
-"""When rows of T are too long for maps, and what became of them; a T that is there as a whole brought into blocks."""
+"""Decide whether rows of T are too long for maps, and replace them by blocks of pixels."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -12,15 +12,20 @@ from counterlight.tools.blurring.pruning import in_cells
 from counterlight.tools.transport.blurred import Pyramid
 from counterlight.tools.transport.transport import Transport
 
-LONG, MANY = 64, 1 << 24  # entries, a camera pixel and in all: below either a T is played as it is
+LONG, MANY = 64, 1 << 24  # entries per camera pixel and in total; below either, T is played unchanged
 BAND = 1 << 22  # entries that are put into cells at a time
-BYTES_AN_ENTRY = 16  # T's once more, in bands that wait for the last one
-LEAST_SAVED = 0.5  # of T's entries, or it stays as it is
+BYTES_AN_ENTRY = 16  # a second T, in bands that wait for the last band
+LEAST_SAVED = 0.5  # share of T's entries that may remain; otherwise T stays unchanged
 
 
 @dataclass(frozen=True)
 class Blurring:
-    """What became of long rows: entries that there were, and that there are, near and blurred; dB by pictures."""
+    """The result of blurring.
+
+    before : entries per channel at first.
+    near, blurred : near and blurred entries per channel now.
+    losses : dB by the names of pictures.
+    """
 
     before: int
     near: int
@@ -36,15 +41,17 @@ class Blurring:
 
 
 def too_long(entries: int, rows: int) -> bool:
-    """Whether so many entries in so many rows are more than maps are for."""
+    """Whether so many entries in so many rows are too many for maps."""
     return entries > max(LONG * rows, MANY)
 
 
 def in_blocks(transport: Transport, tolerance: float) -> tuple[Transport, Blurring | None]:
-    """S + B P + U M D for an S + U M D of rows that are too long, and what was done; itself and None if not worth it.
+    """Replace rows that are too long: S + U M D → S + B P + U M D; returns T unchanged and None if not worthwhile.
 
-    transport : with its pictures' sizes.  tolerance : dB that a compensated picture may lose. Far light is left out of
-    account, which makes the loss no smaller. Raises InputError if memory does not suffice.
+    transport : T with its pictures' sizes.
+    tolerance : dB that a compensated picture may lose. Far light is ignored, which never underestimates the loss.
+
+    Raises InputError if memory does not suffice.
     """
     near, camera, raster = transport.near, transport.camera, transport.projector
     assert camera is not None
@@ -65,7 +72,7 @@ def in_blocks(transport: Transport, tolerance: float) -> tuple[Transport, Blurri
 
 
 def _bands(rows: SparseRows) -> Iterator[SparseRows]:
-    """Rows one after the other, of about BAND entries at a time."""
+    """Yield consecutive rows with about BAND entries at a time."""
     count = rows.shape[0]
     starts = np.unique(np.searchsorted(rows.indptr, np.arange(0, rows.indices.size, BAND)).clip(0, count))
     for first, end in zip(starts, [*starts[1:], count], strict=True):

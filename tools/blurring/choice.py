@@ -1,9 +1,9 @@
-"""How far rows of T may err for pictures to lose no more than a tolerance, in decibels of the camera's picture.
+"""Choose how much rows of T may err such that pictures lose at most a tolerance, in decibels of the camera picture.
 
-Measured on the square of the camera's picture where rows are longest: the player's steps, by T as it is and by T in
-cells, towards the best drives for three pictures, all judged by T as it is. The soft one decides: blur shows little of
-the others, whatever T is taken for, while a film comes close to what was asked, and loses up to four times as much:
-most of it what another sampling of the same room loses, too (docs/size.md).
+The loss is measured on the square of the camera picture with the longest rows. The player's steps compute drives for
+three pictures, by T itself and by T in cells, and T itself judges both. The soft picture decides: through blur, the
+other pictures arrive badly with any T. A film comes close to its target and loses up to four times as much. Sampling
+the same room differently causes most of that loss, too (docs/size.md).
 """
 
 from collections.abc import Sequence
@@ -21,27 +21,32 @@ from counterlight.tools.transport.blurred import Pyramid
 from counterlight.tools.transport.objective import Objective
 from counterlight.tools.transport.transport import Transport
 
-LIMITS = 0.032 * np.sqrt(0.5) ** np.arange(16)  # tried: down to 1.8e-4
-SIDE = 128  # camera pixels of the square: several times the widest blur, or drives could do what no room's can
-MOST_ENTRIES = 1 << 25  # of T in it
+LIMITS = 0.032 * np.sqrt(0.5) ** np.arange(16)  # limits to try: down to 1.8e-4
+SIDE = 128  # camera pixels of the square: several times the widest blur, so that its border does not matter
+MOST_ENTRIES = 1 << 25  # entries of T in the square
 NAMES = ("photograph", "letters", "soft")
-STEPS = 64  # what stands for the optimum
-DARKEST = 1e-6  # of white², a mean error that counts as none: 60 dB below white
-BRIGHT = 10  # percentile of the floodlit pixels that is white, as `reachable_white`
+STEPS = 64  # steps that are taken as the optimum
+DARKEST = 1e-6  # mean error, relative to white², that counts as zero: 60 dB below white
+BRIGHT = 10  # percentile of the floodlit pixels that is taken as white, as in `reachable_white`
 
 
 @dataclass(frozen=True)
 class Choice:
-    """limit : as `in_cells` takes it; 0 where none keeps the tolerance.  losses : dB by the names of pictures."""
+    """A chosen limit.
+
+    limit : as `in_cells` takes it; 0 if no limit keeps the tolerance.
+    losses : dB by the names of pictures.
+    """
 
     limit: float
     losses: dict[str, float] = field(default_factory=dict)
 
 
 def chosen_limit(bands: Sequence[SparseRows], width: int, raster: tuple[int, int], tolerance: float) -> Choice:
-    """The largest of LIMITS whose pictures lose at most `tolerance` dB.
+    """Returns the largest of LIMITS with which pictures lose at most `tolerance` dB.
 
-    bands : T's rows, one after the other, of whole lines of the camera's picture, `width` pixels each.
+    bands : consecutive rows of T, in whole lines of the camera picture.
+    width : camera pixels per line.
     raster : (height, width) of the projector.
     """
     square = _Square.of(bands, width, raster)
@@ -57,14 +62,16 @@ def chosen_limit(bands: Sequence[SparseRows], width: int, raster: tuple[int, int
 
 
 def judging_pictures(side: tuple[int, int]) -> list[FloatArray]:
-    """Those of NAMES, (height, width), linear, 0..1."""
+    """Returns the pictures of NAMES, (height, width), linear, 0 to 1."""
     return [*typical_pictures(side)[:2], soft_picture(side)]
 
 
 class _Square:
-    """Some camera pixels, the projector pixels about them, and what is asked.
+    """Some camera pixels, the projector pixels that light them, and the target pictures.
 
-    rows : T of the camera pixels.  columns : projector pixels, ascending.  inner : whether it is judged.
+    rows : T of the camera pixels.
+    columns : projector pixels, ascending.
+    side : (height, width) of the square.
     """
 
     def __init__(self, rows: SparseRows, raster: tuple[int, int], columns: IntArray, side: tuple[int, int]) -> None:
@@ -93,7 +100,7 @@ class _Square:
         return cls(within, raster, _about(within.indices, raster), (down, across))
 
     def losses(self, limit: float) -> list[float]:
-        """dB of each picture."""
+        """Returns the loss of each picture, dB."""
         near, scatter = in_cells(self._rows, self._raster, limit)
         made = self._objective(Transport(near, blurred=Pyramid(self._raster).light(scatter)))
         pairs = zip(self._asked, self._errors, strict=True)
@@ -103,7 +110,7 @@ class _Square:
         return Objective.plain(T.of_columns(self._columns))
 
     def _error(self, by: Objective, b: FloatArray) -> float:
-        """The mean of (T p − b)² of the inner pixels, p the best drive by another T."""
+        """Returns the mean of (T p − b)² over the inner pixels, where p is the best drive by another T."""
         grey = np.full((self._columns.size, 3), 0.5)
         drive = next(islice(by.steps(grey, b), STEPS, None))
         wrong = (self._T.T.apply(drive) - b)[self._inner] / self._white
@@ -111,7 +118,7 @@ class _Square:
 
 
 def _about(indices: NDArray[np.integer], raster: tuple[int, int]) -> IntArray:
-    """All pixels of the coarsest blocks within the smallest rectangle that holds some pixels."""
+    """Returns all pixels of the coarsest blocks in the smallest rectangle around some pixels."""
     y, x = np.divmod(indices.astype(np.int64), raster[1])
     lines = [
         np.arange(each.min() // COARSEST * COARSEST, min((each.max() // COARSEST + 1) * COARSEST, extent))
@@ -121,7 +128,7 @@ def _about(indices: NDArray[np.integer], raster: tuple[int, int]) -> IntArray:
 
 
 def _inner(side: tuple[int, int]) -> BoolArray:
-    """Without an eighth at each border, beyond which nothing is asked."""
+    """Returns the pixels without an eighth at each border, because there is no target beyond the border."""
     inner = np.zeros(side, bool)
     inner[side[0] // 8 : side[0] - side[0] // 8, side[1] // 8 : side[1] - side[1] // 8] = True
     return inner.ravel()

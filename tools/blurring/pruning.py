@@ -1,9 +1,9 @@
-"""Rows of T as entries and cells: each row's own tree of blocks, pruned (Chou, Lookabaugh and Gray 1989).
+"""Represent each row of T by entries and cells, its own pruned tree of blocks (Chou, Lookabaugh and Gray 1989).
 
-A block of 2^l × 2^l projector pixels is one cell, its light spread evenly, where that costs less than its four parts.
-A cell or an entry costs λ, and what a cell errs, Σ (T_ij − mean)² over its pixels and channels, is added: no other
-choice of blocks has as few errors for as many numbers. λ = limit² · |row's light|², so paint does not matter. A row's
-light stays what it was, and so does that of each of its cells.
+A block of 2^l × 2^l projector pixels becomes one cell with evenly spread light if that costs less than its four parts.
+A cell or an entry costs λ, plus the cell's error Σ (T_ij − mean)² over its pixels and channels. No other choice of
+blocks has smaller errors for as many numbers. λ = limit² · |row's light|², so that a surface's colour does not matter.
+The light of a row and of each cell is unchanged.
 """
 
 from collections.abc import Callable
@@ -18,14 +18,15 @@ from counterlight.maps.row_map import SparseRows
 from counterlight.tools.transport.blurred import LEVELS, Pyramid
 
 COARSEST = 1 << LEVELS
-LEAST_LIMIT = 1e-12  # so that what is lit costs something
-MANY = 1 << 16  # entries that are worth all cores
+LEAST_LIMIT = 1e-12  # positive, so that every lit entry has a cost
+MANY = 1 << 16  # entries from which all cores are used
 
 
 def in_cells(rows: SparseRows, raster: tuple[int, int], limit: float) -> tuple[SparseRows, SparseRows]:
-    """S and B, float32, columns ascending in each row, of some rows of T.
+    """Returns S and B, float32, with ascending columns in each row, of some rows of T.
 
-    raster : (height, width) of the projector.  limit : of an error, as a share of its row's light.
+    raster : (height, width) of the projector.
+    limit : allowed error as a share of the row's light.
     """
     pyramid = Pyramid(raster)
     levels = np.array([raster, *pyramid.sizes], np.int64)
@@ -52,10 +53,11 @@ def _rows(row: IntArray, column: IntArray, weights: NDArray[np.float32], shape: 
 
 
 def _pruned(indptr, indices, weights, levels, starts, limit, count, placed, given):  # type: ignore[no-untyped-def]
-    """Each row's entries and cells, where its entries were: never more than these.
+    """Write each row's entries and cells to the place of its entries; there are never more of them.
 
-    levels : (height, width) of each, pixels first.  starts : where each level's numbers start.
-    count : (rows,), placed : (entries,), given : (entries, 3), the output.
+    levels : (height, width) of each level, pixels first.
+    starts : first number of each level.
+    count, placed, given : (rows,), (entries,) and (entries, 3). The output.
     """
     width = levels[0, 1]
     for row in numba.prange(indptr.size - 1):
@@ -94,7 +96,7 @@ def _pruned(indptr, indices, weights, levels, starts, limit, count, placed, give
 
 @kept()
 def _grow(light, error, cost, single, level, whole, rent):  # type: ignore[no-untyped-def]
-    """Of a level's blocks, from those below: their light, error, least cost, and whether they are one cell.
+    """Compute a level's blocks from the level below: light, error, least cost, and whether each is one cell.
 
     whole : blocks down and across that the raster's edge does not cut.
     """
@@ -117,7 +119,7 @@ def _grow(light, error, cost, single, level, whole, rent):  # type: ignore[no-un
 
 @kept()
 def _collect(light, cost, single, corner, levels, starts, placed, given):  # type: ignore[no-untyped-def]
-    """The entries and cells of a coarsest block's tree, their numbers and light; returns how many."""
+    """Write numbers and light of the entries and cells of a coarsest block's tree; returns how many."""
     stack, waiting, found = np.empty((3 * LEVELS + 1, 3), np.int64), 1, 0
     stack[0] = LEVELS, 0, 0
     while waiting:

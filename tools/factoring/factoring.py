@@ -1,8 +1,8 @@
-"""Whether a T is dense, and what of it can be factors: the cheapest S + U M D whose pictures lose no more than asked.
+"""Decide whether T is dense, and find the cheapest S + U M D whose pictures lose no more than a tolerance.
 
-Grids from coarse to fine are fitted; for each, one pass over T says for every limit how many entries stay and what
-pictures lose. The cheapest is made and measured; if it loses more than was estimated, a stricter one is taken.
-A T that factors do not make half as large is left as it is.
+Grids are fitted from coarse to fine. For each grid, one pass over T gives the number of near entries and the loss of
+pictures for every limit. The cheapest candidate is computed and measured; if it loses more than estimated, a stricter
+candidate is tried. T stays unchanged if factors do not halve its size.
 """
 
 from dataclasses import dataclass, field, replace
@@ -22,25 +22,27 @@ from counterlight.tools.factoring.near import split
 from counterlight.tools.transport.mask import directly_lit
 from counterlight.tools.transport.transport import FarLight, Transport
 
-WORTH = 0.5  # of T's numbers, at most
+WORTH = 0.5  # largest share of T's numbers that may remain
 GRIDS = ((48, 24), (108, 54), (192, 108), (432, 216), (768, 432))  # nodes of the camera and of the projector
-MOST_FAR = 0.5  # of all light: what S⁺ inverts, and the mask is made of, has to be the larger part
-MOST_OF_A_ROW = 1 / 16  # of its row's far light: an entry that is more than that is near light
+MOST_FAR = 0.5  # share of all light; near light must be the larger part, because S⁺ and the mask depend on it
+MOST_OF_A_ROW = 1 / 16  # share of its row's far light; a larger entry is near light
 LIMITS = np.array([1.0, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096])
-MARGINS = (2.0, 1.0, 0.5, 0.25, 0.12)  # of the tolerance, what may be estimated: more than what is lost, as a rule
-MOST_READ = 1 << 13  # pixels that lie between a node and its neighbours: half of a texture's row (maps/row_map.py)
-MOST_NODES = 1500  # they are mixed by a dense matrix
-BYTES_A_ROW, BYTES_A_SUM = 600, 120  # of either side: five pictures' light and textures; a thread's sums of five
-BYTES_AN_ENTRY = 20  # half of T's entries again with what is explained, and two marks for each
+MARGINS = (2.0, 1.0, 0.5, 0.25, 0.12)  # estimates to accept, relative to the tolerance; most are too high
+MOST_READ = 1 << 13  # pixels between a node and its neighbours: half of a texture's row (maps/row_map.py)
+MOST_NODES = 1500  # a dense matrix mixes them
+BYTES_A_ROW, BYTES_A_SUM = 600, 120  # per pixel of either side: five pictures' light and textures; a thread's five sums
+BYTES_AN_ENTRY = 20  # half of T's entries again with their model values, and two marks per entry
 
 
 @dataclass(frozen=True)
 class Factoring:
-    """What became of T; its text is a line of a command's output.
+    """The factors of T; the text is a line of a command's output.
 
-    before, after : numbers of a channel, near light's entries and what is not 0 in the factors.  near : entries.
-    losses : decibels of the camera's picture by the names of pictures.  reason : why T has no such factors, or "".
-    blurring : what became of rows that were still too long, None if there were none.
+    before, after : numbers per channel: entries of near light and non-zero numbers of the factors.
+    near : entries of near light.
+    losses : dB of the camera picture by the names of pictures.
+    reason : why T has no factors, or "".
+    blurring : blocks of rows that were still too long; None if there were none.
     """
 
     before: int
@@ -67,10 +69,12 @@ class Factoring:
 def factored(
     transport: Transport, ambient: NDArray[np.floating], tolerance: float = TOLERANCE
 ) -> tuple[Transport, Factoring]:
-    """T as near light and factors if that is worth it, else itself, and what was done.
+    """Factor T into near light and factors if that is worthwhile; returns T or its factors, and a report.
 
-    transport : with its pictures' sizes.  ambient : (camera height, camera width, 3).  tolerance : decibels that a
-    compensated picture may lose; 0 leaves T as it is.
+    transport : T with its pictures' sizes.
+    ambient : (camera height, camera width, 3).
+    tolerance : dB that a compensated picture may lose; 0 keeps T unfactored.
+
     Raises InputError for a tolerance out of range, and if memory does not suffice.
     """
     if not 0 <= tolerance <= MOST_TOLERANCE:
@@ -95,39 +99,39 @@ def factored(
 def compacted(
     transport: Transport, ambient: NDArray[np.floating], tolerance: float = TOLERANCE
 ) -> tuple[Transport, Factoring]:
-    """`factored`, and rows that are too long then, far out of focus, in blocks for what is left of the tolerance."""
+    """Like `factored`; then replaces rows that are still too long by blocks, within the rest of the tolerance."""
     made, done = factored(transport, ambient, tolerance)
     made, blurring = in_blocks(made, tolerance - max(done.losses.values(), default=0.0))
     return made, replace(done, blurring=blurring)
 
 
 def numbers(transport: Transport) -> int:
-    """What a channel of T is made of: entries of near light, and of D, M and U what is not 0."""
+    """Returns the numbers per channel of T: near entries, and non-zero numbers of D, M and U."""
     far = transport.far
     return int(transport.near.indices.size) + (0 if far is None else factor_numbers(far))
 
 
 def _far_share(transport: Transport) -> float:
-    """Of all light, what is far."""
+    """Returns the share of all light that is far."""
     whole = float(transport.composition().sum())
     return 1 - float(transport.near.sums().sum()) / whole if whole > 0 else 0.0
 
 
 def factor_numbers(far: FarLight) -> int:
-    """What a channel of D, M and U is made of."""
+    """Returns the numbers per channel of D, M and U."""
     mixed = int(np.count_nonzero(far.mix.any(axis=0)))
     return int(far.gather.indices.size + far.scatter.indices.size) + mixed
 
 
 def _entries(transport: Transport) -> int:
-    """Numbers that each have a pixel: what factors make fewer."""
+    """Returns the numbers that belong to a pixel, which factors reduce."""
     far = transport.far
     known = 0 if far is None else far.gather.indices.size + far.scatter.indices.size
     return int(transport.near.indices.size + known)
 
 
 def _least_numbers(transport: Transport) -> int:
-    """Of any factors: each pixel of either side lies between four nodes."""
+    """Returns the least size of any factors, which place each pixel of either side between four nodes."""
     lit = int(np.count_nonzero(transport.near.lengths))
     return 4 * (lit + transport.shape[1])
 
@@ -141,7 +145,7 @@ class _Candidate:
 
 
 class _Search:
-    """One T's factors: candidates first, then the cheapest that keeps the tolerance."""
+    """Searches the factors of T: lists candidates, then takes the cheapest that keeps the tolerance."""
 
     def __init__(self, rows: Rows, ambient: NDArray[np.floating], tolerance: float) -> None:
         self._rows, self._tolerance = rows, tolerance
@@ -159,7 +163,7 @@ class _Search:
             if not fitting:
                 break
             chosen = min(fitting, key=lambda each: (each.numbers, abs(np.log(each.limit / PEAK))))
-            # Whatever stays near: a fit that took all that is above it for near light would sink with every round.
+            # At least PEAK: a fit that takes all entries above a lower limit as near light would sink with every round.
             model = fitted(self._rows, chosen.cells, max(chosen.limit, PEAK))
             made = split(self._rows, replace(model, limit=chosen.limit))
             if _far_share(made) > MOST_FAR:
@@ -171,7 +175,7 @@ class _Search:
         return T, replace(left, reason=reason)
 
     def _candidates(self) -> list[_Candidate]:
-        """Of grids from coarse to fine, while a finer one can be cheaper; the drives are those of the first model."""
+        """Returns candidates of ever finer grids, while these can be cheaper; the first model determines the drives."""
         errors, found, cheapest = None, list[_Candidate](), self._most
         for cells in grids_over(self._rows.transport):
             model = fitted(self._rows, cells, PEAK)
@@ -193,13 +197,13 @@ class _Search:
         return found
 
     def _fitting(self, candidates: list[_Candidate], margin: float) -> list[_Candidate]:
-        """Those that are worth it, and whose pictures lose at most that share of the tolerance."""
+        """Returns the candidates that are small enough and lose at most this share of the tolerance."""
         return [
             each for each in candidates if each.numbers <= self._most and each.losses.max() <= margin * self._tolerance
         ]
 
     def _missed(self, model: Model) -> tuple[NDArray[np.int64], FloatArray]:
-        """Entries that stay (limits,), and Σ δ² (limits, 3, pictures)."""
+        """Returns the near entries per limit, (limits,), and Σ δ², (limits, 3, pictures)."""
         rows, pictures = self._rows, self._pictures
         drive = np.concatenate([np.ones((rows.near.shape[1], 3, 1)), pictures.drive], axis=2)
         far = rows.transport.far
@@ -212,12 +216,12 @@ class _Search:
 
 
 def has_too_many_pixels(transport: Transport) -> bool:
-    """For nodes between which no more than MOST_READ pixels lie."""
+    """Whether there are too many pixels for nodes with at most MOST_READ pixels in between."""
     return max(transport.shape) > MOST_NODES * MOST_READ // 4
 
 
 def grids_over(transport: Transport) -> list[tuple[int, int]]:
-    """Numbers of nodes of the camera and of the projector, fine enough for every map's rows; the finest last."""
+    """Returns numbers of nodes of the camera and the projector, fine enough for the rows of maps, the finest last."""
     least = max(transport.shape) // (MOST_READ // 4)
     return sorted({(max(camera, least), max(projector, least)) for camera, projector in GRIDS})
 

@@ -1,4 +1,4 @@
-"""Nodes over a picture, between which far light is interpolated linearly in both directions."""
+"""Nodes over a picture, between which far light is interpolated bilinearly."""
 
 from dataclasses import dataclass
 
@@ -13,9 +13,11 @@ from counterlight.tools.transport.transport import Csr, Shape
 
 @dataclass(frozen=True)
 class Grid:
-    """Φ, (pixels, nodes): each pixel lies between four nodes; beyond the outer ones, it has what they have.
+    """Φ, (pixels, nodes): interpolates each pixel between four nodes; clamped beyond the outer nodes.
 
-    nodes : rows and columns of them.  corners : (pixels, 4) int32.  weights : (pixels, 4), ≥ 0, which sum to 1.
+    nodes : rows and columns of nodes.
+    corners : (pixels, 4) int32. The nodes of each pixel.
+    weights : (pixels, 4). ≥ 0, with sum 1.
     """
 
     nodes: Shape
@@ -24,7 +26,7 @@ class Grid:
 
     @classmethod
     def over(cls, picture: Shape, count: int) -> "Grid":
-        """About `count` nodes as far apart down as across, at most one for two pixels of a side.
+        """Make about `count` nodes at equal distances down and across, at most one per two pixels of a side.
 
         picture : (height, width).
         """
@@ -42,7 +44,7 @@ class Grid:
         return self.nodes[0] * self.nodes[1]
 
     def textured(self, texture: FloatArray) -> Csr:
-        """diag(texture) Φ without zeros; texture : (pixels,)."""
+        """Returns diag(texture) Φ without zeros; texture is (pixels,)."""
         pixels = len(self.corners)
         places = self.corners.ravel(), 4 * np.arange(pixels + 1)
         matrix = sparse.csr_array(((self.weights * texture[:, None]).ravel(), *places), shape=(pixels, self.count))
@@ -51,14 +53,14 @@ class Grid:
         return matrix
 
     def rows(self, textures: FloatArray, columns: int) -> SparseRows:
-        """The same of three channels; textures : (pixels, 3).  columns : as many as nodes or more, the rest empty."""
+        """Returns diag(texture) Φ of three channels, padded to `columns` columns; textures is (pixels, 3)."""
         weights = (self.weights[:, :, None] * textures[:, None]).reshape(-1, 3)
         places = 4 * np.arange(len(self.corners) + 1)
         return SparseRows(places, self.corners.ravel(), weights, columns).where((weights != 0).any(axis=1))
 
 
 def _between(pixels: int, nodes: int) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
-    """Of each pixel of a side the node before it, the one after, and how far it is from the first to the second."""
+    """Returns the nodes before and after each pixel of a side, and the pixel's position between them, 0 to 1."""
     at = np.clip((np.arange(pixels) + 0.5) / pixels * nodes - 0.5, 0, nodes - 1)
     before = np.minimum(at.astype(np.int64), max(nodes - 2, 0))
     return before, np.minimum(before + 1, nodes - 1), at - before

@@ -1,10 +1,10 @@
-"""What pictures lose, in decibels of the camera's picture, if they are compensated by a factored T instead of by T.
+"""The loss of pictures, in decibels of the camera picture, that are compensated by a factored T instead of by T.
 
-Four pictures ask for what far light spoils most: a photograph, a view whose right half alone is lit, spots on black,
-and a soft picture, which can be shown so well that the least wrong light is seen. With p' the best drive by the
-factored T' and p the best by T, the loss is E(p') − E(p) in decibels, E the mean square of T p − b relative to
-white over the camera pixels that count. To first order it is at most what the light T p' − T' p' that is wrong adds to
-E; `Pictures.losses` says that of many candidates at once, `measured` what it is.
+Four pictures are sensitive to errors of far light: a photograph, a view whose right half alone is lit, spots on black,
+and a soft picture, which can be shown so well that the least error is visible. p' is the best drive by the factored T',
+and p the best drive by T. The loss is E(p') − E(p) in decibels, where E is the mean square of T p − b relative to white
+over the camera pixels that count. To first order, the loss is at most what the wrong light T p' − T' p' adds to E.
+`Pictures.losses` estimates it for many candidates at once; `measured` measures it.
 """
 
 from collections.abc import Callable
@@ -20,16 +20,19 @@ from counterlight.tools.inverse.pictures import soft_picture, typical_pictures
 from counterlight.tools.transport.transport import Shape, Transport
 
 NAMES = ("photograph", "half", "spots", "soft")
-SPOTS = 6  # along the longer side
+SPOTS = 6  # number along the longer side
 STEPS, MORE = 80, 40
-DARKEST = 1e-6  # E that counts as none: 60 dB below white, half a code value of eight bits
+DARKEST = 1e-6  # E that counts as zero: 60 dB below white, half a code value of eight bits
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """desired : b, (camera pixels, 3, pictures), radiance.  white : its white.  counted : (camera pixels,).
+    """Target pictures and their drives.
 
-    drive : p', (projector pixels, 3, pictures).
+    desired : (camera pixels, 3, pictures). b, radiance.
+    white : radiance of their white.
+    counted : (camera pixels,) bool.
+    drive : (projector pixels, 3, pictures). p'.
     """
 
     desired: FloatArray
@@ -38,21 +41,21 @@ class Pictures:
     drive: FloatArray
 
     def squared_error(self, T: Transport) -> FloatArray:
-        """E of each picture."""
+        """Returns E of each picture."""
         residual, _ = _looked_at(T, self)
         return self.relative(np.sum(residual**2, axis=0))
 
     def relative(self, squares: FloatArray) -> FloatArray:
-        """Sums over the pixels that count, (…, 3, pictures), as means relative to white, (…, pictures)."""
+        """Convert sums over the pixels that count, (…, 3, pictures), to means relative to white, (…, pictures)."""
         return np.asarray(squares.sum(axis=-2) / (3 * max(self.counted.sum(), 1) * self.white**2))
 
     def losses(self, squares: FloatArray, errors: FloatArray) -> FloatArray:
-        """dB, from Σ δ² of light that is wrong, (…, 3, pictures), and E by the factored T."""
+        """Returns the loss in dB from Σ δ² of wrong light, (…, 3, pictures), and E by the factored T."""
         return np.asarray(10 * np.log10(1 + self.relative(squares) / (errors + DARKEST)))
 
 
 def asked(transport: Transport, mask: NDArray[np.bool_]) -> Pictures:
-    """The pictures in a room, their drives still grey.  mask : (camera height, camera width)."""
+    """Returns the pictures of a room with grey drives; mask is (camera height, camera width)."""
     grey = np.stack([picture.ravel() for picture in _drawn(mask.shape)], axis=-1)
     white = _white(transport.composition()[mask.ravel()])
     desired = np.repeat(white * grey[:, None, :], 3, axis=1)
@@ -60,14 +63,14 @@ def asked(transport: Transport, mask: NDArray[np.bool_]) -> Pictures:
 
 
 def _white(floodlight: FloatArray) -> float:
-    """What nine in ten pixels (n, 3) reach in every channel that has light, as `reachable_white`; > 0."""
+    """Returns the level that nine in ten pixels (n, 3) reach in every lit channel, as `reachable_white`; > 0."""
     lit = floodlight[:, floodlight.any(axis=0)]
     levels = [float(np.percentile(light, 10)) for light in (lit.min(axis=1), lit.max(axis=1))] if lit.size else []
     return next((level for level in levels if level > 0), 1.0)
 
 
 def compensated(T: Transport, pictures: Pictures, steps: int = STEPS) -> Pictures:
-    """After so many accelerated steps towards the best drives by T (pipeline/refinement.py)."""
+    """Returns the pictures after some accelerated steps towards the best drives by T (pipeline/refinement.py)."""
     ones = replace(pictures, desired=0 * pictures.desired, drive=np.ones_like(pictures.drive))
     d = _looked_at(T, ones)[1]
     step_size = np.divide(1.0, d, out=np.zeros_like(d), where=d > 0)
@@ -80,7 +83,7 @@ def compensated(T: Transport, pictures: Pictures, steps: int = STEPS) -> Picture
 
 
 def measured(T: Transport, factored: Transport, pictures: Pictures) -> dict[str, float]:
-    """dB that each picture loses by the factored T: after MORE steps by it, against as many by T."""
+    """Returns the loss of each picture by the factored T, dB: MORE steps by it against as many by T."""
     best = compensated(factored, pictures)
     by_factors, by_T = (compensated(each, best, MORE).squared_error(T) for each in (factored, T))
     found = 10 * np.log10((by_factors + DARKEST) / (by_T + DARKEST))
@@ -88,7 +91,7 @@ def measured(T: Transport, factored: Transport, pictures: Pictures) -> dict[str,
 
 
 def _looked_at(T: Transport, pictures: Pictures) -> tuple[FloatArray, FloatArray]:
-    """r = T p − b where it counts, (camera pixels, 3, pictures), and Tᵀ r."""
+    """Returns r = T p − b where it counts, (camera pixels, 3, pictures), and Tᵀ r."""
     offset, far = -pictures.desired, T.far
     if far is not None:
         offset = offset + each_picture(far.apply, pictures.drive)
@@ -98,12 +101,12 @@ def _looked_at(T: Transport, pictures: Pictures) -> tuple[FloatArray, FloatArray
 
 
 def each_picture(apply: Callable[[FloatArray], FloatArray], light: FloatArray) -> FloatArray:
-    """An operator on (pixels, 3) for (pixels, 3, pictures)."""
+    """Apply an operator on (pixels, 3) to (pixels, 3, pictures)."""
     return np.stack([apply(np.ascontiguousarray(light[..., i])) for i in range(light.shape[2])], axis=-1)
 
 
 def _drawn(shape: Shape) -> tuple[FloatArray, ...]:
-    """Grey pictures (height, width), 0..1, in the order of NAMES."""
+    """Returns grey pictures (height, width), 0 to 1, in the order of NAMES."""
     half = np.zeros(shape)
     half[:, shape[1] // 2 :] = 1
     apart = max(shape) / SPOTS

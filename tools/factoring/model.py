@@ -1,12 +1,12 @@
-"""Far light as smooth functions times the textures of both surfaces, by least squares: far ≈ A M Bᵀ.
+"""Fit far light by smooth functions times the textures of both surfaces, by least squares: far ≈ A M Bᵀ.
 
-With F = far·1 and G = 1ᵀfar, the textures that camera and projector pixels lend to whatever light arrives or leaves,
-A = diag(F) Φ and B = diag(G) Ψ are linear between the nodes of two grids, and
+F = far·1 and G = 1ᵀfar are the textures of the camera's and the projector's pixels. A = diag(F) Φ and B = diag(G) Ψ
+interpolate linearly between the nodes of two grids, and
 
     M = (AᵀA + ε)⁻¹ Aᵀ far B (BᵀB + ε)⁻¹
 
-is the least-squares fit. What is near is only known once far light is: where it is, the fit takes the model of the
-round before for what lies beneath (expectation and maximisation, three rounds).
+is the least-squares fit. Near entries are only known once far light is known. In their places, the fit uses the model
+of the previous round (expectation and maximisation, three rounds).
 """
 
 from dataclasses import dataclass, replace
@@ -22,17 +22,20 @@ from counterlight.tools.factoring.grid import Grid
 from counterlight.tools.transport.transport import Csr, FarLight, Shape, Transport, channel
 
 ROUNDS = 3
-RIDGE = 1e-6  # ε, of the mean diagonal: nodes that no far light reaches stay 0
-PEAK = 64.0  # times its row's mean, an entry is near light to begin with
-CROWD, BLOCKS = 8.0, 108  # and all of a block of the raster (of so many) that sends that many times its share
+RIDGE = 1e-6  # ε relative to the mean diagonal; nodes without far light stay 0
+PEAK = 64.0  # multiple of its row's mean above which an entry starts as near light
+CROWD, BLOCKS = 8.0, 108  # a block of the raster, of so many, that sends this multiple of its share is near light, too
 
 
 @dataclass(frozen=True)
 class Model:
     """far ≈ diag(F) Φ M Ψᵀ diag(G).
 
-    camera, projector : Φ, Ψ.  F : (camera pixels, 3).  G : (projector pixels, 3).  M : (camera nodes, projector
-    nodes, 3).  limit : entries more than limit · F / n above it are near light.
+    camera, projector : Φ, Ψ.
+    F : (camera pixels, 3).
+    G : (projector pixels, 3).
+    M : (camera nodes, projector nodes, 3).
+    limit : entries that exceed the model by more than limit · F / n are near light.
     """
 
     camera: Grid
@@ -44,17 +47,17 @@ class Model:
 
     @property
     def textures(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """F, G, M as the loops take them."""
+        """F, G, M in the order of the loops' arguments."""
         return self.F, self.G, self.M
 
     @property
     def grids(self) -> tuple[NDArray[np.int32], FloatArray, NDArray[np.int32], FloatArray]:
-        """Φ, Ψ as the loops take them."""
+        """Φ, Ψ in the order of the loops' arguments."""
         return self.camera.corners, self.camera.weights, self.projector.corners, self.projector.weights
 
     def far_light(self) -> FarLight:
-        """U M D."""
-        cells = max(self.M.shape[:2])  # one number for both sides: those that are missing have no light
+        """Returns U M D."""
+        cells = max(self.M.shape[:2])  # one number for both sides: the cells added have no light
         mix = np.zeros((3, cells, cells))
         mix[:, : self.M.shape[0], : self.M.shape[1]] = self.M.transpose(2, 0, 1)
         return FarLight(self.projector.rows(self.G, cells).transposed, mix, self.camera.rows(self.F, cells))
@@ -62,9 +65,10 @@ class Model:
 
 @dataclass(frozen=True)
 class Rows:
-    """T as the fit reads it.
+    """T in the form that the fit reads.
 
-    transport : near light, and far light if T has some already.  apart : (entries,), near light to begin with.
+    transport : near light, and far light if T already has some.
+    apart : (entries,) bool. Entries that start as near light.
     """
 
     transport: Transport
@@ -82,12 +86,12 @@ class Rows:
 
     @property
     def relative(self) -> bool:
-        """Near light is what is above the model; where T's far light is known apart, its entries come on top of it."""
+        """Whether near light is measured above the model; False if T already separates far light from its entries."""
         return self.transport.far is None
 
     @cached_property
     def known(self) -> tuple[FloatArray, FloatArray]:
-        """F and G of the far light that T has already."""
+        """F and G of the far light that T already has."""
         (rows, columns), far = self.transport.shape, self.transport.far
         if far is None:
             return np.zeros((rows, 3)), np.zeros((columns, 3))
@@ -95,7 +99,7 @@ class Rows:
 
 
 def fitted(rows: Rows, cells: tuple[int, int], limit: float) -> Model:
-    """The model on about so many nodes of the camera and of the projector; deterministic."""
+    """Fit the model on about so many nodes of the camera and the projector; deterministic."""
     camera, projector = rows.transport.camera, rows.transport.projector
     assert camera is not None
     assert projector is not None
@@ -112,7 +116,7 @@ def fitted(rows: Rows, cells: tuple[int, int], limit: float) -> Model:
 
 
 def _projected(rows: Rows, model: Model) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Aᵀ far B, F and G of the far light as the model tells it from near light."""
+    """Returns Aᵀ far B, F and G of the far light, as the present model separates it from near light."""
     entries = passes.operands(rows.near)
     told = rows.apart, rows.relative, model.limit
     parts, F, sent = passes.projected(*entries, *told, *model.textures, *model.grids)
@@ -128,7 +132,7 @@ def _projected(rows: Rows, model: Model) -> tuple[FloatArray, FloatArray, FloatA
 
 
 def _solved(model: Model, mixed: FloatArray) -> FloatArray:
-    """M of each channel from Aᵀ far B."""
+    """Returns M of each channel from Aᵀ far B."""
     M = np.empty_like(mixed)
     for i in range(3):
         A, B = model.camera.textured(model.F[:, i]), model.projector.textured(model.G[:, i])
@@ -138,14 +142,14 @@ def _solved(model: Model, mixed: FloatArray) -> FloatArray:
 
 
 def _gram(A: Csr) -> FloatArray:
-    """AᵀA + ε; the identity for a channel without far light."""
+    """Returns AᵀA + ε; the identity for a channel without far light."""
     gram = np.asarray((A.T @ A).toarray(), np.float64)
     mean = np.trace(gram) / len(gram)
     return gram + (RIDGE * mean if mean > 0 else 1.0) * np.eye(len(gram))
 
 
 def _blocks(raster: Shape) -> tuple[NDArray[np.int32], FloatArray]:
-    """The block of each projector pixel, and each block's share of them."""
+    """Returns the block of each projector pixel, and each block's share of the pixels."""
     grid = Grid.over(raster, BLOCKS)
     nearest = np.take_along_axis(grid.corners, grid.weights.argmax(axis=1)[:, None], axis=1)[:, 0]
     return nearest, np.bincount(nearest, minlength=grid.count) / nearest.size

@@ -1,4 +1,4 @@
-"""T as the near light that a model of its far light leaves, and that model's factors, T·1 unchanged."""
+"""Split T into near light above a model of its far light, and the model's factors, with T·1 unchanged."""
 
 from dataclasses import replace
 
@@ -10,14 +10,14 @@ from counterlight.tools.factoring import passes
 from counterlight.tools.factoring.model import Model, Rows
 from counterlight.tools.transport.transport import Transport
 
-MOST_SCALED = 2.0  # what a row of U may grow by, and half of it what it may shrink by
-FAINTEST = 1e-6  # of a row's light: float32's rounding, not light that is missed
+MOST_SCALED = 2.0  # largest factor by which a row of U may grow or shrink
+FAINTEST = 1e-6  # share of a row's light; below it is float32 rounding, not missed light
 
 
 def split(rows: Rows, model: Model) -> Transport:
-    """S + U M D for T: S is what of T's entries is above the model by its limit, and U's rows are scaled for T·1.
+    """Split T into S + U M D: S holds the entries that exceed the model by its limit; U's rows are scaled to keep T·1.
 
-    A row whose far light the model does not meet within MOST_SCALED keeps all its entries, and has no far light.
+    A row whose far light needs a scale beyond MOST_SCALED keeps all its entries and has no far light.
     """
     whole = rows.transport.composition()
     keep = passes.beyond(*passes.operands(rows.near), rows.relative, model.limit, *model.textures, *model.grids)
@@ -36,14 +36,14 @@ def split(rows: Rows, model: Model) -> Transport:
 
 
 def _above(near: SparseRows, model: Model) -> SparseRows:
-    """Less what the model has at the same places; ≥ 0."""
+    """Subtract the model at the same places; ≥ 0."""
     entries = passes.operands(near)
     below = passes.explained(*entries[:2], *model.textures, *model.grids)
     return replace(near, weights=np.maximum(near.weights - below, 0).astype(near.weights.dtype))
 
 
 def _whole_rows(full: SparseRows, near: SparseRows, which: NDArray[np.bool_]) -> SparseRows:
-    """`near`, with those rows (camera pixels,) as they are in `full`."""
+    """Replace some rows of `near` by the rows of `full`; `which` is (camera pixels,)."""
     if not which.any():
         return near
     kept, added = near.where(~which[near.rows]), full.where(which[full.rows])

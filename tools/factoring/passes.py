@@ -1,9 +1,9 @@
-"""Loops over T's entries, compiled by Numba: each reads T once, row by row, and keeps nothing of its size.
+"""Loops over T's entries, compiled by Numba: each reads T once, row by row, and stores nothing of its size.
 
-T's rows are (indptr, indices, weights) of SparseRows, rows many over n columns; the far light's model is the node
-weights of both sides, the textures F (rows, 3) and G (n, 3) and the mix M (camera nodes, projector nodes, 3).
-Sums over rows are made in parts, each by one thread, and added in order: they do not depend on the number of cores.
-Who calls adds them, and what numpy would do to a slice are loops: Numba compiles both in half the time.
+T's rows are (indptr, indices, weights) of SparseRows: `rows` rows over n columns. The model of far light consists of
+the node weights of both sides, the textures F (rows, 3) and G (n, 3), and the mix M (camera nodes, projector nodes, 3).
+Sums over rows are computed in parts, each by one thread, which the caller adds in order. They do not depend on the
+number of cores. Slices are written as loops, because Numba compiles them in half the time.
 """
 
 import numba
@@ -14,7 +14,7 @@ from counterlight.arrays import FloatArray
 from counterlight.maps.products import kept
 from counterlight.maps.row_map import SparseRows
 
-PARTS, WIDE = (16, 4), 1 << 18  # fewer parts where each holds a picture of more than so many projector pixels
+PARTS, WIDE = (16, 4), 1 << 18  # parts; fewer for more than WIDE projector pixels, because each part holds a picture
 
 
 @kept()
@@ -24,7 +24,7 @@ def _parts(columns):  # type: ignore[no-untyped-def]
 
 @kept()
 def _seen_nodes(q, k, corners, weights, F, M):  # type: ignore[no-untyped-def]
-    """q (projector nodes, 3): what row k of diag(F) Φ M says of each node."""
+    """Write q (projector nodes, 3): row k of diag(F) Φ M."""
     for node in range(q.shape[0]):
         for c in range(3):
             q[node, c] = 0.0
@@ -40,7 +40,7 @@ def _seen_nodes(q, k, corners, weights, F, M):  # type: ignore[no-untyped-def]
 
 @kept()
 def _at(q, j, c, corners, weights, G):  # type: ignore[no-untyped-def]
-    """The model's entry at column j."""
+    """Returns the model's entry at column j."""
     total = 0.0
     for i in range(4):
         total += weights[j, i] * q[corners[j, i], c]
@@ -49,10 +49,12 @@ def _at(q, j, c, corners, weights, G):  # type: ignore[no-untyped-def]
 
 @kept(parallel=True)
 def concentrated(indptr, indices, weights, labels, shares, peak, crowd):  # type: ignore[no-untyped-def]
-    """Whether an entry is no far light by where its row's light comes from, (entries,).
+    """Whether entries are too concentrated to be far light, (entries,).
 
-    It is `peak` times the row's mean, or in a block of the raster that sends `crowd` times its share.
-    labels : (n,), the block of each column.  shares : (blocks,), of the raster's pixels.
+    An entry is concentrated if it is `peak` times its row's mean, or in a block that sends `crowd` times its share.
+
+    labels : (n,). Block of each column.
+    shares : (blocks,). Share of the raster's pixels.
     """
     apart = np.zeros(indices.size, np.bool_)
     columns = labels.size
@@ -75,10 +77,10 @@ def concentrated(indptr, indices, weights, labels, shares, peak, crowd):  # type
 def projected(  # type: ignore[no-untyped-def]
     indptr, indices, weights, apart, relative, limit, F, G, M, camera, camera_weights, projector, projector_weights
 ):
-    """Parts of Aᵀ far B (parts, camera nodes, projector nodes, 3), far·1 (rows, 3), and parts of 1ᵀfar (parts, n, 3).
+    """Returns Aᵀ far B (parts, camera nodes, projector nodes, 3), far·1 (rows, 3) and 1ᵀfar (parts, n, 3), in parts.
 
-    far is T without near entries: those `apart`, and those more than limit · F / n above the model. In their place the
-    model stands, if `relative`; else nothing, and `above the model` is above 0.
+    far is T without near entries: the entries `apart`, and entries that exceed the model by more than limit · F / n. If
+    `relative`, the model replaces them; otherwise nothing does, and entries are compared with 0 instead of the model.
     """
     rows, columns = indptr.size - 1, G.shape[0]
     parts = _parts(columns)
@@ -116,9 +118,9 @@ def projected(  # type: ignore[no-untyped-def]
 
 @kept(parallel=True)
 def onto_nodes(indptr, indices, weights, cells, F, camera, camera_weights, nodes):  # type: ignore[no-untyped-def]
-    """Parts of AᵀU of far light that T has already, (parts, camera nodes, cells, 3).
+    """Returns parts of AᵀU of far light that T already has, (parts, camera nodes, cells, 3).
 
-    indptr, indices, weights : U's rows, of cells.
+    indptr, indices, weights : rows of U over cells.
     """
     rows, parts = indptr.size - 1, PARTS[1]
     found = np.zeros((parts, nodes, cells, 3))
@@ -150,11 +152,14 @@ def missed(  # type: ignore[no-untyped-def]
     beside,
     counted,
 ):
-    """What the model misses of pictures if only entries beyond a limit stay: near entries and Σ δ² for each limit.
+    """Returns the number of near entries and the errors Σ δ² of pictures if only entries beyond a limit stay near.
 
-    limits : (L,) ascending, of (T − model) n / F.  pictures : (n, 3, Q), the first of ones; its light is made exact by
-    scaling rows.  beside : (rows, 3, Q), light of T that is not among these entries.  counted : (rows,).
-    Returns parts of them, (parts, L) and (parts, L, 3, Q).
+    limits : (L,). Ascending limits of (T − model) n / F.
+    pictures : (n, 3, Q). The first is all ones, and scaling of rows makes its light exact.
+    beside : (rows, 3, Q). Light of T outside these entries.
+    counted : (rows,) bool.
+
+    Returns parts per limit, (parts, L) and (parts, L, 3, Q).
     """
     rows, columns, levels, count = indptr.size - 1, G.shape[0], limits.size, pictures.shape[2]
     parts = _parts(columns)
@@ -212,7 +217,7 @@ def missed(  # type: ignore[no-untyped-def]
 def beyond(  # type: ignore[no-untyped-def]
     indptr, indices, weights, relative, limit, F, G, M, camera, camera_weights, projector, projector_weights
 ):
-    """Which entries are more than limit · F / n above the model (above 0, if not `relative`), (entries,)."""
+    """Whether entries exceed the model (0 if not `relative`) by more than limit · F / n, (entries,)."""
     keep = np.zeros(indices.size, np.bool_)
     columns = G.shape[0]
     rows, parts = indptr.size - 1, _parts(G.shape[0])
@@ -232,7 +237,7 @@ def beyond(  # type: ignore[no-untyped-def]
 def explained(  # type: ignore[no-untyped-def]
     indptr, indices, F, G, M, camera, camera_weights, projector, projector_weights
 ):
-    """The model at entries, (entries, 3)."""
+    """Returns the model at entries, (entries, 3)."""
     found = np.zeros((indices.size, 3))
     rows, parts = indptr.size - 1, _parts(G.shape[0])
     for b in numba.prange(parts):
@@ -247,7 +252,7 @@ def explained(  # type: ignore[no-untyped-def]
 
 @kept(parallel=True)
 def residual_and_back(indptr, indices, weights, pictures, offset, counted):  # type: ignore[no-untyped-def]
-    """r = T p + offset, 0 where not counted, (rows, 3, Q), and parts of Tᵀ r, (parts, n, 3, Q), of Q pictures."""
+    """Returns r = T p + offset of Q pictures, (rows, 3, Q), 0 if not counted, and Tᵀ r in parts, (parts, n, 3, Q)."""
     rows, columns, count = indptr.size - 1, pictures.shape[0], pictures.shape[2]
     parts = _parts(columns)
     residual, back = np.zeros((rows, 3, count)), np.zeros((parts, columns, 3, count))
@@ -271,7 +276,7 @@ def residual_and_back(indptr, indices, weights, pictures, offset, counted):  # t
 
 
 def operands(rows: SparseRows) -> tuple[NDArray[np.int64], NDArray[np.int32], FloatArray]:
-    """As the loops take them."""
+    """Returns indptr, indices and weights with the types that the loops require."""
     return (
         rows.indptr.astype(np.int64, copy=False),
         rows.indices.astype(np.int32, copy=False),

@@ -1,4 +1,4 @@
-"""An exposure bracket on disk: its pictures, one at a time, and its times."""
+"""An exposure bracket on disk: pictures, read one at a time, and their exposure times."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from counterlight.errors import InputError
 from counterlight.tools.hdr.exif import exposure_times
 from counterlight.tools.hdr.photographs import read_photograph
 
-CANDIDATES = 1 << 15  # pixels looked at for a recovery, on a regular grid
-REACH = 2  # pixels around one that must be alike
-ALIKE = 1 / 8  # of the range: an edge that moves between two pictures says nothing of the response
+CANDIDATES = 1 << 15  # pixels considered for a recovery, on a regular grid
+REACH = 2  # a pixel is compared with its neighbours up to this distance
+ALIKE = 1 / 8  # share of the range; an edge that moves between pictures would falsify the response
 LEAST_SAMPLES = 500
 
 
@@ -24,17 +24,17 @@ LEAST_SAMPLES = 500
 class Bracket:
     """Pictures of one scene and their exposure times.
 
-    times_s : (pictures,).
+    times_s : (pictures,). Seconds.
     """
 
     paths: tuple[Path, ...]
     times_s: FloatArray
 
     def shots(self) -> Iterator[tuple[NDArray[Any], float]]:
-        """Code values (height, width, 1 or 3), uint8 or uint16, and exposure time of each picture.
+        """Yield the code values (height, width, 1 or 3), uint8 or uint16, and the exposure time of each picture.
 
-        Raises InputError for unreadable pictures, for pictures that differ in size or kind, and, at the end, where
-        longer exposures are not brighter.
+        Raises InputError for unreadable pictures, for pictures that differ in size or kind, and, at the end, if longer
+        exposures are not brighter.
         """
         first, means = "", []
         for path, exposure_s in zip(self.paths, self.times_s, strict=True):
@@ -51,7 +51,7 @@ class Bracket:
         self._check_brightness(np.array(means))
 
     def samples(self) -> FloatArray:
-        """Codes of pixels away from edges, 0..1: (pictures, pixels, channels); the same pixels in every picture."""
+        """Returns codes of the same pixels, away from edges, in all pictures: (pictures, pixels, channels), 0 to 1."""
         codes, spread = [], np.zeros(0)
         for picture, _ in self.shots():
             patches = _patches(picture) / float(np.iinfo(picture.dtype).max)
@@ -79,10 +79,11 @@ class Bracket:
 def open_bracket(paths: Sequence[Path], times_s: Sequence[float] | None, *, repeated: bool = False) -> Bracket:
     """Pair pictures with their exposure times.
 
-    times_s : in seconds, one a picture; None reads EXIF.
-    repeated : the pictures are shots of one exposure instead of a bracket.
-    Raises InputError for one picture alone, and for times that are missing, too many, not positive, or all the same
-    (for repeated shots: not all the same).
+    times_s : seconds, one per picture; None reads EXIF.
+    repeated : whether the pictures are shots of one exposure instead of a bracket.
+
+    Raises InputError for a single picture, and for times that are missing, too many, not positive, or all the same (for
+    repeated shots: not all the same).
     """
     if len(paths) < 2:
         raise InputError(f"{paths[0]}: one picture, expected at least two; name all pictures of the bracket")
@@ -105,7 +106,7 @@ def open_bracket(paths: Sequence[Path], times_s: Sequence[float] | None, *, repe
 
 
 def _patches(picture: NDArray[Any]) -> NDArray[Any]:
-    """A neighbourhood of each candidate pixel: (offsets, pixels, channels), the pixel itself in the middle."""
+    """Returns the neighbourhood of each candidate pixel, (offsets, pixels, channels), with the pixel in the middle."""
     height, width = picture.shape[:2]
     step = max(1, int(np.ceil(np.sqrt(height * width / CANDIDATES))))
     y, x = (axis.ravel() for axis in np.mgrid[step // 2 : height : step, step // 2 : width : step])

@@ -1,8 +1,8 @@
-"""The camera's response as a table: code value -> exposure E·Δt relative to what the highest code stands for.
+"""The camera's response as a table: code value → exposure E·Δt, relative to the exposure of the highest code.
 
-Recovery knows f⁻¹ only up to a factor a channel (thesis eq. 3.3), and knows nothing of codes whose weight is 0. The
-table is made to rise strictly from 0 to 1, as counterlight.response.Response wants it, so that one kind of file serves
-cameras and projectors.
+Recovery determines f⁻¹ only up to a factor per channel (thesis eq. 3.3), and not at all where the weight is 0. The
+table is made to rise strictly from 0 to 1, as counterlight.response.Response requires, so that cameras and projectors
+share one kind of file.
 """
 
 import numpy as np
@@ -13,11 +13,11 @@ from counterlight.errors import InputError
 from counterlight.response import Response
 from counterlight.tools.hdr.response_table import table_response
 
-TOP_NODES = 16  # the top of the curve continues the power law that these follow
+TOP_NODES = 16  # the curve is continued to the top by the power law of its highest known nodes
 
 
 def exposure_table(response: Response, levels: int, channels: int) -> FloatArray:
-    """f⁻¹ of every code value: (levels, channels), 0..1. InputError for a coloured response of a grey camera."""
+    """Returns f⁻¹ of each code value, (levels, channels), 0 to 1; InputError for a colour response of a grey camera."""
     columns = len(response.table[0]) if response.kind == "table" else 1
     if columns > channels:
         raise InputError(f"response: a table of {columns} columns, the pictures are grey; give it one column")
@@ -26,9 +26,10 @@ def exposure_table(response: Response, levels: int, channels: int) -> FloatArray
 
 
 def rising_response(exposure: FloatArray, weights: FloatArray) -> Response:
-    """A recovered f⁻¹ made into a table: the nearest rising curve, continued to the ends, divided by its top.
+    """Make a table from a recovered f⁻¹: the nearest rising curve, continued to the ends and divided by its top.
 
-    exposure : (nodes, channels), any scale.  weights : (nodes, channels), 0 where f⁻¹ says nothing.
+    exposure : (nodes, channels). Any scale.
+    weights : (nodes, channels). 0 where f⁻¹ is unknown.
     """
     columns = [_rising_column(f, w) for f, w in zip(exposure.T, weights.T, strict=True)]
     return table_response(np.stack(columns, axis=1))

@@ -1,4 +1,4 @@
-"""The camera's response by linear least squares.
+"""Recover the camera's response by linear least squares.
 
 P. E. Debevec and J. Malik, Recovering High Dynamic Range Radiance Maps from Photographs, SIGGRAPH 1997.
 """
@@ -8,22 +8,24 @@ from scipy import sparse
 
 from counterlight.arrays import FloatArray
 
-SMOOTHNESS = 20.0  # λ for 1000 values, 100 pixels in 10 pictures; on real JPEGs 10 follows their noise
+SMOOTHNESS = 20.0  # λ for 1000 values: 100 pixels in 10 pictures; on real JPEGs, 10 follows their noise
 USUAL_VALUES = 1000
 
 
 def recover_log_response(
     codes: FloatArray, log_times: FloatArray, weights: FloatArray, smoothness: float | None = None
 ) -> FloatArray:
-    """g = ln f⁻¹ at the nodes of a table, for one channel: Debevec and Malik 1997, eq. 3.
+    """Returns g = ln f⁻¹ at the nodes of a table, for one channel: Debevec and Malik 1997, eq. 3.
 
     Minimises Σ [w(z) (g(z) − ln E_i − ln t_j)]² + λ² Σ [w(z) (g(z−1) − 2 g(z) + g(z+1))]² with g = 0 in the middle.
-    Each ln E_i is a weighted mean of the others, so it is eliminated, and the system has one unknown a node whatever
-    the number of pixels.
+    Each ln E_i is a weighted mean of the other terms and is eliminated. The system therefore has one unknown per node,
+    whatever the number of pixels.
 
-    codes : (pictures, pixels), 0..1 of the range; between nodes g is taken as linear.
-    log_times : (pictures,) ln t_j.  weights : (nodes,).
+    codes : (pictures, pixels). 0 to 1 of the range; g is linear between nodes.
+    log_times : (pictures,). ln t_j.
+    weights : (nodes,). w.
     smoothness : λ; None scales λ = 20 with the root of the number of values.
+
     Returns (nodes,).
     """
     nodes = len(weights)
@@ -43,12 +45,12 @@ def recover_log_response(
     curvature = smoothness * weights[1:-1, None] * np.diff(np.eye(nodes), 2, axis=0)
     normal += curvature.T @ curvature
     middle = nodes // 2
-    normal[middle, middle] += normal.diagonal().mean()  # g = 0 there; it fixes the factor that E and g share
+    normal[middle, middle] += normal.diagonal().mean()  # g = 0 here; fixes the common factor of E and f⁻¹
     return np.asarray(np.linalg.lstsq(normal, right, rcond=None)[0])
 
 
 def _interpolation(position: FloatArray, nodes: int) -> sparse.csr_array:
-    """Rows that read a table between its nodes."""
+    """Returns the matrix that interpolates a table linearly at some positions."""
     low = np.minimum(position.astype(np.int64), nodes - 2)
     high_share = position - low
     row = np.arange(position.size)

@@ -1,4 +1,4 @@
-"""Radiance from several exposures: every method as the quotient of two sums over the pictures.
+"""Radiance from several exposures: each method is the quotient of two sums over the pictures.
 
 For one pixel and channel with code z_j in picture j of exposure time t_j, w the weight, f⁻¹ the response:
 
@@ -6,12 +6,12 @@ For one pixel and channel with code z_j in picture j of exposure time t_j, w the
 - robertson:    E = Σ w(z_j) t_j f⁻¹(z_j) / Σ w(z_j) t_j²              thesis eq. 3.6, Robertson et al. 2003, eq. 9
 - average:      E = Σ f⁻¹(z_j) / Σ t_j                                 repeated shots, t_j all the same
 
-All are Σ (α_j p(z_j) + β_j q(z_j)) / Σ γ_j q(z_j) with a table (p, q) that no picture changes and three numbers a
-picture, so that one loop on the CPU and one shader serve them all.
+All have the form Σ (α_j p(z_j) + β_j q(z_j)) / Σ γ_j q(z_j), with a table (p, q) common to all pictures and three
+numbers per picture, so that one loop on the CPU and one shader compute them all.
 
-Codes in the top fiftieth of the range count as clipped: JPEG puts such codes into clipped areas, and there the longest
-exposures, which know nothing of the light, have most weight in eq. 3.6. Where a code is clipped, light is at least
-f⁻¹(z_top)/t_j. A pixel whose every code has weight 0 has no estimate but that bound, and so has one whose estimate lies
+Codes in the top fiftieth of the range count as clipped. JPEG puts such codes into clipped areas, where the longest
+exposures contain no information but have most weight in eq. 3.6. Where a code is clipped, the light is at least
+f⁻¹(z_top)/t_j. A pixel gets this bound instead of an estimate if all its codes have weight 0, or if its estimate lies
 well below the bound.
 """
 
@@ -22,17 +22,17 @@ import numpy as np
 
 from counterlight.arrays import FloatArray
 
-MARGIN = 0.02  # of the range, above which codes count as clipped
-SLACK = 0.9  # of the bound: what noise and rounding of a correct estimate need
+MARGIN = 0.02  # share of the range; codes in the top margin count as clipped
+SLACK = 0.9  # share of the bound that an estimate must reach; allows for noise and rounding
 USUAL_WEIGHTING = {"debevec": "hat", "robertson": "gaussian"}
 
 
 @dataclass(frozen=True)
 class Estimator:
-    """One of MERGES for one camera.
+    """One of the methods MERGES for one camera.
 
-    table : (levels, channels, 2), p and q of each code value.
-    top : the lowest code that counts as clipped; from there on q is 0 and p the exposure that light exceeds.
+    table : (levels, channels, 2). p and q of each code value.
+    top : the lowest code that counts as clipped; from there on, q is 0 and p is the exposure that the light exceeds.
     """
 
     method: str
@@ -41,11 +41,11 @@ class Estimator:
 
     @property
     def exponential(self) -> bool:
-        """Whether the quotient is ln E."""
+        """Whether the quotient is ln E instead of E."""
         return self.method == "debevec"
 
     def coefficients(self, exposure_s: float) -> tuple[float, float, float]:
-        """α, β and γ of a picture."""
+        """Returns α, β and γ of a picture."""
         return {
             "debevec": (1.0, -log(exposure_s), 1.0),
             "robertson": (exposure_s, 0.0, exposure_s**2),
@@ -54,10 +54,11 @@ class Estimator:
 
 
 def make_estimator(method: str, exposure: FloatArray, weights: FloatArray, *, margin: float = MARGIN) -> Estimator:
-    """The table of a method.
+    """Make the table of a method.
 
-    exposure : (levels, channels), f⁻¹ of each code value, positive where the weight is.
-    weights : (levels,); `average` takes none.  margin : of the range, above which codes count as clipped.
+    exposure : (levels, channels). f⁻¹ of each code value; positive where the weight is.
+    weights : (levels,). w; unused by `average`.
+    margin : share of the range; codes in the top margin count as clipped.
     """
     top = int(np.ceil((1 - margin) * (len(exposure) - 1)))
     q = np.ones(exposure.shape) if method == "average" else np.repeat(weights[:, None], exposure.shape[1], axis=1)

@@ -1,6 +1,6 @@
-"""Exposure times as cameras write them into their files.
+"""Exposure times that cameras write into their files.
 
-Pillow reads EXIF from JPEG and PNG; OpenCV, which decodes the pixels, gives none of it. RAW's is read by LibRaw.
+Pillow reads EXIF from JPEG and PNG, because OpenCV, which decodes the pixels, does not. LibRaw reads it from RAW.
 """
 
 import warnings
@@ -22,7 +22,7 @@ GIVE_TIMES = "give --times, one for each picture, in seconds"
 
 @dataclass(frozen=True)
 class Exposure:
-    """What one file says of its exposure; None where it says nothing.  aperture : the f-number."""
+    """The exposure stated in a file; None for values that are missing. `aperture` is the f-number."""
 
     time_s: float | None
     aperture: float | None
@@ -30,26 +30,26 @@ class Exposure:
 
 
 def read_exposure(path: Path) -> Exposure:
-    """The exposure in a picture's EXIF. Raises InputError for a file that is no picture."""
+    """Read the exposure from a picture's EXIF; InputError for a file that is not a picture."""
     if is_raw(path):
         return Exposure(*map(_positive, raw_exposure(path)))
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # damaged EXIF and large pictures: what matters is checked below
+            warnings.simplefilter("ignore")  # damaged EXIF and large pictures: the values are checked below
             with opened(path, "check the path") as file, Image.open(file, formats=("PNG", "JPEG")) as picture:
                 tags = dict(picture.getexif().get_ifd(ExifTags.IFD.Exif))
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or 'neither PNG nor JPEG'}; check the path") from None
-    except Exception as error:  # Pillow's parsers raise many kinds on damaged files
+    except Exception as error:  # Pillow raises many kinds of exceptions on damaged files
         raise InputError(f"{path}: its EXIF cannot be read ({' '.join(str(error).split())}); {GIVE_TIMES}") from None
     names = ExifTags.Base.ExposureTime, ExifTags.Base.FNumber, ExifTags.Base.ISOSpeedRatings
     return Exposure(*(_positive(tags.get(name)) for name in names))
 
 
 def exposure_times(paths: Sequence[Path]) -> NDArray[np.float64]:
-    """The exposure time of each picture, in seconds.
+    """Returns the exposure time of each picture, in seconds.
 
-    Raises InputError for a file without one, and where aperture or sensitivity change: then times are not exposures.
+    Raises InputError if a time is missing, and if aperture or sensitivity change, because then times are not exposures.
     """
     exposures = [read_exposure(path) for path in paths]
     for path, exposure in zip(paths, exposures, strict=True):

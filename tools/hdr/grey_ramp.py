@@ -1,4 +1,4 @@
-"""Measured light of a projector's grey levels: a table of readings, or a folder of pictures, one a level."""
+"""Measured light of a projector's grey levels: a table of readings, or a folder with one picture per level."""
 
 import csv
 import re
@@ -17,16 +17,17 @@ from counterlight.tools.hdr.photographs import SUFFIXES, read_photograph, refuse
 
 FULL_LEVEL = 255
 MAX_TABLE_BYTES = 4 << 20
-LIT = 0.5  # of the brightest parts: what counts as the projector's picture
-MOST_CLIPPED = 0.01  # of the lit pixels
+LIT = 0.5  # share of the brightest parts; brighter pixels belong to the projector's picture
+MOST_CLIPPED = 0.01  # share of the lit pixels
 COLUMNS = "columns level,red,green,blue or level,grey; levels 0 to 255, linear light"
 
 
 def read_ramp(source: Path, camera_response: Response) -> tuple[FloatArray, FloatArray]:
-    """Levels and their light from a table (`.csv`) or a folder of pictures.
+    """Read levels and their light from a table (`.csv`) or a folder of pictures.
 
-    camera_response : of the pictures' code values; a table and OpenEXR pictures hold linear light.
-    Returns (readings,), 0..1, and (readings, 1 or 3), any unit.
+    camera_response : response of the pictures' code values; a table and OpenEXR pictures hold linear light.
+
+    Returns levels (readings,), 0 to 1, and light (readings, 1 or 3), in any unit.
     """
     return _from_pictures(source, camera_response) if source.is_dir() else _from_table(source)
 
@@ -57,7 +58,7 @@ def _numbers(path: Path, line: int, row: list[str], count: int) -> list[float]:
 
 
 def _from_pictures(folder: Path, camera_response: Response) -> tuple[FloatArray, FloatArray]:
-    """The mean light of the pixels that the projector lights, in each picture."""
+    """Returns the levels and the mean light of the pixels that the projector lights, per picture."""
     paths = _paths_by_level(folder)
     black, white = (_light(paths[level], camera_response) for level in (0, FULL_LEVEL))
     if black.shape != white.shape:
@@ -79,7 +80,7 @@ def _from_pictures(folder: Path, camera_response: Response) -> tuple[FloatArray,
 
 
 def _paths_by_level(folder: Path) -> Mapping[int, Path]:
-    """Pictures by the last number of their names: `ramp_035.png` shows level 35."""
+    """Find pictures by the last number of their names: `ramp_035.png` shows level 35."""
     paths: dict[int, Path] = {}
     for path in sorted(folder.iterdir()):
         number = re.search(r"(\d+)\D*$", path.stem)
@@ -102,7 +103,7 @@ def _paths_by_level(folder: Path) -> Mapping[int, Path]:
 
 
 def _light(path: Path, camera_response: Response) -> FloatArray:
-    """Linear light (height, width, 1 or 3)."""
+    """Returns linear light (height, width, 1 or 3)."""
     if path.suffix.lower() == ".exr":
         return read_rgb(path).astype(np.float64)
     refuse_curve(path, camera_response, "--camera-response")

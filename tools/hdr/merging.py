@@ -1,4 +1,4 @@
-"""Files in, files out: a bracket on disk -> a radiance map as OpenEXR, and the response that was used."""
+"""Merge a bracket on disk to a radiance map in OpenEXR, and write the response that was used."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,13 +22,13 @@ from counterlight.writing.replacing import replacing_file
 
 @dataclass(frozen=True)
 class ResponseSource:
-    """Where the camera's response comes from: the name of a recovery, or a known curve as `named_response` reads it."""
+    """Source of the camera's response: the name of a recovery method, or a known curve as `named_response` reads it."""
 
     name: str
 
     @classmethod
     def asked(cls, name: str | None, paths: Sequence[Path]) -> "ResponseSource":
-        """None: recovered, but RAW is linear. InputError for RAW and anything else."""
+        """Returns the source for a name; None means recovery, or linear for RAW. InputError for RAW with a curve."""
         raw = next(filter(is_raw, paths), None)
         if raw is not None and name not in (None, "linear"):
             raise InputError(f"--response {name}: {raw} is camera RAW, which is linear; leave the option out")
@@ -41,7 +41,7 @@ class ResponseSource:
 
     @property
     def files(self) -> list[Path]:
-        """What is read for it."""
+        """Files that the source reads."""
         return [Path(self.name)] if self.name.endswith(RESPONSES) else []
 
     def __str__(self) -> str:
@@ -50,9 +50,9 @@ class ResponseSource:
 
 @dataclass(frozen=True)
 class MergeSummary:
-    """What was merged; its text is the command's output.
+    """The result of merging; its text is the command's output.
 
-    decades : log₁₀ of the quotient of the 99.9th and 0.1th percentile of what was measured.
+    decades : log₁₀ of the ratio of the 99.9th to the 0.1th percentile of the measured light.
     """
 
     bracket: Bracket
@@ -83,9 +83,9 @@ def merge_bracket(
     options: MergeOptions,
     save_response: Path | None = None,
 ) -> MergeSummary:
-    """Merge pictures into `output` (R, G, B; a grey camera's three are alike); it appears whole or not at all.
+    """Merge pictures into `output` (R, G, B; equal for a grey camera), which appears whole or not at all.
 
-    Raises InputError for whatever makes the bracket useless: see open_bracket, Bracket.shots, recover_response, merge.
+    Raises InputError for an unusable bracket: see open_bracket, Bracket.shots, recover_response, merge.
     """
     if output.suffix.lower() != ".exr":
         raise InputError(f"{output}: a radiance map is written as OpenEXR; name it {output.stem}.exr")

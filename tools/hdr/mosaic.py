@@ -1,8 +1,8 @@
-"""A sensor's mosaic of colours into pixels: each cell becomes one, each of its colours the mean of the sites with it.
+"""Bin a sensor's colour mosaic into pixels: each cell becomes one pixel, each colour the mean of its sites.
 
-A site has one colour, and demosaicing guesses the two others from its neighbours: noise becomes patterns, and edges
-colours. Here every value was measured, and neighbours share no noise. With a Bayer filter a cell is 2x2 (a red, a blue,
-two greens), with X-Trans 3x3. What that costs is pixels, of which such cameras have more than a projector.
+A site has one colour. Demosaicing guesses the two others from neighbours, which turns noise into patterns and edges
+into colours. Here each value is measured, and neighbours share no noise. A cell is 2x2 for a Bayer filter (one red, one
+blue, two greens) and 3x3 for X-Trans. The price is resolution, of which such cameras have more than a projector.
 
     code = 65535 (site − black) / (white − black), clipped to 0..65535
 
@@ -15,18 +15,19 @@ from numpy.typing import NDArray
 from counterlight.arrays import FloatArray
 
 TOP = 65535
-CELLS = {2: 2, 6: 3}  # the smallest square that has every colour, by the period of the mosaic
+CELLS = {2: 2, 6: 3}  # period of the mosaic: side of the smallest square that contains every colour
 
 
 def binned(
     sites: NDArray[np.unsignedinteger], colours: NDArray[np.intp], black: FloatArray, white: float
 ) -> NDArray[np.uint16]:
-    """(height, width, 3) of a mosaic; incomplete periods at its right and lower edge are left out.
+    """Returns (height, width, 3) of a mosaic; incomplete periods at its right and lower edge are left out.
 
-    colours : (period, period), 0 red, 1 green, 2 blue; the period is one of CELLS.  black : (period, period), levels.
+    colours : (period, period). 0 red, 1 green, 2 blue; the period is a key of CELLS.
+    black : (period, period). Black levels.
     """
     period, cell = len(colours), CELLS[len(colours)]
-    repeat = period // cell  # cells before the mosaic repeats
+    repeat = period // cell  # cells per period of the mosaic
     height, width = (side // period * repeat for side in sites.shape)
     light: NDArray[np.float32] = np.zeros((height, width, 3), np.float32)
     clipped = np.zeros(light.shape, np.bool_)
@@ -43,7 +44,7 @@ def binned(
 
 
 def grey(sites: NDArray[np.unsignedinteger], black: float, white: float) -> NDArray[np.uint16]:
-    """(height, width) of a sensor without a mosaic, each site a pixel."""
+    """Returns (height, width) of a sensor without a mosaic, one pixel per site."""
     return _codes(_light(sites, black, white), sites >= white)
 
 

@@ -1,4 +1,4 @@
-"""Photographs as a camera stored them: PNG and JPEG (files/picture_files.py), or RAW (raw_files.py)."""
+"""Read photographs as the camera stored them: PNG and JPEG (files/picture_files.py), or RAW (raw_files.py)."""
 
 from pathlib import Path
 from typing import Any
@@ -17,16 +17,16 @@ SUFFIXES = (*picture_files.SUFFIXES, *RAW)
 
 
 def read_photograph(path: Path) -> NDArray[Any]:
-    """Code values (height, width) or (height, width, 3), uint8 or uint16; of RAW those of `decode_raw`, linear."""
+    """Returns code values (height, width) or (height, width, 3), uint8 or uint16; linear for RAW (`decode_raw`)."""
     return decode_raw(read_bytes(path, MAX_BYTES, COPY), str(path)) if is_raw(path) else read_picture(path)
 
 
 def decode_photograph(content: bytes, name: str) -> NDArray[Any]:
-    """See `read_photograph`; the name says which format it is."""
+    """Like `read_photograph`, for the content of a file whose name gives its format."""
     return decode_raw(content, name) if is_raw(name) else decode(content, name)
 
 
 def refuse_curve(name: str | Path, response: Response, option: str) -> None:
-    """InputError for RAW, which is linear, if its codes are to go through a curve."""
+    """Raises InputError if a non-linear response is given for RAW, which is linear."""
     if is_raw(name) and response != Response("linear"):
         raise InputError(f"{option}: {name} is camera RAW, which is linear; leave the option out")

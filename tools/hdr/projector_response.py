@@ -1,8 +1,8 @@
 """A projector's response from measured light at known code values (thesis 2.2: intensity transfer function).
 
-It differs between channels but not over the picture (Raij, Gill, Majumder, Towles and Fuchs 2003), so one table a
-channel is enough. What the projector emits at code 0 is no part of it: that is the black level, and belongs to the
-ambient term of c = T p + e.
+The response differs between channels but not over the picture (Raij, Gill, Majumder, Towles and Fuchs 2003), so one
+table per channel is enough. Light at code 0 is the black level, which belongs to the ambient term of c = T p + e and
+not to the response.
 """
 
 from dataclasses import dataclass
@@ -17,17 +17,18 @@ from counterlight.response import Response
 from counterlight.tools.hdr.response_table import NODES, table_response
 
 LEAST_LEVELS = 5
-FOLLOWED = 0.01, 0.99  # of white: the readings that tell a curve's exponent; below is noise
+FOLLOWED = 0.01, 0.99  # shares of white between which readings determine the exponent; below is noise
 EXPONENTS = 0.4, 4.0
 
 
 @dataclass(frozen=True)
 class ProjectorResponse:
-    """response : a table, light above black for a code value, 0..1.
+    """A fitted response.
 
-    black_level : (channels,), light at code 0 as a fraction of light at full code.
-    pooled : the largest change, as a fraction of white, that made the readings rise.
-    gammas : (channels,), the exponents that come closest.
+    response : a table of light above black per code value, 0 to 1.
+    black_level : (channels,). Light at code 0 as a fraction of light at full code.
+    pooled : largest change, as a fraction of white, that made the readings monotone.
+    gammas : (channels,). Closest exponents.
     """
 
     response: Response
@@ -43,14 +44,16 @@ class ProjectorResponse:
 def fit_projector_response(
     levels: FloatArray, readings: FloatArray, counts: FloatArray | None = None
 ) -> ProjectorResponse:
-    """Fit a rising curve a channel: (L(v) − L(0)) / (L(1) − L(0)).
+    """Fit a rising curve per channel: (L(v) − L(0)) / (L(1) − L(0)).
 
-    Readings are pooled where noise makes them fall (isotonic regression, the closest rising sequence), and their γ-th
-    roots are joined by monotone cubics (Fritsch and Carlson 1980), γ being the curve's own median exponent: near black,
-    where a curve is steep, its root is straight. No gamma and no polynomial is assumed of its form.
+    Readings are pooled where noise makes them fall (isotonic regression, the closest rising sequence). Their γ-th roots
+    are joined by monotone cubics (Fritsch and Carlson 1980), where γ is the curve's median exponent: near black, where
+    a curve is steep, its root is straight. The curve need not be a gamma curve or a polynomial.
 
-    levels : (readings,), code values 0..1 with 0 and 1 among them, in any order; a level's readings are averaged.
-    readings : (readings, 1 or 3), linear light.  counts : (readings,), how many measurements each stands for.
+    levels : (readings,). Code values 0 to 1, including 0 and 1, in any order; readings of equal levels are averaged.
+    readings : (readings, 1 or 3). Linear light.
+    counts : (readings,). Number of measurements behind each reading; None for one each.
+
     Raises InputError for fewer than five levels, for a missing black or white, and for white no brighter than black.
     """
     weights = np.ones(len(levels)) if counts is None else counts
@@ -74,7 +77,7 @@ def fit_projector_response(
 
 
 def _exponent(codes: FloatArray, rising: FloatArray) -> float:
-    """The median of log light / log code, 1 where no reading tells."""
+    """Returns the median of log light / log code; 1 if no reading is usable."""
     told = (codes > 0) & (codes < 1) & (rising > FOLLOWED[0]) & (rising < FOLLOWED[1])
     if not told.any():
         return 1.0
@@ -82,7 +85,7 @@ def _exponent(codes: FloatArray, rising: FloatArray) -> float:
 
 
 def _joined(codes: FloatArray, rising: FloatArray, gamma: float) -> FloatArray:
-    """The curve at equally spaced codes: (NODES,)."""
+    """Returns the curve at equally spaced codes, (NODES,)."""
     roots = PchipInterpolator(codes, rising ** (1 / gamma))(np.linspace(0, 1, NODES))
     curve = np.clip(roots, 0, 1) ** gamma
     curve[[0, -1]] = rising[[0, -1]]

@@ -1,4 +1,4 @@
-"""Pictures of one scene at several exposure times -> its radiance map (thesis 3.3.1)."""
+"""Merge pictures of one scene at several exposure times to a radiance map (thesis 3.3.1)."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,13 +15,18 @@ from counterlight.tools.hdr.estimators import USUAL_WEIGHTING, Estimator, make_e
 from counterlight.tools.hdr.sums import ExposureSums, summing
 from counterlight.tools.hdr.weights import WEIGHTINGS, weight_table
 
-LEAST_MEASURED = 1e-3  # of all values; less is a bracket at the wrong end
+LEAST_MEASURED = 1e-3  # share of all values; with less, the exposures are far too long or too short
 Shot = tuple[NDArray[Any], float]
 
 
 @dataclass(frozen=True)
 class MergeOptions:
-    """method : one of MERGES.  weighting : one of WEIGHTINGS, None for the method's own.  gpu : merge in OpenGL."""
+    """Options of merging.
+
+    method : one of MERGES.
+    weighting : one of WEIGHTINGS; None for the method's default.
+    gpu : whether to merge in OpenGL.
+    """
 
     method: str = "debevec"
     weighting: str | None = None
@@ -37,17 +42,17 @@ class MergeOptions:
 
     @property
     def weights(self) -> str:
-        """The weighting in use; the average's is not asked for."""
+        """The weighting in use; `average` ignores it."""
         return self.weighting or USUAL_WEIGHTING.get(self.method, "hat")
 
 
 @dataclass(frozen=True)
 class RadianceMap:
-    """What a bracket says of the light.
+    """The light of a scene, measured by a bracket.
 
-    radiance : (height, width, channels) float32, 1 is the light that reaches the highest code in one second.
-    saturated, black : (height, width, channels) bool: clipped in every picture that is not black (the radiance is a
-    lower bound), black in every picture (the radiance is 0).
+    radiance : (height, width, channels) float32. 1 is the light that reaches the highest code in one second.
+    saturated : (height, width, channels) bool. Clipped in every picture that is not black: radiance is a lower bound.
+    black : (height, width, channels) bool. Black in every picture; the radiance is 0.
     """
 
     radiance: NDArray[np.float32]
@@ -56,10 +61,11 @@ class RadianceMap:
 
 
 def merge(shots: Iterable[Shot], response: Response, options: MergeOptions) -> RadianceMap:
-    """Merge pictures that come one at a time: memory does not grow with their number.
+    """Merge pictures that arrive one at a time, so that memory does not grow with their number.
 
     shots : code values (height, width, 1 or 3), all uint8 or all uint16, with their exposure times in seconds.
-    Raises InputError where next to nothing is well exposed.
+
+    Raises InputError if almost nothing is well exposed.
     """
     remaining = iter(shots)
     codes, exposure_s = next(remaining)

@@ -1,7 +1,7 @@
-"""Camera RAW through rawpy (LibRaw; the optional extra `raw`): the sensor's own light, linear, and nothing else.
+"""Read camera RAW through rawpy (LibRaw; the optional extra `raw`): the sensor's linear light without processing.
 
-Nobody's taste is applied: no white balance, colour matrix, brightening or curve, which LibRaw would choose anew for
-each picture, and no demosaicing: see mosaic.py. Black and white levels are the file's own.
+LibRaw's white balance, colour matrix, brightening and curve are not applied, because it would choose them anew for each
+picture. There is no demosaicing either: see mosaic.py. The file gives the black and white levels.
 """
 
 import io
@@ -24,7 +24,7 @@ SUFFIXES = (
     *(".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw", ".x3f"),
 )
 MAX_BYTES = 1 << 30
-SITE_BYTES = 16  # of memory, measured
+SITE_BYTES = 16  # bytes of memory per site, measured
 COPY = "copy it from the camera again"
 
 
@@ -33,9 +33,9 @@ def is_raw(name: str | Path) -> bool:
 
 
 def decode_raw(content: bytes, name: str) -> NDArray[np.uint16]:
-    """(height, width, 3) of a colour sensor, (height, width) of a grey one; 65535 is the white level.
+    """Returns (height, width, 3) for a colour sensor, (height, width) for a grey one; 65535 is the white level.
 
-    Raises InputError for a damaged or truncated file, for another format, and for RAW that is no mosaic.
+    Raises InputError for a damaged or truncated file, for another format, and for RAW without a mosaic.
     """
     with _opened(content, name) as raw:
         sizes = raw.sizes
@@ -50,14 +50,14 @@ def decode_raw(content: bytes, name: str) -> NDArray[np.uint16]:
 
 
 def raw_exposure(path: Path) -> tuple[float, float, float]:
-    """Seconds, f-number and ISO in a file; 0 where it says nothing."""
+    """Returns seconds, f-number and ISO of a file; 0 where a value is missing."""
     with _opened(read_bytes(path, MAX_BYTES, COPY), str(path)) as raw:
         return raw.other.shutter_speed, raw.other.aperture, raw.other.iso_speed
 
 
 @contextmanager
 def _opened(content: bytes, name: str) -> Iterator[Any]:
-    """LibRaw at a file; whatever it throws or complains of becomes an InputError."""
+    """Open a file with LibRaw; its exceptions and complaints become InputErrors."""
     try:
         import rawpy
     except ImportError:
@@ -68,16 +68,16 @@ def _opened(content: bytes, name: str) -> Iterator[Any]:
             yield raw
     except InputError:
         raise
-    except Exception as error:  # of LibRaw, and of rawpy for damaged dates and names
+    except Exception as error:  # raised by LibRaw, and by rawpy for damaged dates and names
         raise InputError(f"{name}: LibRaw cannot read it ({_said(error)}); {COPY}, or save it as DNG") from None
-    if complaints:  # it goes on, with zeros where the file ends
+    if complaints:  # LibRaw continues with zeros where the file ends
         raise InputError(f"{name}: damaged or truncated ({one_line(complaints[0].rpartition(': ')[2])}); {COPY}")
 
 
 def _developed(raw: Any, name: str) -> NDArray[np.uint16]:
     sites, black = raw.raw_image_visible, np.array(raw.black_level_per_channel, np.float64)
     own = [level for level in raw.camera_white_level_per_channel or () if 0 < level < raw.white_level]
-    white = float(min(own, default=raw.white_level))  # where the camera says its sensor ends below its range
+    white = float(min(own, default=raw.white_level))  # the camera may state that its sensor saturates below its range
     if not white > black.max():
         raise InputError(f"{name}: a black level of {black.max():g} and a white level of {white:g}; {COPY}")
     if raw.num_colors == 1:

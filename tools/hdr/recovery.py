@@ -1,4 +1,4 @@
-"""Which method recovers the camera's response, and what a bracket must show for it."""
+"""Recover the camera's response with a chosen method, and check that the bracket is suitable."""
 
 import numpy as np
 
@@ -12,14 +12,17 @@ from counterlight.tools.hdr.response_table import NODES
 from counterlight.tools.hdr.weights import weight_table
 
 METHODS = ("debevec", "robertson")
-LEAST_NODES = 32  # different codes that pixels with two good exposures must show
+LEAST_NODES = 32  # different codes required among pixels with two good exposures
 NAME_IT = "name the response instead (--response linear, srgb or FILE)"
 
 
 def recover_response(samples: FloatArray, times_s: FloatArray, method: str) -> Response:
-    """The camera's response from a bracket.
+    """Recover the camera's response from a bracket.
 
-    samples : (pictures, pixels, channels), codes 0..1.  times_s : (pictures,).  method : one of METHODS.
+    samples : (pictures, pixels, channels). Code values, 0 to 1.
+    times_s : (pictures,). Seconds.
+    method : one of METHODS.
+
     Raises InputError if hardly any pixel is well exposed in two pictures.
     """
     columns = [_recover_channel(codes, times_s, method) for codes in np.moveaxis(samples, -1, 0)]
@@ -27,7 +30,7 @@ def recover_response(samples: FloatArray, times_s: FloatArray, method: str) -> R
 
 
 def _recover_channel(codes: FloatArray, times_s: FloatArray, method: str) -> tuple[FloatArray, FloatArray]:
-    """f⁻¹ at each node, any scale, and how far to trust it, 0 where nothing is known: at both ends of the range."""
+    """Returns f⁻¹ at each node, in any scale, and its weight; the weight is 0 at both ends of the range."""
     inside = (codes > MARGIN) & (codes < 1 - MARGIN)
     codes, inside = codes[:, inside.sum(axis=0) >= 2], inside[:, inside.sum(axis=0) >= 2]
     _check_shown(codes[inside])

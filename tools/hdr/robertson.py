@@ -1,4 +1,4 @@
-"""The camera's response by alternating between light and response.
+"""Recover the camera's response by alternating between estimates of light and response.
 
 M. A. Robertson, S. Borman and R. L. Stevenson, Dynamic Range Improvement through Multiple Exposures, ICIP 1999, and
 Estimation-theoretic approach to dynamic range enhancement using multiple exposures, J. Electronic Imaging 12(2), 2003.
@@ -9,7 +9,7 @@ import numpy as np
 from counterlight.arrays import FloatArray
 
 MAX_ROUNDS = 300
-SETTLED = 1e-4  # mean change of f⁻¹ in a round, relative to the middle of the curve
+SETTLED = 1e-4  # mean change of f⁻¹ per round, relative to the middle of the curve
 
 
 def recover_response(
@@ -20,14 +20,16 @@ def recover_response(
     max_rounds: int = MAX_ROUNDS,
     settled: float = SETTLED,
 ) -> tuple[FloatArray, FloatArray]:
-    """f⁻¹ at the nodes of a table and how many values each rests on, for one channel.
+    """Returns f⁻¹ at the nodes of a table, and the number of values behind each node, for one channel.
 
-    In turn: E_i by eq. 3.6 of the thesis with the present f⁻¹, then f⁻¹(z) = mean of t_j E_i over all values of code z
-    (Robertson et al. 2003, eq. 10), scaled to 1 in the middle; starts from a straight line.
+    Alternates between E_i by eq. 3.6 of the thesis with the present f⁻¹, and f⁻¹(z) = mean of t_j E_i over all values
+    of code z (Robertson et al. 2003, eq. 10), scaled to 1 in the middle. Starts from a straight line.
 
-    codes : (pictures, pixels), 0..1 of the range, counted at the nearest node.  times : (pictures,) s.
-    weights : (nodes,), 0 at the ends, where codes say nothing of the light.
-    Returns (nodes,) and (nodes,); nodes that no value falls on are interpolated, and count 0.
+    codes : (pictures, pixels). 0 to 1 of the range, counted at the nearest node.
+    times : (pictures,). Seconds.
+    weights : (nodes,). 0 at the ends, where codes do not determine the light.
+
+    Returns (nodes,) and (nodes,); nodes without values are interpolated and count 0.
     """
     nodes = len(weights)
     z = np.rint(codes * (nodes - 1)).astype(np.int64)

@@ -1,4 +1,4 @@
-"""The two sums of an estimator over pictures that come one at a time: the CPU's, and the choice between CPU and GPU."""
+"""The two sums of an estimator over pictures that arrive one at a time: on the CPU, and the choice of CPU or GPU."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,21 +9,21 @@ from numpy.typing import NDArray
 
 from counterlight.tools.hdr.estimators import SLACK, Estimator
 
-CHUNK_PIXELS = 1 << 15  # the part of the sums that is at hand stays in the cache
+CHUNK_PIXELS = 1 << 15  # pixels processed at a time, so that their sums stay in the cache
 
 
 class ExposureSums(Protocol):
-    """Adds pictures of one shape; keeps the sums, not the pictures."""
+    """Adds pictures of one shape; stores the sums, not the pictures."""
 
     def add(self, codes: NDArray[Any], coefficients: tuple[float, float, float], exposure_s: float) -> None:
-        """codes : (height, width, channels), unsigned."""
+        """Add a picture; `codes` is (height, width, channels), unsigned."""
 
     def estimate(self) -> NDArray[np.float32]:
-        """(height, width, channels): the radiance where there is one, otherwise −bound (0: only black); starts anew."""
+        """Returns (height, width, channels) and resets: the radiance, or −bound where there is none (0: only black)."""
 
 
 class CpuSums:
-    """ExposureSums in numpy, float64: the twin of gl.exposure_sums.GlSums. 20 bytes a pixel and channel."""
+    """ExposureSums in numpy, float64; matches gl.exposure_sums.GlSums. Takes 20 bytes per pixel and channel."""
 
     def __init__(self, estimator: Estimator, shape: tuple[int, int, int]) -> None:
         self._estimator, self._shape = estimator, shape
@@ -40,7 +40,7 @@ class CpuSums:
         for start in range(0, len(pixels), CHUNK_PIXELS):
             part = slice(start, start + CHUNK_PIXELS)
             for channel, z in enumerate(np.ascontiguousarray(pixels[part].T)):
-                self._sum[channel, part] += terms[channel].take(z, mode="clip")  # no code is beyond its table
+                self._sum[channel, part] += terms[channel].take(z, mode="clip")  # all codes are within the table
                 self._weight[channel, part] += weights[channel].take(z, mode="clip")
                 limits = self._bound[channel, part]
                 np.maximum(limits, bounds[channel] * (z >= self._estimator.top), out=limits)
@@ -62,11 +62,11 @@ class CpuSums:
 
 @contextmanager
 def summing(estimator: Estimator, shape: tuple[int, int, int], *, gpu: bool) -> Iterator[ExposureSums]:
-    """Sums on the CPU or, through EGL, on the GPU. Raises InputError where there is no OpenGL or no room."""
+    """Returns sums on the CPU or, through EGL, on the GPU; InputError without OpenGL or enough memory."""
     if not gpu:
         yield CpuSums(estimator, shape)
         return
-    from counterlight.gl.context import headless_context  # here: without it, OpenGL is not needed
+    from counterlight.gl.context import headless_context  # imported late, because only the GPU needs OpenGL
     from counterlight.gl.exposure_sums import GlSums
 
     told = estimator.table, shape, estimator.exponential, SLACK

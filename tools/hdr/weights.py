@@ -1,4 +1,4 @@
-"""How far a code value is to be trusted: least at both ends of the camera's range, 0 where it clips."""
+"""The weight of a code value: least at both ends of the camera's range, and 0 where it clips."""
 
 from collections.abc import Callable
 
@@ -10,17 +10,17 @@ STEEPNESS = 4.0  # W of thesis eq. 3.7; Robertson et al. (2003) and OpenCV use t
 
 
 def hat(codes: FloatArray) -> FloatArray:
-    """w(z) = z below the middle, 1 − z above, scaled to a peak of 1 (thesis eq. 3.5; Debevec and Malik 1997, eq. 4).
+    """Returns w(z) = min(z, 1 − z), scaled to a peak of 1 (thesis eq. 3.5; Debevec and Malik 1997, eq. 4).
 
-    codes : 0..1 of the camera's range.
+    codes : 0 to 1 of the camera's range.
     """
     return np.asarray(1 - np.abs(2 * codes - 1))
 
 
 def gaussian(codes: FloatArray) -> FloatArray:
-    """w(z) = exp(−W (2z − 1)²), shifted and scaled so that w = 0 at both ends and 1 in the middle (thesis eq. 3.7).
+    """Returns w(z) = exp(−W (2z − 1)²), shifted and scaled to 0 at both ends and 1 in the middle (thesis eq. 3.7).
 
-    codes : 0..1 of the camera's range.
+    codes : 0 to 1 of the camera's range.
     """
     least = np.exp(-STEEPNESS)
     bell = np.exp(-STEEPNESS * (2 * codes - 1) ** 2)
@@ -31,5 +31,5 @@ WEIGHTINGS: dict[str, Callable[[FloatArray], FloatArray]] = {"hat": hat, "gaussi
 
 
 def weight_table(weighting: str, levels: int) -> FloatArray:
-    """The weight of each code value of a camera with so many levels: (levels,)."""
+    """Returns the weight of each code value of a camera with `levels` levels, (levels,)."""
     return WEIGHTINGS[weighting](np.linspace(0, 1, levels))

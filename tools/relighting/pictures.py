@@ -1,4 +1,4 @@
-"""Pictures into a frame, and pictures out as PNG or OpenEXR."""
+"""Fit pictures into a frame, and write pictures as PNG or OpenEXR."""
 
 from pathlib import Path
 
@@ -22,10 +22,13 @@ WHITE_PERCENTILE = 99.0
 
 
 def read_placed(path: Path, target: tuple[int, int], screen: Screen | None = None) -> FloatArray:
-    """The first picture of a medium in linear light, fitted into a frame (height, width) as the player fits it.
+    """Read the first picture of a medium in linear light, fitted into a frame (height, width) as the player fits it.
 
-    OpenEXR is linear already and is taken pixel by pixel.  screen : that the frame's cameras share, if it has several.
-    Raises InputError for what cannot be read, and for OpenEXR of another size than the frame.
+    OpenEXR is linear already and is read pixel by pixel.
+
+    screen : screen that several cameras share; None for a single camera.
+
+    Raises InputError for unreadable media, and for OpenEXR of another size than the frame.
     """
     with MediaReader.open(path) as reader:
         frame = reader.next_frame(FRAME_TIMEOUT_S)
@@ -49,19 +52,19 @@ def read_placed(path: Path, target: tuple[int, int], screen: Screen | None = Non
 
 
 def white_level(linear_rgb: FloatArray) -> float:
-    """The 99th percentile of a picture's values; its maximum where that is not positive, 1 where nothing is."""
+    """Returns the 99th percentile of a picture's values, its maximum if that is not positive, or 1 if neither is."""
     level = float(np.percentile(linear_rgb, WHITE_PERCENTILE))
     largest = float(np.max(linear_rgb))
     return level if level > 0 else largest if largest > 0 else 1.0
 
 
 def encoded(linear_rgb: FloatArray, white: float) -> NDArray[np.uint8]:
-    """8-bit sRGB with `white` at 255; below 0 and above white is cut."""
+    """Returns 8-bit sRGB with `white` at 255; values below 0 and above white are clipped."""
     return encoding.encode(linear_rgb, Response("srgb").inverse_table(), white)
 
 
 def write_view(path: Path, linear_rgb: FloatArray, white: float) -> None:
-    """Write a picture: PNG sRGB with `white` as 255, OpenEXR the linear values as they are."""
+    """Write a picture: PNG as sRGB with `white` at 255, OpenEXR with the linear values."""
     if path.suffix.lower() == ".exr":
         exr.write_rgb(path, linear_rgb.astype(np.float32))
     else:

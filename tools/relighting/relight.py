@@ -1,11 +1,11 @@
-"""A calibration folder and a picture -> one of the four views of the thesis' Figure 5.3, in a file.
+"""Compute one of the four views of the thesis' Figure 5.3 from a calibration folder and a picture, and write it.
 
-camera : the composition c = T p + e (eq. 3.11), what the camera sees under a projector picture; T is undecomposed.
-dual : p' = Tᵀ c' (eq. 3.12), the scene from the projector's place, lit by the camera; no ambient light in it.
-inverse-dual : T⁺ c', what the projector must show so that the camera sees c', without its clamp. For white it sums the
-columns of T⁺, the pattern that looks uniformly white; times the room's white level it is drive.
-inverse-camera : T⁺ᵀ p', the column sums of T⁺ in camera space, drive per unit radiance: how much drive one unit of a
-pixel's radiance asks for: bright where the surface is dark or badly lit, negative where neighbours make room for it.
+camera : the composition c = T p + e (eq. 3.11), the camera picture under a projector picture; T is undecomposed.
+dual : p' = Tᵀ c' (eq. 3.12), the scene from the projector's place, lit by the camera; without ambient light.
+inverse-dual : T⁺ c', the projector picture for a camera picture c', without the clamp. For white it sums the columns of
+    T⁺, the pattern that looks uniformly white; times the room's white level it is drive.
+inverse-camera : T⁺ᵀ p', the column sums of T⁺ in camera space, drive per unit radiance. A pixel is bright where its
+    radiance needs much drive, on dark or badly lit surfaces, and negative where its neighbours must give way.
 Camera pictures are in screen primaries (counterlight.maps.mixing).
 """
 
@@ -27,16 +27,18 @@ from counterlight.tools.transport.storage import read_transport
 from counterlight.writing.outputs import check_file
 from counterlight.writing.replacing import replacing_file
 
-LIT_BY_PROJECTOR = ("camera", "inverse-camera")  # their picture is a projector picture, the others' a camera picture
-ROUNDING = 1e-6  # what resampling adds to a full white
+LIT_BY_PROJECTOR = ("camera", "inverse-camera")  # views that take a projector picture; the others take a camera picture
+ROUNDING = 1e-6  # excess over full white that resampling may cause
 
 
 @dataclass(frozen=True)
 class RelightOptions:
-    """What to show.
+    """Options of a view.
 
-    view : of RELIT_VIEWS.  ambient : whether the camera view has ambient light; None for yes where there is any.
-    white : the value that a PNG shows as white, None for the picture's 99th percentile.  colour : of COLOURS.
+    view : one of RELIT_VIEWS.
+    ambient : whether the camera view includes ambient light; None includes it if there is any.
+    white : value that a PNG shows as white; None for the picture's 99th percentile.
+    colour : one of COLOURS.
     """
 
     view: str
@@ -67,7 +69,7 @@ def relight(folder: Path, picture: Path | None, output: Path, options: RelightOp
 
 
 def make_view(stored: StoredCalibration, picture: FloatArray | None, options: RelightOptions) -> FloatArray:
-    """One of the four views of a stored calibration, (height, width, 3); a picture of None is white."""
+    """Returns one of the four views of a stored calibration, (height, width, 3); without a picture it is white."""
     calibration = stored.calibration
     if picture is None:
         picture = np.ones((*_lit_from(calibration, options.view).shape, 3))
@@ -81,7 +83,7 @@ def make_view(stored: StoredCalibration, picture: FloatArray | None, options: Re
 
 
 def _inverse_view(maps: RoomMaps, picture: FloatArray, view: str) -> FloatArray:
-    """T⁺ A c', or its transpose, in the tier of colour that the maps were built for."""
+    """Returns T⁺ A c', or its transpose, in the colour tier for which the maps were built."""
     T_pinv, mixing = compensation(maps), maps.mixing
     if view == "inverse-dual":
         return T_pinv.apply(mixing.asked(picture))

@@ -1,4 +1,4 @@
-"""Aiming a camera that is any other program: what to show, and the newest photograph, in FOLDER/aim."""
+"""Aim a camera that another program controls: FOLDER/aim holds the picture to show and the newest photograph."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -13,11 +13,11 @@ from counterlight.tools.hdr.photographs import SUFFIXES, read_photograph
 from counterlight.writing.replacing import replacing_file
 
 PATTERN = "pattern.png"
-NOTHING = 480, 640  # the picture while there is none
+NOTHING = 480, 640  # size of the placeholder until there is a photograph
 
 
 class AimedFolder:
-    """A screen that writes FOLDER/aim/pattern.png, and an eye that reads the newest picture beside it."""
+    """A screen that writes FOLDER/aim/pattern.png, and an eye that reads the newest picture next to it."""
 
     timed, refresh_hz = False, None
 
@@ -39,16 +39,16 @@ class AimedFolder:
             temporary.write_bytes(encode_png(codes))
 
     def begin(self, number: int) -> None:
-        """Nothing here depends on a capture's number."""
+        """Does nothing: frames do not depend on a capture's number."""
 
     def expose(self, time: float) -> None:
         raise InputError("folder: the exposure is set at the camera")
 
     def skip(self) -> None:
-        """Nothing waits in a folder."""
+        """Does nothing: a folder has no frames to skip."""
 
     def frame(self) -> Shot:
-        """The newest photograph; the one before while that is incomplete."""
+        """Returns the newest photograph, or the previous photograph while the newest is incomplete."""
         newest = max(self._photographs(), default=None)
         if newest is not None:
             changed, path = newest

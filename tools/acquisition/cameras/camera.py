@@ -1,8 +1,8 @@
-"""What captures: a small protocol, and how stored code values become radiance.
+"""The camera protocol, and the conversion of stored code values to radiance.
 
-A camera is told a level of patterns before the first of them is shown (`prepare`), and then asked for one capture after
-the other. A capture is a bracket of shots, one for each of the camera's exposures, stored as they come; radiance is
-made of them only when they are read (`Exposures.radiance`), so that a better merging can be used on old captures.
+`prepare` passes a level of patterns to the camera before the first is shown; then `capture` requests one capture after
+the other. A capture is a bracket of shots, one per exposure, stored unchanged. Radiance is computed only on reading
+(`Exposures.radiance`), so that a better merging can be applied to old captures.
 """
 
 from collections.abc import Sequence
@@ -21,14 +21,15 @@ from counterlight.tools.hdr.camera_response import exposure_table
 from counterlight.tools.hdr.estimators import Estimator, make_estimator
 from counterlight.tools.hdr.sums import CpuSums
 
-Shot: TypeAlias = NDArray[Any]  # (height, width) or (height, width, 3), uint8 or uint16, as stored
+Shot: TypeAlias = NDArray[Any]  # (height, width) or (height, width, 3), uint8 or uint16, as the camera gave it
 LINEAR = Response("linear")
 
 
 class Camera(Protocol):
-    """A camera that looks at the projector's light.
+    """A camera that sees the projector's light.
 
-    name : what it is; captures of cameras of different names are never mixed.  exposures : of each capture.
+    name : identifies the camera; captures of cameras with different names are never mixed.
+    exposures : exposures of each capture.
     """
 
     @property
@@ -36,18 +37,18 @@ class Camera(Protocol):
     @property
     def exposures(self) -> "Exposures": ...
     def prepare(self, first: int, patterns: Sequence[Picture], missing: Sequence[int]) -> None:
-        """A level begins: its patterns have the numbers first, first + 1, …, of which `missing` will be asked for."""
+        """Prepare a level: its patterns have the numbers first, first + 1, …, and `missing` will be captured."""
 
     def capture(self, number: int, picture: Picture) -> tuple[Shot, ...]:
-        """Show a picture and photograph it, once for each exposure."""
+        """Show a picture and photograph it, once per exposure."""
 
 
 @dataclass(frozen=True)
 class Exposures:
     """How shots become radiance.
 
-    times : of each shot of a bracket; full scale of a shot is a radiance of 1 / time.
-    response : light, 0..1, of a code value.
+    times : exposure of each shot of a bracket; full scale of a shot is a radiance of 1 / time.
+    response : code value → light, 0 to 1.
     """
 
     times: tuple[float, ...] = (1.0,)
@@ -59,13 +60,14 @@ class Exposures:
 
     @property
     def shortest(self) -> float:
-        """Of a bracket in any order: what saturates at this is lost."""
+        """The shortest exposure of the bracket; values that saturate here are lost."""
         return min(self.times)
 
     def radiance(self, shots: Sequence[Shot]) -> NDArray[np.float32]:
-        """(height, width, 3): all light over all time, of shots that are not clipped (hdr/estimators.py, average).
+        """Merge unclipped shots to (height, width, 3): total light over total time (hdr/estimators.py, average).
 
-        With photon noise that is the best estimate. A pixel clipped everywhere has the bound of the shortest exposure.
+        This is the best estimate under photon noise. A pixel that clips everywhere gets the bound of the shortest
+        exposure.
         """
         if len(shots) == len(self.times) == 1:
             table, codes = _radiance_table(self.response, shots[0].dtype, self.times[0]), _coloured(shots[0])
@@ -80,12 +82,12 @@ class Exposures:
         return np.abs(sums.estimate())
 
     def saturated(self, shots: Sequence[Shot]) -> NDArray[np.bool_]:
-        """(height, width), the shortest exposure is at the top of the camera's range."""
+        """Returns (height, width) bool: the shortest exposure is at the top of the camera's range."""
         shot = _coloured(shots[self.times.index(self.shortest)])
         return np.asarray(np.any(shot >= _estimator(self.response, shot.dtype).top, axis=2))
 
     def one(self, shot: Shot, time: float) -> FloatArray:
-        """The light of a single shot exposed for `time`, clipped or not: (height, width, 3)."""
+        """Returns the light of a single shot exposed for `time`, clipped or not: (height, width, 3)."""
         return self.response.to_linear(_coloured(shot) / np.iinfo(shot.dtype).max) / time
 
 
@@ -101,7 +103,7 @@ def _estimator(response: Response, dtype: np.dtype[Any]) -> Estimator:
 
 @cache
 def _radiance_table(response: Response, dtype: np.dtype[Any], time: float) -> NDArray[np.float32]:
-    """The radiance of each code value where there is one shot only, (3, levels)."""
+    """Returns the radiance per code value for a single shot, (3, levels)."""
     estimator = _estimator(response, dtype)
     codes = np.arange(len(estimator.table), dtype=dtype)[None, :, None]
     sums = CpuSums(estimator, (1, codes.size, 3))

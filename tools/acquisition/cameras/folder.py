@@ -1,8 +1,8 @@
-"""A camera that is any other program: patterns are written to a folder, captures are read from it, level by level.
+"""A camera that another program controls: patterns are written to a folder and captures are read, level by level.
 
-FOLDER/patterns/00012.png    what to show: 8-bit, the projector's size; RGB where it is not black and white
-FOLDER/captures/00012.png    what was seen (or .jpg, .dng …); with a bracket 00012_0.png, 00012_1.png …
-FOLDER/acquisition.toml      which acquisition, or check, they are of: none takes another one's captures for its own
+FOLDER/patterns/00012.png    picture to show: 8-bit, the projector's size; RGB unless it is black and white
+FOLDER/captures/00012.png    its capture (or .jpg, .dng …); with a bracket 00012_0.png, 00012_1.png …
+FOLDER/acquisition.toml      the acquisition or check that owns the files, so that captures are never mixed up
 """
 
 import math
@@ -29,15 +29,19 @@ from counterlight.writing.replacing import filling_folder, replacing_file
 ACQUISITION = "acquisition.toml"
 POLL_S = 0.2
 LISTED = 3  # names in a message
-CHECK, CHECKED = "check ", "checked"  # ids of checks begin so; of a folder whose last check has ended
+CHECK, CHECKED = "check ", "checked"  # a check's id begins with CHECK; CHECKED is the id once the check has ended
 MOST = 1 << 40
-THIRD_STOP = 0.4  # factors of two; files hold nominal times, a third of a stop off each other
+THIRD_STOP = 0.4  # factors of two; files hold nominal times, up to a third of a stop off
 ANY_CASE = frozenset((*SUFFIXES, *(suffix.upper() for suffix in SUFFIXES)))
 _NUMBERED = re.compile(r"(?P<number>\d{5,})(_(?P<shot>\d+))?")
 
 
 class Waiting(InputError):  # noqa: N818 - no fault: a run that goes on later
-    """Captures are not there yet.  first : the first one's number.  waited : somebody was to wait, and did."""
+    """Captures are missing.
+
+    first : number of the first missing capture.
+    waited : whether the run waited for captures in vain.
+    """
 
     def __init__(self, message: str, first: int, *, waited: bool) -> None:
         super().__init__(message)
@@ -47,13 +51,13 @@ class Waiting(InputError):  # noqa: N818 - no fault: a run that goes on later
 class FolderCamera:
     """The camera back end of a folder.
 
-    wait_s : how long to wait for the captures of a level before giving up; the next run goes on from there.
+    wait_s : seconds to wait for the captures of a level before giving up; the next run resumes there.
     """
 
     def __init__(self, folder: Path, exposures: Exposures, wait_s: float = 0.0) -> None:
         self._folder, self._exposures, self._wait_s = folder, exposures, wait_s
-        self._exposed = 0.0  # by the first RAW file that says it, for each unit of --exposures
-        self._goes_on = False  # a check whose later levels may have captures already
+        self._exposed = 0.0  # exposure of the first RAW file that states it, per unit of --exposures
+        self._goes_on = False  # a check is resumed, and its later levels may already have captures
 
     @property
     def name(self) -> str:
@@ -65,13 +69,13 @@ class FolderCamera:
 
     @property
     def waits(self) -> bool:
-        """Whether captures are waited for; otherwise nobody knows how long they take."""
+        """Whether the camera waits for captures; otherwise their duration is unknown."""
         return self._wait_s > 0
 
     def bind(self, acquisition: str, *, first: bool) -> None:
-        """Take the folder for an acquisition, by its id; InputError if it holds another one's captures.
+        """Reserve the folder for an acquisition, by its id; InputError if it holds another acquisition's captures.
 
-        first : captures of no known acquisition are this one's, since it takes the place of none.
+        first : this acquisition replaces none, so captures without a known owner are taken as its own.
         """
         path, seen = self._folder / ACQUISITION, self._folder / "captures"
         bound = read_toml(path, f"remove {path}").get("id") if path.exists() else None
@@ -80,15 +84,15 @@ class FolderCamera:
         if (bound is not None or not first) and seen.is_dir() and any(_pictures(seen)):
             raise InputError(f"{seen}: holds captures of another acquisition; move them away, or name another folder")
         shown, _ = self._make_folders()
-        for pattern in shown.glob("*.png"):  # of the acquisition before: others at the same numbers
+        for pattern in shown.glob("*.png"):  # patterns of the previous acquisition with the same numbers
             pattern.unlink()
         self._record(acquisition)
 
     def begin(self, check: str) -> int:
-        """Take the folder for a check of a room, by its id; returns the number of its first capture.
+        """Reserve the folder for a check of a room, by its id; returns the number of its first capture.
 
-        A check that has waited in vain goes on where nobody was to wait for captures; otherwise it begins anew, and
-        what it had is removed. InputError if the folder holds an acquisition's captures.
+        Without --wait, an unfinished check of the same id is resumed. Otherwise the check starts anew, and its old
+        files are removed. Raises InputError if the folder holds an acquisition's captures.
         """
         path, seen = self._folder / ACQUISITION, self._folder / "captures"
         record = read_toml(path, f"remove {path}") if path.exists() else {}
@@ -108,7 +112,7 @@ class FolderCamera:
         return first
 
     def end(self, first: int) -> None:
-        """The check that began with capture `first` is done: its pictures and captures are removed."""
+        """End the check that began with capture `first`, and remove its pictures and captures."""
         self._record(CHECKED, first=self._clear(first))
 
     def _record(self, bound: str, **more: int) -> None:
@@ -116,7 +120,7 @@ class FolderCamera:
             write_toml(temporary, {"id": bound, **more})
 
     def _clear(self, first: int) -> int:
-        """Remove what is numbered from `first` on; returns a number that was never given."""
+        """Remove files numbered from `first` on; returns a number that was never used."""
         following = first
         for folder in self._make_folders():
             for path in list(_pictures(folder)):
@@ -127,7 +131,7 @@ class FolderCamera:
         return following
 
     def prepare(self, first: int, patterns: Sequence[Picture], missing: Sequence[int]) -> None:
-        """Write the patterns; Waiting names captures that are not there, InputError those that belong to no pattern."""
+        """Write the patterns; raises Waiting for missing captures and InputError for captures without a pattern."""
         shown, seen = self._make_folders()
         with filling_folder(shown) as put:
             for number in missing:
@@ -135,7 +139,7 @@ class FolderCamera:
                 if not path.exists():
                     put(path, encode_png(_stored(patterns[number - first])))
         there = self._goes_on and not self._absent(missing)
-        if missing and not there:  # otherwise captures of later levels may be there, from an earlier run
+        if missing and not there:  # otherwise captures of later levels may exist from an earlier run
             self._refuse_strangers(shown, seen, first + len(patterns))
         deadline = time.monotonic() + self._wait_s
         while absent := self._absent(missing):
@@ -152,7 +156,7 @@ class FolderCamera:
         return tuple(read_photograph(path) for path in found)
 
     def _check_exposure(self, path: Path, time_s: float) -> None:
-        """RAW says how it was exposed: InputError if that differs from --exposures otherwise than in the first."""
+        """Raises InputError if a RAW file's exposure, relative to --exposures, differs from that of the first file."""
         told = read_exposure(path)
         if told.time_s is None:
             return
@@ -165,7 +169,7 @@ class FolderCamera:
             )
 
     def _make_folders(self) -> tuple[Path, Path]:
-        """Of patterns and of captures."""
+        """Create and return the folders of patterns and of captures."""
         folders = self._folder / "patterns", self._folder / "captures"
         for folder in folders:
             try:
@@ -187,7 +191,7 @@ class FolderCamera:
         return next((path for path in paths if path.is_file()), None)
 
     def _refuse_strangers(self, shown: Path, folder: Path, end: int) -> None:
-        """InputError for captures of nothing that was shown; an earlier run may have come further than this one."""
+        """Raises InputError for captures of pictures that were never shown; an earlier run may have shown more."""
         found: dict[str, Path] = {}
         for path in _pictures(folder):
             if path.stem in found:
@@ -204,7 +208,7 @@ class FolderCamera:
 
 
 def _stored(picture: Picture) -> NDArray[np.uint8]:
-    """Grey for what is black and white: (height, width); or (height, width, 3)."""
+    """Returns (height, width) grey for a black-and-white picture, otherwise (height, width, 3)."""
     return picture.astype(np.uint8) * np.uint8(255) if picture.dtype == np.bool_ else picture.astype(np.uint8)
 
 

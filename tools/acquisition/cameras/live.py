@@ -1,4 +1,4 @@
-"""A projector and a camera that are both in our hands: show a picture, wait until it is seen, photograph it."""
+"""A projector and a camera that this program controls: show a picture, wait until it is visible, photograph it."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -10,9 +10,10 @@ from counterlight.tools.acquisition.plan import Codes, Picture, codes_of
 
 
 class Screen(Protocol):
-    """What the projector shows.
+    """A device that shows pictures.
 
-    shape : (height, width).  refresh_hz : of its pictures, None if nobody knows.
+    shape : (height, width).
+    refresh_hz : refresh rate; None if unknown.
     """
 
     @property
@@ -20,13 +21,14 @@ class Screen(Protocol):
     @property
     def refresh_hz(self) -> float | None: ...
     def show(self, codes: Codes) -> None:
-        """Put a picture on the glass; it may reach the camera some frames later."""
+        """Show a picture; it may reach the camera some frames later."""
 
 
 class Eye(Protocol):
-    """What photographs, frame by frame.
+    """A device that photographs frame by frame.
 
-    name : what it is.  timed : the times of `expose` are seconds (of a simulated sensor they are mere factors).
+    name : identifies the device.
+    timed : whether the times of `expose` are seconds; for a simulated sensor they are mere factors.
     """
 
     @property
@@ -34,27 +36,27 @@ class Eye(Protocol):
     @property
     def timed(self) -> bool: ...
     def begin(self, number: int) -> None:
-        """A capture begins; what a simulated sensor draws by chance depends on its number alone."""
+        """Start a capture; the noise of a simulated sensor depends only on the number."""
 
     def expose(self, time: float) -> None:
-        """From now on expose so long; InputError if the camera does not obey."""
+        """Set the exposure time of the frames that follow; InputError if the camera does not obey."""
 
     def skip(self) -> None:
-        """Let one frame pass."""
+        """Discard one frame."""
 
     def frame(self) -> Shot:
-        """The next frame."""
+        """Returns the next frame."""
 
 
 class LiveCamera:
     """The camera back end of a screen and an eye.
 
-    lag : frames to let pass between a change, of picture or exposure, and a shot; the pre-flight measures it.
+    lag : frames to skip between a change of picture or exposure and a shot; the pre-flight measures it.
     """
 
     def __init__(self, screen: Screen, eye: Eye, exposures: Exposures, lag: int = 0) -> None:
         self.screen, self.eye, self._exposures, self.lag = screen, eye, exposures, lag
-        self._standing: Codes | None = None  # what the camera sees already, and how it is exposed
+        self._standing: Codes | None = None  # the picture that the camera already sees
         self._exposed = 0.0
 
     @property
@@ -66,12 +68,13 @@ class LiveCamera:
         return self._exposures
 
     def prepare(self, first: int, patterns: Sequence[Picture], missing: Sequence[int]) -> None:
-        """Nothing to do: patterns are shown when they are captured."""
+        """Does nothing: patterns are shown when they are captured."""
 
     def capture(self, number: int, picture: Picture) -> tuple[Shot, ...]:
-        """Show a picture and take a bracket of it; shots of one exposure follow each other without a wait.
+        """Show a picture and take a bracket of it.
 
-        So do captures of one picture, unless something else was shown in between.
+        Shots of one exposure follow each other without a wait. So do captures of one picture, unless another was shown
+        in between.
         """
         codes = codes_of(picture)
         if self._standing is None or not np.array_equal(codes, self._standing):

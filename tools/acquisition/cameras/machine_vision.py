@@ -1,8 +1,8 @@
-"""A machine-vision camera through Basler's pylon (the optional extra `pylon`): its sensor's own light, frame by frame.
+"""A machine-vision camera through Basler's pylon (the optional extra `pylon`), which gives the sensor's raw light.
 
-Whatever the camera does by itself is switched off and read back; each frame is exposed after it was asked for, by a
-software trigger, so that none shows an earlier picture. Cameras differ in what they can be told: a setting that one
-lacks is left alone, one that it has and keeps is refused.
+All automatic functions are switched off and read back. A software trigger starts each exposure, so that no frame shows
+an earlier picture. Cameras differ in their settings: a missing setting is skipped, and a setting that does not change
+is an error.
 """
 
 import warnings
@@ -19,23 +19,23 @@ from counterlight.tools.hdr.mosaic import binned, grey
 
 OFF = ("ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BslLightSourcePreset", "LightSourcePreset")
 NOT = ("GammaEnable", "LUTEnable", "ColorTransformationEnable", "AcquisitionFrameRateEnable")
-TIMES = ("ExposureTime", "ExposureTimeAbs")  # in microseconds; the second of older GigE cameras
-LOWEST = (("Gain", "GainRaw"), ("BlackLevel", "BlackLevelRaw"))  # noise; what no light would count as light
+TIMES = ("ExposureTime", "ExposureTimeAbs")  # in microseconds; older GigE cameras have the second
+LOWEST = (("Gain", "GainRaw"), ("BlackLevel", "BlackLevelRaw"))  # gain adds noise; a black level would count as light
 MOSAICS = {  # colours of a quad, by the name of its first row
     "RG": ((0, 1), (1, 2)),
     "GR": ((1, 0), (2, 1)),
     "GB": ((1, 2), (0, 1)),
     "BG": ((2, 1), (1, 0)),
 }
-BITS = (12, 10, 16, 8)  # the best first: containers of 16 hold 12 and noise
-ANSWER_S = 5.0  # beyond the exposure time; of a trigger, of a frame
-TRIES = 3  # for a frame that loses packets on its way
+BITS = (12, 10, 16, 8)  # best first: containers of 16 bits hold 12 bits and noise
+ANSWER_S = 5.0  # seconds beyond the exposure time to wait for a trigger or a frame
+TRIES = 3  # attempts for a frame that loses packets
 AGAIN = "plug it in again and run the same command again"
-OBEYED = 0.05  # relative difference of the exposure time that was read back
+OBEYED = 0.05  # allowed relative difference between the exposure times set and read back
 
 
 class MachineVisionEye:
-    """The eye of an open pylon camera. Raises InputError if it cannot be set by hand."""
+    """The eye of an open pylon camera; InputError if it cannot be set by hand."""
 
     timed = True
 
@@ -51,7 +51,7 @@ class MachineVisionEye:
             camera.StartGrabbing(pylon.GrabStrategy_OneByOne)
 
     def begin(self, number: int) -> None:
-        """Nothing here depends on a capture's number."""
+        """Does nothing: frames do not depend on a capture's number."""
 
     def expose(self, time: float) -> None:
         with self._answering():
@@ -71,14 +71,14 @@ class MachineVisionEye:
         self._sites()
 
     def frame(self) -> Shot:
-        """(height, width, 3) of a colour sensor, each quad a pixel; (height, width) of a grey one; 16 bit."""
+        """Returns 16-bit (height, width, 3), one pixel per quad, or (height, width) for a grey sensor."""
         sites, white = self._sites(), float((1 << self._bits) - 1)
         if self._colours is None:
             return grey(sites, 0.0, white)
         return binned(sites, self._colours, np.zeros((2, 2)), white)
 
     def _sites(self) -> NDArray[np.unsignedinteger]:
-        """Of a frame whose exposure begins now. InputError where none comes."""
+        """Returns the raw sites of a frame whose exposure begins now; InputError if no frame arrives."""
         throw, within_ms = self._pylon.TimeoutHandling_ThrowException, round(1e3 * (self._exposed_s + ANSWER_S))
         why = ""
         with self._answering():
@@ -108,7 +108,7 @@ class MachineVisionEye:
                 node.Value = node.Min
 
     def _choose_format(self) -> tuple[NDArray[np.intp] | None, int]:
-        """The finest format of the sensor's sites: colours of its mosaic, None for grey, and bits."""
+        """Select the format with the most usable bits; returns the mosaic's colours (None for grey) and the bits."""
         formats = self._node("PixelFormat")
         offered: Sequence[str] = formats.Symbolics if formats is not None else ()
         for bits in BITS:
@@ -125,7 +125,7 @@ class MachineVisionEye:
         )
 
     def _trigger_by_hand(self) -> None:
-        """One frame for each time that it is told; other triggers, of bursts, stay off."""
+        """Expose one frame per software trigger; other triggers, such as bursts, stay off."""
         selector = self._node("TriggerSelector")
         for name in () if selector is None else selector.Symbolics:
             self._set("TriggerSelector", name)
@@ -142,17 +142,17 @@ class MachineVisionEye:
                 raise InputError(f"{self.name}: keeps {name} at {node.ToString()}, expected {value}; set it by hand")
 
     def _first(self, names: Sequence[str]) -> Any:
-        """The first of the settings that it has."""
+        """Returns the first of the settings that the camera has."""
         return next((node for name in names if (node := self._node(name)) is not None), None)
 
     def _node(self, name: str) -> Any:
-        """A setting; None where the camera lacks it, or cannot change it now."""
+        """Returns a setting; None if the camera lacks it or cannot change it now."""
         node = self._camera.GetNodeMap().GetNode(name)
         return node if node is not None and self._genicam.IsWritable(node) else None
 
     @contextmanager
     def _answering(self) -> Iterator[None]:
-        """Whatever pylon throws becomes one line."""
+        """Convert pylon's exceptions to one-line InputErrors."""
         try:
             if not self._camera.IsOpen():
                 raise InputError(f"{self.name}: is unplugged; {AGAIN}")
@@ -166,9 +166,9 @@ class MachineVisionEye:
 
 @contextmanager
 def open_machine_vision_eye(wanted: str) -> Iterator[MachineVisionEye]:
-    """The camera with that serial number, or else the camera of that number among those found, from 0.
+    """Open the camera with this serial number, or else the camera with this index in the list, from 0.
 
-    InputError if there is none, or another program has it.
+    Raises InputError if there is none, or if another program has it open.
     """
     pylon, genicam = _libraries()
     factory = pylon.TlFactory.GetInstance()
@@ -201,9 +201,9 @@ def open_machine_vision_eye(wanted: str) -> Iterator[MachineVisionEye]:
 
 
 def _libraries() -> tuple[Any, Any]:
-    """pypylon's pylon and genicam; InputError where it is not installed."""
+    """Returns pypylon's modules pylon and genicam; InputError if pypylon is not installed."""
     try:
-        with warnings.catch_warnings():  # of its making; with warnings as errors the import ends the process
+        with warnings.catch_warnings():  # pypylon's import warns; with warnings as errors it would end the process
             warnings.simplefilter("ignore")
             from pypylon import genicam, pylon
     except ImportError:
@@ -212,5 +212,5 @@ def _libraries() -> tuple[Any, Any]:
 
 
 def _said(error: Exception) -> str:
-    """What pylon says, without the place in its source."""
+    """Returns pylon's message without the position in its source."""
     return one_line(str(error).partition(" : ")[0].rstrip(". "))

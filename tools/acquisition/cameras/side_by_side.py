@@ -1,4 +1,4 @@
-"""Several projectors' screens as one: the raster is cut, each shows its part."""
+"""Several projectors' screens as one screen: the raster is cut, and each screen shows its part."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from counterlight.tools.acquisition.plan import Codes
 
 
 class SideBySide:
-    """screens : from the left of the raster."""
+    """Screens that together show the raster, in order from the left."""
 
     def __init__(self, screens: Sequence[VisibleScreen]) -> None:
         self._screens = screens
@@ -21,7 +21,7 @@ class SideBySide:
 
     @property
     def refresh_hz(self) -> float | None:
-        """The slowest one's, None if one is not known."""
+        """The lowest refresh rate; None if a rate is unknown."""
         known = [screen.refresh_hz for screen in self._screens]
         return min((hz for hz in known if hz is not None), default=None) if None not in known else None
 

@@ -1,4 +1,4 @@
-"""A camera in a simulated room: c = T p + e, then photons, noise, exposure, response and code values."""
+"""A camera in a simulated room: computes c = T p + e, then photon noise, exposure, response and code values."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -35,16 +35,16 @@ from counterlight.tools.transport.transport import Transport
 
 Refuse: TypeAlias = Callable[[str, Shapes, Sensor | None], None]
 
-HEADROOM = 1.25  # full scale of an exposure of 1, above the floodlit room's brightest pixel
+HEADROOM = 1.25  # full scale at an exposure of 1, relative to the floodlit room's brightest pixel
 
 
 @dataclass(frozen=True)
 class CameraSettings:
     """How a simulated camera takes pictures.
 
-    exposures : of a bracket; 1 puts the floodlit room's brightest pixel at 80 % of full scale.
-    seed : capture n always has the noise of (seed, n), whatever was captured before.  lag : frames that a picture takes
-    to reach the sensor.
+    exposures : exposures of a bracket; 1 puts the floodlit room's brightest pixel at 80 % of full scale.
+    seed : capture n always has the noise of (seed, n), whatever was captured before.
+    lag : frames until a picture reaches the sensor.
     """
 
     sensor: Sensor = field(default_factory=Sensor)
@@ -70,13 +70,17 @@ class CameraSettings:
 
 @dataclass(frozen=True)
 class SimulatedRoom:
-    """What is in front of the camera.
+    """The room in front of the camera.
 
-    ambient : (camera height, camera width, 3).  projectors : (height, width) of each.  response : of their raster.
-    mixing : (camera height, camera width, 3, 3), or one for all, what the camera's channels see of the light that the
-    transport gives of each primary; None for their own alone.  sensor : the scene's own, if it describes one.
-    gain : (3,), what the camera's own light was multiplied with to be that of the transport.
-    flicker : of the projector's light.  mosaic : the camera's colour filters.  None of either where nothing says so.
+    ambient : (camera height, camera width, 3).
+    projectors : (height, width) of each.
+    response : response of their raster.
+    mixing : (camera height, camera width, 3, 3), or (3, 3) for all pixels. What the camera's channels see of each
+        primary's light; None if each channel sees only its own primary.
+    sensor : the scene's sensor, if described.
+    gain : (3,). Factor from the camera's own light to the light of the transport; None for 1.
+    flicker : flicker of the projector's light; None for none.
+    mosaic : the camera's colour filters; None for none.
     """
 
     name: str
@@ -96,9 +100,10 @@ class SimulatedRoom:
         return side_by_side(self.projectors)[0]
 
     def seen(self, drive: FloatArray, gains: FloatArray | float = 1.0) -> FloatArray:
-        """The camera's radiance, (camera height, camera width, 3).
+        """Returns the camera's radiance, (camera height, camera width, 3).
 
-        drive : (projector pixels, 3).  gains : what each of the camera's rows gets of its light, (rows, 1, 1).
+        drive : (projector pixels, 3).
+        gains : (rows, 1, 1). Gain of the projector's light per camera row.
         """
         light = self.transport.apply(drive).reshape(self.ambient.shape) * gains
         seen = (light if self.mixing is None else mixed(self.mixing, light)) + self.ambient
@@ -109,11 +114,11 @@ class VisibleScreen(Screen, Protocol):
     """A screen that a simulated eye can look at."""
 
     def look(self) -> Codes:
-        """What it shows now."""
+        """Returns the picture that the screen shows now."""
 
 
 class MemoryScreen:
-    """Shows a picture to simulated eyes only."""
+    """A screen in memory, visible only to simulated eyes."""
 
     refresh_hz: float | None = None
 
@@ -129,9 +134,9 @@ class MemoryScreen:
 
 
 class SimulatedEye:
-    """A sensor in a simulated room that looks at what a screen shows, `settings.lag` frames late.
+    """A sensor in a simulated room that sees the screen `settings.lag` frames late.
 
-    unit : the time of an exposure of 1.
+    unit : time of an exposure of 1.
     """
 
     timed = False
@@ -159,7 +164,7 @@ class SimulatedEye:
         return self._shot(self.radiance(self._pictures[0]) * self._time)
 
     def radiance(self, codes: Codes) -> FloatArray:
-        """T p + e of a picture's code values."""
+        """Returns T p + e for a picture's code values."""
         drive = self._room.response.to_linear(codes).reshape(-1, 3)
         flicker, rows = self._room.flicker, len(self._room.ambient)
         if flicker is None:
@@ -168,7 +173,7 @@ class SimulatedEye:
         return self._room.seen(drive, found[:, None, None])
 
     def _shot(self, light: FloatArray) -> Shot:
-        """Code values of light, 1 being full scale; stored so that the top code fills the container."""
+        """Returns code values of light, where 1 is full scale; the top code fills the container."""
         sensor, mosaic = self._settings.sensor, self._room.mosaic
         developed = None if mosaic is None else partial(interpolated, mosaic)
         codes = capture(light, sensor, self._settings.response, self._rng, developed)
@@ -177,7 +182,7 @@ class SimulatedEye:
 
 @cache
 def _container(bits: int) -> Shot:
-    """Each code as it is stored."""
+    """Returns the stored value of each code."""
     kind, codes = np.uint8 if bits <= 8 else np.uint16, np.arange(1 << bits)
     return np.asarray(np.rint(codes * (np.iinfo(kind).max / codes[-1])), kind)
 
@@ -185,7 +190,8 @@ def _container(bits: int) -> Shot:
 class SimulatedCamera(LiveCamera):
     """The camera back end of a simulated room.
 
-    screen : where it sees the projector's picture; None for a picture in memory.  others : what further cameras see.
+    screen : shows the projector's picture; None for a picture in memory.
+    others : rooms as further cameras see them.
     """
 
     def __init__(
@@ -209,11 +215,11 @@ class SimulatedCamera(LiveCamera):
 
 
 def simulated_rooms(source: Path, refuse: Refuse = lambda *_: None) -> list[SimulatedRoom]:
-    """What each camera of a scene or of a calibration folder sees; InputError if it is neither.
+    """Make the room that each camera of a scene or calibration folder sees; InputError if `source` is neither.
 
     source : a folder, a file, or the name of a shipped scene.
-    refuse : takes the room's name, its projectors' sizes and its sensor before the room is simulated; raises InputError
-    if they are not wanted.
+    refuse : called with the room's name, its projectors' sizes and its sensor before the simulation; raises InputError
+        if they are not wanted.
     """
     file = parse_scene(str(source))
     if file.is_dir():

@@ -1,4 +1,4 @@
-"""A still camera on a cable, through gphoto2 (the optional extra of that name), RAW or JPEG, its shutter set here."""
+"""A still camera on a cable, through gphoto2 (the optional extra of that name): RAW or JPEG, with shutter control."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,13 +14,13 @@ from counterlight.tools.hdr.photographs import decode_photograph, refuse_curve
 from counterlight.tools.hdr.raw_files import is_raw
 
 SHUTTERS = ("shutterspeed", "shutterspeed2")
-OBEYED = 0.1  # relative difference to the nearest shutter time
+OBEYED = 0.1  # allowed relative difference to the nearest shutter time
 
 
 class TetheredEye:
-    """The eye of a still camera: each frame is a shot of its own, so no old one can come.
+    """The eye of a still camera: each frame is a new shot, so that no old frame can appear.
 
-    response : that its JPEGs are read by; RAW is linear.
+    response : camera response of JPEGs; RAW is linear.
     """
 
     timed = True
@@ -34,7 +34,7 @@ class TetheredEye:
         return f"gphoto2 {self._model}"
 
     def begin(self, number: int) -> None:
-        """Nothing here depends on a capture's number."""
+        """Does nothing: frames do not depend on a capture's number."""
 
     def expose(self, time: float) -> None:
         config = self._camera.get_config()
@@ -50,7 +50,7 @@ class TetheredEye:
             self._camera.set_config(config)
 
     def skip(self) -> None:
-        """Nothing waits in the camera."""
+        """Does nothing: the camera buffers no frames."""
 
     def frame(self) -> Shot:
         place = self._camera.capture(self._gphoto2.GP_CAPTURE_IMAGE)
@@ -74,7 +74,7 @@ class TetheredEye:
 
 
 def shutter_time(choice: str) -> float | None:
-    """Seconds of `1/250`, `0.3` or `2s`; None for `bulb` and the like."""
+    """Returns the seconds of `1/250`, `0.3` or `2s`; None for `bulb` and the like."""
     try:
         seconds = float(Fraction(choice.strip().removesuffix("s").strip()))
     except (ValueError, ZeroDivisionError):
@@ -84,7 +84,7 @@ def shutter_time(choice: str) -> float | None:
 
 @contextmanager
 def open_tethered_eye(response: Response) -> Iterator[TetheredEye]:
-    """The first camera that gphoto2 finds; InputError if there is none or it is in use."""
+    """Open the first camera that gphoto2 finds; InputError if there is none or it is in use."""
     try:
         import gphoto2
     except ImportError:

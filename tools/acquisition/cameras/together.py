@@ -1,4 +1,4 @@
-"""Several cameras that photograph every pattern, their pictures below each other in one capture."""
+"""Several cameras that photograph every pattern; a capture holds their pictures below each other."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ Shape = tuple[int, int]
 
 
 class TogetherEye:
-    """As one eye; narrower pictures are black beside.  Exposures are the same for all."""
+    """Several eyes as one; narrower pictures are padded with black, and all share the exposures."""
 
     def __init__(self, eyes: Sequence[Eye]) -> None:
         self._eyes = tuple(eyes)
@@ -62,12 +62,12 @@ class TogetherEye:
 
 
 def together(eyes: Sequence[Eye]) -> Eye:
-    """One eye as it is."""
+    """Returns several eyes as one; a single eye is returned unchanged."""
     return eyes[0] if len(eyes) == 1 else TogetherEye(eyes)
 
 
 def views_of(camera: Camera) -> tuple[Shape, ...]:
-    """(height, width) of each of several cameras in one capture; empty for one."""
+    """Returns the (height, width) of each of several cameras in one capture; empty for a single camera."""
     eye = _eyes_of(camera)
     return () if eye is None else eye.views
 

@@ -1,7 +1,7 @@
-"""A video camera through OpenCV and Video4Linux, its exposure, gain and white balance by hand, and verified.
+"""A video camera through OpenCV and Video4Linux, with manual, verified exposure and white balance.
 
-A driver may take a setting and go on as it likes. So each is read back, and the pre-flight compares the light of two
-exposure times.
+A driver may accept a setting and ignore it. Each setting is therefore read back, and the pre-flight compares the light
+of two exposure times.
 """
 
 from collections.abc import Iterator
@@ -16,8 +16,8 @@ from counterlight.errors import InputError
 from counterlight.tools.acquisition.cameras.camera import Shot
 
 MANUAL = 1.0  # V4L2_EXPOSURE_MANUAL
-UNIT_S = 1e-4  # of V4L2_CID_EXPOSURE_ABSOLUTE
-OBEYED = 0.05  # relative difference of the exposure time that was read back
+UNIT_S = 1e-4  # seconds per unit of V4L2_CID_EXPOSURE_ABSOLUTE
+OBEYED = 0.05  # allowed relative difference between the exposure times set and read back
 BY_HAND = {
     cv2.CAP_PROP_AUTO_EXPOSURE: ("automatic exposure", MANUAL),
     cv2.CAP_PROP_AUTO_WB: ("automatic white balance", 0.0),
@@ -26,7 +26,7 @@ DO_BY_HAND = "set it with v4l2-ctl --set-ctrl, or take another camera"
 
 
 class Capture(Protocol):
-    """What is used of cv2.VideoCapture."""
+    """The part of cv2.VideoCapture that is used here."""
 
     def get(self, prop: int, /) -> float: ...
     def set(self, prop: int, value: float, /) -> bool: ...
@@ -35,13 +35,13 @@ class Capture(Protocol):
 
 
 class VideoEye:
-    """The eye of an open video camera. Raises InputError if a setting cannot be made by hand."""
+    """The eye of an open video camera; InputError if a setting cannot be made by hand."""
 
     timed = True
 
     def __init__(self, device: str, capture: Capture) -> None:
         self._device, self._capture = device, capture
-        capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # old frames wait in it; not every driver has it
+        capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # a longer buffer holds old frames; not every driver supports this
         for prop, (name, value) in BY_HAND.items():
             capture.set(prop, value)
             if capture.get(prop) != value:
@@ -52,7 +52,7 @@ class VideoEye:
         return f"v4l2 {self._device}"
 
     def begin(self, number: int) -> None:
-        """Nothing here depends on a capture's number."""
+        """Does nothing: frames do not depend on a capture's number."""
 
     def expose(self, time: float) -> None:
         wanted = max(1, round(time / UNIT_S))
@@ -80,7 +80,7 @@ class VideoEye:
 
 @contextmanager
 def open_video_eye(number: str) -> Iterator[VideoEye]:
-    """The camera /dev/videoNUMBER; InputError if there is none, or another program has it."""
+    """Open the camera /dev/videoNUMBER; InputError if there is none, or if another program has it open."""
     if not number.isdecimal():
         raise InputError(f"--camera v4l2:{number}: expected a number, such as v4l2:0 for /dev/video0")
     device = Path(f"/dev/video{number}")

@@ -1,4 +1,4 @@
-"""Projectors as GLFW windows: full screen on their monitors, or a plain window to try things with."""
+"""Projectors as GLFW windows: full screen on their monitors, or a plain window for trials."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -15,7 +15,7 @@ from counterlight.tools.acquisition.plan import Codes
 
 
 class WindowScreen:
-    """The screen of a window; a simulated eye looks at the desktop's pixels where the window is."""
+    """The screen of a window; a simulated eye reads the desktop's pixels at the window's position."""
 
     def __init__(self, window: PatternWindow) -> None:
         self._window = window
@@ -26,7 +26,7 @@ class WindowScreen:
 
     @property
     def place(self) -> tuple[int, int, int, int]:
-        """On the desktop: (left, top, right, below)."""
+        """Position on the desktop: (left, top, right, below)."""
         return self._window.place
 
     @property
@@ -57,11 +57,13 @@ class WindowScreen:
 def open_screens(
     shapes: Shapes, monitors: Sequence[str], *, desktop: bool
 ) -> Iterator[tuple[WindowScreen | SideBySide, Shapes]]:
-    """Fill a monitor for each projector, or open one window for all, side by side, where none is named.
+    """Fill one monitor per projector, or open one window for all projectors if no monitor is named.
 
-    shapes : (height, width) of each projector; empty for the monitors' own.  desktop : the primary monitor may be one.
+    shapes : (height, width) of each projector; empty to use the monitors' sizes.
+    desktop : whether the primary monitor may be used.
+
     Yields the screen of the raster and the shapes.
-    Raises InputError for monitors of another number or size, one named twice, and the desktop itself.
+    Raises InputError for a wrong number or size of monitors, a monitor named twice, and the desktop itself.
     """
     if not monitors:
         if not shapes:
@@ -92,7 +94,7 @@ def _opened(shape: tuple[int, int], monitor: Monitor | None) -> Iterator[WindowS
 
 
 def projector_monitor(monitors: list[Monitor], wanted: str, *, desktop: bool) -> Monitor:
-    """The monitor that is wanted, unless it is where the user's windows are."""
+    """Returns the monitor that is wanted; InputError if it is the desktop and `desktop` is False."""
     chosen = find_monitor(monitors, wanted)
     if chosen.primary and not desktop:
         others = "; ".join(str(monitor) for monitor in monitors if not monitor.primary) or "none is connected"

@@ -1,9 +1,9 @@
-"""Pictures first: a room from as few pictures as there are, nine or more, the most important ones before the others.
+"""Acquisition from few pictures, nine or more, the most important first.
 
-order.py says which, turns.py which projector's; acquire.py shows them until somebody says stop, and makes a room of
-those that there are, views.py camera by camera.
-seen.py, reference.py: captures as equations, with black, primaries and noise. places.py, settling.py: where camera
-pixels look. near.py, far.py: what they see there, and from everywhere. fitting.py: T of all that; held_out.py: how good
-it is. response.py: the projector's curves. May import numpy, scipy, player and the rest of tools but commands. Read
-next: order.py, fitting.py.
+order.py defines the pictures and turns.py the turns of several projectors. acquire.py shows the pictures until it is
+stopped and makes a room of the captures; views.py fits each camera.
+seen.py, reference.py: captures as equations, with black, primaries and noise. places.py, settling.py: the place that
+each camera pixel sees. near.py, far.py: near and far light. fitting.py: T. held_out.py: its accuracy. response.py: the
+projector's response. May import numpy, scipy, player and the rest of tools except commands. Read next: order.py,
+fitting.py.
 """

@@ -1,7 +1,7 @@
-"""Show the most important pictures first until there are as many as asked for, or somebody says stop; make a room.
+"""Show the most important pictures first, until the requested number is reached or the user stops; make a room.
 
-All of it counts: black, primaries, places and what says how good the room is are among the pictures asked for. Several
-projectors take turns, so that whenever it ends all have as many; several cameras photograph each picture.
+The number includes all pictures: black, primaries, pictures that give places, and pictures that test the room. Several
+projectors take turns, so that all have equally many pictures at any time. Several cameras photograph each picture.
 """
 
 import sys
@@ -26,7 +26,7 @@ from counterlight.tools.acquisition.linearity import refuse_bends
 from counterlight.tools.acquisition.plan import Measured
 from counterlight.tools.acquisition.recording import Store
 
-COPIES = 3  # of all captures, float32, that are in memory at once
+COPIES = 3  # copies of all captures, float32, in memory at once
 
 
 def acquire_pictures(
@@ -38,13 +38,15 @@ def acquire_pictures(
     *,
     stoppable: bool = True,
 ) -> list[Acquisition]:
-    """Show, capture and fit, for each projector; what is in the store already is not shown again.
+    """Show, capture and fit for each projector; pictures whose captures are in the store are not shown again.
 
-    count : of all pictures.  projectors : (height, width) of each.  given : their response, where that is not to be the
-    measured one.  stoppable : an interruption ends the showing, as soon as there are enough; then the room is of those
-    that there are.
-    Raises InputError for too few pictures, captures that are saturated or black, for a moved camera, and for one that
-    is not linear, where random pictures tell.
+    count : number of pictures in total.
+    projectors : (height, width) of each.
+    given : the projectors' response, if it replaces the measured response.
+    stoppable : once there are enough pictures, an interruption ends the showing, and the room is made of them.
+
+    Raises InputError for too few pictures, captures that are saturated or black, a moved camera, and a camera that
+    random pictures show to be non-linear.
     """
     check_asked(count, projectors)
     turns, start = Turns(tuple(projectors)), time.monotonic()
@@ -58,14 +60,14 @@ def acquire_pictures(
         views = _views(camera, store, order, numbers, given, name)
         for view in views.views:
             refuse_bends(camera, [view.bend], f"{name}{view.name}")
-        own = numbers[projector > 0 :]  # black is the first one's
+        own = numbers[projector > 0 :]  # black belongs to the first projector
         resumed = len(set(own) & set(before))
         found.append(_acquisition(camera, views, order, of_each, len(own), seconds, resumed))
     return found
 
 
 def check_asked(count: int, projectors: Sequence[Shape]) -> None:
-    """InputError, before anything is shown, for too few pictures to tell where one looks."""
+    """Raises InputError, before anything is shown, for too few pictures to find places."""
     turns = Turns(tuple(projectors))
     if count >= turns.least:
         return
@@ -97,7 +99,7 @@ def _note(order: Order, count: int) -> str:
 
 
 def _captured(camera: Camera, store: Store, turns: Turns, count: int, stoppable: bool) -> int:
-    """How many pictures there are in the end."""
+    """Capture the missing pictures; returns how many pictures exist in the end."""
     pictures = turns.pictures(count)
     missing = [number for number in range(count) if not store.has(number)]
     there = missing
@@ -128,7 +130,7 @@ def _first_missing(store: Store, count: int) -> int:
 
 
 def _views(camera: Camera, store: Store, order: Order, numbers: list[int], given: Response | None, name: str) -> Views:
-    """What all cameras saw of one projector's captures."""
+    """Fit all cameras' captures of one projector."""
     captures, saturated = [], np.zeros((1, 1), np.bool_)
     for number in numbers:
         shots = store.shots(number)

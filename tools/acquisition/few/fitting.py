@@ -1,4 +1,4 @@
-"""T from what there is: places, far light, spots, and how bright each camera pixel is in all."""
+"""Fit T: places, far light, spots, and the brightness of each camera pixel."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,17 +17,21 @@ from counterlight.tools.acquisition.few.seen import Seen, Table, some
 from counterlight.tools.acquisition.few.settling import even_misfits, settled
 from counterlight.tools.transport.transport import Transport
 
-MOST_SAMPLED, MOST_OF_FAR = 20000, 6000  # camera pixels by which what is smooth is found, and far light
+MOST_SAMPLED, MOST_OF_FAR = 20000, 6000  # camera pixels that determine smooth quantities, and far light
 FAR_SHARES = np.linspace(0, 0.6, 25)
-LEAST_FAR = 0.02  # of all light; less is left out
+LEAST_FAR = 0.02  # share of all light; less far light is left out
 ALIKE = 6.0  # σ in camera pixels over which even far light is averaged
-MOST_TRIED = 4  # random pictures by which near and far are told apart
-MISFIT = 0.01  # of a pixel's light: what spots are wrong by
+MOST_TRIED = 4  # random pictures that separate near and far light
+MISFIT = 0.01  # share of a pixel's light; error assumed of spots
 
 
 @dataclass(frozen=True)
 class Fit:
-    """kernel : t of each window, (n, window).  primaries : F, better than they were captured."""
+    """A fit of T.
+
+    kernel : (n, window). t of each window.
+    primaries : F, refined from all pictures.
+    """
 
     seen: Seen
     table: Table
@@ -37,7 +41,7 @@ class Fit:
     primaries: FloatArray
 
     def predicted(self, pixels: IntArray, pictures: Sequence[int]) -> FloatArray:
-        """Light above black, (n, pictures, 3), of windows by their numbers."""
+        """Returns the predicted light above black, (n, pictures, 3), of windows by their numbers."""
         shares = _shares(self.seen, self.table, self.windows.of(pixels), self.kernel[pixels], self.far, pictures)
         return np.asarray(np.einsum("npl,nkl->npk", shares, self.primaries[self.windows.pixel[pixels]]))
 
@@ -59,7 +63,7 @@ class Fit:
 
 
 def fitted(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> Fit:
-    """By such random pictures, and the sines and ramps; table : the projector's light for a code."""
+    """Fit T to sines, ramps and some random pictures; `table` is the projector's light per code value."""
     spots = settled(seen, table, spots, [RAMPS, *pictures[:MOST_TRIED]])
     windows, far = smooth(seen, table, spots, pictures)
     kernel, far = near_light(seen, table, windows, far, [*_told(seen), *pictures] if pictures else [])
@@ -72,7 +76,7 @@ def _told(seen: Seen) -> list[int]:
 
 
 def smooth(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> tuple[Windows, Far]:
-    """Far light, and the windows of what is not."""
+    """Fit far light, and the windows of near light."""
     far = Far.none(seen, table)
     even = _even(seen, table, spots, [RAMPS, *pictures[:MOST_TRIED]])
     if not spots.seen.any() or np.average(even, weights=seen.clarity.sum(axis=1) * spots.seen) < LEAST_FAR:
@@ -83,19 +87,19 @@ def smooth(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> t
 
 
 def _of_grey(seen: Seen, shares: FloatArray) -> FloatArray:
-    """Of grey light, (camera pixels,); shares : of each primary's, (camera pixels, 3)."""
+    """Returns the share of grey light, (camera pixels,), from the share of each primary, (camera pixels, 3)."""
     total = seen.clarity.sum(axis=1)
     summed: FloatArray = np.einsum("nk,nkl,nl->n", seen.clarity, seen.mixture, shares)
     return np.asarray(np.divide(summed, total, out=np.zeros_like(total), where=total > 0))
 
 
 def sampled(windows: Windows, most: int = MOST_SAMPLED) -> IntArray:
-    """Numbers of windows, evenly chosen."""
+    """Returns numbers of windows, evenly spaced, at most `most`."""
     return np.arange(0, len(windows.pixel), max(1, -(-len(windows.pixel) // most)))
 
 
 def _even(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> FloatArray:
-    """The share of light that is far, (camera pixels,): what makes spots as wide as these pictures show them."""
+    """Returns the share of far light, (camera pixels,), for which spots match the contrast of these pictures."""
     misfits = []
     for share in FAR_SHARES:
         windows = Windows.around(spots, np.full(len(seen.light), share), seen.order.projector)
@@ -106,7 +110,7 @@ def _even(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> Fl
 
 
 def _far(seen: Seen, table: Table, windows: Windows, far: Far, even: FloatArray, pictures: Sequence[int]) -> Far:
-    """Of all that camera pixels around each node saw, whatever the shapes of their spots."""
+    """Fit far light to all camera pixels around each node, whatever the shapes of their spots."""
     nodes, unknown = far.nodes, 3 * far.cells.count
     J, h, mean = (np.zeros((nodes.count, count)) for count in (unknown * unknown, unknown, 4))
     chosen = sampled(windows, MOST_OF_FAR)
@@ -125,7 +129,7 @@ def _far(seen: Seen, table: Table, windows: Windows, far: Far, even: FloatArray,
 def _information(
     seen: Seen, table: Table, windows: Windows, far: Far, pictures: Sequence[int]
 ) -> tuple[FloatArray, FloatArray]:
-    """Bᵀ C⁻¹ B, (n, unknowns, unknowns), and Bᵀ C⁻¹ y, (n, unknowns), C what noise and the shapes of spots may do."""
+    """Returns Bᵀ C⁻¹ B, (n, unknowns, unknowns), and Bᵀ C⁻¹ y, (n, unknowns); C covers noise and spot shapes."""
     pixels = windows.pixel
     A = seen.drive(table, seen.mixture[pixels], windows.columns, pictures)
     target, sigma = seen.targets(pixels, pictures)
@@ -144,7 +148,7 @@ def _information(
 def _shares(
     seen: Seen, table: Table, windows: Windows, kernel: NDArray[np.floating], far: Far, pictures: Sequence[int]
 ) -> FloatArray:
-    """s of each primary of each picture, (n, pictures, 3)."""
+    """Returns s, each primary's share of each picture, (n, pictures, 3)."""
     near = seen.shares(table, kernel, windows.columns, pictures)
     pixels = windows.pixel
     return (1 - far.total[pixels])[:, None] * near + far.shown(pixels, pictures)
@@ -153,7 +157,7 @@ def _shares(
 def _brightness(
     seen: Seen, table: Table, windows: Windows, kernel: NDArray[np.floating], far: Far, pictures: Sequence[int]
 ) -> FloatArray:
-    """F by least squares from all pictures, (camera pixels, channel, primary); without a place as captured."""
+    """Fit F to all pictures, (camera pixels, channel, primary); pixels without a place keep their captured F."""
     direct = [*PRIMARIES, *seen.order.whites(seen.count)]
     of_direct = np.concatenate([np.eye(3), np.ones((len(direct) - 3, 3))])
     primaries = seen.primaries.copy()

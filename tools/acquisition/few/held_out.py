@@ -1,6 +1,6 @@
-"""How good a room of few pictures is: the last random pictures are predicted by a fit that has not seen them.
+"""Test a room of few pictures: predict the last random pictures with a fit that did not use them.
 
-So they are by a fit of half as many; what that has lost is about what twice as many would gain once more.
+A second fit uses half as many pictures. Its loss estimates how much twice as many pictures would gain.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,11 @@ RAMPS_ALONE = "held out: nothing, since there is no random picture; the check is
 
 @dataclass(frozen=True)
 class Held:
-    """check : of a fit by so many random `pictures`, by those that were `held` out.  half : by half as many."""
+    """The result of the test.
+
+    check : the fit by `pictures` random pictures, tested on the `held` others.
+    half : the fit by half as many pictures.
+    """
 
     check: Check
     half: Check
@@ -42,7 +46,7 @@ class Held:
 
 
 def held_out(seen: Seen, table: Table, spots: Spots, random: Sequence[int]) -> Held | None:
-    """None if there are no random pictures.  table : the projector's light for a code."""
+    """Run the test; None without random pictures. `table` is the projector's light per code value."""
     if not random:
         return None
     held = max(1, len(random) // HELD)
@@ -53,7 +57,7 @@ def held_out(seen: Seen, table: Table, spots: Spots, random: Sequence[int]) -> H
 
 
 def bend_by(fit: Fit, pictures: Sequence[int]) -> Bend | None:
-    """Whether the camera is linear, by random pictures; None if there are none."""
+    """Test whether the camera is linear, with random pictures; None if there are none."""
     if not pictures:
         return None
     chosen = sampled(fit.windows)
@@ -65,12 +69,12 @@ def bend_by(fit: Fit, pictures: Sequence[int]) -> Bend | None:
 
 
 def check_ramps(fit: Fit) -> Check:
-    """How well the ramps are predicted, which say little of sharpness."""
+    """Check the prediction of the ramps, which reveals little about sharpness."""
     return _check(fit, [RAMPS], "the ramps of the acquisition")
 
 
 def _check(fit: Fit, pictures: Sequence[int], of: str = Check.of) -> Check:
-    """How well pictures are predicted, where camera pixels have a place."""
+    """Check the prediction of pictures at camera pixels that have a place."""
     chosen = sampled(fit.windows)
     captured = fit.seen.captured(fit.windows.pixel[chosen], pictures)
     off = float(np.sum((fit.predicted(chosen, pictures) - captured) ** 2))

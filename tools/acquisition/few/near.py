@@ -1,8 +1,7 @@
-"""The spots that camera pixels see: Gaussians at their places, bent as little as random pictures demand.
+"""Fit the spots that camera pixels see: Gaussians at their places, changed as little as random pictures require.
 
-t = g + Z z with z of unit variance: each projector pixel of the window by itself, and the Gaussian's place and
-width as a whole, which is what is wrong first. With white noise that is regularised least squares, camera pixel by
-camera pixel.
+t = g + Z z with z of unit variance. Z moves each projector pixel of the window separately, and the Gaussian's place and
+width as a whole, which carry the largest errors. With white noise this is regularised least squares per camera pixel.
 """
 
 from collections.abc import Sequence
@@ -20,21 +19,23 @@ from counterlight.tools.transport.transport import Shape
 
 LEAST_REACH, MOST_REACH = 3, 6  # projector pixels from a spot's middle to its window's edge
 REACH = 3.0  # standard deviations
-SHAPE, FLOOR = 0.15, 0.002  # standard deviation of a window's pixel: of its share, and of all light
-PLACE, WIDTH = 0.1, 0.15  # standard deviation of a Gaussian's place, projector pixels, and of its width, relative
-OWN, AT_BORDER = 0.05, 0.5  # standard deviation of a pixel's far light from what is around, relative; at the border
-MOST_FAR = 0.95  # of a pixel's light
+SHAPE, FLOOR = 0.15, 0.002  # standard deviation of a window's pixel: relative to its share, and to all light
+PLACE, WIDTH = 0.1, 0.15  # standard deviation of a Gaussian's place in projector pixels, and of its width, relative
+OWN, AT_BORDER = 0.05, 0.5  # relative standard deviation of a pixel's far light from its surroundings; at the border
+MOST_FAR = 0.95  # share of a pixel's light
 BORDER = 1.5  # projector pixels
-STEP = 0.02  # of derivatives
-FAINTEST = 4e-3  # of a spot's brightest pixel, below which what is left is noise
+STEP = 0.02  # step of finite differences
+FAINTEST = 4e-3  # share of a spot's brightest pixel; fainter pixels are dropped as noise
 
 
 @dataclass(frozen=True)
 class Windows:
     """The projector pixels around spots.
 
-    pixel : (n,), camera pixels.  place, width : (n, 2), of their Gaussians.  projector : (height, width).
-    reach : of the windows.
+    pixel : (n,). Camera pixels.
+    place, width : (n, 2). Place and width of their Gaussians.
+    projector : (height, width).
+    reach : projector pixels from the middle of a window to its edge.
     """
 
     pixel: IntArray
@@ -45,7 +46,7 @@ class Windows:
 
     @classmethod
     def around(cls, spots: Spots, far: FloatArray, projector: Shape) -> "Windows":
-        """Of all that have a place, if so much of their light is far, (camera pixels,)."""
+        """Make the windows of all camera pixels with a place; `far` is their share of far light, (camera pixels,)."""
         pixel = np.flatnonzero(spots.seen)
         width = spots.widths(far)[pixel]
         wide = float(np.percentile(width, 95)) if len(width) else 0.0
@@ -58,38 +59,42 @@ class Windows:
 
     @property
     def size(self) -> int:
-        """Projector pixels of a window."""
+        """Projector pixels per window."""
         return (2 * self.reach + 1) ** 2
 
     @cached_property
     def _lines(self) -> tuple[IntArray, IntArray]:
-        """Rows and columns of projector pixels, (n, side) each."""
+        """Rows and columns of the windows' projector pixels, (n, side) each."""
         rows, columns = (along(self.place[:, axis], self.width[:, axis], self.reach)[0] for axis in range(2))
         return rows, columns
 
     @cached_property
     def inside(self) -> FloatArray:
-        """(n, window), 1 where there is a projector pixel, else 0."""
+        """(n, window), 1 for pixels inside the projector, else 0."""
         (rows, columns), (height, width) = self._lines, self.projector
         there = ((rows >= 0) & (rows < height))[:, :, None] & ((columns >= 0) & (columns < width))[:, None]
         return there.reshape(len(rows), -1).astype(np.float64)
 
     @cached_property
     def columns(self) -> IntArray:
-        """(n, window), projector pixels; the first one where there is none."""
+        """(n, window), projector pixels; 0 for pixels outside the projector."""
         rows, columns = self._lines
         numbers = rows[:, :, None] * self.projector[1] + columns[:, None]
         return np.where(self.inside > 0, numbers.reshape(len(rows), -1), 0)
 
     def gaussian(self, place: FloatArray | float = 0.0, width: FloatArray | float = 1.0) -> FloatArray:
-        """Shares of light, (n, window), which add up to 1; place : moved by that, (2,).  width : times that, (2,)."""
+        """Returns Gaussian shares of light, (n, window), that sum to 1.
+
+        place : (2,). Added to the places.
+        width : (2,). Multiplies the widths.
+        """
         moved, scaled = self.place + place, self.width * width
         lines = [self._share(moved[:, axis], scaled[:, axis], axis) for axis in range(2)]
         spot = (lines[0][:, :, None] * lines[1][:, None]).reshape(len(self.pixel), -1) * self.inside
         return np.asarray(spot / np.maximum(spot.sum(axis=1, keepdims=True), 1e-9))
 
     def _share(self, place: FloatArray, width: FloatArray, axis: int) -> FloatArray:
-        """Around the unmoved place, whose pixels the window has."""
+        """Returns a moved Gaussian's shares along one axis, on the pixels of the unmoved window."""
         middle = np.rint(self.place[:, axis])
         pixels, shares = along(place - middle, width, self.reach + 1)
         first = (-self.reach - pixels[:, 0])[:, None] + np.arange(2 * self.reach + 1)
@@ -97,12 +102,12 @@ class Windows:
 
     @cached_property
     def start(self) -> FloatArray:
-        """g."""
+        """g, (n, window)."""
         return self.gaussian()
 
     @cached_property
     def freedom(self) -> FloatArray:
-        """Z of places and widths, (n, 4, window)."""
+        """The part of Z that changes places and widths, (n, 4, window)."""
         spots = []
         for axis in np.eye(2):
             spots.append((self.gaussian(place=STEP * axis) - self.gaussian(place=-STEP * axis)) * PLACE / (2 * STEP))
@@ -113,24 +118,24 @@ class Windows:
 
     @property
     def at_border(self) -> BoolArray:
-        """(n,), whether the raster's border cuts the spot, so that less of its light is near."""
+        """(n,) bool. Whether the raster's border cuts the spot, so that less of its light is near."""
         first, last = -0.5 + BORDER, np.array(self.projector) - 0.5 - BORDER
         return np.asarray(np.any((self.place < first) | (self.place > last), axis=1))
 
     @cached_property
     def spread(self) -> FloatArray:
-        """Z of single pixels, (n, window)."""
+        """The part of Z that changes single pixels, (n, window)."""
         return self.inside * (SHAPE * self.start + FLOOR)
 
     def freed(self, A: NDArray[np.floating]) -> FloatArray:
-        """A Z, (n, equations, window + 4)."""
+        """Returns A Z, (n, equations, window + 4)."""
         return np.concatenate([A * self.spread[:, None], np.einsum("new,nfw->nef", A, self.freedom)], axis=2)
 
 
 def near_light(
     seen: Seen, table: Table, windows: Windows, far: Far, pictures: Sequence[int]
 ) -> tuple[NDArray[np.float32], Far]:
-    """t, (n, window), most likely after those pictures, and far light with what each camera pixel has of it."""
+    """Returns the most likely t, (n, window), given the pictures, and far light with each camera pixel's own share."""
     kernel, own = np.empty((len(windows.pixel), windows.size), np.float32), far.own.copy()
     for part in some(windows.pixel, 6 * max(len(pictures), 1) * windows.size):
         here = windows.of(part)
@@ -146,12 +151,12 @@ def near_light(
 def _bent(
     seen: Seen, table: Table, windows: Windows, far: Far, pictures: Sequence[int]
 ) -> tuple[FloatArray, FloatArray]:
-    """t, and how much more far light there is than around, relative."""
+    """Returns t, and each pixel's relative excess of far light over its surroundings."""
     pixels = windows.pixel
     A = seen.drive(table, far.near_mixture[pixels], windows.columns, pictures)
     target, sigma = seen.targets(pixels, pictures)
     distant, close = far.seen(pixels, pictures), np.einsum("new,nw->ne", A, windows.start)
-    # Of near light, far light takes away what it has: about the same share of all primaries.
+    # Far light takes its share away from near light, about the same share of each primary.
     share = far.total[pixels].mean(axis=1)[:, None]
     spread = np.where(windows.at_border, AT_BORDER, OWN)
     more = spread[:, None] * (distant - share / (1 - share) * close)
@@ -164,14 +169,14 @@ def _bent(
 
 
 def _elsewhere(far: Far, windows: Windows) -> Far:
-    """What has no place is lit from everywhere, if there is far light at all."""
+    """Light camera pixels without a place from everywhere, if there is far light at all."""
     own = np.divide(1, far.around, out=np.zeros_like(far.around), where=far.around > 0)
     own[windows.pixel] = far.own[windows.pixel]
     return replace(far, own=own)
 
 
 def ridge(A: FloatArray, y: FloatArray) -> FloatArray:
-    """z of least ‖A z − y‖² + ‖z‖², (n, unknowns), for many A, (n, equations, unknowns), and y, (n, equations)."""
+    """Minimise ‖A z − y‖² + ‖z‖² for many A (n, equations, unknowns) and y (n, equations); z is (n, unknowns)."""
     turned = A.transpose(0, 2, 1)
     if A.shape[1] < A.shape[2]:
         return np.asarray(turned @ np.linalg.solve(A @ turned + np.eye(A.shape[1]), y[..., None]))[..., 0]
@@ -179,6 +184,6 @@ def ridge(A: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _cleaned(kernel: FloatArray) -> FloatArray:
-    """Without what is negative or lost in noise; each adds up to 1."""
+    """Remove negative and very faint entries, and scale each kernel to sum 1."""
     kept = np.where(kernel > FAINTEST * kernel.max(axis=1, keepdims=True), kernel, 0)
     return np.asarray(kept / np.maximum(kept.sum(axis=1, keepdims=True), 1e-9))

@@ -1,12 +1,13 @@
-"""Which pictures to show, in order of importance: however many there are, they are the first ones of all.
+"""The pictures in order of importance; an acquisition of any length shows the first pictures of this order.
 
-Black; red, green and blue, whose sum is the floodlight; ramps of three directions in three colours, by which one knows
-roughly where a camera pixel looks, and how the projector's light follows the code; grey sines (phase shifts; Srinivasan
-et al. 1984), by which one knows exactly, and how wide a spot it sees. With those every camera pixel has a place. All
-others are random, red, green and blue each by itself: of the shapes of spots and of far light they say three times as
-much as black and white ones. White now and then says whether light adds up, and whether something moved.
+1. Black.
+2. Red, green and blue, whose sum is the floodlight.
+3. Ramps of three directions in three colours. They give the projector's response and the rough place of each spot.
+4. Grey sines (phase shifts; Srinivasan et al. 1984). They give the exact place and the width of the spot.
+5. Random pictures, independent in red, green and blue. They say three times as much about the shapes of spots and about
+   far light as black-and-white pictures. An occasional white tests whether light adds up and whether anything moved.
 
-No picture depends on another one's capture, nor on how many are to come.
+No picture depends on another picture's capture or on the number of pictures.
 """
 
 from collections.abc import Sequence
@@ -21,27 +22,32 @@ from counterlight.tools.acquisition.plan import Codes, LazyPatterns
 from counterlight.tools.transport.transport import Shape
 
 BLACK, PRIMARIES, RAMPS, FIRST_SINE = 0, (1, 2, 3), 4, 5
-PERIOD, LONG_PERIOD = 8, 64  # projector pixels; shorter ones are pulled towards the pixels' middles
-ONE_PERIOD = 256  # pixels a side up to which a ramp tells periods of 8 apart
+PERIOD, LONG_PERIOD = 8, 64  # projector pixels; shorter periods pull places towards the pixels' middles
+ONE_PERIOD = 256  # side in pixels up to which a ramp resolves periods of 8 pixels
 PHASES = 0.0, np.pi / 2
 WHITE_EVERY = 32  # pictures
-CELLS = 8  # along the longer side; a random picture is mostly lit or mostly dark in each
+CELLS = 8  # cells along the longer side; a random picture is mostly lit or mostly dark in each cell
 MOSTLY = 0.85
-DARKEST = 40  # code of ramps: below, places hardly change the light
-ENCODING = 2.2  # of sines: what most projectors take for about even steps of light
+DARKEST = 40  # least code value of ramps; below it, places hardly change the light
+ENCODING = 2.2  # gamma of sines; gives about even steps of light on most projectors
 SEED = 19840918
 
 
 @dataclass(frozen=True)
 class Wave:
-    """A sine along an axis, 0 for y and 1 for x.  period : projector pixels.  phase : of its crest, in radians."""
+    """A sine along an axis.
+
+    axis : 0 for y, 1 for x.
+    period : projector pixels.
+    phase : phase of its crest, radians.
+    """
 
     axis: int
     period: int
     phase: float
 
     def codes(self, size: int) -> NDArray[np.uint8]:
-        """(size,), along the axis."""
+        """Returns code values along the axis, (size,)."""
         place = np.arange(size) + 0.5
         light = 0.5 + 0.5 * np.cos(2 * np.pi * place / self.period - self.phase)
         return np.rint(255 * light ** (1 / ENCODING)).astype(np.uint8)
@@ -49,13 +55,13 @@ class Wave:
 
 @dataclass(frozen=True)
 class Order:
-    """projector : (height, width)."""
+    """The pictures of a projector of (height, width)."""
 
     projector: Shape
 
     @cached_property
     def sines(self) -> list[Wave]:
-        """Of each axis one period after the other, two phases of each, the exact one last."""
+        """All sines: per axis the periods from long to short, two phases each."""
         return [
             Wave(axis, period, phase)
             for axis, size in enumerate(self.projector)
@@ -65,11 +71,11 @@ class Order:
 
     @property
     def least(self) -> int:
-        """Pictures without which there is no room."""
+        """The least number of pictures that make a room."""
         return FIRST_SINE + len(self.sines)
 
     def sine(self, axis: int, period: int) -> list[int]:
-        """The pictures of an axis' two phases."""
+        """Returns the numbers of the two phases of an axis and period."""
         return [FIRST_SINE + i for i, wave in enumerate(self.sines) if (wave.axis, wave.period) == (axis, period)]
 
     def is_white(self, index: int) -> bool:
@@ -82,11 +88,11 @@ class Order:
         return [index for index in range(self.least, count) if not self.is_white(index)]
 
     def pictures(self, count: int) -> Sequence[Codes]:
-        """The first so many."""
+        """Returns the first `count` pictures."""
         return LazyPatterns(count, self.codes)
 
     def codes(self, index: int) -> Codes:
-        """(height, width, 3)."""
+        """Returns picture `index`, (height, width, 3)."""
         height, width = self.projector
         if index == BLACK:
             return np.zeros((height, width, 3), np.uint8)
@@ -105,7 +111,7 @@ class Order:
 
     @cached_property
     def ramps(self) -> FloatArray:
-        """Red rightwards, green downwards, blue both, 0..1 from code DARKEST to 255: (height, width, 3)."""
+        """Ramps, (height, width, 3): red rightwards, green downwards, blue both; 0 to 1 for codes DARKEST to 255."""
         y, x = ((np.arange(size) + 0.5) / size for size in self.projector)
         down, right = np.broadcast_arrays(y[:, None], x)
         return np.stack([right, down, (right + down) / 2], axis=2)

@@ -1,4 +1,4 @@
-"""Where camera pixels look, and how wide the spots are that they see: ramps for the period, sines for the rest."""
+"""Find the place and the width of the spot that each camera pixel sees: ramps select the period, sines do the rest."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,24 +13,25 @@ from counterlight.arrays import BoolArray, FloatArray, IntArray
 from counterlight.tools.acquisition.few.order import DARKEST, FIRST_SINE, PERIOD, RAMPS
 from counterlight.tools.acquisition.few.seen import Seen, Table
 
-RAMP_SPREAD, PHASE_SPREAD = 7, 3  # camera pixels a side over which rough places are a median
-WIDTH_SPREAD = 3.0  # σ in camera pixels over which contrasts are averaged: neighbours see spots alike
-LEAST_CONTRAST = 0.1  # of a sine, below which a camera pixel has no place
-CLEAR = 4.0  # times the noise
-LEAST_DIRECT = 0.3  # of its neighbours' contrast: with less, it sees little but far light
-STRETCHES = np.linspace(0, 0.6, 13)  # far light's share, by which ramps are flatter
+RAMP_SPREAD, PHASE_SPREAD = 7, 3  # camera pixels; sides of the median filters of rough places
+WIDTH_SPREAD = 3.0  # σ in camera pixels over which contrasts are averaged; neighbours see similar spots
+LEAST_CONTRAST = 0.1  # contrast of a sine below which a camera pixel has no place
+CLEAR = 4.0  # multiple of the noise
+LEAST_DIRECT = 0.3  # share of the neighbours' contrast; a pixel with less sees almost only far light
+STRETCHES = np.linspace(0, 0.6, 13)  # shares of far light to try; far light flattens ramps
 NARROWEST, WIDEST = 0.02, 0.9999  # contrasts
-MENDED = 2  # times: what a spot's width and a response do to a phase
-STEPS = 3  # of Newton's, for rough places
+MENDED = 2  # corrections of a phase for the spot's width and the response
+STEPS = 3  # Newton steps for rough places
 REACH = 8  # projector pixels
 
 
 @dataclass(frozen=True)
 class Spots:
-    """place : (camera pixels, 2), row and column of projector pixels' middles.
+    """The spots that camera pixels see.
 
-    contrast : (camera pixels, 2), of a sine of PERIOD pixels that the pixels' own width does not take.
-    seen : (camera pixels,), has a place.
+    place : (camera pixels, 2). Row and column, where projector pixels have integer middles.
+    contrast : (camera pixels, 2). Contrast of a sine of PERIOD pixels, without the loss by the pixels' own width.
+    seen : (camera pixels,) bool. Whether the pixel has a place.
     """
 
     place: FloatArray
@@ -38,12 +39,12 @@ class Spots:
     seen: BoolArray
 
     def widths(self, far: FloatArray) -> FloatArray:
-        """σ of the Gaussian along rows and columns, (camera pixels, 2), if so much of the light is far."""
+        """Returns σ of the Gaussians along rows and columns, (camera pixels, 2), for a share `far` of far light."""
         return width_of(self.contrast / (1 - far)[:, None], PERIOD)
 
 
 def located(seen: Seen, table: Table) -> Spots:
-    """table : the projector's light for a code."""
+    """Find the spots; `table` is the projector's light per code value."""
     sines = [_sines(seen, table, axis) for axis in range(2)]
     direct = seen.lit & np.all([each[-1].whole for each in sines], axis=0)
     rough = _rough(seen, table, [each[0] for each in sines], direct)
@@ -57,13 +58,13 @@ def located(seen: Seen, table: Table) -> Spots:
 
 
 def _sines(seen: Seen, table: Table, axis: int) -> list["_Sine"]:
-    """From the longest period to the shortest."""
+    """Returns the sines of an axis from the longest period to the shortest."""
     periods = sorted({wave.period for wave in seen.order.sines if wave.axis == axis}, reverse=True)
     return [_Sine(seen, table, axis, period) for period in periods]
 
 
 class _Sine:
-    """Two phases of a sine along an axis, as camera pixels saw them."""
+    """Two phases of a sine along an axis, as the camera pixels saw them."""
 
     def __init__(self, seen: Seen, table: Table, axis: int, period: int) -> None:
         self._seen, self._period = seen, period
@@ -82,12 +83,12 @@ class _Sine:
         return np.asarray(crest + 1j * quarter)
 
     def nearest(self, rough: FloatArray) -> FloatArray:
-        """The places of its phase that are nearest to rough ones, (camera pixels,)."""
+        """Returns the places with the captured phase that are nearest to rough places, (camera pixels,)."""
         found = np.angle(self._phase(self._shares)) * self._period / (2 * np.pi) - 0.5
         return np.asarray(found + self._period * np.round((rough - found) / self._period))
 
     def mended(self, place: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Places and contrasts of Gaussians that would be seen as the camera saw them."""
+        """Returns places and contrasts of the Gaussians that reproduce the captures."""
         seen, weights = self._phase(self._shares), self._weights
         contrast = _neighbours(np.abs(seen), weights, self._seen.camera)
         observed, box = contrast, np.sinc(1 / self._period)
@@ -102,7 +103,7 @@ class _Sine:
 
     @cached_property
     def whole(self) -> BoolArray:
-        """Which camera pixels see the sine about as their neighbours do, clear of noise."""
+        """Whether camera pixels see the sine about as their neighbours do, and clear of noise."""
         shape, phase = self._seen.camera, np.abs(self._phase(self._shares))
         own = ndimage.median_filter(phase.reshape(shape), PHASE_SPREAD).ravel()
         around = _neighbours(phase, self._weights, shape)
@@ -111,13 +112,13 @@ class _Sine:
 
     @cached_property
     def _weights(self) -> FloatArray:
-        """Of neighbours: what is clear enough counts alike, however bright."""
+        """Weights of neighbours, capped at the median clarity, so that bright pixels do not dominate."""
         clarity = self._seen.clarity.sum(axis=1)
         usual = float(np.median(clarity[self._seen.lit])) if self._seen.lit.any() else 0.0
         return np.asarray(np.minimum(clarity, usual))
 
     def _expected(self, place: FloatArray, contrast: FloatArray) -> FloatArray:
-        """Shares of Gaussians, (2, camera pixels)."""
+        """Returns the shares that Gaussians would see, (2, camera pixels)."""
         columns, weights = along(place, width_of(contrast, self._period), REACH)
         size = self._lines.shape[1]
         inside = (columns >= 0) & (columns < size)
@@ -128,13 +129,13 @@ class _Sine:
 
 
 def width_of(contrast: FloatArray, period: int) -> FloatArray:
-    """σ of the Gaussian that leaves a sine of so many pixels so much of its contrast, in pixels."""
+    """Returns σ, in pixels, of the Gaussian that leaves a sine of `period` pixels this contrast."""
     kept = np.clip(contrast, NARROWEST, WIDEST)
     return np.asarray(np.sqrt(-np.log(kept) / (2 * np.pi**2)) * period)
 
 
 def along(place: FloatArray, width: FloatArray, reach: int) -> tuple[IntArray, FloatArray]:
-    """Pixels around places along an axis, and their shares of Gaussians there, (n, 2 reach + 1) each."""
+    """Returns the pixels around places along an axis, and a Gaussian's share in each, (n, 2 reach + 1) each."""
     pixels = np.rint(place).astype(np.int64)[:, None] + np.arange(-reach, reach + 1)
     scale = np.sqrt(2) * np.maximum(width, 1e-3)[:, None]
     edges = [erf((pixels + side - place[:, None]) / scale) for side in (-0.5, 0.5)]
@@ -142,7 +143,7 @@ def along(place: FloatArray, width: FloatArray, reach: int) -> tuple[IntArray, F
 
 
 def _rough(seen: Seen, table: Table, sines: Sequence[_Sine], direct: BoolArray) -> FloatArray:
-    """Places by the ramps, (camera pixels, 2), medians of neighbours: of all shares of far light that which suits."""
+    """Returns smoothed places by the ramps, (camera pixels, 2), for the share of far light that suits the sines."""
     share, certain = _primary_shares(seen, RAMPS)
     mean = table[seen.codes[RAMPS], np.arange(3)].mean(axis=0)
     tried = [_by_ramps(seen, table, (share - far * mean) / (1 - far), certain, direct) for far in STRETCHES]
@@ -150,10 +151,10 @@ def _rough(seen: Seen, table: Table, sines: Sequence[_Sine], direct: BoolArray) 
 
 
 def _by_ramps(seen: Seen, table: Table, share: FloatArray, certain: FloatArray, direct: BoolArray) -> FloatArray:
-    """Places of shares of the ramps: least squares of right, down, and (right + down) / 2, step by step."""
+    """Invert the ramps by least squares, step by step; their shares are right, down and (right + down) / 2."""
     codes = np.linspace(0, 1, len(table))
     slopes = np.gradient(table, codes, axis=0)
-    rows, first = np.array([[0, 1], [1, 0], [0.5, 0.5]]), DARKEST / 255  # of down, right
+    rows, first = np.array([[0, 1], [1, 0], [0.5, 0.5]]), DARKEST / 255  # derivatives by down, right
     place = np.full((len(share), 2), 0.5)
     for _ in range(STEPS):
         at = first + (1 - first) * place @ rows.T
@@ -171,13 +172,13 @@ def _by_ramps(seen: Seen, table: Table, share: FloatArray, certain: FloatArray, 
 
 
 def _misfit(sines: Sequence[_Sine], rough: FloatArray, direct: BoolArray) -> float:
-    """How far rough places are from the nearest of their phase, of most camera pixels."""
+    """Returns the mean distance of rough places to the nearest place of their phase."""
     off = [np.abs(sine.nearest(each) - each)[direct] for sine, each in zip(sines, rough.T, strict=True)]
     return float(np.mean(off)) if direct.any() else 0.0
 
 
 def _primary_shares(seen: Seen, picture: int) -> tuple[FloatArray, FloatArray]:
-    """Each primary's share of a picture, (camera pixels, 3), by the noise, and 1 / variance of each."""
+    """Returns each primary's share of a picture, (camera pixels, 3), and the inverse of its variance."""
     F, weights = seen.primaries, 1 / seen.room.noise.sigma(seen.above[picture]) ** 2
     squares = np.einsum("nkl,nk,nkm->nlm", F, weights, F)
     squares += 1e-6 * np.trace(squares, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-12 * np.eye(3)
@@ -188,7 +189,7 @@ def _primary_shares(seen: Seen, picture: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _median(values: FloatArray, known: BoolArray, shape: Sequence[int], side: int) -> FloatArray:
-    """Of the known pixels around each; others take the nearest known one's."""
+    """Returns the median around each pixel; unknown pixels first take the nearest known value."""
     if not known.any():
         return values
     filled = values.reshape(shape)
@@ -199,12 +200,12 @@ def _median(values: FloatArray, known: BoolArray, shape: Sequence[int], side: in
 
 
 def _neighbours(values: FloatArray, weights: FloatArray, shape: Sequence[int]) -> FloatArray:
-    """Weighted means over the pixels around each."""
+    """Returns weighted means over the neighbours of each pixel."""
     return averaged(values, weights, shape, WIDTH_SPREAD)
 
 
 def averaged(values: FloatArray, weights: FloatArray, shape: Sequence[int], sigma: float) -> FloatArray:
-    """Weighted means under a Gaussian, (camera pixels,); 0 where no weight is near."""
+    """Returns weighted means under a Gaussian, (camera pixels,); 0 far from any weight."""
     total, sums = (
         ndimage.gaussian_filter(each.reshape(shape), sigma, mode="constant").ravel()
         for each in (weights, weights * values)

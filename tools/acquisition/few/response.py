@@ -1,4 +1,4 @@
-"""The projector's curve, from the same pictures: what sines come to on the whole, then the ramps, code by code."""
+"""Measure the projector's response from the same pictures: a gamma from the sines, then each code from the ramps."""
 
 from dataclasses import dataclass
 
@@ -16,18 +16,21 @@ from counterlight.tools.acquisition.few.seen import Seen, Table, some
 from counterlight.tools.acquisition.ramps import CODES
 from counterlight.tools.hdr.projector_response import fit_projector_response
 
-ROUNDS = 2  # of response and far light, which ramps show together
+ROUNDS = 2  # rounds between response and far light, which both affect the ramps
 GAMMAS = 1.0, 4.0
-OFF, BENT = 0.1, 0.02  # standard deviations: of a level from a gamma's, and of how it bends away from it
-INDEPENDENT = 1000  # camera pixels: neighbours err alike
-AS_SEEN = 0.01  # of the floodlight: what a spot's place makes of a ramp
+OFF, BENT = 0.1, 0.02  # standard deviations of the levels' offset from a gamma curve, and of its second differences
+INDEPENDENT = 1000  # camera pixels that count as independent, because neighbours err alike
+AS_SEEN = 0.01  # share of the floodlight; error of a ramp due to a spot's place
 
 
 @dataclass(frozen=True)
 class Curves:
-    """response : of the projector.  table : the same, light for a code.  gammas : about.
+    """The projector's response.
 
-    pooled : the largest change that made the levels rise.  noise : of a level. All 0 or nothing where it was given.
+    table : light per code value.
+    gammas : approximate gammas; empty if the response was given.
+    pooled : largest change that made the levels monotone; 0 if given.
+    noise : standard deviation of a level; 0 if given.
     """
 
     response: Response
@@ -38,7 +41,7 @@ class Curves:
 
 
 def curves_of(seen: Seen, given: Response | None) -> tuple[Curves, Spots]:
-    """The projector's curves as given, or as the pictures show them, and the spots that one sees with them."""
+    """Returns the projector's response, given or measured, and the spots found with it."""
     if given is not None:
         table = _table(given)
         return Curves(given, table), located(seen, table)
@@ -57,7 +60,7 @@ def _table(response: Response) -> Table:
 
 
 def gamma_table(seen: Seen) -> Table:
-    """(256, 3): the gamma of each primary with which sines give the light that they gave, whatever is sharp or far."""
+    """Returns a table (256, 3) with the gamma per primary that gives the sines' mean light, whatever the blur."""
     numbers = list(range(FIRST_SINE, seen.order.least))
     weights = (seen.clarity > 0) & ~seen.room.saturated.reshape(-1, 1)
     whole = np.einsum("nk,nkl->kl", weights, seen.primaries)
@@ -77,9 +80,9 @@ def gamma_table(seen: Seen) -> Table:
 
 
 def by_ramps(seen: Seen, table: Table, windows: Windows, far: Far) -> tuple[FloatArray, float]:
-    """Light at each of CODES, (17, 3), with which the ramps look as they did, and the largest standard deviation.
+    """Fit the light at each of CODES, (17, 3), to the ramps; returns it with the largest standard deviation.
 
-    table : about what it is.
+    table : initial estimate.
     """
     levels, chosen = len(CODES), sampled(windows)
     squares, sums = np.zeros((3 * levels, 3 * levels)), np.zeros(3 * levels)
@@ -99,7 +102,7 @@ def by_ramps(seen: Seen, table: Table, windows: Windows, far: Far) -> tuple[Floa
 
 
 def _equations(seen: Seen, windows: Windows, far: Far) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What camera pixels see of the ramps if a primary gives light at one of the levels alone: (n, 3, 3 · levels)."""
+    """Returns the ramps as camera pixels see them per level of each primary: (n, 3, 3 · levels)."""
     pixels, codes = windows.pixel, seen.codes[RAMPS] / 255.0
     near, whole = (1 - far.total[pixels])[:, None] * windows.start[..., None], far.of(pixels)
     parts = []

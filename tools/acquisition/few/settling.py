@@ -1,4 +1,4 @@
-"""Whether a place is a period off: what ramps and random pictures look like from the periods beside it."""
+"""Correct places that are off by a period: compare captures with predictions for places one period away."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,11 +13,11 @@ from counterlight.tools.acquisition.few.seen import Seen, Table, some
 
 BESIDE = PERIOD * np.array([[0, 0], [-1, 0], [1, 0], [0, -1], [0, 1]])
 SPREAD = 0.7  # σ in camera pixels over which misfits are averaged
-CLEARLY = 0.5  # of the misfit of the place as it is, that another one's may be
+CLEARLY = 0.5  # a place is moved if the misfit falls below this share
 
 
 def settled(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> Spots:
-    """Spots at the places from which those pictures look as they did."""
+    """Returns spots at the places from which these pictures look as captured."""
     misfits, weights = [], spots.seen.astype(np.float64)
     for moved in BESIDE:
         there = replace(spots, place=spots.place + moved)
@@ -32,10 +32,9 @@ def settled(seen: Seen, table: Table, spots: Spots, pictures: Sequence[int]) -> 
 
 
 def even_misfits(seen: Seen, table: Table, windows: Windows, pictures: Sequence[int], far: float = 0.0) -> FloatArray:
-    """By how much camera pixels with these windows saw something else than a Gaussian and even far light, squared:
-    (camera pixels,), 0 for the others.
+    """Returns the squared misfit of a Gaussian plus even far light, (camera pixels,); 0 for pixels without a window.
 
-    far : the share of far light.
+    far : share of far light.
     """
     misfits = np.zeros(len(seen.light))
     one = np.array([table[seen.codes[picture], np.arange(3)].mean(axis=0) for picture in pictures])

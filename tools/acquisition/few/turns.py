@@ -1,4 +1,4 @@
-"""Whose picture comes next, of several projectors: black once, then one of each in turn, the others black."""
+"""The order of pictures of several projectors: black once, then a picture of each in turn, the others black."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from counterlight.tools.acquisition.plan import Codes, LazyPatterns
 
 @dataclass(frozen=True)
 class Turns:
-    """projectors : (height, width) of each, from the left of the raster."""
+    """The turns of projectors of (height, width), from the left of the raster."""
 
     projectors: Shapes
 
@@ -23,22 +23,22 @@ class Turns:
 
     @property
     def least(self) -> int:
-        """Pictures in all without which there is no room."""
+        """The least number of pictures in total that make a room."""
         return self.in_all(max(order.least for order in self.orders))
 
     def of_each(self, count: int) -> int:
-        """Pictures that each projector has of so many in all, black among them."""
+        """Returns the pictures per projector, black included, of `count` pictures in total."""
         return 1 + (count - 1) // len(self.projectors)
 
     def in_all(self, of_each: int) -> int:
         return 1 + (of_each - 1) * len(self.projectors)
 
     def numbers(self, projector: int, of_each: int) -> list[int]:
-        """Which captures are a projector's, by its number from 0."""
+        """Returns the capture numbers of a projector, which is numbered from 0."""
         return [BLACK, *range(1 + projector, self.in_all(of_each), len(self.projectors))]
 
     def pictures(self, count: int) -> Sequence[Codes]:
-        """The first so many, of the raster."""
+        """Returns the first `count` pictures of the raster."""
         return LazyPatterns(count, self._codes)
 
     def _codes(self, number: int) -> Codes:

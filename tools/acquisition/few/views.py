@@ -1,7 +1,7 @@
-"""What each camera saw of one projector's pictures, fitted camera by camera, and the whole of them.
+"""Fit the captures of one projector's pictures camera by camera, and combine the fits.
 
-What is around a pixel is in its own camera's picture, and so is the noise; the projector has one response, which is
-that of the camera that tells it best. A camera that this projector hardly lights has no part in it.
+Neighbourhoods and noise are evaluated per camera. The projector has one response, measured by the camera with the least
+noise. A camera that this projector hardly lights is left out.
 """
 
 from collections.abc import Sequence
@@ -33,10 +33,11 @@ from counterlight.tools.transport.transport import Transport
 
 @dataclass(frozen=True)
 class View:
-    """One camera's.
+    """The fit of one camera.
 
-    name : before what is said of it, empty for the only one.  part : of the raster of all.
-    bend : of the camera, 0 if it is linear; None if no random picture tells.
+    name : prefix of messages; empty for the only camera.
+    part : the camera's part of the raster.
+    bend : bend of the camera, 0 if linear; None without random pictures.
     """
 
     name: str
@@ -56,10 +57,11 @@ class View:
 
 @dataclass(frozen=True)
 class Views:
-    """All cameras' that the projector lights.
+    """The fits of all cameras that the projector lights.
 
-    black : (height, width, 3), of the raster.  cameras : (height, width) of each, none for one.  curves : of the
-    projector.
+    black : (height, width, 3). Black of the raster.
+    cameras : (height, width) of each; empty for one.
+    curves : response of the projector.
     """
 
     views: tuple[View, ...]
@@ -71,7 +73,7 @@ class Views:
 
     @property
     def check(self) -> Check:
-        """The worst camera's."""
+        """The check of the worst camera."""
         return max((view.check for view in self.views), key=lambda check: check.error)
 
     @property
@@ -84,7 +86,7 @@ class Views:
 
     @property
     def room(self) -> Reference:
-        """Noise is the largest camera's."""
+        """The room of all cameras, with the noise of the noisiest camera."""
         noises = [view.seen.room.noise for view in self.views]
         noise = Noise(*(np.max([getattr(each, name) for each in noises], axis=0) for name in ("dark", "gain")))
         light = np.zeros(self.black.shape)
@@ -94,7 +96,7 @@ class Views:
 
     @property
     def light(self) -> ProjectorLight:
-        """The primaries, the response, and whether white is their sum."""
+        """The primaries, the response, and the difference between white and the sum of the primaries."""
         primaries = np.zeros((3, *self.black.shape), np.float32)
         for view in self.views:
             height, width = view.seen.camera
@@ -132,10 +134,13 @@ def views_fitted(
     given: Response | None,
     name: str = "",
 ) -> Views:
-    """Of a projector's captures, radiance of the raster.
+    """Fit a projector's captures.
 
-    cameras : (height, width) of each of several, none for one.  given : the projector's response, if not the measured
-    one.  name : of the projector, before what is said of it.
+    captures : radiance of the raster.
+    cameras : (height, width) of each of several; empty for one.
+    given : the projector's response, if it replaces the measured response.
+    name : prefix of messages that names the projector.
+
     Raises InputError for captures that are saturated or black, and for a moved camera.
     """
     height, width = captures[0].shape[:2]
@@ -156,13 +161,13 @@ def views_fitted(
 
 
 def _judged(room: Reference) -> Reference:
-    """As one judges whether it is lit: by the noise of a floodlight that is a sum."""
+    """Returns the room with the noise of a summed floodlight, to decide whether it is lit."""
     noise = noise_by_neighbours(room)
     return replace(room, noise=replace(noise, dark=SUMMED * noise.dark))
 
 
 def _refuse_moved(seen: Seen) -> None:
-    """InputError if something moved between white pictures."""
+    """Raises InputError if anything moved between white pictures."""
     whites = seen.order.whites(seen.count)
     for later in whites[1:]:
         before, after = (seen.above[number].astype(np.float64) for number in (whites[0], later))

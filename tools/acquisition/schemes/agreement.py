@@ -1,9 +1,10 @@
-"""Light that was measured at several levels, made to agree: the best estimate that all captures give together.
+"""Combine light measured at several levels into the best estimate from all captures.
 
-A block's light is measured twice, in its own capture and as the sum of its quarters, which hold as much light and so
+A block's light is measured twice: in its own capture, and as the sum of its quarters, which hold as much light and so
 as many photons. On a tree of such measurements the least-squares estimate takes two passes (Chou, Willsky and
-Benveniste 1994, Multiscale recursive estimation): upwards each block's two values are averaged, weighted by their
-variance; downwards what a block ends with above the sum of its quarters is shared among them by their variance.
+Benveniste 1994, Multiscale recursive estimation). Upwards, each block's two values are averaged, weighted by their
+variance. Downwards, the difference between a block's estimate and the sum of its quarters is distributed to the
+quarters by their variance.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,10 +23,12 @@ SOME = 1 << 18
 
 @dataclass(frozen=True)
 class Reading:
-    """What a level measured of its parents' quarters.
+    """The quarters' light that a level measured of its parents.
 
-    light : (entries, 4, 3), radiance as it came, also below 0; 0 where the projector has no such quarter.
-    variance : likewise.  lit : (entries, 4), measurable.  rest : (entries,), what the lit quarters leave is measurable.
+    light : (entries, 4, 3). Radiance as measured, possibly negative; 0 where the projector has no such quarter.
+    variance : (entries, 4, 3). Variance of the light.
+    lit : (entries, 4) bool. Whether the quarter is measurable.
+    rest : (entries,) bool. Whether the remainder outside the lit quarters is measurable.
     """
 
     light: NDArray[np.floating]
@@ -34,33 +37,34 @@ class Reading:
     rest: BoolArray
 
     def quarters(self, part: slice) -> "Estimate":
-        """Of some entries, (entries, 4, 3)."""
+        """Returns the estimate of some entries, (entries, 4, 3)."""
         return Estimate(*(each[part].astype(np.float64) for each in (self.light, self.variance)))
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value and its variance, of one shape, (…, 3)."""
+    """A value and its variance, both (…, 3)."""
 
     light: FloatArray
     variance: FloatArray
 
     def averaged(self, other: "Estimate") -> "Estimate":
-        """With an independent estimate of the same, each weighted by the inverse of its variance."""
+        """Combine with an independent estimate, each weighted by the inverse of its variance."""
         total = np.maximum(self.variance + other.variance, TINY)
         light = (self.light * other.variance + other.light * self.variance) / total
         return Estimate(light, self.variance * other.variance / total)
 
     def summed(self) -> "Estimate":
-        """Over a parent's quarters."""
+        """Sum over a parent's quarters."""
         return Estimate(self.light.sum(axis=1), self.variance.sum(axis=1))
 
 
 def agree(root: BlockLight, variance: FloatArray, readings: Sequence[Reading]) -> list[BlockLight]:
-    """The estimate of all light, kept where `keep_measurable` keeps it.
+    """Estimate all light, and keep it at the levels that `keep_measurable` chooses.
 
     root : blocks of level 0 as measured; the lit quarters of each level, in order, are the parents of the next.
-    variance : of root, (entries, 3).  readings : their arrays are taken for what is found on the way.
+    variance : (entries, 3). Variance of root.
+    readings : one per level; their arrays are overwritten.
     """
     if not readings:
         return [root]
@@ -78,7 +82,7 @@ def agree(root: BlockLight, variance: FloatArray, readings: Sequence[Reading]) -
 
 
 def _average_with_quarters(coarse: Reading, fine: Reading) -> None:
-    """Upwards: what was measured of lit quarters, with the sums of their own quarters."""
+    """Upward pass: average the measured light of lit quarters with the sums of their own quarters."""
     done = 0
     for part in parts_of(len(coarse.lit)):
         lit = coarse.lit[part]
@@ -89,7 +93,7 @@ def _average_with_quarters(coarse: Reading, fine: Reading) -> None:
 
 
 def _share_what_is_missing(parents: BlockLight, reading: Reading) -> None:
-    """Downwards: what a parent ends with above the sum of its quarters goes to these, by their variance."""
+    """Downward pass: distribute the difference between a parent and its quarters by the quarters' variance."""
     for part in parts_of(len(reading.lit)):
         shared = (reading.lit[part] | reading.rest[part, None])[..., None]
         quarters = reading.quarters(part)
@@ -100,19 +104,21 @@ def _share_what_is_missing(parents: BlockLight, reading: Reading) -> None:
 
 
 def parts_of(count: int, some: int = SOME) -> Iterator[slice]:
-    """Entries some at a time, none once: what is made of all of them together would not fit into memory."""
+    """Returns slices of the entries (one empty slice for none), because arrays of all would not fit into memory."""
     return (slice(first, min(first + some, count)) for first in range(0, max(count, 1), some))
 
 
 def keep_measurable(
     parents: BlockLight, quarters: NDArray[np.floating], lit: BoolArray, rest: BoolArray
 ) -> tuple[BlockLight, list[BlockLight]]:
-    """Energy is kept once, at the last level at which it was measurable.
+    """Keep each parent's energy once, at the last level at which it was measurable.
 
-    quarters : (entries, 4, 3), light of each parent's quarters; what is below 0 counts as 0.
-    lit : (entries, 4), measurable, existing.  rest : (entries,), what the lit quarters leave is measurable.
-    Returns the lit quarters, and the rest: of a parent without lit quarters its own light; otherwise what its lit
-    quarters leave of it, shared by its other quarters according to their size.
+    quarters : (entries, 4, 3). Light of each parent's quarters; negative values count as 0.
+    lit : (entries, 4) bool. Whether the quarter exists and is measurable.
+    rest : (entries,) bool. Whether the remainder outside the lit quarters is measurable.
+
+    Returns the lit quarters, and the rest. A parent without lit quarters keeps its own light. The remainder of other
+    parents is shared by their unlit quarters in proportion to their area.
     """
     finer = BlockGrid(parents.grid.projector, parents.grid.side // 2)
     each = (
@@ -125,7 +131,7 @@ def keep_measurable(
 def _kept(
     parents: BlockLight, finer: BlockGrid, quarters: NDArray[np.floating], lit: BoolArray, rest: BoolArray
 ) -> tuple[BlockLight, BlockLight]:
-    """The lit quarters, and the others' light of parents that have any lit one."""
+    """Returns the lit quarters, and the light of the other quarters of parents that have a lit quarter."""
     children, quarters = parents.grid.children[parents.block], np.maximum(quarters, 0)
     entry, quarter = np.nonzero(lit)
     measured = BlockLight(finer, parents.camera[entry], children[entry, quarter], quarters[entry, quarter])

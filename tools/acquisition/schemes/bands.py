@@ -1,7 +1,7 @@
-"""Camera pixels some at a time: what one sees is read, settled and solved without the others.
+"""Process the camera picture in bands, whose pixels are read, settled and solved independently.
 
-What a level measured is only needed again when all levels are made to agree. Of a large camera's it waits on disk, in
-files without a name that go with the process, however that ends.
+The measurements of a level are needed again only when all levels are combined. For a large camera they wait on disk,
+in anonymous temporary files that are removed on any exit.
 """
 
 import tempfile
@@ -18,16 +18,18 @@ from counterlight.tools.acquisition.schemes.agreement import Reading, keep_measu
 from counterlight.tools.acquisition.schemes.blocks import BlockLight
 from counterlight.tools.acquisition.schemes.known import KnownLight
 
-PIXELS = 1 << 16  # of a camera in one band
-CONNECTIONS = 1 << 22  # that are read off a picture at a time
-SIDE_BY_SIDE = 2  # bands that are settled or solved at a time: arrays of both are in memory
+PIXELS = 1 << 16  # camera pixels per band
+CONNECTIONS = 1 << 22  # connections that are read from a capture at a time
+SIDE_BY_SIDE = 2  # bands that are settled or solved at a time, all in memory
 
 
 class Band:
-    """Some of a camera's pixels.
+    """A band of the camera's pixels.
 
-    pixels : which.  root : their light of the floodlight's one block; its `camera` counts from the first of them.
-    active : what they see of the blocks that are to be cut.  known : their light that is settled.
+    pixels : slice of the camera's pixels.
+    root : their light from the single block of level 0; its `camera` counts from the band's first pixel.
+    active : light of the blocks that will be divided next.
+    known : light that is settled.
     """
 
     def __init__(self, pixels: slice, root: BlockLight, scratch: Path | None) -> None:
@@ -39,7 +41,7 @@ class Band:
         return int(self.pixels.stop - self.pixels.start)
 
     def settle(self, reading: Reading) -> None:
-        """A level is read: what is measurable is to be cut next, and what is not is known."""
+        """Apply the reading of a level: measurable light becomes active, the rest becomes known."""
         self.active, settled = keep_measurable(self.active, reading.light, reading.lit, reading.rest)
         for part in settled:
             self.known.add(part)
@@ -47,7 +49,7 @@ class Band:
 
 
 def at_once(bands: Sequence[Band]) -> Iterator[list[Band]]:
-    """Bands with not too many connections together, at least one: a capture is decoded once for all of them."""
+    """Yield groups of bands with limited connections, because each capture is decoded once per group."""
     some, count = list[Band](), 0
     for band in bands:
         if some and count + band.active.camera.size > CONNECTIONS:
@@ -59,7 +61,7 @@ def at_once(bands: Sequence[Band]) -> Iterator[list[Band]]:
 
 
 def in_turn(captures: Captures) -> Iterator[NDArray[np.floating]]:
-    """One after the other; the next is read from disk and decoded meanwhile."""
+    """Yield the captures in order, while the next one is read from disk and decoded."""
     count = len(captures)
     with ThreadPoolExecutor(1) as reader:
         coming = [reader.submit(captures.__getitem__, 0)] if count else []
@@ -71,15 +73,15 @@ def in_turn(captures: Captures) -> Iterator[NDArray[np.floating]]:
 
 
 def drained(bands: list[Band]) -> Iterator[Band]:
-    """Each of them, given away."""
+    """Yield each band and drop it from the list."""
     while bands:
         yield bands.pop(0)
 
 
 class Readings:
-    """What was read of a band, level by level.
+    """The readings of a band, level by level.
 
-    folder : of the file in which they wait; None keeps them in memory.
+    folder : folder of their temporary file; None keeps them in memory.
     """
 
     def __init__(self, folder: Path | None) -> None:
@@ -87,7 +89,7 @@ class Readings:
         self._file = None if folder is None else tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - until they are taken
 
     def add(self, reading: Reading) -> None:
-        """OSError where the disk refuses."""
+        """Store a reading; OSError if the disk is full."""
         if self._file is None:
             self._kept.append(reading)
             return
@@ -96,7 +98,7 @@ class Readings:
         self._levels += 1
 
     def taken(self) -> list[Reading]:
-        """All of them, once; they are given away."""
+        """Returns all readings and frees them; can be called once."""
         if self._file is not None:
             with self._file as file:
                 file.seek(0)

@@ -1,7 +1,7 @@
-"""The quad-tree of projector blocks, and light that is known for blocks of several sizes.
+"""The quad-tree of projector blocks, and light known for blocks of several sizes.
 
-Level l cuts the projector into squares of side S / 2ˡ, S the power of two that covers it; the last level's are pixels.
-Blocks at the right and lower edge are cut off by it, and squares wholly outside do not exist.
+Level l cuts the projector into squares of side S / 2ˡ, where S is the least power of two that covers it. The blocks of
+the last level are pixels. The right and lower edge of the projector cut blocks off, and squares outside do not exist.
 """
 
 from collections.abc import Sequence
@@ -21,15 +21,15 @@ from counterlight.tools.transport.transport import Csr, FarLight, Transport, sta
 Indices: TypeAlias = NDArray[np.int32] | IntArray
 
 NO_CHILD = -1
-MOST_FAR_CELLS = 1500  # FarLight mixes cells by a dense matrix
+MOST_FAR_CELLS = 1500  # a dense matrix mixes the cells of FarLight
 LEAST_FAR_SIDE = 4  # projector pixels
-WIDE, WIDE_SPREAD = 1 << 18, 4  # projector pixels; their side
-MOST_READ = 1 << 13  # camera pixels that one cell of far light is seen by; a texture's row holds twice as many
+WIDE, WIDE_SPREAD = 1 << 18, 4  # projector pixels of a wide raster; side of its largest spread blocks
+MOST_READ = 1 << 13  # camera pixels that see one cell of far light; a texture's row holds twice as many
 
 
 @dataclass(frozen=True)
 class BlockGrid:
-    """The blocks of one level, numbered row by row.  projector : (height, width)."""
+    """The blocks of one level of a projector of (height, width), numbered row by row."""
 
     projector: tuple[int, int]
     side: int
@@ -48,19 +48,19 @@ class BlockGrid:
 
     @cached_property
     def labels(self) -> IntArray:
-        """The block of each projector pixel: (height, width)."""
+        """The block of each projector pixel, (height, width)."""
         height, width = self.projector
         return np.arange(height)[:, None] // self.side * self.columns + np.arange(width) // self.side
 
     @cached_property
     def area(self) -> IntArray:
-        """Projector pixels in each block."""
+        """Projector pixels per block."""
         sizes = [np.minimum(self.side, extent - np.arange(0, extent, self.side)) for extent in self.projector]
         return np.multiply.outer(*sizes).ravel()
 
     @cached_property
     def children(self) -> NDArray[np.int32]:
-        """The four blocks of half the side in each: (blocks, 4), NO_CHILD where the projector ends before."""
+        """The four blocks of half the side in each block, (blocks, 4); NO_CHILD outside the projector."""
         finer = BlockGrid(self.projector, self.side // 2)
         row, column = np.divmod(np.arange(self.count)[:, None], self.columns)
         row, column = 2 * row + np.array([0, 0, 1, 1]), 2 * column + np.array([0, 1, 0, 1])
@@ -69,12 +69,12 @@ class BlockGrid:
 
     @property
     def quarter_areas(self) -> IntArray:
-        """Projector pixels in each block's quarters, 0 where there is none: (blocks, 4)."""
+        """Projector pixels in each block's quarters, (blocks, 4); 0 outside the projector."""
         area = BlockGrid(self.projector, self.side // 2).area
         return np.where(self.children != NO_CHILD, area[self.children], 0)
 
     def paint(self, lit: IntArray) -> Pattern:
-        """The picture in which some blocks are lit."""
+        """Returns the pattern that lights some blocks."""
         on = np.zeros((self.rows, self.columns), np.bool_)
         on.ravel()[lit] = True
         height, width = self.projector
@@ -83,7 +83,7 @@ class BlockGrid:
 
 
 def grids(projector: tuple[int, int]) -> list[BlockGrid]:
-    """From one block that covers the projector down to its pixels."""
+    """Returns the levels from one block that covers the projector down to its pixels."""
     side = 1 << (max(projector) - 1).bit_length()
     return [BlockGrid(projector, side >> level) for level in range(side.bit_length())]
 
@@ -92,7 +92,8 @@ def grids(projector: tuple[int, int]) -> list[BlockGrid]:
 class BlockLight:
     """Light from blocks of one grid to camera pixels.
 
-    camera, block : (entries,).  light : (entries, 3), radiance with the whole block lit.
+    camera, block : (entries,).
+    light : (entries, 3). Radiance with the whole block lit.
     """
 
     grid: BlockGrid
@@ -104,13 +105,13 @@ class BlockLight:
         return BlockLight(self.grid, self.camera[which], self.block[which], self.light[which])
 
     def matrices(self, camera_pixels: int) -> tuple[Csr, ...]:
-        """(camera pixels, blocks) per channel."""
+        """Returns one matrix (camera pixels, blocks) per channel."""
         shape = camera_pixels, self.grid.count
         return tuple(sparse.csr_array((self.light[:, i], (self.camera, self.block)), shape=shape) for i in range(3))
 
 
 def joined(parts: Sequence[BlockLight]) -> BlockLight:
-    """Light of blocks of one grid, one part after the other."""
+    """Concatenate light of blocks of the same grid."""
     camera, block, light = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("camera", "block", "light")
     )
@@ -118,7 +119,7 @@ def joined(parts: Sequence[BlockLight]) -> BlockLight:
 
 
 def sum_by_camera(parts: Sequence[BlockLight], camera_pixels: int) -> FloatArray:
-    """The floodlit room that the parts add up to: (camera pixels, 3)."""
+    """Returns the floodlit room that the parts add up to, (camera pixels, 3)."""
     total = np.zeros((camera_pixels, 3))
     for part in parts:
         for i in range(3):
@@ -127,9 +128,9 @@ def sum_by_camera(parts: Sequence[BlockLight], camera_pixels: int) -> FloatArray
 
 
 def fit_to_composition(parts: Sequence[BlockLight], composition: FloatArray) -> list[BlockLight]:
-    """Scale each camera pixel's light so that it adds up to T·1, (camera pixels, 3); channel by channel.
+    """Scale each camera pixel's light per channel, so that it adds up to T·1, (camera pixels, 3).
 
-    The floodlight is the capture with the least relative noise, a sum of many weak entries the one with the most.
+    The floodlight is the capture with the least relative noise; a sum of many weak entries has the most.
     """
     total = sum_by_camera(parts, len(composition))
     scale = np.divide(np.maximum(composition, 0), total, out=np.ones_like(total), where=total > 0)
@@ -137,20 +138,21 @@ def fit_to_composition(parts: Sequence[BlockLight], composition: FloatArray) -> 
 
 
 def as_transport(parts: Sequence[BlockLight], camera_pixels: int) -> Transport:
-    """T of a projector's pixels: light measured finely as near light, light known for blocks only as far light."""
+    """Make T of a projector's pixels: finely measured light becomes near light, light of blocks becomes far light."""
     return with_readable_far(together([Seen.of(parts, camera_pixels)], parts[0].grid.projector))
 
 
 def with_readable_far(transport: Transport) -> Transport:
-    """No row of Uᵀ is too long for a texture."""
+    """Split cells of far light so that no row of Uᵀ is too long for a texture."""
     return transport if transport.far is None else replace(transport, far=_readable(transport.far))
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What some camera pixels see.
+    """The light that some camera pixels see.
 
-    near : of projector pixels.  far : of `_senders`' blocks, the finest first.
+    near : light of projector pixels.
+    far : light of the blocks of `_senders`, the finest first.
     """
 
     near: SparseRows
@@ -158,11 +160,11 @@ class Seen:
 
     @classmethod
     def of(cls, parts: Sequence[BlockLight], camera_pixels: int) -> "Seen":
-        """There are at most 1500 blocks of far light, so smaller ones than some side have none of their own.
+        """Divide light into near light of pixels and far light of at most 1500 blocks; smaller blocks join either.
 
-        Where the camera pixel sees single pixels of the same cell, such a block is the rim of a spot and becomes near
-        light, spread over its pixels, unless these are many; elsewhere it is far light that happened to be measurable,
-        and goes to its cell.
+        A small block is the rim of a spot if the camera pixel sees single pixels in the same cell. Unless it is too
+        large, it becomes near light, spread over its pixels. Any other small block is far light that happened to be
+        measurable, and joins its cell.
         """
         projector = parts[0].grid.projector
         senders = _senders(projector)
@@ -184,7 +186,7 @@ class Seen:
 
 
 def together(bands: Sequence[Seen], projector: tuple[int, int]) -> Transport:
-    """T of camera pixels, band after band."""
+    """Make T from the light of all bands."""
     far = below_each_other([band.far for band in bands])
     return Transport(
         below_each_other([band.near for band in bands]), _far_light(far, projector) if far.indices.size else None
@@ -192,31 +194,31 @@ def together(bands: Sequence[Seen], projector: tuple[int, int]) -> Transport:
 
 
 def _most_spread(projector: tuple[int, int]) -> int:
-    """The side of the largest blocks that are spread over their pixels; of a wide raster, few entries for each."""
+    """Returns the side of the largest blocks that are spread over their pixels; small for a wide raster."""
     return WIDE_SPREAD if is_wide(projector) else max(projector)
 
 
 def is_wide(projector: tuple[int, int]) -> bool:
-    """A raster of which a camera's pixels would see too many small blocks, were each of them followed."""
+    """Whether the raster is so large that following each small block would take too much memory."""
     return projector[0] * projector[1] > WIDE
 
 
 def _least_cell(projector: tuple[int, int]) -> int:
-    """The side of the smallest blocks that, with all larger ones, are few enough for far light."""
+    """Returns the side of the smallest blocks that, with all larger blocks, are few enough for far light."""
     levels = grids(projector)
     fitting = [level.side for i, level in enumerate(levels) if sum(g.count for g in levels[: i + 1]) <= MOST_FAR_CELLS]
     return max(LEAST_FAR_SIDE, min(fitting))
 
 
 def _ancestor(part: BlockLight, cells: BlockGrid) -> IntArray:
-    """The cell that holds each of the part's blocks."""
+    """Returns the cell that contains each of the part's blocks."""
     row, column = np.divmod(part.block, part.grid.columns)
     scale = cells.side // part.grid.side
     return np.asarray(row // scale * cells.columns + column // scale)
 
 
 def _places(part: BlockLight, cells: BlockGrid) -> IntArray:
-    """A number for each camera pixel and cell."""
+    """Returns a unique number per pair of camera pixel and cell."""
     return part.camera * np.int64(cells.count) + _ancestor(part, cells)
 
 
@@ -230,13 +232,13 @@ def _spread(parts: Sequence[BlockLight], camera_pixels: int, projector: tuple[in
 
 
 def _senders(projector: tuple[int, int]) -> list[BlockGrid]:
-    """The blocks that far light may come from, the smallest first."""
+    """Returns the blocks that far light may come from, the smallest first."""
     least = _least_cell(projector)
     return [grid for grid in reversed(grids(projector)) if grid.side >= least]
 
 
 def _sent(parts: Sequence[BlockLight], camera_pixels: int, senders: Sequence[BlockGrid]) -> SparseRows:
-    """Light of the senders' blocks: (camera pixels, blocks of all)."""
+    """Returns the light of the senders' blocks, (camera pixels, all blocks)."""
     ends = np.cumsum([grid.count for grid in senders])
     first = {grid.side: int(end) - grid.count for grid, end in zip(senders, ends, strict=True)}
     columns = int(ends[-1])
@@ -254,9 +256,9 @@ def _sent(parts: Sequence[BlockLight], camera_pixels: int, senders: Sequence[Blo
 
 
 def _far_light(sent: SparseRows, projector: tuple[int, int]) -> FarLight:
-    """U M D: D averages the drive over the finest blocks, M makes of them the blocks that send, U is what each sends.
+    """Make U M D: D averages the drive over the finest blocks, M combines them to the sending blocks, U is their light.
 
-    Cells are the finest blocks first, which only gather, and then the senders, which only scatter.
+    The first cells are the finest blocks, which only gather; then follow the senders, which only scatter.
     """
     senders = _senders(projector)
     used = np.flatnonzero(np.bincount(sent.indices, minlength=sent.columns))
@@ -274,7 +276,7 @@ def _far_light(sent: SparseRows, projector: tuple[int, int]) -> FarLight:
 
 
 def _readable(far: FarLight) -> FarLight:
-    """A cell that more than 8192 camera pixels see becomes several, so that no row of Uᵀ is too long for a texture."""
+    """Split each cell that more than 8192 camera pixels see, so that no row of Uᵀ is too long for a texture."""
     U = far.scatter
     order = np.argsort(U.indices, kind="stable")
     block = U.indices[order]
@@ -284,10 +286,10 @@ def _readable(far: FarLight) -> FarLight:
     cells = int(parts.sum())
     if cells == U.columns:
         return far
-    of = np.repeat(np.arange(U.columns), parts)  # each new cell's old one
+    of = np.repeat(np.arange(U.columns), parts)  # the old cell of each new cell
     place = np.concatenate([[0], np.cumsum(parts)])[U.indices] + rank // MOST_READ
     mix = np.zeros((3, cells, cells))
-    first = np.flatnonzero(np.diff(of, prepend=-1))  # what gathers is not split: all that it gives, its first cell has
+    first = np.flatnonzero(np.diff(of, prepend=-1))  # gathering is not split: the first new cell takes it all
     mix[:, :, first] = far.mix[:, of]
     D = far.gather
     lengths = np.zeros(cells, np.int64)
@@ -297,13 +299,13 @@ def _readable(far: FarLight) -> FarLight:
 
 
 def _cell_shares(grid: BlockGrid, cells: BlockGrid) -> Csr:
-    """(blocks, cells): the part of each block that each cell is."""
+    """Returns the share of each block that each cell covers, (blocks, cells)."""
     places = grid.labels.ravel(), cells.labels.ravel()
     return sparse.csr_array((1 / grid.area[places[0]], places), shape=(grid.count, cells.count))
 
 
 def _averages(grid: BlockGrid) -> Csr:
-    """(blocks, projector pixels): the mean drive of each block."""
+    """Returns the matrix of the mean drive of each block, (blocks, projector pixels)."""
     labels = grid.labels.ravel()
     places = labels, np.arange(labels.size)
     return sparse.csr_array((1 / grid.area[labels], places), shape=(grid.count, labels.size))

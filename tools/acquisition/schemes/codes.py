@@ -1,7 +1,7 @@
 """Codes for multiplexed light: S-matrices (Schechner, Nayar and Belhumeur 2003, A theory of multiplexed illumination).
 
-Lighting half of n sources at a time, in n different ways, and solving for each source measures it with 4/n of the
-variance of lighting it alone, if the camera's noise does not grow with the light.
+n pictures each light half of n sources, and a linear system separates the sources. If the camera's noise does not grow
+with the light, this has 4/n of the variance of lighting each source alone.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from counterlight.arrays import FloatArray
 
 
 def code_length(sources: int) -> int:
-    """The least prime 4 m − 1 that is at least `sources`: the order of the S-matrix that separates them."""
+    """Returns the order of the S-matrix for so many sources: the least prime 4 m − 1 that is at least `sources`."""
     n = max(sources, 3)
     while n % 4 != 3 or any(n % d == 0 for d in range(3, int(n**0.5) + 1, 2)):
         n += 1
@@ -19,9 +19,9 @@ def code_length(sources: int) -> int:
 
 
 def s_matrix(n: int) -> NDArray[np.bool_]:
-    """(n, n) for n = `code_length(…)`: row i says which sources picture i lights, (n + 1)/2 of them.
+    """Returns the S-matrix (n, n) for n = `code_length(…)`; row i selects the (n + 1)/2 sources that picture i lights.
 
-    Cyclic: source j is lit in picture i if i + j is 0 or a quadratic residue modulo n (Harwit and Sloane 1979).
+    It is cyclic: source j is lit in picture i if i + j is 0 or a quadratic residue modulo n (Harwit and Sloane 1979).
     """
     residue = np.zeros(n, np.bool_)
     residue[np.arange(n, dtype=np.int64) ** 2 % n] = True
@@ -29,5 +29,5 @@ def s_matrix(n: int) -> NDArray[np.bool_]:
 
 
 def s_inverse(n: int) -> FloatArray:
-    """S⁻¹ = 2 / (n + 1) · (2 Sᵀ − 1): (n, n)."""
+    """Returns S⁻¹ = 2 / (n + 1) · (2 Sᵀ − 1), (n, n)."""
     return np.asarray(2 / (n + 1) * (2.0 * s_matrix(n).T - 1), np.float64)

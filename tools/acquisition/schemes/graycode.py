@@ -1,4 +1,4 @@
-"""Direct mapping by Gray code, as the other schemes see the room (thesis 6.1)."""
+"""Direct mapping by Gray code as a scheme, for comparison (thesis 6.1)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from counterlight.tools.acquisition.direct_mapping import direct_mapping, direct
 from counterlight.tools.acquisition.plan import Captures, Expected, LazyPatterns, Level, Measured, Reference, Scheme
 from counterlight.tools.acquisition.schemes.stripes import Stripe, locate, stripes
 
-FILL_RADIUS = 4  # cells, as counterlight import-graycode's
+FILL_RADIUS = 4  # cells, as in counterlight import-graycode
 SURE_SIGMAS = 4.0
 
 
@@ -39,7 +39,7 @@ class GrayCodeScheme:
     def _decode(
         self, room: Reference, captures: Captures, shown: Sequence[Stripe], projector: tuple[int, int]
     ) -> tuple[NDArray[np.bool_], FloatArray]:
-        """Which camera pixels are sure in every bit, and where they look, (camera pixels, 2)."""
+        """Returns which camera pixels are sure in every bit, and the place that each sees, (camera pixels, 2)."""
         flood, shares = room.light @ LUMINANCE, []
         sigma = np.sqrt(2 * (room.noise.sigma(room.light / 2) ** 2) @ np.square(LUMINANCE))
         sure = np.any(room.light > SURE_SIGMAS * room.noise.sigma(room.light), axis=1)

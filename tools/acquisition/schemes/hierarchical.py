@@ -1,13 +1,13 @@
 """Scene-adaptive hierarchical acquisition of the light transport (thesis 3.4.2; Sen et al. 2005, Dual Photography).
 
-From the floodlit room down: a block of projector pixels that a camera pixel measurably sees is cut into four, and its
-quarters are shown one after the other. Blocks that no camera pixel sees together are cut at the same time. Light is
-kept at the last level at which it could be measured. What is kept at coarse levels still lights every later capture,
-since many blocks are lit at once: its prediction is subtracted before a camera pixel is read (the far light of all
-blocks of one pattern together can be far above the threshold that each stayed below).
+The scheme starts from the floodlit room. A block of projector pixels that a camera pixel measurably sees is divided
+into four quarters, which are shown one after the other. Blocks that no camera pixel sees together are divided at the
+same time. Light is kept at the last level at which it could be measured. Light kept at coarse levels still shines in
+every later capture, because many blocks are lit at once, and together it can exceed the threshold. Its prediction is
+therefore subtracted before a camera pixel is read.
 
-Where pictures are captured several times, blocks of side s are so 1/√s as often. What a block's noise does to T is
-spread over its area, so that 1/s² would do for blocks that are cut; but a lower threshold finds more to cut.
+Where pictures are captured several times, blocks of side s are captured in proportion to 1/√s. A block's noise in T is
+spread over its area, so 1/s² would do for blocks that are divided; but a lower threshold finds more to divide.
 """
 
 from collections.abc import Sequence
@@ -54,19 +54,20 @@ from counterlight.tools.acquisition.schemes.schedule import colour_graph, confli
 from counterlight.tools.acquisition.schemes.smooth import smoothed
 
 QUARTERS = 4
-USUAL = 32  # pictures of a level, before anything is known
-GROWTH = 0.8, 2.0  # least and most, from a level to the next
-ONE_BY_ONE = 2  # the same after a level whose blocks were shown one by one
-FAINT, UNEVEN = 0.03, 0.001  # of the floodlight: a block that gives less is not cut for what its quarters differ by
-BYTES_A_PARENT = 4 * (24 + 1 + 20) + 9  # its quarters' light, variance and mark, and what may become of them; its order
+USUAL = 32  # pictures assumed per level in advance
+GROWTH = 0.8, 2.0  # least and most growth from a level to the next
+ONE_BY_ONE = 2  # growth after a level whose blocks were shown one by one
+FAINT, UNEVEN = 0.03, 0.001  # shares of the floodlight: a fainter block is divided only if its quarters differ by more
+BYTES_A_PARENT = 4 * (24 + 1 + 20) + 9  # light, variance and mark of its quarters, their successors, and its order
 FEWER = "give a higher --threshold, or let the camera give smaller pictures"
 
 
 @dataclass(frozen=True)
 class Threshold:
-    """τ: what a camera pixel must rise by in some channel to count as lit.
+    """τ: the rise in some channel from which a camera pixel counts as lit.
 
-    sigmas : τ as a multiple of the measured noise.  absolute : τ as radiance, instead.
+    sigmas : τ as a multiple of the measured noise.
+    absolute : τ as radiance; replaces `sigmas`.
     """
 
     sigmas: float = 4.0
@@ -79,13 +80,13 @@ class Threshold:
             raise InputError(f"--threshold {self.absolute:g}: expected a radiance above 0")
 
     def noise(self, room: Reference) -> Noise:
-        """τ as the standard deviation of a noise."""
+        """Returns τ in the form of a noise."""
         if self.absolute is not None:
             return Noise(np.full(3, self.absolute), np.zeros(3))
         return Noise(self.sigmas * room.noise.dark, self.sigmas**2 * room.noise.gain)
 
     def of(self, room: Reference, background: NDArray[np.floating] | float = 0.0) -> FloatArray:
-        """τ of a capture in which known light shines: `background` (…, 3) -> (…, 3)."""
+        """Returns τ of a capture that contains known light `background` (…, 3): (…, 3)."""
         return self.noise(room).sigma(np.asarray(background, np.float64))
 
 
@@ -94,7 +95,7 @@ DEFAULT = Threshold()
 
 @dataclass(frozen=True)
 class Quarters:
-    """What a level shows: pattern i lights quarter `quarter[i]` of the blocks of colour `colour[i]`.
+    """The patterns of a level: pattern i lights quarter `quarter[i]` of the blocks of colour `colour[i]`.
 
     blocks : the parents by colour.
     """
@@ -109,13 +110,13 @@ class Quarters:
         return finer.paint(lit)
 
     def lit(self, index: int) -> tuple[BlockGrid, IntArray]:
-        """What a pattern lights, blocks of half the side."""
+        """Returns the grid of half the side, and the blocks that a pattern lights."""
         children = self.grid.children[self.blocks[self.colour[index]], self.quarter[index]]
         return BlockGrid(self.grid.projector, self.grid.side // 2), children[children != NO_CHILD]
 
     @cached_property
     def colour_of(self) -> NDArray[np.int32]:
-        """Of each of the grid's blocks, 0 for those that nobody sees."""
+        """The colour of each of the grid's blocks; 0 for unseen blocks."""
         colours = np.zeros(self.grid.count, np.int32)
         for colour, blocks in enumerate(self.blocks):
             colours[blocks] = colour
@@ -124,7 +125,7 @@ class Quarters:
 
 @dataclass(frozen=True)
 class HierarchicalScheme:
-    """The plain scheme; call it with a room and a projector's (height, width)."""
+    """The hierarchical scheme; call it with a room and a projector's (height, width)."""
 
     threshold: Threshold = DEFAULT
     scratch: Path | None = None
@@ -148,7 +149,7 @@ class HierarchicalScheme:
             before = now
             found = sum(band.active.camera.size for band in bands)
             notes.append(f"{name}: {len(patterns)} pictures, {found} connections measured")
-        with ThreadPoolExecutor(SIDE_BY_SIDE) as threads:  # each band goes as it is solved
+        with ThreadPoolExecutor(SIDE_BY_SIDE) as threads:  # each band is freed once it is solved
             count, solved = len(bands), threads.map(partial(self._solved, room), drained(bands))
             seen = list(track(solved, "solving bands of the camera", count))
         transport = together(seen, projector)
@@ -179,9 +180,9 @@ class HierarchicalScheme:
     def _read(
         self, room: Reference, before: Reference, bands: Sequence[Band], schedule: Quarters, captures: Captures
     ) -> None:
-        """Read the quarters' light off the captures, and settle what of it is not measurable.
+        """Read the quarters' light from the captures, and settle the light that is not measurable.
 
-        room, before : of these captures, and of those that the parents were read off.
+        room, before : noise of these captures, and of the captures from which the parents were read.
         """
         for some in at_once(bands):
             self._settle(room, before, some, schedule, captures)
@@ -218,9 +219,11 @@ class HierarchicalScheme:
         return found
 
     def _even(self, flood: FloatArray, parents: BlockLight, found: "_Found") -> BoolArray:
-        """Whether a parent is faint and its quarters do not tell that any part of it gives more than another.
+        """Whether a parent is faint and its quarters show no significant difference, as for smooth far light.
 
-        Smooth far light is that, and most of what a camera pixel sees.  flood : T·1, (camera pixels, 3).
+        Most of what a camera pixel sees is such light.
+
+        flood : (camera pixels, 3). T·1.
         """
         even, area = np.zeros(parents.camera.size, np.bool_), parents.grid.quarter_areas
         shares = area / area.sum(axis=1, keepdims=True)
@@ -240,7 +243,7 @@ class HierarchicalScheme:
         quarters: NDArray[np.float32],
         lit: BoolArray,
     ) -> BoolArray:
-        """Whether what the lit quarters leave of each parent is measurable: a parent and their sum both have noise."""
+        """Whether the remainder outside the lit quarters is measurable; parent and quarters both contribute noise."""
         found = np.zeros(parents.camera.size, np.bool_)
         for part in parts_of(found.size):
             light = parents.light[part]
@@ -251,17 +254,17 @@ class HierarchicalScheme:
 
 
 class _Outlook:
-    """Foretells the pictures of the levels that follow a level.
+    """Predicts the number of pictures of the following levels.
 
-    The number grows from level to level as it did before. Where blocks had to be shown one by one, all conflict: they
-    are few yet, or there is far light, which smaller blocks are too faint for.
+    The number is assumed to grow as it grew before. Where blocks had to be shown one by one, all conflict: either there
+    are few blocks yet, or there is far light, for which smaller blocks are too faint.
     """
 
     def __init__(self) -> None:
-        self._before = 0  # pictures of the level before, 0 if its blocks were shown one by one
+        self._before = 0  # pictures of the previous level; 0 if its blocks were shown one by one
 
     def after(self, schedule: Quarters, finer: Sequence[BlockGrid]) -> tuple[Expected, ...]:
-        """finer : the grids of the levels that follow."""
+        """Returns the levels after this schedule; `finer` are their grids."""
         count, growth = len(schedule.colour), 1.0
         if all(blocks.size == 1 for blocks in schedule.blocks):
             self._before, following = 0, max(USUAL, ONE_BY_ONE * count)
@@ -280,9 +283,10 @@ def _share(grid: BlockGrid) -> float:
 
 
 class _Found:
-    """What a level's captures tell of a band's parents.
+    """The quarters that a level's captures show of a band's parents.
 
-    quarters, variance : (entries, 4, 3).  lit : (entries, 4), measurable.
+    quarters, variance : (entries, 4, 3).
+    lit : (entries, 4) bool. Whether the quarter is measurable.
     """
 
     def __init__(self, parents: BlockLight, order: IntArray, ends: IntArray) -> None:
@@ -301,7 +305,7 @@ class _Found:
         return cls(parents, order, np.searchsorted(colours, np.arange(len(schedule.blocks) + 1), sorter=order))
 
     def of_colour(self, colour: int, quarter: int) -> Quarter:
-        """One quarter of the blocks of a colour."""
+        """Returns one quarter of the blocks of a colour."""
         entries = self._order[self._ends[colour] : self._ends[colour + 1]]
         entries = entries[self._exists[self._parents.block[entries], quarter]]
         return Quarter(
@@ -310,16 +314,13 @@ class _Found:
 
 
 def floodlit_block(light: FloatArray, grid: BlockGrid, tau: FloatArray) -> BlockLight:
-    """Level 0: the camera pixels that the floodlight raises by τ; light : (camera pixels, 3)."""
+    """Returns level 0: the camera pixels that the floodlight raises by τ. `light` is (camera pixels, 3)."""
     camera = np.flatnonzero(np.any(light >= tau, axis=1)).astype(np.int32)
     return BlockLight(grid, camera, np.zeros_like(camera), np.maximum(light[camera], 0))
 
 
 def schedule_quarters(parents: Sequence[BlockLight]) -> Quarters:
-    """Colour the conflict graph of the blocks that are seen, and show the quarters of each colour in turn.
-
-    parents : of each band.
-    """
+    """Colour the conflict graph of the seen blocks of all bands, and show the quarters of each colour in turn."""
     grid = parents[0].grid
     used = np.flatnonzero(sum(np.bincount(band.block, minlength=grid.count) for band in parents))
     place = np.zeros(grid.count, np.int32)

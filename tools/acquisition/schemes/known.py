@@ -1,4 +1,4 @@
-"""Light that is settled, of blocks of any size, and what a capture shows beside it: compiled, a picture's work."""
+"""Settled light of blocks of any size, and compiled code that reads a capture above it."""
 
 from dataclasses import dataclass, replace
 
@@ -12,14 +12,16 @@ from counterlight.maps.row_map import SparseRows, beside_each_other
 from counterlight.tools.acquisition.plan import Noise, Pattern
 from counterlight.tools.acquisition.schemes.blocks import BlockGrid, BlockLight, grids
 
-MANY = 1 << 14  # entries that are worth all cores
+MANY = 1 << 14  # entries from which all cores are used
 
 
 @dataclass(frozen=True)
 class Quarter:
-    """One quarter of some blocks, as a picture lights it, and where what is read of it goes.
+    """One quarter of some blocks that a picture lights, and the arrays that receive its readings.
 
-    entries : which of `camera` see it.  light, variance : (parents, 3), float32.  lit : (parents,), measurable.
+    entries : indices into `camera` that see the quarter.
+    light, variance : (parents, 3) float32.
+    lit : (parents,) bool. Whether the quarter is measurable.
     """
 
     camera: NDArray[np.integer]
@@ -30,7 +32,7 @@ class Quarter:
 
 
 class KnownLight:
-    """Light that is settled, so that it can be told from what is still being measured.
+    """Settled light, which is subtracted from captures.
 
     Columns are the blocks of all sizes, the largest first.
     """
@@ -43,7 +45,7 @@ class KnownLight:
         self._rows = SparseRows(*none, int(ends[-1]))
 
     def add(self, part: BlockLight) -> None:
-        """Light whose camera pixels ascend."""
+        """Add light whose camera pixels are in ascending order."""
         if not part.camera.size:
             return
         counts = np.bincount(part.camera, minlength=self._rows.shape[0])
@@ -53,7 +55,7 @@ class KnownLight:
         self._rows = beside_each_other(replace(self._rows, columns=0), rows)  # the same columns
 
     def seen(self, pattern: Pattern) -> FloatArray:
-        """What it adds to the capture of a pattern: (camera pixels, 3)."""
+        """Returns the settled light in the capture of a pattern, (camera pixels, 3)."""
         shares = self.shares(self._grids[-1], np.flatnonzero(pattern))
         return self._rows.apply(np.repeat(shares[:, None], 3, axis=1))
 
@@ -66,9 +68,11 @@ class KnownLight:
         least: Noise,
         to: Quarter,
     ) -> None:
-        """What a capture of a pattern shows above black and above what is known.
+        """Write the light of a capture above black and settled light into `to`.
 
-        shares : of the pattern's blocks.  capture, black : (camera pixels, 3).  noise : of a capture.
+        shares : share of each column's block that the pattern lights.
+        capture, black : (camera pixels, 3).
+        noise : noise of a capture.
         least : τ as a noise.
         """
         rows, limits = self._rows, np.stack([noise.dark**2, noise.gain, least.dark**2, least.gain])
@@ -88,7 +92,7 @@ class KnownLight:
         )
 
     def shares(self, grid: BlockGrid, lit: IntArray) -> FloatArray:
-        """What part of each block some lit blocks of a grid are, (columns,); 0 for blocks smaller than those."""
+        """Returns the lit share of each column's block, (columns,), for lit blocks of a grid; 0 for smaller blocks."""
         shares = np.zeros(self._rows.columns)
         on = np.zeros(grid.count, np.int64)
         on[lit] = grid.area[lit]
@@ -116,11 +120,11 @@ def _read(
     variance: NDArray[np.float32],
     lit: BoolArray,
 ) -> None:
-    """limits : (4, 3), dark² and gain of the noise, and of τ."""
+    """Read entries; `limits` is (4, 3): dark² and gain of the noise, and of τ."""
     for n in numba.prange(entries.size):
         entry = entries[n]
         pixel, bright = camera[entry], False
-        red = green = blue = 0.0  # each block's share is looked up once for all channels
+        red = green = blue = 0.0  # one lookup of each block's share serves all channels
         for k in range(indptr[pixel], indptr[pixel + 1]):
             part = share[indices[k]]
             if part != 0:

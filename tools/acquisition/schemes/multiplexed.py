@@ -1,14 +1,13 @@
-"""Located multiplexing: T in few pictures, where each camera pixel's direct light comes from one place.
+"""Located multiplexing: T from few pictures, where each camera pixel's direct light comes from one place.
 
-A camera pixel's direct light comes from a small window of projector pixels. Stripes tell roughly where it is; a code of
-w × w numbers, tiled over the projector, tells every pixel of the window apart, wherever the window lies, because it
-holds each number once (the local regions of parallel single-pixel imaging: Jiang et al. 2021, Parallel single-pixel
-imaging; here with S-matrix codes). Far light, which is smooth, adds the same to every number of the tile: a pedestal,
-which is taken off. Where it is not negligible, coarse blocks are told apart by a second S-matrix, after the near light
-has been subtracted.
+A camera pixel's direct light comes from a small window of projector pixels. Stripes locate the window roughly. A code
+of w × w numbers, tiled over the projector, then separates the pixels of any window, because each window contains every
+number once (the local regions of parallel single-pixel imaging: Jiang et al. 2021, Parallel single-pixel imaging; here
+with S-matrix codes). Far light is smooth and adds the same pedestal to every number of the tile, which is subtracted.
+Where far light is not negligible, a second S-matrix separates coarse blocks, after the near light has been subtracted.
 
-What it cannot see: a camera pixel that has two sharp sources (a mirror, a glass edge) has both in one window. The check
-picture at the end tells; the hierarchical scheme has no such limit.
+The scheme cannot separate two sharp sources of one camera pixel (a mirror, a glass edge): both fall into one window.
+The check picture at the end reveals this error. The hierarchical scheme has no such limit.
 """
 
 from collections.abc import Callable
@@ -42,20 +41,21 @@ from counterlight.tools.acquisition.schemes.stripes import Stripe, locate, strip
 
 STRIPE_CELL = 2  # projector pixels: half of the least tile, so that cell and place in the tile agree on one window
 LEAST_TILE, MOST_TILE = 4, 14
-USUAL_TILE = 8  # of rooms that are in focus
-REACH_SIGMAS = 2.3  # half a window in standard deviations of the spot: 2 % of its light lie beyond, each way
-NEIGHBOURHOOD = 16  # projector pixels; the sharpest camera pixel of each tells the blur there
-MOST_BLURRED = 0.95  # of the neighbourhoods get a window that is wide enough
-LEAST_FAR = 0.02  # share of all light; less is left out
+USUAL_TILE = 8  # for rooms in focus
+REACH_SIGMAS = 2.3  # half a window in standard deviations of the spot; 2 % of its light lie beyond, per axis
+NEIGHBOURHOOD = 16  # projector pixels; side of the areas in which the sharpest camera pixel gives the blur
+MOST_BLURRED = 0.95  # share of the neighbourhoods for which the window is wide enough
+LEAST_FAR = 0.02  # share of all light; less far light is left out
 FAR_BLOCKS = 64
 
 
 @dataclass(frozen=True)
 class MultiplexedScheme:
-    """tile : projector pixels a side of the window; None reads it off the stripes' contrast.
+    """The multiplexed scheme.
 
-    sigmas : what a pixel of the window must rise by, in standard deviations of its noise, to be kept. On simulated
-    rooms 3 suits sharp spots and 2 blurred ones, whose rims are many and weak.
+    tile : side of the window in projector pixels; None derives it from the stripes' contrast.
+    sigmas : standard deviations by which a pixel of the window must rise to be kept. In simulated rooms, 3 suits sharp
+        spots, and 2 suits blurred spots, whose rims are wide and weak.
     """
 
     tile: int | None = None
@@ -114,7 +114,7 @@ class Tile:
     def decode(
         self, room: Reference, captures: Captures, place: FloatArray, sigmas: float
     ) -> tuple[BlockLight, FloatArray]:
-        """Light of each projector pixel in the camera pixels' windows, and each one's pedestal (camera pixels, 3)."""
+        """Returns the light of each projector pixel in the windows, and the pedestals, (camera pixels, 3)."""
         folded = _solve(room, captures, self.code, self.side**2)
         corner = self._corners(folded @ LUMINANCE, place)
         down, right = np.mgrid[: self.side, : self.side].reshape(2, -1)
@@ -123,7 +123,7 @@ class Tile:
         light = np.take_along_axis(folded, number[..., None], axis=1)
         corners = (down % (self.side - 1) == 0) & (right % (self.side - 1) == 0)
         pedestal = np.maximum(np.mean(light[:, corners], axis=1), 0)
-        # Photon noise of half the floodlight in each of the code's pictures, through S⁻¹ (variance 4 / n).
+        # Photon noise of half the floodlight in each picture of the code, through S⁻¹ (variance 4 / n).
         sigma = 2 * room.noise.sigma(room.light / 2) / np.sqrt(self.code)
         pedestal = np.where(pedestal > sigma, pedestal, 0)
         light = light - pedestal[:, None]
@@ -135,10 +135,10 @@ class Tile:
         return BlockLight(grid, camera, pixel, np.maximum(light[camera, entry], 0)), pedestal
 
     def _corners(self, folded: FloatArray, place: FloatArray) -> IntArray:
-        """The upper left projector pixel of each window: (camera pixels, 2).
+        """Returns the upper left projector pixel of each window, (camera pixels, 2).
 
-        The centre of light within the tile is that of a circle (the phase of its first harmonic, which no pedestal
-        moves); of all places that look like it, the one nearest to where the stripes saw it.
+        The centre of light within the tile is the phase of its first harmonic, which a pedestal does not change. It
+        repeats with the tile; the repetition nearest to the stripes' place is used.
         """
         square = folded.reshape(-1, self.side, self.side)
         wave = np.exp(2j * np.pi * (np.arange(self.side) + 0.5) / self.side)
@@ -152,7 +152,7 @@ class Tile:
 
 @dataclass(frozen=True)
 class CodedBlocks:
-    """Blocks that cover the projector, told apart by an S-matrix."""
+    """Blocks that cover the projector, separated by an S-matrix."""
 
     grid: BlockGrid
 
@@ -166,7 +166,7 @@ class CodedBlocks:
         return LazyPatterns(self.code, lambda i: self.grid.paint(np.flatnonzero(lit[i])))
 
     def decode(self, room: Reference, captures: Captures, near: BlockLight) -> BlockLight:
-        """Light of each block in each camera pixel, the near light subtracted."""
+        """Returns the light of each block in each camera pixel, after the near light is subtracted."""
         known = KnownLight(len(room.light), self.grid.projector)
         known.add(near)
         patterns = self.patterns
@@ -180,7 +180,7 @@ def _far(projector: tuple[int, int]) -> Expected:
 
 
 def far_grid(projector: tuple[int, int]) -> BlockGrid:
-    """The smallest blocks of which at most 64 cover the projector."""
+    """Returns the grid with the smallest blocks of which at most 64 cover the projector."""
     side = 1
     while (grid := BlockGrid(projector, side)).count > FAR_BLOCKS:
         side *= 2
@@ -190,11 +190,10 @@ def far_grid(projector: tuple[int, int]) -> BlockGrid:
 def choose_tile(
     shown: list[Stripe], shares: list[FloatArray], place: FloatArray, room: Reference, projector: tuple[int, int]
 ) -> int:
-    """The window that holds 19 of 20 neighbourhoods' spots, wherever they lie between pixels, from the contrast that
-    the finest stripes lose.
+    """Choose the window that holds the spots of 19 of 20 neighbourhoods at any position between pixels.
 
     In the middle of a stripe of width s, a Gaussian spot of standard deviation σ has a contrast of 1 − 4 Φ(−s / 2σ).
-    Far light lowers the contrast of wide and narrow stripes alike, so that it is their ratio that counts.
+    Far light lowers the contrast of wide and narrow stripes alike, so the ratio of their contrasts gives σ.
     """
     height, width = (-(-side // NEIGHBOURHOOD) for side in projector)
     where = (place // NEIGHBOURHOOD).astype(np.int64) @ np.array([width, 1])
@@ -222,7 +221,7 @@ def _lit_share(room: Reference, captures: Captures, index: int) -> FloatArray:
 
 
 def _better_composition(room: Reference, captures: Captures, cover: int) -> FloatArray:
-    """T·1 from the floodlight and from captures that add up to `cover` floodlit rooms: (camera pixels, 3)."""
+    """Returns T·1 from the floodlight and captures that add up to `cover` floodlit rooms, (camera pixels, 3)."""
     total = room.repeats * room.light
     for i in range(len(captures)):
         total = total + room.above_black(captures[i])
@@ -232,7 +231,7 @@ def _better_composition(room: Reference, captures: Captures, cover: int) -> Floa
 def _solve(
     room: Reference, captures: Captures, code: int, sources: int, known: Callable[[int], FloatArray] | None = None
 ) -> FloatArray:
-    """S⁻¹ of the captures, one at a time: (camera pixels, sources, 3)."""
+    """Apply S⁻¹ to the captures, one at a time: (camera pixels, sources, 3)."""
     inverse = s_inverse(code)[:sources]
     total = np.zeros((len(room.light), sources, 3))
     for i in range(code):

@@ -1,7 +1,7 @@
-"""Which projector blocks may be lit together: the conflict graph and its colouring (Sen et al. 2005, section 5).
+"""Find projector blocks that may be lit together: the conflict graph and its colouring (Sen et al. 2005, section 5).
 
-Two blocks conflict if some camera pixel sees both. Blocks of one colour never do, so that each camera pixel's light has
-one possible source. Colours become patterns, so few colours are what matters.
+Two blocks conflict if some camera pixel sees both. Blocks of one colour never conflict, so each camera pixel's light
+has only one possible source. Each colour becomes patterns, so fewer colours mean fewer pictures.
 """
 
 import numpy as np
@@ -13,15 +13,16 @@ from counterlight.maps.products import kept
 from counterlight.tools.transport.transport import Csr
 
 UNCOLOURED = -1
-RECOLOURINGS = 8  # rounds of iterated greedy; on simulated rooms later ones remove no further colour
+RECOLOURINGS = 8  # rounds of iterated greedy; in simulated rooms, more rounds remove no further colour
 CHUNK_PAIRS = 1 << 25  # pairs of blocks formed at a time
 
 
 def conflict_graph(camera: NDArray[np.integer], block: NDArray[np.integer], blocks: int) -> Csr:
-    """Adjacency (blocks, blocks) of blocks that share a camera pixel, without the diagonal.
+    """Returns the adjacency (blocks, blocks) of blocks that share a camera pixel, without the diagonal.
 
-    camera, block : (entries,), camera pixel `camera[i]` sees block `block[i]`.
-    The graph is the sum over camera pixels of their cliques, SᵀS, made in slices of bounded memory.
+    camera, block : (entries,). Camera pixel `camera[i]` sees block `block[i]`.
+
+    The graph is the sum of the camera pixels' cliques, SᵀS, computed in slices of bounded memory.
     """
     order = np.argsort(camera, kind="stable")
     camera, block = camera[order], block[order]
@@ -42,11 +43,11 @@ def conflict_graph(camera: NDArray[np.integer], block: NDArray[np.integer], bloc
 
 
 def colour_graph(graph: Csr) -> IntArray:
-    """A colour 0, 1, … for each node, never that of a neighbour; colour 0 is the most frequent.
+    """Colour the nodes 0, 1, … such that neighbours differ; colour 0 is the most frequent.
 
-    First fit in two orders, of which the better is kept: row by row, which finds the regular tilings that a plain wall
-    allows, and by degree. Then iterated greedy (Culberson 1992): recolouring whole colour classes one after the other,
-    in another order, never needs more colours and often fewer.
+    First fit runs in two orders, and the better result is kept: row by row, which finds the regular tilings that a
+    plain wall allows, and by degree. Then follows iterated greedy (Culberson 1992): recolouring whole colour classes in
+    another order never needs more colours and often fewer.
     """
     degree = np.diff(graph.indptr)
     shuffled = np.random.default_rng(0).permutation(degree.size)
@@ -66,7 +67,7 @@ def colour_graph(graph: Csr) -> IntArray:
 
 
 def _first_fit(graph: Csr, order: IntArray) -> IntArray:
-    """Each node in turn gets the least colour that none of its neighbours has."""
+    """Give each node in turn the least colour that no neighbour has."""
     colours = np.full(order.size, UNCOLOURED, np.int64)
     _fit_first(graph.indptr, graph.indices, order, colours)
     return colours
@@ -74,7 +75,7 @@ def _first_fit(graph: Csr, order: IntArray) -> IntArray:
 
 @kept()
 def _fit_first(indptr: NDArray[np.integer], indices: NDArray[np.integer], order: IntArray, colours: IntArray) -> None:
-    taken_by = np.full(order.size + 1, UNCOLOURED, np.int64)  # of each colour the last node that must not have it
+    taken_by = np.full(order.size + 1, UNCOLOURED, np.int64)  # per colour, the last node with a neighbour of it
     for node in order:
         for k in range(indptr[node], indptr[node + 1]):
             if colours[indices[k]] != UNCOLOURED:

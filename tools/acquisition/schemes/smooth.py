@@ -1,7 +1,8 @@
-"""Far light that was measured in blocks, as smooth functions: what few numbers say as well as one for each block.
+"""Replace far light measured in blocks by smooth functions with fewer numbers.
 
-A camera's pixel sees dozens of blocks by far light, each with its noise. Between the nodes of two grids the same light
-is linear (tools/factoring/model.py), with four numbers a pixel, and neighbours' noise is averaged.
+A camera pixel sees dozens of blocks by far light, each with its noise. The same light, interpolated linearly between
+the nodes of two grids (tools/factoring/model.py), takes four numbers per pixel, and the noise of neighbours averages
+out.
 """
 
 from dataclasses import replace
@@ -19,13 +20,13 @@ from counterlight.tools.factoring.near import split
 from counterlight.tools.inverse.pictures import soft_picture
 from counterlight.tools.transport.transport import FarLight, Shape, Transport
 
-MOST_LOST = 0.005  # of white, RMS, of pictures' light: 46 dB
+MOST_LOST = 0.005  # RMS difference of pictures relative to white: 46 dB
 
 
 def smoothed(transport: Transport) -> tuple[Transport, str]:
-    """T with its far light between nodes, if pictures are the same and numbers fewer, and what became of it.
+    """Interpolate T's far light between nodes if pictures stay the same and numbers become fewer; returns T and a note.
 
-    transport : with its pictures' sizes.
+    transport : T with its pictures' sizes.
     """
     blocks, projector = transport.far, transport.projector
     assert projector is not None
@@ -48,7 +49,7 @@ def smoothed(transport: Transport) -> tuple[Transport, str]:
 
 
 class _Blocks(Rows):
-    """Far light alone; what each projector pixel gives of it is summed without a transposed U, as large as U itself."""
+    """Far light alone; its column sums avoid a transposed U, which would be as large as U."""
 
     @cached_property
     def known(self) -> tuple[FloatArray, FloatArray]:
@@ -63,7 +64,7 @@ class _Blocks(Rows):
 
 
 def _lost(transport: Transport, blocks: FarLight, far: FarLight, projector: Shape) -> float:
-    """The largest RMS difference that pictures of far light make, of the floodlit room's."""
+    """Returns the largest RMS difference of far-light pictures, relative to the floodlit room."""
     white = float(np.sqrt(np.mean(transport.composition() ** 2)))
     return max(
         float(np.sqrt(np.mean((blocks.apply(drive) - far.apply(drive)) ** 2))) / white for drive in _drives(projector)
@@ -71,7 +72,7 @@ def _lost(transport: Transport, blocks: FarLight, far: FarLight, projector: Shap
 
 
 def _drives(projector: Shape) -> list[FloatArray]:
-    """A half and a soft picture, (projector pixels, 3)."""
+    """Returns a half-white and a soft picture, (projector pixels, 3)."""
     half = np.zeros(projector)
     half[:, projector[1] // 2 :] = 1
     return [np.repeat(picture.reshape(-1, 1), 3, axis=1) for picture in (half, soft_picture(projector))]

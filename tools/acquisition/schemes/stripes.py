@@ -1,8 +1,8 @@
-"""Gray-coded stripes: where in the projector's picture a camera pixel looks, in log₂ many pictures.
+"""Gray-coded stripes: locate each camera pixel in the projector picture with log₂ many pictures.
 
-Other than the captures of counterlight import-graycode, these are compared with half of the floodlight, not with an
-inverse picture: half of the pictures, and nothing is lost where a pixel's light comes from one place. (Half of the far
-light reaches a pixel in every picture of narrow stripes, so that half of the floodlight stays the right threshold.)
+Unlike counterlight import-graycode, the captures are compared with half of the floodlight instead of an inverse
+picture. This halves the pictures, and loses nothing where a pixel's light comes from one place. Half of the far light
+reaches a pixel in every picture of narrow stripes, so half of the floodlight stays the right threshold.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ class Stripe:
 
     @property
     def width(self) -> int:
-        """Of a stripe, in projector pixels."""
+        """Width of a stripe in projector pixels."""
         return self.cell << (self.bit + 1)
 
     def paint(self) -> Pattern:
@@ -35,15 +35,15 @@ class Stripe:
 
 
 def stripes(projector: tuple[int, int], cell: int) -> list[Stripe]:
-    """The stripes that number cells of `cell` projector pixels: of each axis, from coarse to fine."""
+    """Returns the stripes that number cells of `cell` projector pixels, per axis from coarse to fine."""
     bits = [max(0, (-(-side // cell) - 1).bit_length()) for side in projector]
     return [Stripe(projector, cell, axis, bit) for axis in (0, 1) for bit in reversed(range(bits[axis]))]
 
 
 def locate(shown: Sequence[Stripe], lit_share: Sequence[FloatArray], projector: tuple[int, int]) -> FloatArray:
-    """Where each camera pixel looks, the middle of a cell: (camera pixels, 2), row and column, continuous.
+    """Returns the place that each camera pixel sees, the middle of a cell: (camera pixels, 2), row and column.
 
-    lit_share : for each stripe, (camera pixels,), its light as a share of the floodlight.
+    lit_share : per stripe, (camera pixels,). Its light as a share of the floodlight.
     """
     pixels = lit_share[0].size if lit_share else 0
     place = np.zeros((pixels, 2))
