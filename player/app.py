@@ -238,13 +238,26 @@ def _renderer_for(options: argparse.Namespace, window: "Window | Displays") -> "
         drawn = options.path is not None or window.bits > 8 or not in_software(window.context.info["GL_RENDERER"])
         chosen = "gl" if drawn else "cpu"
     if chosen == "cpu":
-        compile_passes()
+        with _without_blas():
+            compile_passes()
         from counterlight.gl.computed import ComputedRenderer
 
         return partial(ComputedRenderer, window.context)
     from counterlight.gl.renderer import GlRenderer
 
     return lambda room: GlRenderer(window.context, room, options.path or "auto", window.bits)
+
+
+@contextmanager
+def _without_blas() -> Iterator[None]:
+    """Keep Numba from looking for a BLAS, which no pass needs: it would import scipy.linalg, a seventh of a start."""
+    absent = {name: None for name in ("scipy.linalg", "scipy.linalg.cython_blas") if name not in sys.modules}
+    sys.modules.update(absent)  # type: ignore[arg-type]
+    try:
+        yield
+    finally:
+        for name in absent:
+            del sys.modules[name]
 
 
 def _session(

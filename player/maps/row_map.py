@@ -234,10 +234,12 @@ def pack(
 
 def unpack(packed: RowMap) -> SparseRows:
     """The matrix that `pack` was given, its zero entries left out."""
+    from counterlight.maps.unpacking import unpack_entries  # Numba takes half a second: not before it is used
+
     indptr, (height, width) = _indptr(packed), packed.source_shape
     rows = SparseRows(indptr, np.empty(indptr[-1], np.int32), np.empty((indptr[-1], 3), np.float32), height * width)
-    for some, block in in_blocks(packed):
-        rows.indices[some], rows.weights[some] = block.indices, block.weights
+    index = np.zeros((0, 0), np.uint32) if packed.index is None else packed.index
+    unpack_entries(packed.lookup.reshape(-1, 3), packed.entries, index, indptr, rows.indices, rows.weights)
     return rows
 
 

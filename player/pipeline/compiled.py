@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from counterlight.maps.mixing import SWEEPS
 from counterlight.maps.products import kept
+from counterlight.maps.unpacking import unpack_entries
 from counterlight.pipeline.reference import TINY
 
 Picture = NDArray[np.float32]
@@ -29,7 +30,8 @@ STRETCH = 64  # entries of a row that are summed in float32; a sum all in float6
 SHARES = 64  # of the rows of a product, that cores take one by one
 PICTURE, PLANE, LINE = "float32[:, :, ::1]", "float32[:, ::1]", "float32[::1]"
 
-KERNELS: list[tuple[Any, tuple[str, ...]]] = []
+_UNPACKING = f"uint32[:, ::1], {PICTURE}, uint32[:, ::1], int64[::1], int32[::1], {PLANE}"
+KERNELS: list[tuple[Any, tuple[str, ...]]] = [(unpack_entries, (_UNPACKING,))]
 
 
 def kernel(*signatures: str) -> Callable[[Callable[..., None]], Any]:
