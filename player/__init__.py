@@ -1,5 +1,4 @@
-"""Measures or simulates light transport, inverts it, and plays through the inverse: `import counterlight as cl`
-(docs/api.md).
+"""Measures or simulates light transport, and plays through its inverse: `import counterlight as cl` (docs/api.md).
 
 This folder runs once per frame: the player and the files that it reads. tools/ is counterlight.tools. files/ reads all
 files, writing/ writes them, and maps/ is the matrix format. media/ reads pictures and sound, pipeline/ computes a

@@ -1,8 +1,9 @@
-"""A calibration folder: one room. It holds calibration.toml, transport_*.npz, ambient.exr and mask.png. It may also
-hold floodlights of the primaries, and the screen that several cameras share.
+"""Reads and writes a calibration folder, which holds one room.
 
-This module reads the metadata, the ambient picture and the mask; tools/transport reads the transport matrices.
-calibration.toml lists every file with its size and SHA-256, and a file that differs is refused.
+The folder holds calibration.toml, transport_*.npz, ambient.exr and mask.png. It may also hold floodlights of the
+primaries, and the screen that several cameras share. This module reads the metadata, the ambient picture and the mask;
+tools/transport reads the transport matrices. calibration.toml lists every file with its size and SHA-256, and a file
+that differs is refused.
 """
 
 import hashlib
@@ -44,7 +45,7 @@ MOST_PROJECTORS, LONGEST_PROVENANCE = 64, 1 << 16
 GREY, LEAST_COLOUR = 1e-3, 1e-3
 # Limits of white and light, in any unit. Between them, squares and a frame's sums stay within float32.
 RADIANCE = (1e-12, 1e12)
-GAIN = (1e-6, 1e6)  # of one camera's light relative to another camera's
+GAIN = (1e-6, 1e6)  # limits of one camera's light relative to another camera's
 REBUILD = (
     "make the calibration again (counterlight simulate, counterlight import-transport or counterlight import-graycode)"
 )
@@ -81,7 +82,7 @@ class Device(Raster):
 class Calibration:
     """One room as seen by one camera, or by several cameras whose pictures stand below each other.
 
-    name : of the room.
+    name : name of the room.
     provenance : how the calibration was made.
     projectors : one or more; several stand side by side in one raster, in this order from the left.
     camera : output of T and source of the maps: the camera, or the raster of several (counterlight.screen).
@@ -170,8 +171,8 @@ class Calibration:
 class StoredCalibration:
     """A calibration, its folder, and its identity.
 
-    folder : of the calibration.
-    calibration : as read.
+    folder : folder of the calibration.
+    calibration : the calibration in it.
     fingerprint : SHA-256 of calibration.toml.
     files : checked access to the folder's files.
     """
@@ -199,14 +200,13 @@ class StoredCalibration:
 
 @contextmanager
 def replacing(folder: Path, *, force: bool = False, inputs: Iterable[Path] = ()) -> Iterator[Path]:
-    """Lock the name `folder` for a calibration before the long work, and yield a stage for its files. Call `write`
-    last.
+    """Lock the name `folder` for a calibration, and yield a stage for its files. Call this before the long work.
 
-    The whole folder appears at once at the end.
+    The whole folder appears at once at the end. Call `write` last.
     Raises InputError if `folder` exists, unless `force` is set and it is a calibration (or empty). Also raises it if
     the folder holds an input or a foreign file, or if another process is writing it.
 
-    folder : of the calibration.
+    folder : the calibration folder to write.
     force : whether an existing calibration may be replaced.
     inputs : paths that the command reads.
     """

@@ -153,8 +153,8 @@ class Response:
 class RasterResponse:
     """The responses of projectors side by side in one raster, and their colour matrices if they have any.
 
-    responses : of each projector.
-    regions : of each projector in the raster.
+    responses : response of each projector.
+    regions : region of each projector in the raster.
     colours : D of each projector, (3, 3). D converts a drive q of the shared primaries into the drive D q of the
         projector's own primaries. None means the identity. Empty if no projector has a matrix.
     """
@@ -248,8 +248,8 @@ def parse_response(value: object) -> Response:
 def read_response(table: Table, folder: Path | None = None) -> Response:
     """Read a table's `response`, linear by default, and its `white_segment` if it has one.
 
-    table : of a TOML file.
-    folder : that contains named response files; None if the table may not name files.
+    table : table of a TOML file.
+    folder : folder of named response files; None if the table may not name files.
     """
     try:
         if folder is not None and _names_file(table.values.get("response")):
@@ -325,7 +325,7 @@ def pq_light(codes: NDArray[np.float64]) -> NDArray[np.float64]:
 def pq_codes(light: NDArray[np.floating]) -> NDArray[np.float64]:
     """Apply the inverse of SMPTE ST 2084's EOTF.
 
-    light : in shares of PQ_PEAK.
+    light : light in shares of PQ_PEAK.
     """
     power = np.asarray(light, np.float64) ** _PQ_M[0]
     return np.asarray(((_PQ_C[0] + _PQ_C[1] * power) / (1 + _PQ_C[2] * power)) ** _PQ_M[1])

@@ -120,8 +120,8 @@ def read_screen(
     """Read the screen of a described folder. Raises InputError if it does not fit the cameras.
 
     table : holds its width and height.
-    files : of the folder.
-    cameras : (height, width) of each.
+    files : checked access to the folder's files.
+    cameras : (height, width) of each camera.
     gains : (cameras, 3).
     fix : advice that ends the messages.
     """

@@ -1,9 +1,8 @@
 """Several views of one room, calibrated from different places, and the share of each view for a viewer.
 
 A set of views is a folder with viewpoints.toml and one calibration in each of views/1, views/2, … All views have the
-same projectors and one common screen (docs/viewpoints.md). A viewer between views sees a blend of the two or three
-surrounding views. The shares are barycentric coordinates in a triangulation of the places; at a view itself its share
-is 1.
+same projectors and one common screen (docs/viewpoints.md). A viewer between views gets a blend of the two or three
+surrounding views. The shares are barycentric coordinates in a triangulation of the places.
 """
 
 from collections.abc import Sequence
@@ -102,8 +101,9 @@ class Places:
 
     @cached_property
     def _triangles(self) -> tuple[NDArray[np.int64], FloatArray]:
-        """Corners, (triangles, 3), and matrices, (triangles, 2, 2). A matrix gives the shares of the first two corners
-        from a place relative to the third corner.
+        """Corners, (triangles, 3), and matrices, (triangles, 2, 2), of the triangulation of the places.
+
+        A matrix converts a place relative to the third corner into the shares of the first two corners.
 
         The triangulation is the lower hull of the places lifted by their squares (Delaunay). A small random lift makes
         it unique if four places lie on a circle.
@@ -144,8 +144,8 @@ def calibrations_in(folder: Path) -> list[Path]:
 def write_places(folder: Path, places: Places, calibrations: Sequence[Path]) -> None:
     """Write viewpoints.toml of a set whose views already exist.
 
-    folder : of the set.
-    places : of the views.
+    folder : folder of the set.
+    places : places of the views.
     calibrations : calibration.toml of each view.
     """
     views = [{"at": list(at), "calibration": sha256_of(path)} for at, path in zip(places.at, calibrations, strict=True)]
@@ -153,10 +153,9 @@ def write_places(folder: Path, places: Places, calibrations: Sequence[Path]) -> 
 
 
 def read_places(folder: Path, calibration: str) -> Places:
-    """Read the places of a set's views. Raises InputError for a damaged list, or a view that was calibrated again
-    since.
+    """Read the places of a set's views. Raises InputError for a damaged list, or a view that was recalibrated.
 
-    folder : of the set.
+    folder : folder of the set.
     calibration : name of the calibration file in each view's folder.
     """
     table = Table(read_toml(folder / TOML, JOIN), f"{folder / TOML}", JOIN)

@@ -1,8 +1,10 @@
 """Three-dimensional colour tables: `.cube` files (Adobe, Cube LUT Specification 1.0).
 
-TITLE "a look"            and other unknown keywords, which are ignored LUT_3D_SIZE 33            samples along each
-axis DOMAIN_MIN 0 0 0          code values of the first samples DOMAIN_MAX 1 1 1          code values of the last
-samples 0.01 0.02 0.03            size³ lines of output colours; red changes fastest
+TITLE "a look"            and other unknown keywords, which are ignored
+LUT_3D_SIZE 33            samples along each axis
+DOMAIN_MIN 0 0 0          code values of the first samples
+DOMAIN_MAX 1 1 1          code values of the last samples
+0.01 0.02 0.03            size³ lines of output colours; red changes fastest
 """
 
 from contextlib import suppress
@@ -25,7 +27,7 @@ _DIGITS = tuple("0123456789+-.")
 class Cube:
     """A colour table.
 
-    path : of its file.
+    path : path of its file.
     table : (size, size, size, 3) float32, indexed by blue, green, red.
     low : (3,) float64. Code values of the first samples.
     high : (3,) float64. Code values of the last samples.

@@ -85,7 +85,7 @@ def read_beside(
     """Decode some channels into one array (rows, columns, names), with the type of the first channel.
 
     source : a path or an open file.
-    names : of the channels.
+    names : names of the channels.
     accept : may refuse the header.
     look : may refuse rows; called with pieces of rows as soon as they are read.
     most : most pixels that are read.

@@ -1,8 +1,7 @@
 """Reads the header of an OpenEXR file before the library does (openexr.com, "OpenEXR File Layout").
 
 The library allocates memory for what a header claims: a table with an entry per chunk, a buffer per chunk, every
-channel of every part. A file of 400 bytes can claim gigabytes. This module refuses such files, and files with deep
-pixels.
+channel of every part. A file of 400 bytes can claim gigabytes. This module refuses such files, and deep pixels.
 """
 
 import os
@@ -15,15 +14,15 @@ MAX_PIXELS = 1 << 28  # 16384², the largest 2D texture of common GPUs
 MOST_PIXELS = 1 << 30  # limit for Counterlight's own files, which are read in pieces (exr_lines.py)
 MAGIC, TILED, DEEP, MULTIPART = 20000630, 0x200, 0x800, 0x1000
 LONGEST_NAME, MOST_PARTS, MOST_ATTRIBUTES, MOST_CHANNELS = 255, 64, 1024, 1024
-MAX_ATTRIBUTE_BYTES = 64 << 20  # of all attributes; previews and lists of picture contents are long
+MAX_ATTRIBUTE_BYTES = 64 << 20  # limit of all attributes; previews and lists of picture contents are long
 MAX_CHUNK_BYTES = 1 << 30
 FARTHEST = 1 << 24  # largest distance of a window from the origin, in pixels
 # lines per chunk, by compression; at most MOST_LINES for others
 LINES = {0: 1, 1: 1, 2: 1, 3: 16, 4: 32, 5: 16, 6: 32, 7: 32, 8: 32}
 MOST_LINES = 256
-BYTES = {0: 4, 1: 2, 2: 4}  # per value of a channel: UINT, HALF, FLOAT
+BYTES = {0: 4, 1: 2, 2: 4}  # bytes per value of a channel: UINT, HALF, FLOAT
 UINT, FLOAT = 0, 2
-PLAIN = b"\0"  # value for no compression, and for lines from the top
+PLAIN = b"\0"  # value of "no compression", and of "lines from the top"
 
 Window = tuple[int, int, int, int]
 
@@ -35,7 +34,7 @@ class Part:
     display : window (x0, y0, x1, y1), with both ends inside.
     data : window (x0, y0, x1, y1), with both ends inside.
     channels : names, sorted.
-    pixel_bytes : of one pixel in all channels.
+    pixel_bytes : bytes of one pixel in all channels.
     plain : kind of the values (UINT or FLOAT) if all lines are uncompressed, from the top, and fill the display window;
         None otherwise.
     """
@@ -59,8 +58,7 @@ class Part:
 
 
 def read_parts(file: BinaryIO, most: int = MAX_PIXELS) -> list[Part]:
-    """Return the parts of a file that is open at its beginning. Raises ValueError for no picture, or for excessive
-    claims.
+    """Return the parts of a file that is open at its beginning. Raises ValueError for no picture or excessive sizes.
 
     A file with a single part is left at the end of its header.
 

@@ -4,8 +4,7 @@ The OpenEXR library reads 120 MiB in 0.33 s and needs 121 MiB besides the array 
 takes 0.11 s and 1 MiB (four float32 channels of 2800x2800, medians of three). A room's maps can take most of a memory.
 With ZIP, weights shrink by a fifth and take ten times as long to read. A file is a header, a table with the offset of
 each line, and lines of equal length. A line holds y, its byte count, and its channels in turn, sorted by name
-(openexr.com, "OpenEXR File Layout"). Any OpenEXR reader can read it. The library (exr.py) reads files with another
-layout.
+(openexr.com, "OpenEXR File Layout"). Every OpenEXR reader can read it. exr.py reads files with another layout.
 """
 
 import os
@@ -45,8 +44,7 @@ class Lines:
         return self.line["values"].base.newbyteorder("=")
 
     def read(self, file: BufferedReader) -> Iterator[tuple[slice, NDArray[Any]]]:
-        """Yield pieces from the top: the rows, and their values (rows, channels, width). The next piece overwrites the
-        values.
+        """Yield pieces from the top: rows, and their values (rows, channels, width), overwritten by the next piece.
 
         Raises ValueError for a file that ends early, or whose lines are damaged.
         """

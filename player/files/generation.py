@@ -14,10 +14,9 @@ T = TypeVar("T")
 
 
 def read_steadily(manifest: Path, read: Callable[[], T]) -> T:
-    """Return the result of `read` if the folder stayed the same meanwhile; otherwise read again.
+    """Return the result of `read` if the folder stayed the same during the call; otherwise read again.
 
-    A move that a killed process left unfinished is completed first. Raises an exception of `read` if the folder stayed
-    the same.
+    Completes a killed process's move first. Raises an exception of `read` if the folder stayed the same.
 
     manifest : the file of the folder that is written last, and so differs between generations.
     read : reads the folder.

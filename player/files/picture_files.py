@@ -23,7 +23,7 @@ from counterlight.files.silence import silence
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
 MAX_SIDE = 16384
-MAX_BYTES, EXTRA_BYTES = 1 << 30, 64 << 20  # of a file: at most, and besides its pixels
+MAX_BYTES, EXTRA_BYTES = 1 << 30, 64 << 20  # most bytes of a file; most bytes besides its pixels
 PIXEL_BYTES = 8  # four values of 16 bits
 FIX = "copy it from the camera again, or save it as PNG"
 JPEG_START = b"\xff\xd8"

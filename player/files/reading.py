@@ -22,7 +22,7 @@ from counterlight.errors import InputError, one_line, shown
 Source: TypeAlias = Path | BufferedReader  # a path, or an open file
 
 CHUNK = 1 << 20
-MAX_BYTES = 17 << 30  # of any checked file; the largest map is hashed in seconds
+MAX_BYTES = 17 << 30  # limit of every checked file; the largest map is hashed in seconds
 MAX_TOML_BYTES = 1 << 20  # a calibration of 8 projectors with measured responses has 0.2 MB
 MOST_PARTS = 32  # parts of a dotted key; tomllib's time grows with their square, times the lines below their [header]
 LONG_INTEGER = "an integer of more than 64 bits"
@@ -85,7 +85,7 @@ def read_bytes(source: Source, most: int, fix: str) -> bytes:
 class DescribedFiles:
     """Access to a folder's files by the table that `describe_files` made of them.
 
-    folder : of the files.
+    folder : folder of the files.
     described : relative path -> size and SHA-256.
     fix : advice that ends every message.
     """

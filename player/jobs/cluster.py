@@ -34,8 +34,7 @@ LIBRARIES = "numpy", "scipy", "numba", "av"  # libraries that determine results 
 class Cluster:
     """A connection to a cluster, opened on creation.
 
-    Raises InputError, in one line, if no scheduler answers, no worker exists, the package is missing, or a worker runs
-    another version.
+    Raises InputError if no scheduler answers, no worker exists, the package is missing, or a worker's version differs.
 
     address : `local:N` or HOST:PORT.
     """
@@ -57,7 +56,7 @@ class Cluster:
     def check_files(self, files: Iterable[Path], shared: Path | None) -> None:
         """Raise InputError unless every worker sees the same files under the same names.
 
-        files : that jobs read.
+        files : files that jobs read.
         shared : folder in which every worker must see new files; None for none.
         """
         wanted = {str(path.absolute()): content_of(str(path.absolute())) for path in files}

@@ -115,7 +115,7 @@ class _DeadError(Exception):
 class _Process:
     """A worker process.
 
-    threads : that it may use.
+    threads : number of threads that it may use.
     """
 
     def __init__(self, threads: int) -> None:

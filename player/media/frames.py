@@ -18,7 +18,7 @@ _ALIGNMENT = 64
 class PlaneShape:
     """Size of a plane in samples.
 
-    stride_samples : from one row to the next.
+    stride_samples : samples from one row to the next.
     """
 
     width: int
@@ -30,8 +30,8 @@ class PlaneShape:
 class PixelFormat:
     """Everything that a shader needs to convert three planes into linear RGB.
 
-    width : of the stored picture, before `rotation`.
-    height : of the stored picture, before `rotation`.
+    width : width of the stored picture, before `rotation`.
+    height : height of the stored picture, before `rotation`.
     layout : "yuv" (Y, Cb, Cr), "rgb" (R, G, B), "radiance" (R, G, B, linear).
     depth : bits per sample; 8 is uint8, 9 to 16 uint16 in the low bits, 32 (radiance) float32.
     matrix : "bt601", "bt709", "bt2020"; "identity" unless yuv.
@@ -67,8 +67,8 @@ class PixelFormat:
 class MediaInfo:
     """Properties of a medium.
 
-    duration_s : as declared by the medium; None if it declares none, and for a still.
-    frames : as declared by the medium; None if it declares none.
+    duration_s : declared duration; None if the medium declares none, and for a still.
+    frames : declared number of frames; None if the medium declares none.
     live : a camera or stream, which has no end and cannot seek. Only its newest frame matters.
     """
 

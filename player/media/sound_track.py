@@ -25,8 +25,7 @@ PATIENCE_S = 30.0  # longest silence of a copier
 
 @contextmanager
 def copied_sound(medium: Medium, start_s: float, tell: Callable[[str], None]) -> Iterator[Path | None]:
-    """Yield a file with a medium's sound from `start_s` on, or None if there is no sound. The file is removed
-    afterwards.
+    """Yield a temporary file with a medium's sound from `start_s` on, or None if there is no sound.
 
     tell : takes a line that says why existing sound cannot be copied.
     """
@@ -64,7 +63,7 @@ class SoundTrack:
 
     Raises InputError if the container cannot hold this kind of sound.
 
-    path : from copied_sound.
+    path : file from copied_sound.
     film : the container. Its pictures' times count from the first picture that is written.
     """
 

@@ -38,8 +38,7 @@ class MediaReader:
             ...
             reader.release(frame)
 
-    The ring has RING_SLOTS slots (decoding/laps.py), two for huge pictures and one for stills. Release frames to free
-    them.
+    Release frames: the ring has RING_SLOTS slots (decoding/laps.py), two for huge pictures, one for stills.
     """
 
     def __init__(
@@ -90,7 +89,7 @@ class MediaReader:
         Until `ready` returns True, only `ready` and `close` may be called.
         Raises InputError for names that are not allowed, and if no process can be started.
 
-        frames_per_second : of a sequence; None means 25. Videos keep their own times.
+        frames_per_second : rate of a sequence; None means 25. Videos keep their own times.
         tolerant : skip pictures that cannot be decoded (Frame.skipped, and a notice) instead of raising an error.
         hwdec : device that decodes films: "no" (the processor), "auto", or FFmpeg's name such as `cuda` or
             `vaapi:/dev/dri/renderD128`. If the device fails or its decoder dies, the processor decodes and a notice
@@ -158,8 +157,7 @@ class MediaReader:
         all_buried()
 
     def poll(self) -> Frame | None:
-        """Return the next frame if it is ready, otherwise None. Never waits. After the end (`ended`), always returns
-        None.
+        """Return the next frame if it is ready, otherwise None. Never waits. Returns None after the end (`ended`).
 
         Raises InputError at damage, after all frames before the damage have been returned.
         """

@@ -34,7 +34,7 @@ def write(
     """Draw a line of text on a common baseline.
 
     at : (x, y) in pixels.
-    scale : of TEXT_HEIGHT.
+    scale : factor of TEXT_HEIGHT.
     fill : grey value, 0 to 255.
     anchor : Pillow's; other than left-aligned text uses only one font.
     """

@@ -48,8 +48,8 @@ class Legend:
 class Page:
     """Lines of text with tab-separated columns, and below them a histogram or legends.
 
-    opacity : of the whole page, 0..1.
-    size : of the letters; 1 for pages to read, larger for short messages.
+    opacity : opacity of the whole page, 0..1.
+    size : size of the letters; 1 for pages to read, larger for short messages.
     outline : drawn over the picture, below the text.
     """
 
@@ -119,7 +119,7 @@ def draw(page: Page, window: tuple[int, int]) -> NDArray[np.uint8]:
     return pixels
 
 
-@lru_cache(maxsize=4)  # the pages of keys that are shown
+@lru_cache(maxsize=4)  # caches the help pages while they are shown
 def pages(cells: tuple[str, ...], window: tuple[int, int]) -> tuple[Page, ...]:
     """Arrange cells, each a name, a tab and a meaning, on as few readable pages as possible.
 

@@ -28,8 +28,8 @@ NEARBY = 2  # in pixels of the screen; the largest distance from a corner at whi
 class Outline:
     """The points of an outline.
 
-    points : of the sides.
-    handles : of the selected corner, or of all four.
+    points : points along the sides.
+    handles : the selected corner, or all four corners.
     """
 
     points: Points
@@ -39,7 +39,7 @@ class Outline:
 def outline_of(corners: Corners, corner: int | None, camera: tuple[int, int]) -> Outline:
     """Return an outline in shares of the camera's view, with about one point per pixel.
 
-    corners : of the picture.
+    corners : corners of the picture.
     corner : the selected corner; None for all.
     camera : (height, width).
     """
@@ -104,9 +104,9 @@ def lit_by(transport: RowMap, points: Points) -> Points:
 def draw_outline(canvas: NDArray[np.uint8], outline: Outline, place: Callable[[Points], Points], scale: float) -> None:
     """Draw on a window's overlay, (height, width, RGBA): a white line with dark edges, and handles in another colour.
 
-    outline : to draw.
+    outline : in shares of the shown picture.
     place : converts shares of the shown picture to pixels of the window.
-    scale : of the line's width.
+    scale : factor of the line's width.
     """
     line, handles = (place(points[np.isfinite(points).all(axis=1)]) for points in (outline.points, outline.handles))
     for points, half, colour in (

@@ -10,7 +10,7 @@ FADE_WAIT_S = 1 / 60  # between two pictures of a fade while no frame is due
 class Fade:
     """Share of the light that is shown: 0 (black) at first, then moving at a constant rate to the requested level.
 
-    seconds : from black to full light; 0 switches at once.
+    seconds : time from black to full light; 0 switches at once.
     """
 
     def __init__(self, seconds: float, clock: Callable[[], float]) -> None:

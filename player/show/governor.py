@@ -66,7 +66,7 @@ class Governor:
     def begin(self, interval_s: float | None) -> None:
         """Start another medium.
 
-        interval_s : from a frame to the next; None for a still.
+        interval_s : seconds from one frame to the next; None for a still.
         """
         self._interval_s = interval_s
         self._begin()
@@ -116,8 +116,8 @@ class Governor:
 
         A first frame that takes too long is ignored, because it loads data that later frames find in memory.
 
-        seconds : of the whole frame.
-        steps : that the frame had.
+        seconds : time of the whole frame.
+        steps : number of steps in the frame.
         stage_s : seconds per stage (pipeline/laps.py), empty if the stages were not timed.
         """
         cold, self._cold = self._cold, False
@@ -212,11 +212,10 @@ class Governor:
             self._time.most = steps
 
     def _choose(self, rest_s: float, start_s: float, step_s: float) -> None:
-        """Choose the start, once per change of the wishes.
+        """Choose the start, once after each change of the options.
 
-        Without a budget or a promise, the start is T⁺ unless T⁺ does not fit into a frame. With a budget, the start is
-        the start that comes nearest to the optimum in time. With a promise, it is the start that keeps the promise
-        soonest.
+        Without a budget or a promise, the start is T⁺ if T⁺ fits into a frame. A budget chooses the start that comes
+        nearest to the optimum in time. A promise chooses the start that keeps the promise soonest.
 
         rest_s : seconds of a frame without start and steps.
         start_s : seconds of the present start.
@@ -246,7 +245,7 @@ class Governor:
 
         Switches only if direct mapping gives a clean picture in less time.
 
-        seconds : of a frame without steps.
+        seconds : time of a frame without steps.
         """
         if self._time is None or self._time.fits(seconds) or not self._offers:
             return

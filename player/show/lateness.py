@@ -23,8 +23,8 @@ class Lateness:
         """Return a line, once, if too many frames were dropped and frames are still being left out.
 
         now_s : clock time.
-        steps : of refinement, per frame.
-        every : one of this many frames is shown.
+        steps : steps of refinement per frame.
+        every : n, if every n-th frame is shown.
         """
         if self._said or now_s - self._began_s < WATCHED_S:
             return None

@@ -32,7 +32,7 @@ class Media:
     """Finds and opens media.
 
     border : the files that may be named.
-    frames_per_second : of numbered pictures.
+    frames_per_second : rate of numbered pictures.
     hwdec : the device that decodes films.
     """
 

@@ -106,7 +106,7 @@ def open_output(
     A `.png` file and a video hold the encoded view, `.exr` holds the linear view, `name%05d.png` numbers the pictures.
     Raises InputError as `check_output` does, and if another process is writing to `path`.
 
-    sound : from copied_sound, added to a video. A line reports a container that cannot hold it.
+    sound : file from copied_sound, added to a video. A line reports a container that cannot hold it.
     coding : how a video is coded.
     """
     check_output(path, coding=coding)

@@ -15,8 +15,7 @@ FIRST_PATIENCE, MOST_PATIENCE = 2, 128
 
 
 class Pace:
-    """Chooses `every`: the player shows every n-th frame of a medium, with the smallest n that the machine can draw in
-    time.
+    """Chooses `every` = n, so that the player shows every n-th frame. n is the smallest that can be drawn in time.
 
     Frames are counted in groups of `every`. A group is missed if none of its frames was shown.
 

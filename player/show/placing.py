@@ -13,8 +13,8 @@ CORNER_NAMES = ("upper left", "upper right", "lower right", "lower left")
 class Placing:
     """The state of placing.
 
-    corners : at present.
-    before : when placing began.
+    corners : the present corners.
+    before : the corners at the beginning.
     corner : index of the selected corner; None for the whole picture.
     """
 

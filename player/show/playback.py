@@ -28,8 +28,7 @@ class Manner:
 
 
 class Playback:
-    """Returns the frame that is due: the last frame whose time has been reached. Earlier frames are dropped and
-    counted.
+    """Returns the frame that is due: the last frame whose time has come. Drops and counts earlier frames.
 
     A slow renderer would find only old frames in the reader's ring, older each time. Therefore the decoder skips frames
     that will be over before the next request. A frame that still comes too late is held back until a newer frame
@@ -40,7 +39,7 @@ class Playback:
     loop : whether the medium starts again at its end.
     seamless : whether the reader itself starts again at the end, as long as `loop` stays on.
     hold_s : how long a still is shown; None for no limit.
-    paused : at the beginning.
+    paused : whether the medium begins paused.
     speed : media seconds per second.
     sound : the medium's sound. While it is heard, its clock determines media time.
     begins_s : clock time at which the first frame is due on the screen; None for as soon as possible.

@@ -40,7 +40,7 @@ class Playlist:
     def add(self, media: Sequence[Medium], *, replace: bool, at: int | None = None) -> None:
         """Insert media or replace the whole list. Raises InputError if the list becomes too long.
 
-        media : to insert.
+        media : the new media.
         replace : whether to replace the whole list.
         at : position to insert at; None for the end.
         """

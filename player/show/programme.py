@@ -40,7 +40,7 @@ class _Return(NamedTuple):
     """The state to return to if a request cannot be met.
 
     media : the list to restore; None keeps the present list.
-    position : in that list.
+    position : position in the list.
     waiting : whether the medium at `position` must be opened again.
     """
 
@@ -217,7 +217,7 @@ class Programme:
 
         If a replacement turns out to be unplayable later, the old list is restored.
 
-        name : of the medium or list.
+        name : name of the medium or list.
         replace : whether it replaces the whole list.
         follows : whether it is inserted after the present medium, and not at the end.
         play : whether to play it at once if the end is held.
@@ -238,8 +238,7 @@ class Programme:
         return medium
 
     def remove(self, position: int) -> bool:
-        """Remove a medium from the list. If it is the present medium, the next one is opened. Returns False if there is
-        none.
+        """Remove a medium from the list. In place of the present medium, open the next; return False without a next.
 
         Raises InputError for the only medium.
         """

@@ -33,8 +33,8 @@ class Rendering:
     """The input and the options of a rendering.
 
     white : camera radiance of a white picture.
-    steps : of refinement, per frame.
-    start : of refinement.
+    steps : steps of refinement per frame.
+    start : start of refinement.
     start_s : time in the medium where rendering begins.
     frames : most frames; None for all.
     backend : "gl" or "cpu".

@@ -21,7 +21,7 @@ from counterlight.show.rendering import Stretch
 class Film:
     """The frames of a film.
 
-    times_s : when each frame is due.
+    times_s : due time of each frame.
     cuts : numbers of the frames that begin a shot, 0 first.
     """
 

@@ -113,7 +113,7 @@ class Session:
         self._prepared: Opening | None = None  # the next medium
         self.keep_open, self.fade, self.crossfade_s = keep_open, Fade(fade_s, clock), crossfade_s
         self._leaving: Leaving | None = None
-        self._faded = 1.0, 0.0  # as last rendered: the share of the light, and the share of the leaving medium in it
+        self._faded = 1.0, 0.0  # of the last rendered picture: share of the light, and share of the leaving medium
         self._quitting = False
         self._follows_s: float | None = None  # when the next medium's first frame is due on the screen
         self.programme = Programme(
@@ -321,7 +321,7 @@ class Session:
 
     @property
     def every(self) -> int:
-        """One of this many frames is shown; 1 means every frame."""
+        """n if every n-th frame is shown; 1 for all frames."""
         pace = None if self.playback is None else self.playback.pace
         return 1 if pace is None else pace.every
 
@@ -522,7 +522,7 @@ class Session:
             self.governor.slow_to(pace.every * pace.interval_s)
 
     def _every(self, rate: float) -> int:
-        """Return one of how many frames to show of a new medium, so that the displayed rate stays about the same."""
+        """Return n for a new medium, so that showing every n-th frame keeps about the present rate."""
         pace = None if self.playback is None else self.playback.pace
         return 1 if pace is None else max(round(pace.every * pace.interval_s * rate), 1)
 

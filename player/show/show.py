@@ -28,10 +28,10 @@ REDRAW = "redraw"  # pseudo-key: the window was resized or uncovered
 class Show:
     """A session with its keys, remotes and overlay.
 
-    bindings : of the settings file, see Keys.
+    bindings : key bindings of the settings file, see Keys.
     remotes : sources of commands.
     heartbeat : reports signs of life; None for none.
-    checks : of the room; None for none.
+    checks : checks of the room; None for none.
     lamps : projectors that remotes may switch.
     beside : functions called once per loop, which must not wait.
     on_interrupt : takes the counts if Ctrl-C or SIGTERM ends the show.

@@ -40,7 +40,7 @@ class Schedule:
 
     hours : None for always.
     closed : days on which no interval begins.
-    projectors : that are switched for the show.
+    projectors : projectors to switch for the show.
     ahead : how long before the show the projectors are switched on.
     """
 

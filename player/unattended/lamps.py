@@ -27,7 +27,7 @@ class Lamps:
     def switch(self, number: int | None, *, on: bool) -> None:
         """Order projectors to be switched.
 
-        number : of the projector, from 0; None for all.
+        number : number of the projector, from 0; None for all.
         on : whether to switch on.
         """
         for lamp in self._lamps if number is None else [self._lamps[number]]:

@@ -4,8 +4,7 @@
     we          %1POWR 1, preceded by the MD5 of these characters and the password if it needs a password
     projector   %1POWR=OK, or =ERR1 to =ERR4, or PJLINK ERRA for a wrong password
 
-A carriage return ends each line. Each connection serves a few questions, because a projector closes it after 30 s of
-silence.
+A carriage return ends each line. Each connection is short, because a projector closes it after 30 s of silence.
 """
 
 import hashlib
@@ -51,7 +50,7 @@ class Status:
     """The state of a projector.
 
     power : one of POWERS.
-    lamp_hours : per lamp.
+    lamp_hours : hours of each lamp.
     faults : such as `filter: warning`.
     """
 

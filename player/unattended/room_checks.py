@@ -25,7 +25,7 @@ class Outcome(NamedTuple):
 class RoomChecks:
     """Runs checks of the room, one at a time.
 
-    command : of a check.
+    command : command line of a check.
     every_s : seconds from the end of a check, or from now, until the next check is due.
     clock : seconds, monotonic.
     """

@@ -204,7 +204,7 @@ class Supervisor:
     players : command lines of the show and of the safe pictures, in the order of the attempts. Each takes the options
         that resume a show. After the last player, only the curtain is shown.
     curtain : shows black.
-    notifier : of the service manager that started the supervisor.
+    notifier : reports to the service manager that started the supervisor.
     plays : whether the schedule says that the show plays now.
     below : whether the curtain also runs below a player.
     """

@@ -67,8 +67,7 @@ def put_sequence(stage: Path, pattern: Path, there: list[str]) -> None:
 def is_interrupted(stage: Path, target: Path) -> bool:
     """Whether a move was begun and not completed.
 
-    A foreign folder may contain something that looks like a stage. Therefore links are not followed, and a pipe is no
-    journal.
+    A foreign folder may look like a stage. Therefore links are not followed, and a pipe is no journal.
     """
     if not (_is_folder(stage) and _is_folder(stage / NEW)):
         return False

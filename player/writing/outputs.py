@@ -87,7 +87,7 @@ def refuse_strangers(folder: Path, parts: Sequence[str], kind: str) -> None:
     """Check that `folder`, which will be replaced, contains only its parts.
 
     parts : names, or patterns such as *.png.
-    kind : for the message.
+    kind : what the folder is, in words for the message.
     """
     for path in sorted(folder.iterdir()):
         if not (is_stage(path.name) or any(fnmatchcase(path.name, part) for part in parts)):

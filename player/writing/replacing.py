@@ -66,8 +66,7 @@ def replacing_folder(folder: Path, refuse: Callable[[Path], None] | None = None)
 
 @contextmanager
 def replacing_sequence(pattern: Path) -> Iterator[Path]:
-    """Yield an empty folder for the files `name_of(pattern.name, 0)`, …; on success they replace the whole old
-    sequence.
+    """Yield an empty folder for the files `name_of(pattern.name, 0)`, …; on success they replace the sequence.
 
     Raises InputError, naming `pattern`, if the system refuses, if another process is writing the sequence, or if the
     files that match the pattern are not numbered from 0.

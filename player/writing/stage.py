@@ -60,8 +60,7 @@ class Stage:
 
 @contextmanager
 def staged(target: Path) -> Iterator[Stage]:
-    """Lock the name `target` (a real path), and yield a stage with an empty folder `new`. The stage is removed at the
-    end.
+    """Lock the name `target` (a real path), and yield a stage with an empty folder `new`. Removes the stage at the end.
 
     Stages of dead processes in the same folder are completed or removed first. Raises InputError if another process is
     writing `target`, and OSError if the system refuses.

@@ -28,8 +28,8 @@ def start_child(module: str, errors: IO[bytes] | int, files: Sequence[int] = ())
     The child reads its task as the first line of stdin, because every user can read command lines.
     Raises InputError if no process can be started.
 
-    module : to run.
-    errors : takes stderr.
+    module : name of the module.
+    errors : receives stderr.
     files : descriptors that the child inherits.
     """
     # links are not resolved, because the package may be laid out in links

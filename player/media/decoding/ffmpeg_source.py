@@ -264,7 +264,7 @@ class FfmpegSource:
     def _decode(self, packet: "av.Packet[av.VideoStream]", number: int | None) -> list[av.VideoFrame]:
         """Return the pictures that a packet completes.
 
-        number : of the first picture, for an error.
+        number : number of the first picture, for an error message.
         """
         try:
             return [frame for frame in packet.decode() if isinstance(frame, av.VideoFrame)]

@@ -26,8 +26,8 @@ class LiveAddress:
     """What FFmpeg opens.
 
     address : passed to FFmpeg.
-    format : that reads the address; None to detect it.
-    protocols : that FFmpeg may use.
+    format : FFmpeg's input format; None to detect it.
+    protocols : protocols that FFmpeg may use.
     """
 
     address: str

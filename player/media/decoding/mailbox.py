@@ -16,7 +16,7 @@ class Order:
     """Where to start.
 
     serial : number of the order.
-    time_s : in the medium.
+    time_s : time in the medium.
     after : whether to start strictly after `time_s`.
     offset_s : added to the times that are sent.
     """

@@ -27,7 +27,7 @@ _TRANSFERS = {1: "bt1886", 4: "gamma22", 5: "gamma28", 6: "bt1886", 7: "bt1886",
 _TRANSFERS |= {13: "srgb", 14: "bt1886", 15: "bt1886", 16: "pq", 18: "hlg"}
 _PRIMARIES = {9: "bt2020", 11: "p3", 12: "p3"}  # DCI-P3's white is treated as the screen's white
 _REFUSED = {8: "YCgCo", 14: "ICtCp", 15: "IPT-C2", 16: "YCgCo-Re", 17: "YCgCo-Ro"}
-UNTAGGED = 2  # for every kind of tag
+UNTAGGED = 2  # FFmpeg's value for a missing tag of any kind
 _FULL = 2  # AVCOL_RANGE_JPEG
 _LIMITED = 1
 # offset in AVMasteringDisplayMetadata, after eight chromaticities and the least luminance
