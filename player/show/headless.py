@@ -67,7 +67,7 @@ def chosen_backend(backend: str) -> str:
 
 
 def _opengl(stack: ExitStack, *, chosen: bool) -> Any:
-    """Return an OpenGL context on the stack, None if OpenGL was not chosen explicitly and no GPU runs it."""
+    """Return an OpenGL context on the stack. If no GPU runs OpenGL, return None unless OpenGL was `chosen`."""
     from counterlight.gl.context import headless_context, in_software
 
     try:

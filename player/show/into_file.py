@@ -119,7 +119,7 @@ def _render_whole(
 
 
 def _steps_into_file(options: argparse.Namespace, room: Room, *, still: bool) -> int:
-    """Return the default number of steps. A still picture in a file gets more, because time does not press."""
+    """Return the default number of steps. A still picture in a file gets more, because no frame rate limits it."""
     return STEPS_OF_A_STILL if still and room.default_steps and options.within == "no" else room.default_steps
 
 

@@ -20,7 +20,7 @@ class Lateness:
         self._said = False
 
     def advice(self, now_s: float, steps: int, every: int) -> str | None:
-        """Return a line, once, if too many frames were dropped and frames are still being left out.
+        """Return a line, once, if too many frames were dropped and not every frame is shown.
 
         now_s : clock time.
         steps : steps of refinement per frame.

@@ -113,7 +113,7 @@ def render_in_segments(
 
     reader : at the film's first frame.
     workers : are shut down before the function returns.
-    lead_in : frames that are drawn before a segment that begins within a shot; None for no such segments.
+    lead_in : frames that are drawn before a segment that begins within a shot; None allows only segments at cuts.
     sound : see open_output.
     coding : see open_output.
     """

@@ -1,9 +1,9 @@
 """Where a film can be divided, so that its segments may be rendered in parallel.
 
 A frame depends on the frame before: refinement uses its change and momentum, adaptation and damping use their own
-state. At a cut (SceneCuts) this state is reset. A segment that begins at a cut therefore equals the whole film, bit for
-bit. A segment within a shot does not, however early its drawing begins: the old state fades, but float32 results stay
-different (docs/size.md).
+state. At a cut (SceneCuts) this state is reset. A segment that begins at a cut therefore equals the same frames of the
+whole film, bit for bit. A segment that begins within a shot differs, however early its drawing begins: the old state
+fades, but float32 results stay different (docs/size.md).
 """
 
 from collections.abc import Sequence
@@ -50,7 +50,7 @@ def divide(film: Film, count: int, *, carries: bool, lead_in: int | None) -> lis
 
     carries : whether frames depend on the frames before. A stretch then begins at a cut, at most half a stretch away
         from the ideal place.
-    lead_in : frames that are drawn before a stretch without such a cut; None for no such stretches.
+    lead_in : frames that are drawn before a stretch that does not begin at a cut; None allows only stretches at cuts.
     """
     length, leads = len(film.times_s), {0: 0}
     for number in range(1, count):
@@ -67,7 +67,7 @@ def divide(film: Film, count: int, *, carries: bool, lead_in: int | None) -> lis
 
 
 def begins_at_cut(stretch: Stretch, film: Film) -> bool:
-    """Whether drawing the stretch starts at a cut, so that the stretch equals the whole film."""
+    """Whether drawing starts at a cut, so that the stretch's frames equal the frames of the whole film."""
     return stretch.lead in film.cuts
 
 

@@ -19,7 +19,7 @@ class Inbox:
         self.address = f"{INHERITED}{self.theirs}"
 
     def handed_over(self) -> None:
-        """Close the process's end here, after the process has been started."""
+        """Close this process's copy of `theirs`, after the child process has been started."""
         self._theirs.close()
 
     def fileno(self) -> int:

@@ -440,7 +440,7 @@ def _end_with_parent(parent: int) -> Callable[[], None]:
 
 
 def _end_orphans(*, but: int | None) -> None:
-    """End the processes that a dead player left behind, such as a stopped decoder. A subreaper inherits them.
+    """End the processes that a dead player left behind, such as a stopped decoder. This subreaper has inherited them.
 
     All children of this process but `but` belong to the player.
 
