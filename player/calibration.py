@@ -377,7 +377,7 @@ def _read_primaries(files: DescribedFiles, camera: Device) -> NDArray[np.float32
 
 
 def _check_light(light: NDArray[np.float32], where: str, fix: str = REBUILD) -> None:
-    """Raise InputError for invalid radiance. Subtracted dark frames may leave small negative values."""
+    """Raise InputError for invalid radiance. Negative values may be as large as positive values, because of noise."""
     low, high = float(light.min()), float(light.max())
     if not (-high <= low and high <= RADIANCE[1]):  # a comparison with NaN is false
         raise InputError(

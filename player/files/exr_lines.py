@@ -1,9 +1,9 @@
 """Reads and writes OpenEXR files of uncompressed scan lines in pieces, for data that is large and does not compress.
 
 The OpenEXR library reads 120 MiB in 0.33 s and needs 121 MiB besides the array that receives the values. This module
-takes 0.11 s and 1 MiB (four float32 channels of 2800x2800, medians of three). A room's maps can take most of a memory.
-With ZIP, weights shrink by a fifth and take ten times as long to read. A file is a header, a table with the offset of
-each line, and lines of equal length. A line holds y, its byte count, and its channels in turn, sorted by name
+takes 0.11 s and 1 MiB (four float32 channels of 2800x2800, medians of three). A room's maps can take most of the
+memory. With ZIP, weights shrink by a fifth and take ten times as long to read. A file is a header, a table with the
+offset of each line, and lines of equal length. A line holds y, its byte count, and its channels in turn, sorted by name
 (openexr.com, "OpenEXR File Layout"). Every OpenEXR reader can read it. exr.py reads files with another layout.
 """
 

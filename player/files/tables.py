@@ -103,9 +103,7 @@ class Table:
         return self.numbers(key, 3, None, 0.0, 1.0)
 
     def rows(self, key: str, count: int | None, width: int, low: float, high: float) -> Vector:
-        """Read a list of lists as numbers, (count, width). If `count` is None, any number of rows from 2 up is
-        valid.
-        """
+        """Read a list of lists as numbers, (count, width). If `count` is None, any number of rows ≥ 2 is valid."""
         value = self.raw(key, None)
         fits = isinstance(value, list) and (len(value) == count if count else 2 <= len(value) <= MOST_ROWS)
         if not fits:

@@ -79,7 +79,7 @@ class RoomInUse:
 
     @property
     def drifts(self) -> bool:
-        """Whether the last check found a drift, or a drift that is now undone must be removed."""
+        """Whether the last check found a drift, or the loaded room still corrects an earlier drift."""
         found = [read_drift(calibration.read(folder)) for folder in calibrations_in(self._folder)]
         return any(each is not None and each.changes for each in (*found, *(eye.drift for eye in self._room.eyes)))
 

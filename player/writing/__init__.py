@@ -2,6 +2,6 @@
 
 disk.py holds the system calls: fsync, rename, atomic exchange, locks. stage.py manages the hidden folder in which
 everything is created, including one that a killed process left. moves.py moves finished files into place. Other code
-uses replacing.py for a file, a folder or a numbered sequence, and outputs.py to refuse bad outputs before any work. May
-import counterlight.errors only. Read next: replacing.py, stage.py.
+uses replacing.py for a file, a folder or a numbered sequence, and outputs.py to refuse bad outputs before any work.
+May import counterlight.errors only. Read next: replacing.py, stage.py.
 """
