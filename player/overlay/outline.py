@@ -21,7 +21,7 @@ Points: TypeAlias = NDArray[np.float64]  # (n, 2), x and y in shares of a pictur
 LINE, HANDLE, EDGE = 1, 6, 2
 INK, GROUND, SELECTED = (255, 255, 255, 255), (0, 0, 0, 255), (255, 200, 0, 255)
 MOST_POINTS = 1000  # per side
-NEARBY = 2  # in pixels of the screen; the largest distance from a corner at which a camera pixel sees it
+NEARBY = 2  # largest distance, in pixels of the screen, at which a camera pixel sees a corner
 
 
 @dataclass(frozen=True, eq=False)

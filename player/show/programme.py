@@ -21,7 +21,7 @@ LOOK_S = 0.1  # how long a command waits for the disk; later errors appear when 
 LIST_S = 10.0  # longest time for reading a list
 RETRY_S, LONGEST_RETRY_S = 1.0, 30.0
 HURRY_S = 0.25  # shortest time between starting two decoders, however many requests come
-MOST_RETURNS = 4  # requests that are remembered while each overtakes the previous request
+MOST_RETURNS = 4  # number of overtaken requests that are remembered
 PLAYED_S = 5.0  # a medium that breaks off after this time does not count as a failure
 
 

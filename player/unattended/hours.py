@@ -38,7 +38,7 @@ class Hours:
 class Schedule:
     """When a show plays.
 
-    hours : None for always.
+    hours : hours of the show; None for a show that always plays.
     closed : days on which no interval begins.
     projectors : projectors to switch for the show.
     ahead : how long before the show the projectors are switched on.

@@ -22,7 +22,7 @@ from counterlight.media.decoding.child import Letters, bury, start_child
 from counterlight.media.frames import PixelFormat, slot_bytes, slot_planes
 
 FIRST_SIGN_S = 5.0  # Python starts in a tenth of a second, on a busy machine in a second
-SILENCE_S = 2.0  # four heartbeats; the process is then stopped
+SILENCE_S = 2.0  # four heartbeats; a process silent for longer counts as stopped
 # limit per picture; the slowest accepted picture (2^26 pixels) takes a few seconds, a deadlocked codec never ends
 STUCK_S = 60.0
 
