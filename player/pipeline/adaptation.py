@@ -70,8 +70,7 @@ def _along(length: int, tile: int, step: int) -> NDArray[np.int64]:
 
 
 def choose(candidates: FloatArray, sums: FloatArray, otherwise: int) -> float:
-    """Return the first candidate whose sum is at most 0, refined by linear interpolation towards its predecessor
-    (choose.frag).
+    """Return the first candidate whose sum is at most 0, interpolated towards its predecessor (choose.frag).
 
     otherwise : index of the candidate to return if no sum is at most 0.
     """

@@ -95,9 +95,7 @@ def _between(first: Any, second: Any, share: Any) -> Any:
 
 @inlined
 def looked_up(table: Any, share: Any) -> Any:
-    """Look up a share 0..1 in a (samples,) table, with linear interpolation. Unsigned indices avoid Numba's wraparound
-    check.
-    """
+    """Look up a share 0..1 in a (samples,) table, with linear interpolation. Unsigned indices need no wraparound check."""
     at = share * np.float32(table.size - 1)
     low = np.uint32(min(np.int32(at), np.int32(table.size - 2)))
     return table[low] + (table[low + np.uint32(1)] - table[low]) * (at - np.float32(low))
@@ -190,9 +188,7 @@ def down(source: Picture, first: Whole, weights: Picture, out: Picture) -> None:
 def pinned(
     source: Picture, H: NDArray[np.float64], most_taps: int, across: Picture, down: Picture, out: Picture
 ) -> None:
-    """Place a picture by a projective map, with black around it (pinned). Without a screen, `across` and `down` are
-    empty.
-    """
+    """Place a picture by a projective map, with black around it (pinned). `across`, `down` : empty without a screen."""
     height, width = source.shape[:2]
     on_screen = across.shape[0] > 0
     for y in numba.prange(out.shape[0]):
@@ -354,8 +350,9 @@ def summed_long(first: Any, end: Any, indices: Whole, weights: Picture, source: 
 def product(
     indptr: Whole, indices: Whole, weights: Picture, source: Picture, base: Picture, combine: Any, out: Picture
 ) -> None:
-    """Compute Σ_k weights[k] source[indices[k]] of every row (row_map), and combine it with `base`; pictures (pixels,
-    3).
+    """Compute Σ_k weights[k] source[indices[k]] of every row (row_map), and combine it with `base`.
+
+    source, base, out : (pixels, 3).
 
     Rows of at most STRETCH entries are summed in float32 alone: the same rounding in two thirds of the time.
     """

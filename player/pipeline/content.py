@@ -87,8 +87,7 @@ def reachable_white(floodlight: NDArray[np.floating], mask: NDArray[np.bool_]) -
     floodlight : (camera height, camera width, 3). T·1 + e.
     mask : (camera height, camera width), bool.
 
-    All channels share one level, so that grey stays grey for the camera. Raises InputError for an empty mask or level
-    0.
+    All channels share one level, so that grey stays grey for the camera. Raises InputError for an empty mask.
     """
     inside = floodlight[mask]
     light = inside.sum(axis=1)

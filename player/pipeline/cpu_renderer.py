@@ -182,9 +182,7 @@ def _walk(upright: Picture, stored: Picture) -> tuple[int, int, int]:
 
 
 def _samples(length: int, count: int, every: int, offset: float) -> tuple[Whole, Picture]:
-    """Return the chroma samples on either side of `length` pixels, (2, length), and the second sample's weight,
-    (length,).
-    """
+    """Return the chroma samples on either side of each pixel, (2, length), and the second sample's weight, (length,)."""
     position = np.arange(length) / every + offset
     low = np.floor(position)
     return np.clip([low, low + 1], 0, count - 1).astype(np.uint32), (position - low).astype(np.float32)

@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class PathReport:
-    """How a renderer multiplies with the room's maps.
+    """A renderer's way of multiplying with the room's maps.
 
     name : one of PATHS except "auto", or "cpu" or "reference".
     entry_bytes : bytes per entry of the correction map.

@@ -40,10 +40,11 @@ Light: TypeAlias = NDArray[np.floating]
 
 @dataclass(frozen=True)
 class Moved:
-    """One projector's picture.
+    """The drift of one projector's picture.
 
-    to_raster : N, (3, 3), a position of the projector's pixels -> where in the calibrated raster its light falls now,
-    pixels from the upper left corner, homogeneous.  gain : (3,) g, of each channel's light.
+    to_raster : N, (3, 3). Maps a position in projector pixels to the position in the calibrated raster that it now
+        lights, homogeneous, in pixels from the upper left corner.
+    gain : g, (3,). Change of each channel's light.
     """
 
     to_raster: FloatArray
@@ -167,8 +168,8 @@ def moved(drive: Light, projectors: Light) -> FloatArray:
 def resampled(picture: Light, N: FloatArray, whole: float = -0.5, fade: float = 1.0) -> FloatArray:
     """Return p(N x) for every pixel x, (height, width, channels), weighted by the share of x that falls on the picture.
 
-    whole, fade : pixels count fully up to `whole` pixels outside the picture; the weight then falls to 0 within `fade`
-        pixels.
+    whole : pixels up to this distance outside the picture count fully.
+    fade : distance in pixels over which the weight then falls to 0.
     """
     height, width = picture.shape[:2]
     at, ahead = positions(N, (height, width))
@@ -178,9 +179,7 @@ def resampled(picture: Light, N: FloatArray, whole: float = -0.5, fade: float = 
 
 
 def positions(N: FloatArray, shape: tuple[int, int]) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return where a homography maps pixel centres, (height, width, 2), and which lie in front of the lens, (height,
-    width).
-    """
+    """Return where a homography maps pixel centres, (height, width, 2), and whether each is in front of the lens."""
     y, x = np.mgrid[: shape[0], : shape[1]] + 0.5
     u, v, w = np.einsum("ij,jyx->iyx", N, np.stack([x, y, np.ones_like(x)]))
     ahead = w > 0
@@ -189,9 +188,7 @@ def positions(N: FloatArray, shape: tuple[int, int]) -> tuple[FloatArray, NDArra
 
 
 def sampled(picture: Light, at: FloatArray) -> FloatArray:
-    """Interpolate a picture at positions (n, 2) -> (n, channels), from 6 × 6 pixels (Keys 1981), mirrored at the
-    border.
-    """
+    """Interpolate a picture at positions (n, 2) -> (n, channels), from 6 × 6 pixels (Keys 1981), mirrored outside."""
     height, width = picture.shape[:2]
     mirrored = picture[_mirrored(height)][:, _mirrored(width)]
     flat, stride = mirrored.reshape(-1, picture.shape[2]), width + 2 * MARGIN

@@ -12,9 +12,7 @@ from counterlight.screen import Screen
 
 
 def on_cameras(picture: FloatArray, calibration: Calibration) -> FloatArray:
-    """Return a picture (*calibration.placed_on, 3) in the camera's view. With a shared screen, it is resampled from the
-    screen.
-    """
+    """Return a picture (*calibration.placed_on, 3) in the camera's view, resampled if several cameras share a screen."""
     screen = calibration.screen
     if screen is None:
         return picture

@@ -12,8 +12,7 @@ ROWS = "row_red", "row_green", "row_blue"
 
 
 class Mixer:
-    """Mixing matrices of every camera pixel as pictures, each made on first use. None are needed if channels do not
-    mix.
+    """Mixing matrices of every camera pixel as pictures, each made on first use; none if channels do not mix.
 
     defines : shader defines for passes that take `rows`.
     uniforms : shader uniforms for passes that take `rows` and limit the light.
@@ -69,7 +68,7 @@ class Mixer:
 
     @cached_property
     def black(self) -> Light:
-        """No light, of the camera's size."""
+        """A black picture of the camera's size."""
         return self._owner.own(self._device.picture(np.zeros((*self._camera, 3), np.float32)))
 
     @cached_property

@@ -84,9 +84,7 @@ def compensation(maps: RoomMaps) -> Compensation:
 
 
 def drive_of(maps: RoomMaps, b: Light) -> FloatArray:
-    """Return T⁺ b as the player computes it, not clamped. If the maps bound b, each camera pixel is limited to its own
-    range.
-    """
+    """Return T⁺ b as the player computes it, not clamped. `maps.bounded` limits b to what each pixel can have."""
     if not maps.bounded:
         return compensation(maps).apply(b)
     parts: list[Operator] = [PreparedRows(maps.transport)]

@@ -1,4 +1,4 @@
-"""Where a picture stands in the view of a camera or projector: fitted with its aspect kept, or pinned by its corners.
+"""Placement of a picture in the view of a camera or projector: fitted with its aspect kept, or pinned by its corners.
 
 If pinned, a pixel centre (x, y) of the target shows the picture at H (x, y, 1). The projective map H takes the four
 corners to the picture's corners; pinned() in player/pipeline/reference.py describes the filter.
@@ -123,9 +123,7 @@ def read_placement(folder: Path) -> Corners | None:
 
 
 def write_placement(folder: Path, corners: Corners | None) -> Path:
-    """Write the corners next to a calibration and return the file's path. None removes the file, so that pictures are
-    fitted.
-    """
+    """Write the corners next to a calibration, or remove the file for None. Returns the file's path."""
     path = folder / FILE
     if corners is None:
         remove_file(path)

@@ -87,8 +87,7 @@ def planes_to_linear(
 def tetrahedral(cube: Cube, codes: FloatArray) -> NDArray[np.float64]:
     """Apply a lookup table to codes (…, 3), by linear interpolation in six tetrahedra around each cell's grey diagonal.
 
-    The path goes from the cell's darkest corner along the axis of the largest share first, and ends at the brightest
-    corner.
+    The path leads from the cell's darkest corner along the axes, largest share first, to the brightest corner.
     """
     last = len(cube.table) - 1
     position = last * np.clip((codes - cube.low) / (cube.high - cube.low), 0, 1)
@@ -293,17 +292,13 @@ def weighted(picture: FloatArray, weights: FloatArray, *, squared: bool = False)
 
 
 def block_sum(picture: FloatArray, side: int) -> FloatArray:
-    """Return the sum of each block of side × side pixels; blocks at the right and lower edge may be smaller
-    (block_sum.frag).
-    """
+    """Return the sum of each block of side × side pixels; blocks at the right and lower edge are cut (block_sum.frag)."""
     rows, columns = (np.arange(0, length, side) for length in picture.shape[:2])
     return np.asarray(np.add.reduceat(np.add.reduceat(picture, rows, axis=0), columns, axis=1))
 
 
 def split(left: FloatArray, right: FloatArray, line: float) -> FloatArray:
-    """Return the left half of one picture and the right half of another, with a line of light `line` between
-    (split.frag).
-    """
+    """Return the left half of one picture and the right half of another, with a line of light between (split.frag)."""
     middle = left.shape[1] // 2
     result = np.concatenate([left[:, :middle], right[:, middle:]], axis=1)
     result[:, middle] = line
@@ -320,10 +315,11 @@ def reach_of(
     *,
     above: bool = False,
 ) -> FloatArray:
-    """The brightest grey that each primary lets a pixel show, and which pixels count (reach.frag).
+    """Return the brightest grey that each primary allows a pixel, and which pixels count (reach.frag).
 
-    seen : what full drive gives; with the rows of a matrix for each pixel, without ambient light.
-    above : what full drive adds instead.
+    seen : camera picture of full drive; with matrix rows, without ambient light.
+    row_red, row_green, row_blue : rows of a matrix per pixel.
+    above : return only the light above ambient.
     """
     if row_red is None or row_green is None or row_blue is None:
         return counted(seen - ambient if above else seen, mask & np.all(seen > ambient, axis=2))
@@ -357,9 +353,7 @@ def impossible(reach: FloatArray, white: float) -> NDArray[np.float64]:
 
 
 def shortfalls(reach: FloatArray, white: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return camera pixels that do not count, cannot reach mid grey, cannot reach white: (camera height, camera width)
-    each.
-    """
+    """Return pixels that do not count, cannot reach mid grey, cannot reach white: (camera height, camera width) each."""
     least, lit = reach[..., :3].min(axis=2) * (1 + SLACK), reach[..., 3] > 0
     return ~lit, lit & (least < MID_GREY * white), lit & (least < white)
 

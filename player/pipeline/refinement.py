@@ -46,9 +46,9 @@ def default_steps(start: str) -> int:
 
 @dataclass(frozen=True)
 class Advice:
-    """How a room's maps say that they are best played: one of STARTS, and steps a frame from there.
+    """The way to play a room that its maps advise: one of STARTS, and steps per frame.
 
-    curves : by start, dB below the optimum after so many steps, as the build measured them.
+    curves : by start, dB below the optimum by number of steps, as measured by the build.
     """
 
     start: str

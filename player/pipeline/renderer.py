@@ -188,8 +188,7 @@ class Renderer:
         return self._medium.planes
 
     def _stand(self, viewpoint: Viewpoint) -> None:
-        """Choose the views with a share in the drive. `_eye`, the view with the largest share, is the one that is
-        shown.
+        """Choose the views with a share in the drive. `_eye`, the view with the largest share, is shown.
 
         Raises InputError for a place in a room with one view.
         """

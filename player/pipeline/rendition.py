@@ -1,13 +1,11 @@
-"""From a medium's own light to the room's screen: HDR is compressed below white, wide primaries are fitted to the
-screen's.
+"""From a medium's own light to the room's screen: HDR is compressed below white, wide gamuts are fitted to BT.709.
 
 A medium's light is 1 at its brightest code. For PQ this is 10 000 cd/m². For HLG it is scene light, which becomes
-display light by Y_S^(γ − 1) of its luminance (ITU-R BT.2100-2, table 5). Then, for a colour whose brightest channel is
-x,
+display light by Y_S^(γ − 1) of its luminance (ITU-R BT.2100-2, table 5). For a colour with brightest channel x,
 
     colour ← gain(x) · colour,   gain(x) = EETF(x) / (target x)       (ITU-R BT.2390-10, 5.4.1, black at 0)
 
-which keeps hue and saturation. One matrix converts to the screen's primaries (BT.709's). Colours outside the gamut are
+then keeps hue and saturation. One matrix converts to the screen's primaries (BT.709's). Colours outside the gamut are
 mixed with grey of their luminance until they fit. Shaders and compiled passes read gain(x) from a table over ⁴√x.
 """
 

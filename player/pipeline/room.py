@@ -71,7 +71,7 @@ class Room:
 
     @property
     def drifted(self) -> dict[str, Any] | None:
-        """For JSON, what the last check found; None if there was none."""
+        """Result of the last check, for JSON; None without a check."""
         return None if self.drift is None else self.drift.to_dict(self.calibration.projectors)
 
     def seen_from(self, viewpoint: Viewpoint) -> "Room":
@@ -84,7 +84,7 @@ class Room:
 
     @cached_property
     def mixing(self) -> Mixing:
-        """Of the maps, as far as they still have all light of a camera pixel (Drift.share)."""
+        """The maps' mixing, reduced where part of a camera pixel's light comes from outside the raster (`Drift.share`)."""
         share = None if self.drift is None else self.drift.share
         return self.maps.mixing if share is None else self.maps.mixing.shared(share)
 

@@ -1,4 +1,4 @@
-"""How far a picture is below the best one: the data for an estimate, and its result (survey.py)."""
+"""Distance of a picture from the best one: the data for an estimate, and its result (survey.py)."""
 
 from dataclasses import dataclass
 
@@ -53,7 +53,7 @@ class Shortfall:
 
     @property
     def method(self) -> str:
-        """How the estimate was made, in words."""
+        """The method of the estimate, in words."""
         if self.solved == self.squares:
             return f"estimated: all {self.squares} squares solved to the end"
         return f"estimated: {self.solved} of {self.squares} squares solved to the end, ±{100 * self.spread:.0f} %"
