@@ -175,14 +175,14 @@ class _Planes(Held):
 
 
 def _walk(upright: Picture, stored: Picture) -> tuple[int, int, int]:
-    """Return the index of a view's first pixel within the upright picture, and the index steps to the right and down."""
+    """Return the index of a view's first pixel within the upright picture, and the index steps right and down."""
     address = [each.__array_interface__["data"][0] for each in (upright, stored)]
     pixel = upright.strides[1]
     return (address[1] - address[0]) // pixel, stored.strides[1] // pixel, stored.strides[0] // pixel
 
 
 def _samples(length: int, count: int, every: int, offset: float) -> tuple[Whole, Picture]:
-    """Return the chroma samples on either side of each pixel, (2, length), and the second sample's weight, (length,)."""
+    """Return the chroma samples on either side of each pixel, (2, length), and the second's weight, (length,)."""
     position = np.arange(length) / every + offset
     low = np.floor(position)
     return np.clip([low, low + 1], 0, count - 1).astype(np.uint32), (position - low).astype(np.float32)

@@ -49,7 +49,7 @@ class Mixer:
         return self._on_screen.run(light=light, base=self.black, **self.seen_rows) if self.mixes else light
 
     def recolour(self, shape: tuple[int, int]) -> Pass | None:
-        """Return a pass from camera radiance to screen primaries, or None if both are the same; the caller releases it."""
+        """Return a pass from camera radiance to screen primaries, or None if both are equal; the caller releases it."""
         if self._mixing.neutral is None:
             return None
         matrix = self._mixing.to_screen.T.ravel().astype(np.float32)  # column by column, as OpenGL expects

@@ -107,7 +107,10 @@ def _sample(cube: Cube, corner: NDArray[np.int64]) -> NDArray[np.float64]:
 
 
 def resample(picture: FloatArray, target: tuple[int, int], placement: tuple[int, int, int, int]) -> FloatArray:
-    """Place a picture in a black target (height, width). placement : left, top, width, height (resample.frag, twice)."""
+    """Place a picture in a black target (height, width) (resample.frag, twice).
+
+    placement : left, top, width, height.
+    """
     left, top, width, height = placement
     across = resample_axis(picture, 1, target[1], left, width)
     return resample_axis(across, 0, target[0], top, height)
@@ -179,7 +182,7 @@ def pinned(
 
 
 def _taps(centre: FloatArray, radius: FloatArray, count: int) -> Iterator[tuple[NDArray[np.int64], FloatArray]]:
-    """Yield every filter's first tap with its weight, then the second, and so on; the weight is 0 past a filter's end."""
+    """Yield every filter's first tap with its weight, then the second, and so on; past a filter's end, weight 0."""
     step = np.maximum(np.ceil(2 * radius / MOST_TAPS), 1)
     tap = np.maximum(np.ceil(centre - radius - 0.5), 0)
     last = np.minimum(np.floor(centre + radius - 0.5), count - 1)
@@ -292,7 +295,7 @@ def weighted(picture: FloatArray, weights: FloatArray, *, squared: bool = False)
 
 
 def block_sum(picture: FloatArray, side: int) -> FloatArray:
-    """Return the sum of each block of side × side pixels; blocks at the right and lower edge are cut (block_sum.frag)."""
+    """Sum each block of side × side pixels; blocks at the right and lower edge are cut (block_sum.frag)."""
     rows, columns = (np.arange(0, length, side) for length in picture.shape[:2])
     return np.asarray(np.add.reduceat(np.add.reduceat(picture, rows, axis=0), columns, axis=1))
 
@@ -353,7 +356,7 @@ def impossible(reach: FloatArray, white: float) -> NDArray[np.float64]:
 
 
 def shortfalls(reach: FloatArray, white: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return pixels that do not count, cannot reach mid grey, cannot reach white: (camera height, camera width) each."""
+    """Return pixels that do not count, cannot reach mid grey, or cannot reach white: (height, width) each."""
     least, lit = reach[..., :3].min(axis=2) * (1 + SLACK), reach[..., 3] > 0
     return ~lit, lit & (least < MID_GREY * white), lit & (least < white)
 

@@ -224,7 +224,7 @@ class Renderer:
         return self._laps.seconds
 
     def encoded(self) -> NDArray[np.uint8]:
-        """Return the rendered view as 8-bit code values: by projector response, or sRGB with white = 1 for the camera."""
+        """Return the view as 8-bit code values: by projector response, or sRGB with white = 1 for the camera."""
         return self._device.read(self._encoded, np.uint8)
 
     def linear(self) -> NDArray[np.float32]:
