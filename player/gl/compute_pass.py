@@ -83,9 +83,7 @@ class Buffers(Protocol):
 
 
 class ComputePass:
-    """target = Σ weights · source, combined with the base as the defines say. Same interface as RowMapPass and
-    SmallPass.
-    """
+    """target = Σ weights · source, combined with the base as the defines say. Used like RowMapPass and SmallPass."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Windows without GPU computation: compiled passes make the picture (pipeline/cpu_renderer.py), OpenGL only shows it."""
+"""Windows without GPU computation: pipeline/cpu_renderer.py makes the picture, and OpenGL only shows it."""
 
 import moderngl
 import numpy as np

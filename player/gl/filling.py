@@ -100,7 +100,10 @@ class Filling:
         return fresh
 
     def _restack(self, *, or_below_higher: bool = False) -> None:
-        """Raise the window above lower layers that cover it; with `or_below_higher`, also put it below higher layers."""
+        """Raise the window above lower layers that cover it.
+
+        or_below_higher : also put it below higher layers.
+        """
         if not _on_x11():
             return
         display, window = _on_server(self._handle)

@@ -1,6 +1,4 @@
-"""Loss of the X server: Xlib would end the process in any case, so this module ends it first, with one line and an exit
-code.
-"""
+"""Loss of the X server: Xlib would end the process anyway, so this module ends it first, with one line."""
 
 import ctypes
 import os

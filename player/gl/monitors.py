@@ -124,8 +124,7 @@ def refuse_shared(monitors: Sequence[Monitor]) -> None:
 def after_a_change(
     home: str | None, monitors: Sequence[Monitor], *, at_home: bool
 ) -> Literal["stay", "return", "left"]:
-    """Return what a window does after monitors were connected or removed: nothing, return to its monitor, or report the
-    loss.
+    """Return what a window does after monitors changed: nothing, return to its monitor, or report the loss.
 
     home : name of the monitor that the window belongs on; None for any.
     at_home : whether the window was on that monitor until now.

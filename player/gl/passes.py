@@ -19,7 +19,7 @@ FLOAT_COMPONENTS = 4  # three-component float textures need not be renderable
 def float_texture(
     context: moderngl.Context, shape: tuple[int, int], data: NDArray[np.float32] | None = None
 ) -> moderngl.Texture:
-    """Return an RGBA32F data texture (height, width): nearest texel, no wrapping. Raises InputError if it cannot exist."""
+    """Return an RGBA32F data texture (height, width), nearest texel, no wrapping. Raises InputError if impossible."""
     return _texture(context, shape, FLOAT_COMPONENTS, "f4", data)
 
 

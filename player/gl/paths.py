@@ -58,8 +58,7 @@ class GlMaps:
 
 
 def store_maps(context: moderngl.Context, room: Room, path: str) -> GlMaps:
-    """Return a room's maps on the requested path. "auto" measures fragment and compute shaders, then words on the
-    faster.
+    """Return a room's maps on the requested path. "auto" measures fragment and compute shaders, then words.
 
     Raises InputError if a requested path needs compute shaders or words that are missing; "auto" skips such paths.
     """

@@ -125,9 +125,7 @@ _ignored = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(_ign
 
 @contextmanager
 def _tolerating(display: Display) -> Iterator[Any]:
-    """Yield Xlib with errors ignored: windows of other programs may vanish at any time. By default, Xlib ends the
-    process.
-    """
+    """Yield Xlib with errors ignored. By default errors end the process, and other programs' windows may vanish."""
     xlib = _xlib()
     xlib.XSync(display, False)
     before = xlib.XSetErrorHandler(_ignored)

@@ -66,9 +66,7 @@ class Mixing:
 
     @property
     def of_camera(self) -> FloatArray | None:
-        """M₀ B of every camera pixel, or M₀: from the transport's light to the camera's radiance; None if neither
-        exists.
-        """
+        """M₀ B of every camera pixel, or M₀: from the transport's light to camera radiance; None without mixing."""
         if self.neutral is None:
             return None
         return self.neutral if self.pixel is None else np.asarray(self.neutral @ self.pixel)
@@ -91,8 +89,9 @@ class Mixing:
         return self.to_screen @ self.to_screen.T
 
     def within(self, light: Light, full: Light) -> Light:
-        """Return the light within 0 to `full` (T̃·1) that the camera sees nearest to `light`; (camera pixels, 3) or
-        pictures.
+        """Return the light within 0 to `full` (T̃·1) that the camera sees nearest to `light`.
+
+        light, full : (camera pixels, 3), or pictures.
         """
         result = np.clip(light, 0, full)
         if self.inverse is not None:
@@ -106,7 +105,7 @@ class Mixing:
         return light if self.pixel is None else mixed(self.pixel, light)
 
     def asked_transpose(self, light: Light) -> Light:
-        """Apply Aᵀ, the transpose of `asked`."""
+        """Apply Aᵀ, the transpose of the matrix in `asked`."""
         return light if self.inverse is None else mixed(np.swapaxes(self.inverse, -1, -2), light)
 
     def seen_transpose(self, light: Light) -> Light:
@@ -134,10 +133,11 @@ class Mixing:
         return grey_reach(self.inverse, full, ambient)
 
     def shared(self, share: NDArray[np.float32]) -> "Mixing":
-        """Return the mixing if the maps' transport gives only a share of the visible light, (camera height, camera
-        width).
+        """Return the mixing if the maps' transport gives only a share of the visible light.
 
         B / share makes A ask for only that share.
+
+        share : (camera height, camera width).
         """
         pixel = np.eye(3, dtype=np.float32) if self.pixel is None else self.pixel
         return Mixing(self.neutral, np.asarray(pixel / share[..., None, None], np.float32))
@@ -150,7 +150,11 @@ class Mixing:
 
 
 def mixed(matrices: Light, light: Light) -> Light:
-    """Return M v in every pixel (mix.frag). matrices : (height, width, 3, 3). light : (height, width, 3)."""
+    """Return M v in every pixel (mix.frag).
+
+    matrices : (height, width, 3, 3).
+    light : (height, width, 3).
+    """
     return np.asarray(np.einsum("...kl,...l->...k", matrices, light))
 
 

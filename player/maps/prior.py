@@ -47,7 +47,7 @@ class Prior:
         return cls(*(np.zeros((*shape, 3), np.float32) for _ in range(3)))
 
     def check(self, where: Callable[[str], str], fix: str) -> None:
-        """Raise InputError for values that are not finite or negative, or ties beyond the edge. where : name -> file."""
+        """Raise InputError for values below 0 or not finite, or ties beyond the edge. where : name -> file."""
         for name in NAMES:
             values = getattr(self, name)
             if not (np.isfinite(values).all() and values.min() >= 0):

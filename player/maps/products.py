@@ -80,7 +80,7 @@ _PRODUCT = compiled(_product)
 def transpose(
     indptr: NDArray[np.integer], indices: NDArray[np.integer], weights: FloatArray, columns: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], FloatArray]:
-    """Return the transposes as rows: (columns + 1,), (entries,) and (entries, 3). Each row's entries keep their order."""
+    """Return the transposes as rows: (columns + 1,), (entries,), (entries, 3). Each row's entries keep their order."""
     starts = np.zeros(columns + 1, np.int64)
     for at in indices:
         starts[at + 1] += 1

@@ -73,7 +73,7 @@ class FarMaps:
 
 @dataclass(frozen=True)
 class BlurredMaps:
-    """gather: picture -> parts of cells, as in FarMaps; scatter: parts -> picture. Parts fill a picture line by line."""
+    """gather: picture -> parts of cells, as in FarMaps; scatter: parts -> picture. Parts fill a picture by lines."""
 
     gather: RowMap
     scatter: RowMap
@@ -88,7 +88,7 @@ class BlurredMaps:
 
 @dataclass(frozen=True)
 class RefinementMaps:
-    """Inputs of refinement besides the transport (pipeline/refinement.py). W weights the camera pixels.
+    """Inputs of refinement besides the transport (pipeline/refinement.py). Camera pixels without weight are left out.
 
     dual : TᵀW of the near light, camera picture -> projector picture.
     far_dual : the far light's UᵀW, Mᵀ, Dᵀ, if any: camera picture -> parts -> cells -> projector picture.

@@ -285,9 +285,7 @@ def _places(packed: RowMap) -> Iterator[tuple[slice, NDArray[np.int64], NDArray[
 
 
 def bands(indptr: NDArray[np.integer]) -> Iterator[tuple[int, int]]:
-    """Yield (first, last) of bands of rows with at most BLOCK entries, `last` exclusive; a longer row is a band by
-    itself.
-    """
+    """Yield (first, last) of bands of at most BLOCK entries, `last` exclusive. A longer row is a band by itself."""
     first = 0
     while first < indptr.size - 1:
         last = max(first + 1, int(np.searchsorted(indptr, indptr[first] + BLOCK, side="right")) - 1)

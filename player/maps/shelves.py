@@ -42,7 +42,7 @@ def place_rows(
 
 
 def _candidate_widths(total: int, longest: int, commonest: int, max_width: int) -> list[int]:
-    """Return texture widths to try, near square first; multiples of the commonest and of the longest row waste least."""
+    """Return texture widths to try, near square first; multiples of the commonest or longest row waste least."""
     square = max(longest, int(np.ceil(np.sqrt(total))))
     widths = []
     for scale in (1.0, 1.5, 2.0, 3.0, 4.0, 8.0, 16.0):

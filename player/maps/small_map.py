@@ -58,7 +58,7 @@ class SmallMap:
 
     @property
     def most_words(self) -> int:
-        """Upper bound of the words: three per entry that is far from its predecessor, and one per row."""
+        """Upper bound of the number of words: three per entry, and one per row."""
         return 3 * self.count + self.indptr.size
 
     @property

@@ -70,7 +70,7 @@ class Adjustments:
 
 
 def adjusted_decoding(decoding: Decoding, pixels: PixelFormat, adjustments: Adjustments) -> tuple[Decoding, float]:
-    """Return the decoding with contrast and saturation in its matrix, and the value added to every code (brightness)."""
+    """Return the decoding with contrast and saturation in its matrix, and the offset of every code (brightness)."""
     kr, kb = LUMA_WEIGHTS.get(pixels.matrix, LUMA_WEIGHTS["bt709"])
     gain, saturation = 1 + adjustments.contrast / CONTROL.high, 1 + adjustments.saturation / CONTROL.high
     luma = np.outer(np.ones(3), (kr, 1 - kr - kb, kb))

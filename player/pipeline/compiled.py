@@ -95,7 +95,7 @@ def _between(first: Any, second: Any, share: Any) -> Any:
 
 @inlined
 def looked_up(table: Any, share: Any) -> Any:
-    """Look up a share 0..1 in a (samples,) table, with linear interpolation. Unsigned indices need no wraparound check."""
+    """Look up a share 0..1 in a (samples,) table, interpolated linearly. Unsigned indices need no wraparound check."""
     at = share * np.float32(table.size - 1)
     low = np.uint32(min(np.int32(at), np.int32(table.size - 2)))
     return table[low] + (table[low + np.uint32(1)] - table[low]) * (at - np.float32(low))

@@ -4,15 +4,15 @@ Adaptation (thesis 2.3: Ashdown et al. 2006, Grundhöfer and Bimber 2008) is glo
 white level w, the target becomes w (s u + o), with one offset o ≥ 0 and one scale s ≤ 1 − o per frame. White therefore
 never asks for more than before. Let b be the target without the ambient light e, and F b = U M' D' b the far light of
 the compensated picture (room_maps.py). Near light must provide the rest. A single camera pixel can have from 0 to S·1
-of near light, so
+of near light, so the light that clips is
 
     n = w s (u − F u) + w o (1 − F 1) − (e − F e),        C(s, o) = Σ [n − S·1]₊ + [−n]₊
 
-over the lit pixels inside the mask and the channels is the light that clips. C may be at most x percent of A = Σ max(w
-u, e). The search first finds the smallest o with Σ [−n]₊ within half of this budget at s = 1 − o. It then finds the
-largest s with C within the budget, or else the s with the smallest C. Both sums are convex in the searched variable, so
-linear interpolation between two candidates never exceeds the budget. The sums ignore that pixels share near light. From
-frame to frame, s and o approach the found values with a time constant of SMOOTHING_S. They start anew at a cut.
+over the lit pixels inside the mask and the channels. C may be at most x percent of the total A = Σ max(w u, e). The
+search first finds the smallest o with Σ [−n]₊ within half of this budget at s = 1 − o. It then finds the largest s with
+C within the budget, or else the s with the smallest C. Both sums are convex in the searched variable, so linear
+interpolation between two candidates never exceeds the budget. The sums ignore that pixels share near light. From frame
+to frame, s and o approach the found values with a time constant of SMOOTHING_S. They start anew at a cut.
 """
 
 import numpy as np

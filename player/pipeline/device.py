@@ -198,7 +198,10 @@ class Device(Protocol):
         """Return an operation with run(light, frame) -> 8-bit codes through the inverse response of each column."""
 
     def stepper(self, shape: tuple[int, int], prior: Mapping[str, Light]) -> Operation:
-        """Return an operation with run(step, descent, y, p, step_size) -> next p and y, valid for one further step."""
+        """Return an operation with run(step, descent, y, p, step_size) -> next p and y.
+
+        The results stay valid during the following step, and the step after that overwrites them.
+        """
 
     def total(self, shape: tuple[int, int]) -> Operation:
         """Return an operation with run(picture) -> its sum, (3,) float64; run waits for the result."""

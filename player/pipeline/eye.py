@@ -48,7 +48,7 @@ class Eye:
 
     @cached_property
     def observers(self) -> list[Observer]:
-        """Two observers, for the shown drive and for a second drive. They are made when a camera view is first shown."""
+        """Two observers, for the shown drive and for a second drive, made when a camera view is first shown."""
         return [self._owner.own(self._make_observer()) for _ in range(2)]
 
     def guess(self, of: str, *, clamp: bool) -> "Guess":

@@ -12,7 +12,7 @@ from counterlight.screen import Screen
 
 
 def on_cameras(picture: FloatArray, calibration: Calibration) -> FloatArray:
-    """Return a picture (*calibration.placed_on, 3) in the camera's view, resampled if several cameras share a screen."""
+    """Return a picture (*calibration.placed_on, 3) in the camera's view, resampled if cameras share a screen."""
     screen = calibration.screen
     if screen is None:
         return picture

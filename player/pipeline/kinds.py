@@ -124,8 +124,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Places:
-    """Places (x, y), or a word. As text: "0.3" or "0.3,1", several separated by spaces. In JSON: 0.3, [0.3, 1], or a
-    list.
+    """Places (x, y), or a word. Text: "0.3" or "0.3,1", several separated by spaces. JSON: 0.3, [0.3, 1], or a list.
 
     A single number is x; y is then 0.
 

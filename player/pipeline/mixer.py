@@ -28,7 +28,7 @@ class Mixer:
 
     @cached_property
     def rows(self) -> dict[str, Light]:
-        """A as shader inputs."""
+        """The matrices A as shader inputs."""
         return self._pictures(self._mixing.inverse)
 
     def asked(self, light: Light) -> Light:
@@ -41,7 +41,7 @@ class Mixer:
 
     @cached_property
     def seen_rows(self) -> dict[str, Light]:
-        """B as inputs of a `seen` pass."""
+        """The matrices B as inputs of a `seen` pass."""
         return self._pictures(self._mixing.pixel)
 
     def on_screen(self, light: Light) -> Light:

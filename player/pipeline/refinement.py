@@ -140,7 +140,7 @@ class Certificate:
 
     @property
     def decibels(self) -> float:
-        """Upper bound on the dB below the optimum's PSNR; infinite if G gives no bound.
+        """Upper bound on the distance in dB from the optimum's PSNR; infinite if G gives no bound.
 
         The residual is a point of the dual problem; scaling it by its best factor turns G into E* ≥ (E − G)²/E.
         """
@@ -203,7 +203,7 @@ class StepBudget:
     def measured(self, base_s: float, step_s: float) -> None:
         """Report the measured time of a frame without steps, and of one step; the count then needs no trial."""
         fitting = self.fitting(base_s, step_s)
-        # twice: the delay did not come from the steps
+        # If twice as many steps fit, something else than the steps caused the delay.
         if fitting < self.steps or fitting >= 2 * self.steps or not self._wait:
             self.steps = min(max(fitting, self.least), self.most)
 

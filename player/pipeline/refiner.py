@@ -30,7 +30,7 @@ class Goal(NamedTuple):
 
 
 class Refiner:
-    """Steps from a drive towards the best drive, and certifies how far a drive is from it.
+    """Makes steps from a drive towards the best drive, and certifies how far a drive is from it.
 
     stored : shared maps T and TᵀW.
     """

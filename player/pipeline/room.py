@@ -84,7 +84,7 @@ class Room:
 
     @cached_property
     def mixing(self) -> Mixing:
-        """The maps' mixing, reduced where part of a camera pixel's light comes from outside the raster (`Drift.share`)."""
+        """The maps' mixing, reduced where part of a camera pixel's light is from beyond the raster (`Drift.share`)."""
         share = None if self.drift is None else self.drift.share
         return self.maps.mixing if share is None else self.maps.mixing.shared(share)
 

@@ -2,14 +2,14 @@
 
 A certificate (refinement.py) is only a bound, and far from the true value. The errors that steps leave have high
 spatial frequency, because steps remove low frequencies first. A square solved with its surroundings held beyond a halo
-(squares.py) therefore gains nearly, to a few percent, what it gains in the whole. If the maps are too large for all
-squares, a random sample is drawn, with higher probability where one step gains much. Gains are divided by these
+(squares.py) therefore gains the same as in the whole picture, to within a few percent. If the maps are too large for
+all squares, a random sample is drawn, with higher probability where one step gains much. Gains are divided by these
 probabilities.
 
 Far light couples all squares, but a single square ignores this coupling. The combined change δ is therefore applied to
 far light at the end and scaled by the best common factor: α ≤ 1 gains 2 α dᵀδ − α² ‖T δ‖², T with far light. The error
 is unweighted over the lit camera pixels, d = Tᵀ (b − T p). Refinement's objective drives the steps; this error judges
-them.
+the result.
 """
 
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ Picture = NDArray[np.float32]
 Part = tuple[slice, slice]
 SIDE, HALO = 32, 8  # side of a square and width of its halo, projector pixels
 MOST_ENTRIES = 4_000_000  # entries of TᵀW that an estimate reads: a few seconds of one core
-FEWEST = 12  # squares, regardless of their entries
+FEWEST = 12  # least number of squares
 FAINTEST = 1e-6  # of white²: an error 60 dB below white counts as none
 
 
@@ -116,7 +116,7 @@ class Survey:
         return own + 2 * sum(each.weight * each.along(picture) for each, picture in zip(changes, seen, strict=True))
 
     def _chances(self, promised: FloatArray) -> FloatArray:
-        """Return each square's probability per draw: uniform, or half uniform and half in proportion to a step's gain."""
+        """Return the probability of each square per draw: uniform, or half of it proportional to a step's gain."""
         alike, total = np.full(promised.size, 1 / promised.size), promised.sum()
         return alike if self._whole or not total > 0 else (alike + promised / total) / 2
 
