@@ -295,7 +295,7 @@ def weighted(picture: FloatArray, weights: FloatArray, *, squared: bool = False)
 
 
 def block_sum(picture: FloatArray, side: int) -> FloatArray:
-    """Sum each block of side × side pixels; blocks at the right and lower edge are cut (block_sum.frag)."""
+    """Sum blocks of side × side pixels; blocks at the right and lower edge may be smaller (block_sum.frag)."""
     rows, columns = (np.arange(0, length, side) for length in picture.shape[:2])
     return np.asarray(np.add.reduceat(np.add.reduceat(picture, rows, axis=0), columns, axis=1))
 

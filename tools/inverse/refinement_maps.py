@@ -46,7 +46,7 @@ def pack_blurred(blurred: BlurredLight, output: tuple[int, int], source: tuple[i
 
 
 def _of_parts(rows: SparseRows, cell_of: NDArray[np.int64]) -> SparseRows:
-    """Make rows that read cells read all parts of each cell. cell_of : (parts,), ascending. Cell of each part."""
+    """Replace each cell that rows read by all its parts. cell_of : (parts,), ascending; the cell of each part."""
     if cell_of.size == rows.columns:  # every cell has one part: no copy needed
         return rows
     counts = np.bincount(cell_of, minlength=rows.columns)

@@ -1,8 +1,8 @@
 """Weights of camera pixels where several cameras see one place: each point of the screen counts once.
 
-w = a f / Σ f. a is the screen area that the pixel sees. f is the distance of the seen projector pixels from the border
-of the camera's picture; the sum is over all cameras that see them. One camera's weight therefore fades into another's
-towards the border of its picture.
+w = a f / Σ f. a is the screen area that the pixel sees. f is how far the seen projector pixels are from the border of
+the camera's picture. The sum is over all cameras that see them. Towards the border of one camera's picture, its weight
+therefore fades into the other cameras' weights.
 """
 
 import numpy as np
