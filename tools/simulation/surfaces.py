@@ -29,7 +29,7 @@ class Surface:
 
 
 def outline(surface: Surface) -> tuple[FloatArray, FloatArray]:
-    """Returns points and normals (n, 3) that represent a surface: the corners of a plane, otherwise places all over it."""
+    """Returns points and normals (n, 3) that represent a surface: a plane's corners, or places all over it."""
     shape = surface.shape
     if isinstance(shape, Parallelogram):
         return shape.corners, np.broadcast_to(shape.normal, (4, 3))
