@@ -49,9 +49,9 @@ def processor_seconds(work: Callable[[], R]) -> tuple[R, float]:
 
 
 def find_places(given: Sequence[Path], names: Sequence[str]) -> list[Path]:
-    """Returns scene files and calibration folders to study: those given, or shipped scenes by name, or all shipped.
+    """Returns scene files and calibration folders to study: those given, and shipped scenes by name.
 
-    The default is all shipped scenes with one camera.
+    Without any, returns all shipped scenes with one camera.
 
     Raises InputError for anything else, before the work begins.
     """
