@@ -197,7 +197,7 @@ class StudyRoom:
         return pack(rows, self.calibration.projector.shape, self.calibration.camera.shape)
 
     def asking_for_all(self, correction: RowMap) -> RoomMaps:
-        """Returns the maps for a player that shows b by a map alone, with targets limited to the light of full drive."""
+        """Returns the maps for a player that shows b by one map; targets are limited to the light of full drive."""
         near, far, blurred = self._observed
         return RoomMaps(correction, near, far, None, self.white, mixing=self.tier.mixing, blurred=blurred)
 

@@ -98,7 +98,7 @@ class Ways:
         return {way.name: {"shown": int(a), "all": int(b), "share": share} for way, a, b, share in rows}
 
     def finest(self, contrast: float = 0.5) -> FloatArray:
-        """Returns the period of the finest stripes that keep so much contrast, projector pixels; infinite if none do."""
+        """Returns the finest stripes that keep so much contrast, period in projector pixels; infinite if none do."""
         told = self.contrast >= contrast
         return np.where(told.any(axis=2), np.array(PERIODS, np.float64)[np.argmax(told, axis=2)], np.inf)
 
