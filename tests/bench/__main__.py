@@ -1,4 +1,4 @@
-"""make bench: costs of all parts on this machine, next to scipy's or numpy's in the same run.
+"""make bench: costs of all parts on this machine, compared with scipy or numpy in the same run.
 
 Prints seconds (or milliseconds per frame) and ratios; no test depends on them. `--only NAME` runs one row.
 """

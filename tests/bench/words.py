@@ -79,7 +79,7 @@ def map_bytes(packed: RowMap, words: Mapping[int, WordMap]) -> int:
 
 
 def timed(room: Room) -> Iterator[str]:
-    """Yield the time ratio of a frame's products in words to entries of 16 bytes, for one room on the fragment path."""
+    """Yield how long a frame's products take in words, relative to entries of 16 bytes, in one room."""
     with headless_context() as context:
         stored = [GlMaps(context, room, path) for path in ("fragment", "words")]
         long_ms, small_ms = (products_ms(context, each) for each in stored)

@@ -39,8 +39,8 @@ class Difference:
 def markdown(beginning: str) -> Reader:
     """Returns a reader of tables whose header begins with `beginning`.
 
-    Cells are named by table, row and column: `2: wall | any, clusters`. A row's name has as many of its first cells as
-    make the table's rows distinct; an empty cell repeats the cell above.
+    Cells are named by table, row and column: `2: wall | any, clusters`. A row's name joins its
+    first cells, enough to make the rows distinct; an empty cell repeats the cell above.
     """
 
     def read(text: str) -> Cells:

@@ -96,7 +96,7 @@ def said(page: str, of: Figures, *claims: tuple[str, Formula]) -> Said:
 
 
 def counted(page: str, of: Figures, read: Reader, *claims: tuple[str, Formula]) -> Prose:
-    """Returns sentences that follow from further output of a table's commands, which is on no page."""
+    """Returns sentences whose figures the table's commands also print, outside the tables of any page."""
     words = tuple(each for each, _ in claims)
 
     def found(text: str) -> Cells:
@@ -111,7 +111,7 @@ def _follow(table: Table, claims: Sequence[tuple[str, Formula]]) -> Cells:
         try:
             cells[words] = " ".join(f"{number:.6g}" for number in formula(table))
         except LookupError:
-            continue  # found nothing
+            continue  # the table has no such cell
     return cells
 
 

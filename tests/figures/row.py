@@ -12,7 +12,8 @@ class Figures:
 
     page : below the repository.
     commands : as on the page or as a user types them, run in sequence.
-    stated, found : readers of the page, and of the commands' output with `files`, which lie below the commands' folder.
+    stated, found : readers of the page, and of the commands' output.
+    files : written by the commands below their folder, and read after their output.
     minutes : on two cores, approximately.
     times : whether a cell name is a time.
     units, share : see cells.py.

@@ -14,7 +14,7 @@ FULL = (1 << 16) - 1  # largest code of the sensor
 
 @dataclass(frozen=True)
 class Stored:
-    """How a camera stores pictures.
+    """File format of a camera.
 
     curve : one of CURVES, or a number as gamma.
     bits : 16, as the sensor gives them, or 8.

@@ -84,7 +84,7 @@ def show_plain(folder: Path, picture: Path) -> Shown:
 
 
 def refining(steps: int) -> tuple[str, ...]:
-    """Returns the options for so many steps of refinement."""
+    """Returns the options for `steps` steps of refinement."""
     return "--refine", str(steps)
 
 

@@ -76,7 +76,7 @@ class Truth:
         return Indirect(sparse.csr_array(bounces.gather @ hits, dtype=np.float32), mix, bounces.scatter)
 
 
-@lru_cache(maxsize=8)  # the rooms of a table under its lights
+@lru_cache(maxsize=8)  # enough for all rooms and lights of a table
 def _direct(room: Room, shift: Shift) -> sparse.csr_array:
     return footprints(room.hits, len(room.paint), room.raster, shift)
 

@@ -182,7 +182,7 @@ def schemes(projector: tuple[int, int]) -> Iterator[tuple[str, int, MakeScheme]]
 
 
 def sensor(shots: int) -> CameraSettings:
-    """Returns a camera that behaves like the mean of so many shots."""
+    """Returns a camera that behaves like the mean of `shots` shots."""
     one = Sensor()
     steps = min(16, one.bits + (shots - 1).bit_length())
     return CameraSettings(Sensor(shots * one.full_well, shots**0.5 * one.read_noise, steps))
@@ -198,7 +198,7 @@ def relative_error(found: Transport, truth: Transport) -> float:
 def _square(terms: Sequence[tuple[int, Transport]], i: int) -> float:
     """Returns ‖Σ ± T‖² for T = N + V D with V = U M, without a dense T.
 
-    It is ‖N‖² + 2 ⟨N Dᵀ, V⟩ + ⟨V D Dᵀ, V⟩, the last term over all pairs of terms, in strips of camera pixels.
+    The norm is ‖N‖² + 2 ⟨N Dᵀ, V⟩ + ⟨V D Dᵀ, V⟩, the last term over all pairs of terms, in strips of camera pixels.
     """
     near = sparse.csr_array(sum(sign * channel(T.near, i).astype(np.float64) for sign, T in terms))
     fars = [(sign, T.far) for sign, T in terms if T.far is not None]

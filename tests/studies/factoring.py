@@ -1,7 +1,7 @@
 """Savings and losses from factoring a dense T: python -m tests.studies.factoring prints a table.
 
-The room is the corner of the rig with every bounce of its light, entry by entry. It is also tried as a path tracer with
-so many paths per camera pixel would leave it, and with measurement noise. The given T judges the box optima.
+The room is the corner of the rig with every bounce of its light, entry by entry. It is also tried with
+the noise of a path tracer with PATHS paths per camera pixel, and with measurement noise. The given T judges the drives.
 """
 
 import time

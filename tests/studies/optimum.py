@@ -1,4 +1,4 @@
-"""Direct mapping, the product and the unweighted optimum in shipped rooms, the rig's and random ones: docs/rig.md.
+"""Direct mapping, the product and the unweighted optimum in shipped, rig and random rooms: docs/rig.md.
 
     python -m tests.studies.optimum [--random N]
 

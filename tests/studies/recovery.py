@@ -21,7 +21,7 @@ INSIDE = slice(16, 250)
 def samples_of(
     rng: np.random.Generator, response: Response, times: list[float], pixels: int, noise: float
 ) -> np.ndarray:
-    """Returns samples (pictures, pixels, 1), 0..1, of a camera with so much noise relative to the light."""
+    """Returns samples (pictures, pixels, 1), 0..1, of a camera with noise of `noise` relative to the light."""
     light = 10 ** rng.uniform(-3, 0.5, (pixels, 1, 1))
     shots = [codes_of(light * (1 + rng.normal(0, noise, light.shape)), t, response) for t in times]
     return np.stack(shots)[:, :, 0] / 255

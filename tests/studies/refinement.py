@@ -202,7 +202,7 @@ def certified(renderer: GlRenderer, steps: int) -> str:
 
 
 def film(study: StudyRoom) -> None:
-    """Print consecutive frames at equal steps, and at the milliseconds of so many steps from the previous frame."""
+    """Print consecutive frames at equal steps, and at equal milliseconds."""
     starts = ("previous", "previous-direct", "map", "direct")
     optima: list[float] = []
     with renderers(study, starts) as made:
@@ -234,7 +234,7 @@ Schedule = Callable[[int, FloatArray, FloatArray, FloatArray], FloatArray]
 
 
 def descend(study: StudyRoom, p: FloatArray, b: FloatArray, best: float, schedule: Schedule) -> list[float]:
-    """Returns decibels below the optimum after STEPS, by numpy.
+    """Returns decibels below the optimum after each of STEPS steps, computed with numpy.
 
     schedule : function (step, q, p, y) that returns the next y.
     """

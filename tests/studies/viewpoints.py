@@ -352,7 +352,7 @@ def price() -> None:
 
 
 def _milliseconds(room: Room, frame: Frame, places: Sequence[object]) -> float:
-    """Returns the median processor time of a frame, with the viewer's step before it."""
+    """Returns the median processor time of a frame and of the change of viewpoint before it."""
     renderer, took = CpuRenderer(room), []
     renderer.open(frame.format)
     for place in [places[0], *places]:

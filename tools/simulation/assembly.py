@@ -21,7 +21,7 @@ ADVICE = "lower samples or the devices' sizes, or raise threshold"
 
 @dataclass(frozen=True)
 class Blur:
-    """How to shorten long rows: cells of blocks of projector pixels replace entries.
+    """Parameters for shortening long rows: blocks of projector pixels replace single entries.
 
     raster : (height, width) of the projector.
     width : of the camera picture, pixels.
@@ -124,7 +124,7 @@ class NearLight:
         return Pyramid(self.blur.raster).light(below_each_other(self._blurred))
 
     def blurring(self) -> Blurring | None:
-        """How long rows were shortened, or None if they were not."""
+        """Returns how long rows were shortened, or None if they were not."""
         if not self._blurred or self._choice is None:
             return None
         near, blurred = (sum(band.indices.size for band in bands) for bands in (self._near, self._blurred))

@@ -1,4 +1,4 @@
-"""Surfaces cut into cells for the far light: points per cell, the cell that holds a place, and the neighbouring cells."""
+"""Surfaces cut into cells for the far light: points per cell, the cell of a place, and neighbouring cells."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -125,7 +125,7 @@ def cut_into_cells(surfaces: Sequence[Surface], cells: int) -> list[Grid]:
 
 
 def spread_places(across: int, along: int, side: int) -> tuple[FloatArray, FloatArray]:
-    """Returns side × side evenly spread places per cell of a grid over the unit square: u and v, (cells, side²) each."""
+    """Returns side × side evenly spread places per cell of a grid on the unit square: u, v, (cells, side²) each."""
     offset = (np.arange(side) + 0.5) / side
     j, i, b, a = np.meshgrid(np.arange(along), np.arange(across), offset, offset, indexing="ij")
     shape = across * along, side**2

@@ -122,7 +122,7 @@ class Device:
     def blur_pixels(self, depth: FloatArray) -> FloatArray:
         """Returns the diameter in pixels of the circle of confusion at depths z.
 
-        It is aperture · |1/f − 1/z| · width / (2 tan_x).
+        The diameter is aperture · |1/f − 1/z| · width / (2 tan_x).
 
         Thin lens: the rays from a point at depth z through a lens of diameter a cut the plane of focus, at depth f, in
         a disc of diameter a |1 − f/z|.

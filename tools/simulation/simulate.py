@@ -28,8 +28,8 @@ BAND_RAYS = 1 << 18  # rays traced at once
 SAMPLES_AT_ONCE = 1 << 15  # samples lit at once: a light map may send a hundred arrivals to a sample
 MANY = 1 << 17  # a batch with more entries is summed before the next batch
 MAX_BYTES = 8 << 30
-BYTES_A_RAY = 16  # for the entries made from one ray
-BYTES_A_BEAM = 100  # for a projector pixel's entries in D
+BYTES_A_RAY = 16  # bytes for the entries made from one ray
+BYTES_A_BEAM = 100  # bytes for a projector pixel's entries in D
 THROUGH_GLASS = ("refraction", "caustics")  # effects whose light dispersion moves
 Entries = tuple[IntArray, IntArray, FloatArray]
 
@@ -183,7 +183,7 @@ class _Simulation:
             yield from self.effects.timed(name, light_map.deposits)
 
     def _take_all(self, bands: list[range], elsewhere: Elsewhere) -> None:
-        """Take bands in their order, which determines how long rows are shortened, whatever order workers finish in."""
+        """Take bands in their own order, which determines how long rows are shortened, not in order of completion."""
         needs, waiting, next_one = tuple(self.needs.items()), dict[int, Band](), 0
         jobs = [partial(trace_band, elsewhere.source, needs, rows) for rows in bands]
         for number, (band, costs) in track(elsewhere.workers.completed(jobs), "tracing light paths", len(jobs)):

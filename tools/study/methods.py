@@ -135,7 +135,7 @@ class Direct:
 class Map:
     """The correction map of counterlight build, followed by steps of refinement in the player.
 
-    start : start of refinement.
+    start : of refinement, "map" or "direct".
     """
 
     family: str
@@ -260,7 +260,7 @@ def frame_bytes(maps: RoomMaps, steps: int, start: str) -> int:
 
 
 def _prepared(bench: Bench, steps: int, preparation_s: float, size: int, bound: float | None) -> Prepared:
-    """Returns a method of the player, compensating with so many steps."""
+    """Returns a method of the player that compensates with `steps` steps."""
 
     def drive(task: Task) -> Drive:
         found = bench.player.show(task.desired, compensate=True, steps=steps)

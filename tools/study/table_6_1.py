@@ -146,7 +146,7 @@ def _played(row: Row | None) -> Spent | None:
 
 
 def acquired(room: StudyRoom, picture: Picture, way: Way) -> Spent:
-    """Acquire the room with a simulated camera; returns the cost, and the quality of the best drive by the acquired T."""
+    """Acquire the room with a simulated camera; returns the cost, and the quality of the resulting best drive."""
     again, seconds = processor_seconds(lambda: acquire_again(room.calibration, room.transport, way))
     tier, task = tier_of_acquired(room.calibration, again), Task(room, picture)
     box = Box(objective_of(tier.transport, tier.calibration, DEFAULT_AIMS))

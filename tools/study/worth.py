@@ -62,7 +62,7 @@ def priced(scene: Scene, needs: Mapping[str, Need], within: float | None = None)
 
 
 def _affordable(judge: "_Judge", costly: Sequence[str], worth: Mapping[str, float], most: float) -> list[str]:
-    """Returns effects that together are worth at most so many decibels."""
+    """Returns effects that together are worth at most `most` decibels."""
     off: list[str] = []
     for name in costly:
         if worth[name] > most:
@@ -76,7 +76,7 @@ def _small(scene: Scene) -> Scene:
     """Returns the scene at a size at which judging takes seconds; lengths in pixels stay the same.
 
     Circles of confusion, halos, scattering lengths and dispersion grow with the pixels, and lenses bend the picture by
-    as many pixels.
+    the same number of pixels.
     """
     camera, projector = scene.camera, scene.projector
     wanted = max(camera.height / SMALL[0], camera.width / SMALL[1])
@@ -173,5 +173,8 @@ class _Room:
         self._box = Box(objective.unweighted, tolerance=GAP, most_steps=MOST_STEPS)
 
     def drive(self, asked: FloatArray) -> FloatArray:
-        """Returns the drive (projector pixels, 3) for a picture (camera height, camera width, 3) in screen primaries."""
+        """Returns the drive (projector pixels, 3) for a picture in screen primaries.
+
+        asked : (camera height, camera width, 3).
+        """
         return self._box.solve(self.tier.asked(asked).reshape(-1, 3)).drive

@@ -1,6 +1,6 @@
 """Light that did not come straight: camera pixels that see a projector's picture where no opaque surface could show it.
 
-A camera and a projector see each surface point on matching lines, whatever the surfaces are (epipolar geometry:
+A camera and a projector see each surface point on matching lines, for surfaces of any shape (epipolar geometry:
 xᵀ F x' = 0 for a camera pixel x' and a projector pixel x). Glass and mirrors bend light off these lines. F is fitted to
 the middles of the footprints (Longuet-Higgins 1981; O'Toole et al. 2014 for light that leaves the lines).
 

@@ -17,7 +17,7 @@ from counterlight.tools.transport.overlap import batches, lengths_of
 from counterlight.tools.transport.transport import Transport, in_one, luminance
 
 FAINT = 0.02  # of a row's brightest entry; fainter entries do not count for its width
-# Where a normal spot ends: REACH times the radius that holds half of the light, plus BESIDE projector pixels.
+# A normal spot ends at REACH times the radius that holds half of the light, plus BESIDE projector pixels.
 REACH, BESIDE = 3.0, 1.5
 BRIGHT = 0.1  # of a row's brightest entry: a spot, not spread light
 ROUNDS = 2  # refinements of the middle from the entries around it

@@ -56,7 +56,7 @@ class Ways:
     shares : (WAYS, camera height, camera width), 0 to 1. The rest is straight.
     lit : (camera height, camera width). Where there is enough light to tell.
     radius : (camera height, camera width). Root mean square radius of the main footprint, projector pixels.
-    contrast : (camera height, camera width, PERIODS). Remaining contrast of stripes of so many projector pixels.
+    contrast : (camera height, camera width, PERIODS). Remaining contrast of stripes with these periods.
     bounced : (camera height, camera width, 3). Radiance of bounced light under a white picture.
     """
 
@@ -98,7 +98,7 @@ class Ways:
         return {way.name: {"shown": int(a), "all": int(b), "share": share} for way, a, b, share in rows}
 
     def finest(self, contrast: float = 0.5) -> FloatArray:
-        """Returns the finest stripes that keep so much contrast, period in projector pixels; infinite if none do."""
+        """Returns the period of the finest stripes that keep `contrast`, in projector pixels; infinite if none do."""
         told = self.contrast >= contrast
         return np.where(told.any(axis=2), np.array(PERIODS, np.float64)[np.argmax(told, axis=2)], np.inf)
 

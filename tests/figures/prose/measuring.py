@@ -36,7 +36,7 @@ def ratios(numbers: Sequence[float], others: Sequence[float]) -> list[float]:
 
 
 def short(t: Table, room: str, *counts: int) -> list[float]:
-    """Returns how many dB acquisitions with so many pictures are below `hierarchical`."""
+    """Returns how many dB acquisitions with each count of pictures are below `hierarchical`."""
     whole = t.one(rf": {room}", "hierarchical")
     return [whole - t.one(rf": {room}", f"{count} pictures") for count in counts]
 

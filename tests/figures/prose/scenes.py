@@ -25,7 +25,7 @@ GREY = "grey off: first camera's part, both's, second's"
 
 
 def cut(t: Table, rooms: str, allowed: int) -> list[float]:
-    """Returns the loss from clusters of so many pixels."""
+    """Returns the loss from clusters of at most `allowed` pixels."""
     pairs = (zip(t(f"({rooms}) .*any", p), t(rf"({rooms}) .*\| {allowed}$", p), strict=True) for p in PICTURES)
     return [before - after for pair in pairs for before, after in pair]
 

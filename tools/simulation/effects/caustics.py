@@ -124,7 +124,7 @@ class LightMap:
         return result
 
     def arrivals(self, samples: Samples) -> list[Arrivals]:
-        """Returns the light of the map at samples; the origin is NaN, because the light comes from several directions."""
+        """Returns the light of the map at samples; its origin is NaN, because it comes from several directions."""
         result = []
         for index, levels in self.texels.items():
             on = np.flatnonzero(samples.surface == index)

@@ -57,7 +57,7 @@ def forward(scene: Scene, rays: Rays, hits: Hits, effects: "EffectsOn") -> list[
 def reflectance(scene: Scene, samples: Samples, to_light: FloatArray, paint: FloatArray) -> FloatArray:
     """Returns f (n, 3), 1/sr, of coated samples for light from unit directions.
 
-    A NaN direction stands for light from all sides; f is then the paint's alone.
+    A NaN direction means light from all sides; f is then the paint's f alone.
     """
     result = paint.copy()
     for surface, on in _coated(scene, samples.surface):

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-CLOSE_DB, NEAR_DB = 0.1, 1.0  # not visible; visible side by side
+CLOSE_DB, NEAR_DB = 0.1, 1.0  # decibels below the best: not visible; visible only side by side
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Question:
 
 
 def cheapest(answers: Sequence[Answer], within: float) -> Answer | None:
-    """Returns the answer of least cost within so many decibels of the best, or None."""
+    """Returns the answer of least cost within `within` decibels of the best, or None."""
     close = [answer for answer in answers if answer.cost is not None and answer.below <= within]
     return min(close, key=lambda answer: answer.cost or 0.0, default=None)
 

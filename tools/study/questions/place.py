@@ -122,6 +122,6 @@ def made_coarser(
 
 
 def blocks_of(calibration: Calibration, camera: int, projector: int) -> tuple[Blocks, Blocks]:
-    """Returns the blocks of the pixels of all cameras and of all projectors, so many pixels per side."""
+    """Returns blocks of camera pixels and of projector pixels, `camera` and `projector` pixels per side."""
     projectors = tuple(each.shape for each in calibration.projectors)
     return Blocks(calibration.cameras, camera, below), Blocks(projectors, projector)
