@@ -16,7 +16,7 @@ from tests.programs import on, succeed
 from tests.screens import one_screen
 
 RATES, SIZES = (25, 50, 60), ((192, 256), (180, 320))  # frames per second; the sizes alternate, so that formats change
-SECONDS, ROUNDS, BAD = 4, 2, 2  # per medium; media of each size; files without a picture before each medium
+SECONDS, ROUNDS, BAD = 4, 2, 2  # seconds per medium; media of each size; files without a picture before each medium
 BUSY = "while True: pass"
 SCREEN = 1280, 1024
 REFRESH_MS = 1000 / 60

@@ -29,7 +29,7 @@ FRAME, RATE, SECONDS = (720, 1280), 30, 6
 FEW, DRAWN = 60, 20  # frames at a slower rate, and frames drawn alone
 SCREEN = 1280, 1024
 REAL = SHARED / "graycode-procam-kamino" / "capture_0"
-GOAL_MS = 5.0  # for decoding and uploading a frame
+GOAL_MS = 5.0  # milliseconds to decode and upload a frame
 ALLOWED = 0.8  # share of a frame's time that drawing may take, so that the frame is ready in time
 PATIENCE_S = 600.0
 

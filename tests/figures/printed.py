@@ -110,7 +110,7 @@ def built_by_default(room: str, size: str, minutes: float) -> Figures:
             played=rf", {decibels} after the (\d+) that play makes from ([^;]*);",
             build=rf"\n{decibels} s: ",
         ),
-        # for the wall, the reason is a time in minutes
+        # the wall's reason is a time in minutes
         times=lambda name: name == "build" or (name == "why" and room == "wall"),
     )
 

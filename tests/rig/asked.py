@@ -21,11 +21,11 @@ from tests.rig.view import View
 BoolArray = NDArray[np.bool_]
 Codes = NDArray[np.uint8]
 
-LIT = 0.01  # of the 99th percentile of direct light
+LIT = 0.01  # share of the 99th percentile of direct light
 GLIMMER = 0.001  # the same, of all light: pixels where light outside the picture is measured
 BRIGHT = 99.0
 NEARBY = 8  # audience's pixels per side: tolerance for the position of the uncompensated picture's light
-PIXEL_STEPS = 100  # for three unknowns each
+PIXEL_STEPS = 100  # steps for three unknowns per pixel
 
 
 @dataclass(frozen=True)

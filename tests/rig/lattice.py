@@ -11,8 +11,8 @@ from scipy import sparse
 
 from tests.rig.rays import FloatArray
 
-SAMPLES = 4  # per side of a calibrated pixel
-FINE = 2  # per side of an audience's pixel
+SAMPLES = 4  # samples per side of a calibrated pixel
+FINE = 2  # samples per side of an audience's pixel
 WIDER = 1.3
 SPREAD = 0.25, 0.5, 0.25
 

@@ -22,7 +22,7 @@ OBSERVER = "CIE 1931 2 Degree Standard Observer"
 # A wall's paints: names of the chart, in the order of a pigment map's last axis.
 PIGMENTS = ("white 9.5 (.05 D)", "neutral 5 (.70 D)", "black 2 (1.5 D)", "moderate red", "blue sky", "orange yellow")
 PAPER, GREY, INK, RED, BLUE, YELLOW = range(len(PIGMENTS))
-MIXED_BANDS = 17, 10, 4  # of one-band primaries: 619, 531 and 456 nm
+MIXED_BANDS = 17, 10, 4  # bands of one-band primaries: 619, 531 and 456 nm
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from tests.rig.rooms import Room
 from tests.rig.sensor import Sensor
 from tests.rig.view import Shift, Transport, Truth, View
 
-EXPOSED = 0.9  # of full scale, for the brightest pixel of the floodlit room
+EXPOSED = 0.9  # share of full scale, for the brightest pixel of the floodlit room
 PAPER = 0.9  # reflectance of the paper whose floodlit light is the unit of the room's light
 
 

@@ -18,7 +18,7 @@ from tests.rig.rays import FloatArray, Pinhole, Rectangle, looking, nearest
 from tests.rig.texture import Paint, Painter, lined, painted_grey, painted_red, plaster, sampled, wallpaper
 
 CAMERA, PROJECTOR = (120, 160), (72, 96)
-CAMERA_FOCAL, PROJECTOR_FOCAL = 1.374, 1.40  # in widths of the picture: 40° and 39°
+CAMERA_FOCAL, PROJECTOR_FOCAL = 1.374, 1.40  # widths of the picture: 40° and 39°
 PATCH_SAMPLES = 16  # points per side of a patch at which direct light is sampled
 
 
@@ -108,7 +108,7 @@ def defocus(scale: float = 1.0) -> Room:
     near = _upright((-1.1, -0.9, 2.05), (0.02, -0.9, 2.0), 1.8)
     far = _upright((-0.3, -1.1, 2.6), (1.1, -1.1, 2.65), 2.2)
     focused, blurred = 2.02, 2.63
-    pixels = PROJECTOR_FOCAL * PROJECTOR[1]  # the radius is in pixels of the full size at every scale
+    pixels = PROJECTOR_FOCAL * PROJECTOR[1]  # the radius counts pixels of the full size at every scale
     aperture = Aperture(2.0 / (pixels * (1 / focused - 1 / blurred)), focused, 13)
     return build.room([build.surface(near, plaster, 2.0), build.surface(far, lined, 2.6)], aperture)
 

@@ -17,7 +17,7 @@ from tests.rig.pictures import PICTURES, Picture
 from tests.rig.rig import Rig
 from tests.rig.rooms import Room
 
-TOLERANCE = 0.01  # of the optimum's squared error: 0.04 dB
+TOLERANCE = 0.01  # share of the optimum's squared error: 0.04 dB
 AMPLIFIED = 8  # factor of the errors in a sheet
 SWEPT = "astronaut"  # picture for several step counts: bright up to the raster's border
 

@@ -1,8 +1,8 @@
 """Uses of a second projector: python -m tests.studies.second_projector [PICTURE.png] (docs/displays.md).
 
-Four simulated rooms, each under its first projector, its second projector and both: a shadow that the other fills, a
-highlight that the other lights instead, brightness that adds up, and a wall wider than either picture. Drives are the
-box optimum. An audience's camera elsewhere, unknown to the product, judges the highlight.
+The study shows four simulated rooms, each under its first projector, its second projector and both: a shadow that the
+other fills, a highlight that the other lights instead, brightness that adds up, and a wall wider than either picture.
+Drives are the box optimum. An audience's camera elsewhere, unknown to the product, judges the highlight.
 """
 
 import argparse
@@ -33,7 +33,7 @@ STEPS = 400
 WIDTH = 192  # width of each room in the picture
 # positions of the second projector
 BUST_SIDE, WALL_SIDE, COAT_SIDE = "[-0.6, 0.45, 2.1]", "[-0.5, 0.2, 2.1]", "[-1.4, 0.0, 2.2]"
-GREY = 0.5  # of white
+GREY = 0.5  # share of white
 COATED = """
 [projector]
 width = 72

@@ -1,9 +1,9 @@
 """Viewers that move: python -m tests.studies.viewpoints [--price] (docs/viewpoints.md).
 
-Shipped scenes, small, and the simulator's truth at 11 viewpoints on a line in front of each, most of them never
-calibrated. The figure is how far the shown drive is below the best drive for that viewpoint. Drives come from 1, 2, 4
-and 8 calibrated views, made in several ways. A picture lies on the wall for every viewer. `--price` prints milliseconds
-and memory by the number of views.
+The rooms are shipped scenes, small. The simulator computes the truth at 11 viewpoints on a line in front of each room,
+most of them never calibrated. The figure is how far the shown drive is below the best drive for that viewpoint. Drives
+come from 1, 2, 4 and 8 calibrated views, made in several ways. A picture lies on the wall for every viewer. `--price`
+prints milliseconds and memory by the number of views.
 """
 
 import argparse
@@ -208,7 +208,7 @@ def _onto_screen(room: Calibration) -> tuple[Csr, FloatArray]:
     weights, rows, columns = (np.concatenate(each) for each in zip(*entries, strict=True))
     R = sparse.csr_array((weights, (rows, columns)), (height * width, counts.size))
     total = np.asarray(R.sum(axis=1)).ravel()
-    known = total > 0.05  # of a pixel: otherwise no camera pixel looks there
+    known = total > 0.05  # share of a pixel; below it no camera pixel looks there
     return Csr(sparse.diags_array(np.divide(1, total, out=np.zeros_like(total), where=known)) @ R), known.astype(float)
 
 
@@ -227,7 +227,7 @@ def own_screen(line: Line, views: Sequence[int]) -> list[tuple[Calibration, Tran
 
 
 def placing_error(line: Line, views: Sequence[int]) -> FloatArray:
-    """Returns the placing error of counted pixels against geometry, in pixels of the first view."""
+    """Returns how far counted pixels are placed from their true places, in pixels of the first view."""
     found = []
     for view, (room, _) in zip(views, own_screen(line, views), strict=True):
         truth = line.at(view).room.screen

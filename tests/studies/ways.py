@@ -29,7 +29,7 @@ ROOMS = {  # name: way, and number of its surface; None where all surfaces have 
     "glass": (BENT, 1),
     "two_planes": (BLURRED, 1),
 }
-OPEN = "aperture = 0.05", "aperture = 0.2"  # for two_planes, which is nearly sharp at this size as shipped
+OPEN = "aperture = 0.05", "aperture = 0.2"  # change of two_planes, which is nearly sharp at this size as shipped
 
 
 def scene_of(name: str, folder: Path) -> Scene:

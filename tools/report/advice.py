@@ -17,7 +17,7 @@ from counterlight.tools.report.impossible import REASONS, Impossible
 from counterlight.tools.ways.footprints import PERIODS
 from counterlight.tools.ways.ways import BENT, BLURRED, BOUNCED, SCATTERED, STRAIGHT, TOLD, WAYS, Way, Ways
 
-LEAST_SHARE = 0.002  # of the view: smaller areas are edges
+LEAST_SHARE = 0.002  # share of the view; smaller areas are edges
 MOST = 8  # sentences
 SHARP = 8.0  # projector pixels: finer stripes lose contrast in any room
 BLUR = "lost_detail"

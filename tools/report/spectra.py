@@ -16,7 +16,7 @@ from counterlight.tools.transport.transport import Csr
 LARGEST_SVD = 400  # pixels per side of a cluster; an SVD of a larger cluster takes seconds
 MOST_CLUSTERS = 300
 MOST_WINDOWS = 6
-WIDEST_HALO = 8  # of a sampled window: 32×32 projector pixels, an SVD of a second
+WIDEST_HALO = 8  # halo of a sampled window: 32×32 projector pixels, an SVD of a second
 FLOAT32_EPS = float(np.finfo(np.float32).eps)
 
 

@@ -15,7 +15,7 @@ from counterlight.tools.simulation.shapes.triangles import Triangles
 from counterlight.tools.simulation.surfaces import Surface
 
 Shares = list[tuple[IntArray, FloatArray]]
-POINTS = 3  # per axis and cell
+POINTS = 3  # points per axis and cell
 NEAREST = 4  # number of cells that a point is interpolated from, on a mesh without a grid
 TURN = 0.7  # distance between two points of a mesh, in cell sizes, that a right angle between their normals adds
 

@@ -18,7 +18,7 @@ from counterlight.tools.simulation.paths import Arrivals, Deposits, Samples
 from counterlight.tools.simulation.scene import Scene
 
 BAND_BEAMS = 1 << 18  # beams traced at once
-BEAMS = 2  # per axis and projector pixel, for the light on cells
+BEAMS = 2  # beams per axis and projector pixel, for the light on cells
 
 
 def irradiance(scene: Scene, points: FloatArray, normals: FloatArray) -> FloatArray:

@@ -23,7 +23,7 @@ from counterlight.tools.solve.registry import SOLVERS
 from counterlight.tools.study.frames import Bench
 from counterlight.tools.study.rooms import StudyRoom, Task, processor_seconds
 
-NNLS_STEPS = 200  # for clusters too large to pivot; only drives far above 1, which are clamped anyway, need more steps
+NNLS_STEPS = 200  # steps for clusters too large to pivot; only drives far above 1, clamped anyway, need more
 STEPS = (1, 2, 4, 8, 16, 32, 64)
 DIRECT_STEPS = (4, 16, 64)
 CUT_STEPS = (1, 4, 16, 64)

@@ -25,7 +25,7 @@ CLIP_SIZE = (720, 1280)
 FILM_FROM_S = 1.0
 FACE = 0.05  # share of the cropped rows that are cropped at the top of the photograph
 DARK = 1 / 8  # three stops
-PAPER, INK = 0.02, 0.9  # of white, linear: light letters on dark ground
+PAPER, INK = 0.02, 0.9  # share of white, linear: light letters on dark ground
 LETTERING = "Light is the first of painters. There is no object so foul that intense light will not make beautiful."
 LINES_A_PAGE = 6
 OVERSAMPLING = 8
@@ -40,7 +40,7 @@ class Picture:
 
 
 def find_pictures(names: Sequence[str]) -> list[Picture]:
-    """Returns built-in pictures by name, others from files. Raises InputError for other names, before the work."""
+    """Returns built-in pictures by name, and others from files. Raises InputError for unknown names."""
     return [Picture(name, BUILT_IN[name]) if name in BUILT_IN else _from_file(name) for name in names]
 
 

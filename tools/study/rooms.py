@@ -36,7 +36,7 @@ from counterlight.tools.transport.storage import read_transport
 from counterlight.tools.transport.transport import Transport, channel, channels
 
 R = TypeVar("R")
-ENTRY_BYTES = 170  # per entry of T⁺: its maps, the player's copy, the inverse (146 measured with both backends)
+ENTRY_BYTES = 170  # bytes per entry of T⁺: its maps, the player's copy, the inverse (146 measured)
 BEYOND = 0.1 / 255  # drive; a smaller excess over 0..1 is rounding, not clipping
 TINY = 1e-300
 

@@ -15,7 +15,7 @@ from counterlight.tools.relighting.pictures import encoded
 from counterlight.tools.study.measure import OURS_LABEL, THESIS_LABEL, RoomFigures
 from counterlight.tools.study.plots import save, subplots
 
-WORST = 0.25  # of white; larger errors are drawn in the brightest colour
+WORST = 0.25  # share of white; larger errors are drawn in the brightest colour
 LOWEST_SHARE = 0.25  # share of the grey scale that Figure 5.2 stretches to the full scale
 COLUMNS = {
     "desired": "desired",

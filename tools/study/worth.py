@@ -31,14 +31,14 @@ from counterlight.tools.transport.objective import DEFAULT_AIMS, objective_of
 
 SMALL, SMALLEST = (48, 64), 24  # (height, width) into which the judged camera is fitted; shortest side of a projector
 PICTURES = ("photograph", "text", "film", "dark-film")
-WINDOWS = 2  # per picture, along and across: a shadow lies on a different part of the picture in each
-FEWEST_CELLS, FEWEST_SAMPLES = 400, 4  # of the small room, if the scene has more
-MOST_BENT = 0.25  # of a lens that does not fold: three pixels in the small picture's corner
-GAP, MOST_STEPS = 3e-3, 300  # of the box optimum: 0.013 dB; fewer steps where a T that lacks an effect takes too long
+WINDOWS = 2  # windows per picture and axis: a shadow lies on a different part of the picture in each
+FEWEST_CELLS, FEWEST_SAMPLES = 400, 4  # largest numbers in the small room
+MOST_BENT = 0.25  # largest slope of a lens that does not fold: three pixels in the small picture's corner
+GAP, MOST_STEPS = 3e-3, 300  # relative gap of the box optimum, 0.013 dB; limit of steps for a T that lacks an effect
 # no picture exists without direct light; T does not contain the others
 UNJUDGED = ("direct", "flicker", "capture_noise")
 FREE = ("ambient_light", "black_level", "vignetting", "crosstalk")  # a few numbers per pixel: no time to save
-SPENT = 0.5  # of a tolerance, in the small room
+SPENT = 0.5  # share of a tolerance that the small room may lose
 
 
 def priced(scene: Scene, needs: Mapping[str, Need], within: float | None = None) -> dict[str, Need]:

@@ -16,10 +16,10 @@ from counterlight.raster import Region
 from counterlight.tools.transport.overlap import batches, lengths_of
 from counterlight.tools.transport.transport import Transport, in_one, luminance
 
-FAINT = 0.02  # of a row's brightest entry; fainter entries do not count for its width
+FAINT = 0.02  # share of a row's brightest entry; fainter entries do not count for its width
 # A normal spot ends at REACH times the radius that holds half of the light, plus BESIDE projector pixels.
 REACH, BESIDE = 3.0, 1.5
-BRIGHT = 0.1  # of a row's brightest entry: a spot, not spread light
+BRIGHT = 0.1  # share of a row's brightest entry: a spot, not spread light
 ROUNDS = 2  # refinements of the middle from the entries around it
 PERIODS = (4, 8, 16, 32, 64)  # projector pixels, of stripes whose contrast is measured
 
@@ -81,7 +81,8 @@ class _Rows:
         self._light = luminance(self._weights)
         brightest = np.zeros(self._count)
         np.maximum.at(brightest, self._rows, self._light)
-        self._share = self._light / np.maximum(brightest, np.finfo(float).tiny)[self._rows]  # of the brightest entry
+        # each entry's light as a share of the row's brightest entry
+        self._share = self._light / np.maximum(brightest, np.finfo(float).tiny)[self._rows]
 
     def measured(self) -> Footprints:
         middle, main = self._main()

@@ -22,12 +22,12 @@ from counterlight.tools.ways.footprints import PERIODS, Footprints, footprints
 
 # percentile of bright pixels; footprints of pixels below FAINTEST of it are noise
 BRIGHT_PERCENTILE, FAINTEST = 95, 0.02
-TOLD = 0.1  # of a pixel's light: from here on a way is marked
+TOLD = 0.1  # share of a pixel's light from which a way is marked
 WIDE, FAR_WIDE = 0.4, 1.0  # pixels² beyond the size of the pixels: distinct from noise, visible as blur
-COLOURED = 0.35  # of the spread: minimal difference between channels
+COLOURED = 0.35  # share of the spread: minimal difference between channels
 TAILS = 2.6  # between 2 of a normal spot and 3.3 of a planar exponential spot
-FILLED = 0.25  # of the entries in a spot of that width; wax has 0.4 and more, blur 0.9, many spots have fewer
-EVERYWHERE = 0.01  # of the projector's pixels: strewn light from fewer pixels comes from glass or a coat
+FILLED = 0.25  # share of a full spot's entries; wax has 0.4 and more, blur 0.9, many spots have fewer
+EVERYWHERE = 0.01  # share of the projector's pixels: strewn light from fewer pixels comes from glass or a coat
 OFF_PX = 5 * LEAST_PX  # a further spot that is less off its line is the other side of an edge
 
 
@@ -163,9 +163,9 @@ class _Seen:
         return scattered, wide & filled & (excess > FAR_WIDE) & ~scattered, wide & ~filled & (excess > FAR_WIDE)
 
     def _of_pixels(self, lit: BoolArray) -> FloatArray:
-        """Returns the mean squared distance from the middle that the sizes of the pixels alone cause."""
+        """Returns the part of the spread that comes from the sizes of the pixels alone."""
         steps = [_least_step(self._middle, lit, axis) for axis in (0, 1)]
-        return (steps[0] + steps[1] + 2) / 12  # of two squares, the camera's pixel and the projector's pixel
+        return (steps[0] + steps[1] + 2) / 12  # variance of two squares, the camera's pixel and the projector's pixel
 
 
 @dataclass

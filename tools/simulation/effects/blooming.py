@@ -17,7 +17,7 @@ from counterlight.tools.simulation.scene import Scene
 from counterlight.tools.transport.transport import Csr, FarLight, Transport, channels, stacked
 
 MAX_CELLS = 1600
-REACH = 8  # in radii; 0.3 % of the halo is further out
+REACH = 8  # halo radii; 0.3 % of the halo is further out
 
 
 def bloom(scene: Scene, transport: Transport, ambient: FloatArray) -> tuple[Transport, FloatArray, float]:

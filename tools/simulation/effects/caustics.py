@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from counterlight.tools.simulation.effects_on import EffectsOn
 
 FINENESS = 2.0  # texels per width of a projector pixel
-MOST_TEXELS = 2048  # per axis
+MOST_TEXELS = 2048  # texels per axis
 SUMMED_AT_ONCE = 1 << 22
 FAINT = 0.02  # fraction of a texel's largest entry; smaller ones are dropped, the rest keeps the texel's light
 NOTHING = 1e-30  # replaces 0, which scipy's products would drop from the pattern of one channel

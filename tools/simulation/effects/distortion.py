@@ -21,7 +21,7 @@ from counterlight.tools.simulation.devices import Camera, Device, Projector
 from counterlight.tools.simulation.scene import Scene
 
 RADII = 2048  # entries in the table of the radial polynomial, where Newton's method starts
-STEPS = 20  # of Newton's method, at most
+STEPS = 20  # largest number of steps of Newton's method
 EXACT = 1e-9  # tolerance of a direction, at depth 1
 FARTHEST = 100.0  # largest distance of a direction from the axis, at depth 1
 

@@ -24,9 +24,9 @@ from counterlight.tools.simulation.shapes.parallelogram import Parallelogram
 from counterlight.tools.simulation.surfaces import Surface
 from counterlight.tools.transport.transport import Csr, FarLight, stacked
 
-ALBEDO_POINTS = 8  # per axis and cell
+ALBEDO_POINTS = 8  # points per axis and cell
 Entries = tuple[IntArray, IntArray, FloatArray]
-NEAR = 4  # in cell sizes; beyond, the centre represents a cell within half a per cent
+NEAR = 4  # cell sizes; beyond, the centre represents a cell within half a per cent
 PAIRS_AT_ONCE = 1 << 21
 
 

@@ -15,7 +15,7 @@ from counterlight.tools.simulation.projector_side import irradiance
 from counterlight.tools.simulation.scene import Scene
 
 POINTS_A_PIXEL = 4.0  # lens points, over all samples of a camera pixel, per projector pixel of the disc
-MAX_POINTS = 64  # per sample
+MAX_POINTS = 64  # points per sample
 ARRIVALS_AT_ONCE = 1 << 20
 
 

@@ -20,7 +20,7 @@ from counterlight.tools.simulation.effects.sequence import even_pairs, tangents
 from counterlight.tools.simulation.paths import Samples
 from counterlight.tools.simulation.scene import Scene
 
-POINTS = 4  # per sample and channel
+POINTS = 4  # points per sample and channel
 STEEPEST = 0.25  # cosine; steeper points weigh no more than points at this slope
 FARTHEST = 1 - 1e-4  # share of the profile that is sampled
 CLEARANCE = 1e-3  # metres

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from counterlight.arrays import FloatArray, IntArray
 
-TOO_CLOSE = 1e-6  # as a fraction of a direction's length: a ray does not meet the surface that it starts on
+TOO_CLOSE = 1e-6  # fraction of a direction's length: a ray does not meet the surface that it starts on
 
 
 @dataclass(frozen=True)

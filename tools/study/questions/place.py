@@ -17,8 +17,8 @@ from counterlight.tools.transport.coarser import Blocks, below, coarser
 from counterlight.tools.transport.objective import DEFAULT_AIMS, Objective, ObjectiveOptions, objective_of
 from counterlight.tools.transport.transport import Transport
 
-MOST_PIXELS = 160 * 120  # of the camera
-GAP = 1e-3  # of the box optimum: 0.004 dB
+MOST_PIXELS = 160 * 120  # camera pixels
+GAP = 1e-3  # relative gap of the box optimum: 0.004 dB
 
 
 @dataclass(frozen=True)

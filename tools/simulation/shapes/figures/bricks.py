@@ -8,7 +8,7 @@ import numpy as np
 from counterlight.arrays import FloatArray
 
 BRICKS, COURSES = 8, 16  # along u and v
-MORTAR, ROUNDED = 0.08, 0.1  # in course heights: width of the mortar, and width of a rounded edge
+MORTAR, ROUNDED = 0.08, 0.1  # course heights: width of the mortar, and width of a rounded edge
 ROUGH = ((24, 0.22), (61, 0.12), (140, 0.06))  # bumps along v, and their height
 
 
@@ -17,7 +17,7 @@ def heights(u: FloatArray, v: FloatArray) -> FloatArray:
     y = v * COURSES
     course = np.floor(y)
     x = u * BRICKS + 0.5 * (course % 2)
-    above, beside = y - course - MORTAR, (x - np.floor(x)) * COURSES / BRICKS - MORTAR  # in course heights
+    above, beside = y - course - MORTAR, (x - np.floor(x)) * COURSES / BRICKS - MORTAR  # course heights
     inside = np.minimum(np.minimum(above, 1 - MORTAR - above), np.minimum(beside, COURSES / BRICKS - MORTAR - beside))
     rise = np.clip(inside / ROUNDED, 0, 1)
     rough = [size * _noise(bumps * u, bumps * v, bumps) for bumps, size in ROUGH]

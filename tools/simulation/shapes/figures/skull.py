@@ -7,7 +7,7 @@ from counterlight.arrays import FloatArray
 
 def heights(u: FloatArray, v: FloatArray) -> FloatArray:
     """Returns height (…) at u, v (…) in 0..1: 0 outside the skull, 1 at its brow."""
-    x, y = 3 * (np.abs(u - 0.5)), 4 * (v - 0.5)  # in thirds of the width; the skull is symmetric
+    x, y = 3 * (np.abs(u - 0.5)), 4 * (v - 0.5)  # thirds of the width; the skull is symmetric
     bone = _joined(
         0.98 * _dome(x, y - 0.55, 1.20, 1.28),  # cranium
         0.86 * _dome(x - 0.62, y + 0.42, 0.48, 0.42),  # cheek bone
