@@ -82,7 +82,8 @@ def direct_hits(
     """Returns direct light from the projector's lens on points of surfaces.
 
     E = flux · cosθ / (r² · solid angle of a pixel), and 0 behind an occluder. The focal plane is perpendicular to the
-    projector's axis, so a pixel's solid angle from any lens point is proportional to the cubed cosine of the ray.
+    projector's axis. A pixel's solid angle from any lens point is therefore proportional to cos³ of the ray's angle to
+    the axis.
 
     points, normals : (n, 3).
     numbers : (n,). Indices of the samples.

@@ -107,7 +107,7 @@ class Limits:
         self._most, self._ambient = self._cpu._eye.views.most, room.calibration.ambient.astype(np.float64)
 
     def clipped(self, asked: FloatArray, first_asked: FloatArray) -> float:
-        """Returns the clipped share of the target's light before adaptation."""
+        """Returns the clipped light as a share of the target before adaptation."""
         near = self._cpu._eye.near_light(asked - self._ambient)
         missed = np.abs(near - np.clip(near, 0, self._most[..., :3]))
         counts = self._most[..., 3] > 0

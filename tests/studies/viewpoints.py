@@ -145,7 +145,7 @@ def _scene(subject: Subject, folder: Path, positions: FloatArray) -> Scene:
 
 
 def _looks_at(view: Scene, reference: Scene) -> FloatArray:
-    """Returns where the reference camera sees the wall place that each pixel sees, without glass; by geometry alone."""
+    """Returns the position in the reference picture of the wall point behind each pixel, ignoring glass."""
     directions, _ = view.camera.pixel_rays(range(view.camera.height), 1)
     solid = [surface for surface in view.surfaces if surface.material.dielectric is None]
     x, y, _ = reference.camera.project(trace(view.camera.position, directions, solid).point)

@@ -1,8 +1,8 @@
 """The projector side of every light path: the projector pixels that light a point, and where their light lands.
 
 The projector lights a plane across its axis evenly, as real projectors are built to do. At depth z along the axis the
-irradiance on such a plane is E⊥ = π · brightness · (z₀ / z)², with z₀ the distance of look_at, so that a white card
-there has radiance `brightness`. On a surface turned by θ towards a beam at α from the axis, E = E⊥ cos θ / cos α. Every
+irradiance on such a plane is E⊥ = π · brightness · (z₀ / z)², with z₀ the distance of look_at. A white card at z₀
+then has radiance `brightness`. On a surface turned by θ towards a beam at α from the axis, E = E⊥ cos θ / cos α. Every
 projector pixel then carries the same flux, π · brightness · z₀² times its area on the plane at depth 1. Irradiance
 grows in proportion to the pixel density of the lens.
 """

@@ -99,7 +99,7 @@ def _small(scene: Scene) -> Scene:
 
 
 def _bent(device: Device, scale: float) -> tuple[float, ...]:
-    """Returns coefficients of a lens that bends `scale` times as far, or nearly so for a strong lens.
+    """Returns coefficients of a lens that bends up to `scale` times as far, and never less than the given lens.
 
     In the picture's corner the small lens' slope stays below MOST_BENT, so that no picture folds over.
     """

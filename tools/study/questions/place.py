@@ -102,7 +102,10 @@ def coarse(place: Place, most: int = MOST_PIXELS) -> Place:
 def made_coarser(
     calibration: Calibration, transport: Transport, camera: int, projector: int
 ) -> tuple[Calibration, Transport]:
-    """Returns the room with devices whose pixels are blocks of `camera` and `projector` of its own pixels per side."""
+    """Returns the room with coarser devices: each pixel replaces a square block of its own pixels.
+
+    camera, projector : side of a block, pixels.
+    """
     seen, shown = blocks_of(calibration, camera, projector)
     primaries, screen = calibration.primaries, calibration.screen
     small = replace(
