@@ -3,8 +3,8 @@
 The square of widest blur on the far card is simulated whole, twice, with different sample points of the lens. T is put
 into blocks with a series of limits. Each row states entries per camera pixel, and the dB that pictures lose: the
 pictures of `--tolerance`, and windows of a film at its size. The row "another T" shows what T loses by its own
-sampling, as the loss of drives by another T of the same room. In the second table, the other T judges T and its blocks;
-that T does not share their samples. Five minutes of processor time.
+sampling, as the loss of drives by another T of the same room. In the second table, the other T, with other
+samples, judges T and its blocks. Five minutes of processor time.
 """
 
 from itertools import islice

@@ -57,7 +57,7 @@ def footprints(T: Transport, camera_pixels: IntArray, width: int, region: Region
     """Measure rows of T without far light.
 
     camera_pixels : (n,). Rows to measure.
-    width : of the raster of T's columns.
+    width : width of the raster that T's columns cover.
     region : the projector's part of the raster.
     """
     found = []

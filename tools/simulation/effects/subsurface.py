@@ -7,8 +7,8 @@ the diffuse albedo, ℓ the mean free path, s = 1.85 − A + 7 |A − 0.8|³ and
 
 and outgoing radiance is ∫ R(|x − y|) E(y) dA / π. The integral over y is a sum over points around x. Each point has a
 radius from the profile's own distribution and an evenly spread angle on the tangent plane at x. The point is then
-projected onto the surface along the normal. Points where the surface bends away have the weight R(|x − y|) / (R(r) cos).
-Light beyond the surface's edge is lost.
+projected onto the surface along the normal. Points where the surface bends away weigh R(|x − y|) / (R(r) cos). Light
+beyond the surface's edge is lost.
 """
 
 from dataclasses import replace
