@@ -81,8 +81,8 @@ def _rendered(options: argparse.Namespace, reader: MediaReader, room: Room, adju
 @contextmanager
 def _sound(options: argparse.Namespace, reader: MediaReader) -> Iterator[Path | None]:
     """Yield the sound to write into the video, None if the output has no sound."""
-    silent = not is_video(options.output) or reader.info.still or reader.info.live or reader.medium.is_sequence
-    if silent or not options.audio:
+    info = reader.info
+    if not (options.audio and is_video(options.output) and info.sound) or info.still or info.live:
         yield None
     elif options.loop:
         tell("--loop: sound is copied once around only, so the output has none")
