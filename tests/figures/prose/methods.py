@@ -68,8 +68,8 @@ PROSE = (
         ),
         3,
         (
-            "from T⁺ film is there after {} steps ({} dB), stills after {} ({}); from direct mapping film after "
-            "{} ({}), stills after {} ({}).",
+            "from T⁺, film is within 0.1 dB after {} steps ({} dB) and stills after {} ({} dB). From direct mapping, "
+            "film needs {} steps ({} dB) and stills {} ({} dB).",
             "from T⁺, film after {} steps ({} dB) and stills after {} steps ({} dB); from direct mapping, film after "
             "{} steps ({} dB) and stills after {} steps ({} dB)",
         ),
@@ -88,27 +88,27 @@ PROSE = (
         "docs/accuracy.md",
         ACCURACY,
         ("**Uncompensated** pictures are {} dB below the best", lambda t: near(t, "uncompensated")),
-        ("next to nothing and comes within {} dB", lambda t: near(t, "direct")),
-        ("has it (*triangulated*), it comes within {}:", lambda t: near(t, "direct, triangulated")),
-        ("In `corner` it is {} dB below, because it knows", lambda t: near(t, "direct", column=WORST)),
-        ("4.66 dB below before the statuette and {} in `folded_cards`", lambda t: near(t, THESIS, column=WORST)),
-        ("with far light apart: {} dB below with the same", lambda t: near(t, "T⁺, cut, max-cluster 200")),
-        ("same largest cluster, {} in the worst room", lambda t: near(t, "T⁺, cut, max-cluster 200", column=WORST)),
+        ("takes almost no time, and comes within {} dB", lambda t: near(t, "direct")),
+        ("*triangulated*) comes within {} dB:", lambda t: near(t, "direct, triangulated")),
+        ("In `corner` direct mapping is {} dB below, because it ignores", lambda t: near(t, "direct", column=WORST)),
+        ("dB below with the statuette and {} in `folded_cards`", lambda t: near(t, THESIS, column=WORST)),
+        ("with separate far light is {} dB below with the same", lambda t: near(t, "T⁺, cut, max-cluster 200")),
+        ("same largest cluster, and {} dB in the worst room", lambda t: near(t, "T⁺, cut, max-cluster 200", column=WORST)),
         (
-            "Four steps bring the picture to {} to {} dB below the best, sixteen to {},",
+            "Four steps end {} to {} dB below the best, and sixteen steps {} dB.",
             lambda t: near(
                 t, *(f"refined from {way}" for way in ("T⁺, cut, steps 4", "direct, steps 4", "T⁺, steps 16"))
             ),
         ),
-        ("What stays after 64 steps, {} dB,", lambda t: near(t, "refined from T⁺, steps 64")),
+        ("The priors cost the {} dB that remain after 64 steps", lambda t: near(t, "refined from T⁺, steps 64")),
     ),
     counted(
         "docs/accuracy.md",
         ACCURACY,
         studied,
-        ("it comes within 2.40: {} dB closer on a wall, {} before the statuette", nearer),
+        ("{} dB closer on a wall and {} dB with the statuette", nearer),
         (
-            "no light from the other card ({} dB in a smooth gradient)",
+            "A smooth gradient is {} dB below there",
             lambda t: of_room(t, "corner", "direct", "gradient"),
         ),
         (
@@ -116,16 +116,16 @@ PROSE = (
             lambda t: (max(mean(of_room(t, room, THESIS)) for room in FOUR),),
         ),
         (
-            "`corner` it is {} dB below, because the cut",
+            "In `corner` the method is {} dB below, because the cut",
             lambda t: (mean(of_room(t, "corner", THESIS)),),
         ),
         (
-            "noise: it is {} dB below before the statuette",
+            "200 pixels: {} dB below with the statuette",
             lambda t: (mean(of_room(t, "statuette", THESIS)),),
         ),
-        ("leave out {} to {} % of the map", left_out),
+        ("instead of a half removes {} to {} % of the map", left_out),
         (
-            "of the map and cost {} dB at most",
+            "of the map and costs {} dB at most",
             lambda t: (max(worse(t, "T⁺, max-error 2", than="T⁺, max-error 0.5")),),
         ),
     ),
