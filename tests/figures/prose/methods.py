@@ -209,11 +209,11 @@ PROSE = (
             ),
         ),
         (
-            "64 steps are within {} % of the floodlit room of the box optimum, and 4 steps within {};",
+            "64 steps are within {} % of the floodlit room of the box optimum, and 4 steps within {} %.",
             lambda t: [further(t, f"{steps} steps") for steps in (64, 4)],
         ),
-        ("reports nothing and amplifies by {}.", lambda t: (t.one("condition 1e8", "`qr`", 1),)),
-        ("where the map begins with {}, noise", lambda t: (t.one("weights", "map, auto", 1),)),
+        ("it reports nothing and amplifies by {}.", lambda t: (t.one("condition 1e8", "`qr`", 1),)),
+        ("where the map begins with {}, noise stays", lambda t: (t.one("weights", "map, auto", 1),)),
         ("noise is amplified at most {} times", lambda t: (max(t(": (?!weights)", "64 steps", 1)),)),
     ),
     said(
@@ -223,7 +223,7 @@ PROSE = (
             "no cluster of a cut wall is worse conditioned than {},",
             lambda t: (max(t(r"\| (40|10)$", "worst condition")),),
         ),
-        ("It ends at {} % whatever the blur", lambda t: (max(t(r"\| (40|10)$", "plain inverse")),)),
+        ("Its error ends at {} % whatever the blur", lambda t: (max(t(r"\| (40|10)$", "plain inverse")),)),
         ("bounds the amplification just as well at {} %", lambda t: (max(t(r"\| any$", "λ = 0.1 σ₁")),)),
     ),
 )
