@@ -126,7 +126,7 @@ PROSE = (
         "docs/viewpoints.md",
         VIEWS,
         (
-            "8 steps lost it {} to {} dB",
+            "8 steps lost {} to {} dB",
             lambda t: ends(
                 [t.one(rf"^{n}: 1$", "… as played, 8 steps") - t.one(rf"^{n}: 1$", "solved between") for n in (1, 2, 3)]
             ),
