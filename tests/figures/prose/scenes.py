@@ -98,7 +98,7 @@ PROSE = (
     said(
         "docs/colour.md",
         COLOUR,
-        ("worth {} dB on the wall and {} in the corner", lambda t: [by_pixel(t, room) for room in ("wall", "corner")]),
+        ("worth {} dB on the wall and {} dB in the corner", lambda t: [by_pixel(t, room) for room in ("wall", "corner")]),
     ),
     said(
         "docs/content.md",
