@@ -164,7 +164,7 @@ PROSE = (
             "the {} that play makes from direct mapping",
         ),
     ),
-    told("docs/solvers.md", SOLVERS.commands, SOLVERS.minutes, ("{} near entries a channel",) * 2),
+    told("docs/solvers.md", SOLVERS.commands, SOLVERS.minutes, ("{} near entries per channel", "{} near entries a channel")),
     said(
         "docs/table_6_1.md",
         SCENES,
