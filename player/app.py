@@ -20,21 +20,18 @@ from counterlight.pipeline.placement import read_placement
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.show.beside import checks_of, in_step_of, lamps_of
+from counterlight.show.compiling import compile_passes
 from counterlight.show.control import ControlServer, Remote
 from counterlight.show.from_options import (
     adjustments_of,
     check_of,
-    coding_of,
     governor_of,
     image_display_duration,
     monitors_of,
     room_of,
 )
-from counterlight.show.headless import compile_passes
-from counterlight.show.into_file import render
 from counterlight.show.media import Media
 from counterlight.show.options import read_options
-from counterlight.show.output import check_output
 from counterlight.show.playlist import Playlist, files_of
 from counterlight.show.remotes import open_remotes
 from counterlight.show.room_in_use import RoomInUse
@@ -91,6 +88,8 @@ def _show(options: argparse.Namespace) -> None:
     _check_outputs(options)
     adjustments = replace(adjustments_of(options), corners=read_placement(options.calibration))
     if options.output:
+        from counterlight.show.into_file import render
+
         stats = render(options, lambda: _room_told(options), adjustments)
     else:
         _check_window(options)
@@ -111,7 +110,9 @@ def _check_outputs(options: argparse.Namespace) -> None:
     inputs = [path for medium in (*options.lists, *options.media) for path in files_of(medium)]
     inputs += [] if options.lut is None else [options.lut]
     if options.output is not None:
-        check_output(options.output, inputs=inputs, coding=coding_of(options))
+        from counterlight.show import into_file  # imports PyAV, which a window does not need
+
+        into_file.check(options, inputs)
     if options.stats is not None:
         check_file(options.stats, inputs=inputs)
     if heartbeat is not None:

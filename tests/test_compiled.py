@@ -25,7 +25,7 @@ from counterlight.pipeline.refinement import STARTS
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import DITHERS, Room
 from counterlight.pipeline.views import VIEWS
-from counterlight.show import headless
+from counterlight.show.compiling import compile_passes
 from tests.coloured_rooms import with_mixing
 from tests.cubes import UNIT, write_cube
 from tests.programs import python
@@ -216,7 +216,7 @@ def test_no_frame_compiles_anything_once_prepared() -> None:
     """In a process of its own: pictures of another type than was foreseen would be compiled for, within a frame."""
     code = """
 import numpy as np
-from counterlight.show.headless import compile_passes
+from counterlight.show.compiling import compile_passes
 compile_passes()  # before anything else imports passes
 from counterlight.pipeline import compiled
 from counterlight.pipeline.adjustments import Adjustments
@@ -287,10 +287,10 @@ def test_what_was_prepared_is_what_a_call_finds(monkeypatch: pytest.MonkeyPatch,
 
 KNOWN = """
 from counterlight.pipeline import compiled
-from counterlight.show import headless
+from counterlight.show import compiling
 compiled.prepare = lambda compiling: known.append(len(compiled.KERNELS))
 known = []
-headless.compile_passes()
+compiling.compile_passes()
 import counterlight.pipeline.cpu_renderer
 print(known == [len(compiled.KERNELS)])
 """
@@ -313,7 +313,7 @@ def test_compiling_is_said_only_where_something_is_compiled(
     for _ in range(2):  # processes
         made = kept(parallel=True, error_model="numpy")(compiled.combined.py_func)
         monkeypatch.setattr(compiled, "KERNELS", [(made, signatures)])
-        headless.compile_passes()
+        compile_passes()
         said.append(capsys.readouterr().out)
     assert re.fullmatch(f"compiling for this processor, {how}.*: 1 passes left\n", said[0])
     assert said[1] == ("" if kept_in else said[0])

@@ -24,9 +24,10 @@ class Renderer:
 
     @in_python()
     def __init__(self, room: Room, maps: RoomMaps, *, backend: str = "gl", white: float | None = None) -> None:
+        from counterlight.pipeline.device import BACKENDS
         from counterlight.pipeline.room import Room as Rendered
         from counterlight.pipeline.room import start_of
-        from counterlight.show.headless import BACKENDS, headless_renderer
+        from counterlight.show.headless import headless_renderer
 
         check_maps(room, maps)
         self._backend = arguments.choice(backend, "backend", BACKENDS)

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from counterlight.media.decoding.audio_decoder import CHANNELS, HEADER, NO_SOUND, RATE, Samples
+from counterlight.media.decoding.audio_blocks import CHANNELS, HEADER, NO_SOUND, RATE, Samples
 from counterlight.media.decoding.child import Letters, end_child, start_child
 from counterlight.media.medium import Medium
 

@@ -18,6 +18,7 @@ from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.room import Room
 from counterlight.response import RasterResponse
 
+BACKENDS = ("auto", "gl", "cpu")
 PATHS = ("auto", "fragment", "compute", "words", "compute-words")
 LONG_BYTES = 16  # an entry: three weights of 32 bits and an index
 Light: TypeAlias = Any  # a picture as its device holds it: a texture or an array

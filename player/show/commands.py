@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from counterlight.command import tell
+from counterlight.files.png import write_png
 from counterlight.pipeline.parameters import FLAG
 from counterlight.pipeline.value_types import Choice, Number, UnreadError
 from counterlight.show.look import read_again
-from counterlight.show.output import write_picture
 from counterlight.show.placing import Placing
 from counterlight.show.previews import PREVIEWS, Previews
 from counterlight.show.properties import TIME, playback_of, properties_of
@@ -168,7 +168,7 @@ class _Actions:
         name = f"counterlight-{time.strftime('%Y%m%d-%H%M%S')}-{session.stats.frames:06d}.png"
         path = session.screenshots / name
         with replacing_file(path) as temporary:
-            write_picture(temporary, session.renderer)
+            write_png(temporary, session.renderer.encoded())
         tell(f"saved {path}", sys.stdout)
         return str(path)
 

@@ -7,19 +7,10 @@ from dataclasses import fields
 
 from counterlight.errors import InputError
 from counterlight.files.cube import read_cube
-from counterlight.media.frames import MediaInfo
-from counterlight.media.medium import Medium
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.parameters import LISTED_IMAGE_S
 from counterlight.pipeline.room import Room, read_room
 from counterlight.show.governor import Governor
-from counterlight.show.output import Coding, is_film
-
-WINDOW_ONLY = (
-    *("fullscreen", "monitor", "any_size", "vsync", "bits", "hwdec", "volume", "mute", "blackout", "osd"),
-    *("screenshot_directory", "speed", "image_display_duration", "playlist_start", "keep_open", "fade"),
-    *("crossfade", "control", "remote", "osc", "heartbeat", "lead", "follow", "at", "schedule"),
-)
 
 
 def adjustments_of(options: argparse.Namespace) -> Adjustments:
@@ -84,34 +75,3 @@ def check_of(options: argparse.Namespace) -> tuple[list[str], float] | None:
     except ValueError as error:
         raise InputError(f"--check-with {options.check_with}: {error}; quote it as for a shell") from None
     return words, math.inf if options.check_every is None else 60 * options.check_every
-
-
-def coding_of(options: argparse.Namespace) -> Coding:
-    """Return how a video is coded."""
-    return Coding(options.codec, options.pix_fmt, options.crf)
-
-
-def one_medium(options: argparse.Namespace) -> Medium:
-    """Return the medium to render into a file. Raises InputError unless exactly one is given."""
-    if len(options.media) != 1:
-        raise InputError(f"--output renders one medium, found {len(options.media)}; give one")
-    medium: Medium = options.media[0]
-    return medium
-
-
-def ignored(options: argparse.Namespace, info: MediaInfo) -> list[str]:
-    """Return one line for each given option that has no effect when this medium is rendered into a file."""
-    lines = [f"--{name.replace('_', '-')}: is for a window, means nothing with --output" for name in WINDOW_ONLY]
-    unused = [line for name, line in zip(WINDOW_ONLY, lines, strict=True) if name in options.given]
-    if options.output is not None and not is_film(options.output):
-        names = [name for name in ("segments", "cluster") if name in options.given]
-        unused += [f"--{name}: {options.output} is a single picture" for name in names]
-    if info.still:
-        unused += [
-            f"--{name}: {info.path} is a single picture"
-            for name in ("frames", "start", "segments", "cluster")
-            if name in options.given
-        ]
-    if "fps" in options.given and not options.media[0].is_sequence:
-        unused.append(f"--fps: {info.path} is no numbered sequence and has a rate of its own")
-    return unused

@@ -14,10 +14,11 @@ from counterlight.command import tell, track
 from counterlight.errors import InputError
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.content import camera_psnr
-from counterlight.pipeline.device import PATHS
+from counterlight.pipeline.device import BACKENDS, PATHS
 from counterlight.pipeline.renderer import Renderer
 from counterlight.pipeline.room import Room
 from counterlight.pipeline.shortfall import Shortfall
+from counterlight.show.compiling import compile_passes
 from counterlight.show.drawing import draw
 from counterlight.show.governor import Governor
 from counterlight.show.output import USUAL, Coding, open_output, write_picture
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from counterlight.pipeline.survey import Survey
 
 FRAME_TIMEOUT_S = 120.0
-BACKENDS = ("auto", "gl", "cpu")
 MOST_REDRAWS = 12  # redraws of a frame until its steps suffice
 ENDLESS = 1 << 62  # stands for an unknown number of frames
 
@@ -94,23 +94,6 @@ def _on_the_processor(room: Room) -> Renderer:
     from counterlight.pipeline.cpu_renderer import CpuRenderer
 
     return CpuRenderer(room)
-
-
-def compile_passes() -> None:
-    """Compile the passes of `--backend cpu`, and keep them for later processes if a folder is writable."""
-    # Imported late, because Numba takes half a second. The renderer imports every module with passes.
-    from counterlight.pipeline import compiled, cpu_renderer  # noqa: F401
-
-    how = "once" if compiled.is_kept() else "at every start, since no folder can be written (set NUMBA_CACHE_DIR)"
-    said = None
-
-    def say(left: int) -> None:
-        nonlocal said
-        if left != said:  # the loops of a pass are compiled separately
-            tell(f"compiling for this processor, {how}: {left} passes left", sys.stdout)
-        said = left
-
-    compiled.prepare(say)
 
 
 def render_to_file(

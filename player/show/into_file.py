@@ -2,7 +2,7 @@
 
 import argparse
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -11,19 +11,25 @@ from counterlight.command import tell
 from counterlight.errors import InputError
 from counterlight.jobs.workers import Processes, Workers
 from counterlight.media.frames import MediaInfo
+from counterlight.media.medium import Medium
 from counterlight.media.sound_track import copied_sound
 from counterlight.media.video import MediaReader
 from counterlight.pipeline.adjustments import Adjustments
 from counterlight.pipeline.refinement import STEPS_OF_A_STILL
 from counterlight.pipeline.room import Room
-from counterlight.show.from_options import coding_of, governor_of, ignored, one_medium
+from counterlight.show.from_options import governor_of
 from counterlight.show.headless import chosen_backend, headless_renderer, render_to_file
-from counterlight.show.output import is_film, is_video
+from counterlight.show.output import Coding, check_output, is_film, is_video
 from counterlight.show.rendering import Rendering, Stretch
 from counterlight.show.segmented import render_in_segments, tables_of
 from counterlight.show.stats import Stats
 
 SEGMENTS_A_WORKER = 2  # short segments, so that a slow or failed worker costs less waiting
+WINDOW_ONLY = (
+    *("fullscreen", "monitor", "any_size", "vsync", "bits", "hwdec", "volume", "mute", "blackout", "osd"),
+    *("screenshot_directory", "speed", "image_display_duration", "playlist_start", "keep_open", "fade"),
+    *("crossfade", "control", "remote", "osc", "heartbeat", "lead", "follow", "at", "schedule"),
+)
 
 
 def render(options: argparse.Namespace, read_room: Callable[[], Room], adjustments: Adjustments) -> Stats:
@@ -170,3 +176,39 @@ def _segment_workers(options: argparse.Namespace, reader: MediaReader) -> Worker
 
     medium = [] if reader.medium.is_sequence else [Path(reader.medium.name)]
     return open_cluster(options.cluster, [*tables_of(options.calibration), *medium], options.output.absolute().parent)
+
+
+def coding_of(options: argparse.Namespace) -> Coding:
+    """Return how a video is coded."""
+    return Coding(options.codec, options.pix_fmt, options.crf)
+
+
+def one_medium(options: argparse.Namespace) -> Medium:
+    """Return the medium to render into a file. Raises InputError unless exactly one is given."""
+    if len(options.media) != 1:
+        raise InputError(f"--output renders one medium, found {len(options.media)}; give one")
+    medium: Medium = options.media[0]
+    return medium
+
+
+def ignored(options: argparse.Namespace, info: MediaInfo) -> list[str]:
+    """Return one line for each given option that has no effect when this medium is rendered into a file."""
+    lines = [f"--{name.replace('_', '-')}: is for a window, means nothing with --output" for name in WINDOW_ONLY]
+    unused = [line for name, line in zip(WINDOW_ONLY, lines, strict=True) if name in options.given]
+    if options.output is not None and not is_film(options.output):
+        names = [name for name in ("segments", "cluster") if name in options.given]
+        unused += [f"--{name}: {options.output} is a single picture" for name in names]
+    if info.still:
+        unused += [
+            f"--{name}: {info.path} is a single picture"
+            for name in ("frames", "start", "segments", "cluster")
+            if name in options.given
+        ]
+    if "fps" in options.given and not options.media[0].is_sequence:
+        unused.append(f"--fps: {info.path} is no numbered sequence and has a rate of its own")
+    return unused
+
+
+def check(options: argparse.Namespace, inputs: Sequence[Path]) -> None:
+    """Raise InputError for an output that is unwritable or would overwrite an input."""
+    check_output(options.output, inputs=inputs, coding=coding_of(options))

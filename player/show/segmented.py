@@ -24,8 +24,9 @@ from counterlight.command import tell, track
 from counterlight.errors import InputError
 from counterlight.jobs.workers import Workers
 from counterlight.media.video import MediaReader
+from counterlight.show.compiling import compile_passes
 from counterlight.show.governor import Governor
-from counterlight.show.headless import compile_passes, headless_renderer, render_to_file
+from counterlight.show.headless import headless_renderer, render_to_file
 from counterlight.show.output import USUAL, Coding, FilmOutput, open_output, read_written
 from counterlight.show.rendering import Rendering, Stretch
 from counterlight.show.segments import Film, divide, look_through, within_shots

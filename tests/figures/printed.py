@@ -227,7 +227,8 @@ def own_room() -> Figures:
             projector=rf"A projector of half the pixels per side costs {numbers}",
             camera=rf"a camera of half the pixels {numbers}",
             drift=rf"half a projector pixel of drift {numbers}",
-            film=rf"film is within 0.1 dB after (\d+) steps \({numbers} dB\) and stills after (\d+) \({numbers} dB\)\. - From",
+            film=rf"film is within 0.1 dB after (\d+) steps \({numbers} dB\) "
+            rf"and stills after (\d+) \({numbers} dB\)\. - From",
             film_of_map=rf"need a single step \({numbers} dB and {numbers} dB\)",
         ),
         in_one_line(

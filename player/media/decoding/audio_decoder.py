@@ -8,7 +8,6 @@ and `speed` media seconds last one second. A block of 0 samples marks the end; s
 import json
 import os
 import signal
-import struct
 import sys
 import threading
 from collections.abc import Iterator
@@ -18,18 +17,13 @@ from typing import IO
 
 import av
 import numpy as np
-from numpy.typing import NDArray
 
 from counterlight.errors import InputError
+from counterlight.media.decoding.audio_blocks import CHANNELS, HEADER, NO_SOUND, RATE, Samples
 from counterlight.media.decoding.child import limit_memory, private_stdout
 from counterlight.media.decoding.ffmpeg_log import log_natively
 from counterlight.media.decoding.opening import first_picture_s, open_file
 from counterlight.media.medium import Medium
-
-RATE, CHANNELS = 48_000, 2
-HEADER = struct.Struct("<qI")
-NO_SOUND = -1
-Samples = NDArray[np.float32]
 
 
 class Orders:

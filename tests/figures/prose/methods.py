@@ -93,7 +93,10 @@ PROSE = (
         ("In `corner` direct mapping is {} dB below, because it ignores", lambda t: near(t, "direct", column=WORST)),
         ("dB below with the statuette and {} in `folded_cards`", lambda t: near(t, THESIS, column=WORST)),
         ("with separate far light is {} dB below with the same", lambda t: near(t, "T⁺, cut, max-cluster 200")),
-        ("same largest cluster, and {} dB in the worst room", lambda t: near(t, "T⁺, cut, max-cluster 200", column=WORST)),
+        (
+            "same largest cluster, and {} dB in the worst room",
+            lambda t: near(t, "T⁺, cut, max-cluster 200", column=WORST),
+        ),
         (
             "Four steps end {} to {} dB below the best, and sixteen steps {} dB.",
             lambda t: near(
@@ -164,7 +167,12 @@ PROSE = (
             "the {} that play makes from direct mapping",
         ),
     ),
-    told("docs/solvers.md", SOLVERS.commands, SOLVERS.minutes, ("{} near entries per channel", "{} near entries a channel")),
+    told(
+        "docs/solvers.md",
+        SOLVERS.commands,
+        SOLVERS.minutes,
+        ("{} near entries per channel", "{} near entries a channel"),
+    ),
     said(
         "docs/table_6_1.md",
         SCENES,

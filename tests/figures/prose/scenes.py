@@ -98,7 +98,10 @@ PROSE = (
     said(
         "docs/colour.md",
         COLOUR,
-        ("worth {} dB on the wall and {} dB in the corner", lambda t: [by_pixel(t, room) for room in ("wall", "corner")]),
+        (
+            "worth {} dB on the wall and {} dB in the corner",
+            lambda t: [by_pixel(t, room) for room in ("wall", "corner")],
+        ),
     ),
     said(
         "docs/content.md",

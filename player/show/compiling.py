@@ -1,0 +1,22 @@
+"""Compiles the passes for the processor at the start, and says so."""
+
+import sys
+
+from counterlight.command import tell
+
+
+def compile_passes() -> None:
+    """Compile the passes of `--backend cpu`, and keep them for later processes if a folder is writable."""
+    # Imported late, because Numba takes half a second. The renderer imports every module with passes.
+    from counterlight.pipeline import compiled, cpu_renderer  # noqa: F401
+
+    how = "once" if compiled.is_kept() else "at every start, since no folder can be written (set NUMBA_CACHE_DIR)"
+    said = None
+
+    def say(left: int) -> None:
+        nonlocal said
+        if left != said:  # the loops of a pass are compiled separately
+            tell(f"compiling for this processor, {how}: {left} passes left", sys.stdout)
+        said = left
+
+    compiled.prepare(say)
