@@ -72,7 +72,7 @@ PROSE = (
         ("python -m tests.bench --only picture",),
         1,
         (
-            "a camera pixel takes {} s of processor time",
+            "per camera pixel takes {} s of processor time",
             "third: ...s, processor {} s",
         ),
     ),

@@ -186,9 +186,9 @@ PROSE = (
     said(
         "docs/size.md",
         BLURRED,
-        ("at 1920x1080, {} entries a pixel, dB below", lambda t: (t.one("another T", "near"),)),
+        ("at 1920x1080, {} entries per pixel, in dB", lambda t: (t.one("another T", "near"),)),
         (
-            "limit 0.0014 ({} numbers a pixel)",
+            "limit 0.0014 ({} numbers per pixel)",
             lambda t: (t.one("0.0014", "near") + t.one("0.0014", "blurred"),),
         ),
     ),
@@ -196,9 +196,9 @@ PROSE = (
         "docs/size.md",
         BLURRED,
         judged_away,
-        ("by T {}, {}, {} dB of the film's windows", lambda t: t("^T:", "film")),
-        ("numbers a pixel) {}, {}, {}.", lambda t: t("^0.0014:", "film")),
-        ("So they cost films {} to {} dB", more),
-        ("a stricter limit (0.0010: {}, {}, {})", lambda t: t("^0.0010:", "film")),
+        ("the film's windows at {}, {}, {} dB for T.", lambda t: t("^T:", "film")),
+        ("It judges them at {}, {}, {} for blocks of limit 0.0014", lambda t: t("^0.0014:", "film")),
+        ("So blocks cost films {} to {} dB", more),
+        ("A stricter limit (0.0010: {}, {}, {})", lambda t: t("^0.0010:", "film")),
     ),
 )
