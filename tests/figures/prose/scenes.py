@@ -105,7 +105,7 @@ PROSE = (
         ADAPTED,
         ("what is shown up to {} dB truer", lambda t: (max(off(t, "1 %", ASKED)),)),
         (
-            "against the picture itself it loses {} to {} dB",
+            "Compared with the original picture, adaptation loses {} to {} dB",
             lambda t: ends([-n for adapt in ("1 %", "3 %") for n in off(t, adapt, BEFORE)]),
         ),
     ),
@@ -113,7 +113,7 @@ PROSE = (
         "docs/content.md",
         FLICKER,
         (
-            "0.3 takes a third of it for {} dB on moving film",
+            "0.3 removes a third of the noise for {} dB on moving film",
             lambda t: (t.one("off", "film: likewise (worst)") - t.one("0.3", "film: likewise (worst)"),),
         ),
     ),
