@@ -44,17 +44,6 @@ def short(t: Table, room: str, *counts: int) -> list[float]:
 PROSE = (
     told(
         "docs/acquisition.md",
-        ("python -m tests.bench --only schedule",),
-        1,
-        ("has {} connections and {} conflicts. Processor", "{} entries, {} conflicts"),
-        ("conflict graph {} s, 21 colours", "conflict graph: {_} s, processor {} s"),
-        ("s, {} colours in", "{} colours; the largest"),
-        ("colours in {} s,", "colours: {_} s, processor {} s"),
-        ("T as CSR {} s.", "T in CSR: {_} s, processor {} s"),
-        ("The run needs {} GiB, and no dense", "so far: {} GiB"),
-    ),
-    told(
-        "docs/acquisition.md",
         (
             "counterlight simulate corner --camera 160x120 --projector 96x72 -o c",
             "counterlight acquire --camera simulated:c --shots 1 -o room",
@@ -94,7 +83,7 @@ PROSE = (
             lambda t: (max(largest(t, each, MANY) for each in (FINE, SMOOTH)),),
         ),
         (
-            "blocks to cut, up to {} times as many pictures",
+            "It cuts more blocks, up to {} times as many pictures",
             lambda t: (max(ratios(pictures(t, MANY), pictures(t, ONE))),),
         ),
         ("On `wall`, {} exposures compare with 109 +", lambda t: pictures(t, CODED, "wall")),
